@@ -1,0 +1,69 @@
+# Sourced by scripts/run and scripts/test: the virtual environment .venv beside pyproject.toml, made and filled when needed.
+
+root="$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd -P)"
+venv="$root/.venv"
+
+# Pinocchio, coal and toppra have wheels for these. The user's own python3 is tried first.
+newest_minor=14
+oldest_minor=10
+
+# A sourced ROS workspace puts its own pinocchio ahead of ours through PYTHONPATH.
+unset PYTHONPATH PYTHONHOME
+
+say() { printf 'pinproof: %s\n' "$*" >&2; }
+
+# Print a Python that can make the environment; explain what is missing if there is none.
+find_python() {
+    local minor candidate without_venv=""
+    local candidates=(python3)
+    for ((minor = newest_minor; minor >= oldest_minor; minor--)); do candidates+=("python3.$minor"); done
+    for candidate in "${candidates[@]}"; do
+        # Run it: version managers leave commands on the PATH that only print an error.
+        "$candidate" -c "import sys; sys.exit(not (3, $oldest_minor) <= sys.version_info[:2] <= (3, $newest_minor))" \
+            2>/dev/null || continue
+        if "$candidate" -c "import ensurepip, venv" 2>/dev/null; then
+            printf '%s\n' "$candidate"
+            return
+        fi
+        without_venv="${without_venv:-$candidate}"
+    done
+    if [[ -n "$without_venv" ]]; then
+        say "$without_venv lacks the venv module; on Debian and Ubuntu: sudo apt-get install python3-venv"
+    else
+        say "no Python 3.$oldest_minor to 3.$newest_minor found on the PATH; install one and run this again"
+    fi
+    return 1
+}
+
+# What was installed: changes with pyproject.toml, with the place of the checkout, and with the extra ("" or "test").
+fingerprint() { { printf '%s\n' "$root" "$1"; cat -- "$root/pyproject.toml"; } | sha256sum | cut -d' ' -f1; }
+
+is_current() {
+    local stamp="$venv/.installed-${1:-plain}"
+    [[ -x "$venv/bin/python" && -f "$stamp" && "$(<"$stamp")" == "$(fingerprint "$1")" ]]
+}
+
+install_into_venv() {
+    local extra="$1" python
+    if ! "$venv/bin/python" -c "" 2>/dev/null; then
+        python="$(find_python)" || return 1
+        "$python" -m venv --clear "$venv" >&2 || return 1
+    fi
+    # A first run that was interrupted leaves an environment without pip.
+    "$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$venv/bin/python" -m ensurepip >/dev/null || return 1
+    "$venv/bin/python" -m pip install -qq --disable-pip-version-check --editable "$root${extra:+[$extra]}" >&2 || return 1
+    fingerprint "" >"$venv/.installed-plain"
+    if [[ -n "$extra" ]]; then fingerprint "$extra" >"$venv/.installed-$extra"; fi
+}
+
+# prepare_venv [EXTRA]: make sure that .venv holds pinproof as pyproject.toml states it, with the extra.
+prepare_venv() {
+    local extra="${1:-}"
+    if is_current "$extra"; then return; fi
+    (
+        flock 9 # of several first runs one installs and the others wait for it
+        if is_current "$extra"; then exit; fi
+        say "installing pinproof${extra:+[$extra]} into .venv, once; this takes about a minute ..."
+        install_into_venv "$extra" || { say "the installation failed; the lines above say why"; exit 1; }
+    ) 9>"$root/.venv.lock"
+}

@@ -1,0 +1,106 @@
+"""What is exported is what ``__all__`` says: sorted, complete, and there."""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import inspect
+import pkgutil
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+import pinproof as pp
+
+ROOMS = sorted(f"pinproof.{found.name}" for found in pkgutil.iter_modules(pp.__path__) if found.name != "__main__")
+MODULES = sorted(
+    found.name
+    for found in pkgutil.walk_packages(pp.__path__, "pinproof.")
+    if not found.name.endswith("__main__") and not found.name.startswith("pinproof.cli")
+)
+
+# fmt: off
+CONTRACT = {
+    "Arm", "Box", "Capsule", "Certificate", "CertificateStatus", "Clik", "CollisionChecker", "Cylinder", "DhRow",
+    "DhTable", "IkBatch", "IkResult", "JointPath", "Mesh", "Obstacle", "Picks", "PinproofError", "PlanResult",
+    "RrtConnect", "Scene", "Sphere", "Trajectory", "certify", "dh_to_urdf", "load_robot", "pose", "read_picks",
+    "shortcut", "show", "time_parametrise", "validate_picks", "write_html", "write_urdf", "xyz_rpy",
+}
+# fmt: on
+
+
+def in_order(names: list[str]) -> list[str]:
+    """Constants, then classes, then functions, each by the alphabet: the order that ruff's RUF022 writes."""
+    return sorted(set(names), key=lambda name: (not name.isupper(), not name[:1].isupper(), name))
+
+
+def test_package_all_is_sorted_and_has_no_doubles() -> None:
+    assert pp.__all__ == in_order(pp.__all__)
+
+
+@pytest.mark.parametrize("name", pp.__all__)
+def test_every_name_of_the_package_resolves(name: str) -> None:
+    assert name == "__version__" or not name.startswith("_")
+    value = getattr(pp, name)
+    assert not isinstance(value, ModuleType)
+    assert name == "__version__" or value.__name__ == name
+
+
+def test_names_of_the_contract_exist() -> None:
+    assert set(pp.__all__) >= CONTRACT
+
+
+def test_dir_lists_what_is_exported() -> None:
+    assert dir(pp) == pp.__all__
+
+
+def test_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'telepathy'"):
+        _ = pp.telepathy
+
+
+def test_every_error_is_exported() -> None:
+    assert set(importlib.import_module("pinproof.errors").__all__) <= set(pp.__all__)
+
+
+@pytest.mark.parametrize("room", sorted(pp._HOME))
+def test_package_hands_on_what_the_room_exports(room: str) -> None:
+    assert set(pp._HOME[room]) <= set(importlib.import_module(room).__all__)
+
+
+def test_type_checkers_see_every_room() -> None:
+    tree = ast.parse(Path(inspect.getfile(pp)).read_text(encoding="utf-8"))
+    starred = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.names[0].name == "*"}
+    assert starred == set(pp._HOME)
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_all_of_a_module_is_sorted_and_resolves(name: str) -> None:
+    module = importlib.import_module(name)
+    exported = list(getattr(module, "__all__", []))
+    assert exported == in_order(exported)
+    assert [each for each in exported if not hasattr(module, each)] == []
+
+
+@pytest.mark.parametrize("name", ROOMS)
+def test_all_of_a_room_is_complete(name: str) -> None:
+    room = importlib.import_module(name)
+    own = {
+        each
+        for each, value in vars(room).items()
+        if not each.startswith("_")
+        and (inspect.isclass(value) or inspect.isfunction(value))
+        and (value.__module__ == name or (hasattr(room, "__path__") and value.__module__.startswith("pinproof.")))
+    }
+    assert own <= set(room.__all__)
+
+
+@pytest.mark.parametrize("name", [name for name in ROOMS if name != "pinproof.cli"])
+def test_init_of_a_room_only_hands_names_on(name: str) -> None:
+    room = importlib.import_module(name)
+    if not hasattr(room, "__path__"):
+        return  # a room of one file
+    allowed = (ast.Import, ast.ImportFrom, ast.Expr, ast.Assign)
+    body = ast.parse(Path(inspect.getfile(room)).read_text(encoding="utf-8")).body
+    assert [f"line {each.lineno}" for each in body if not isinstance(each, allowed)] == []

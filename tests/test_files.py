@@ -1,0 +1,71 @@
+"""Habits of the repository that no linter knows."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+LONGEST_FILE = 400
+# Written so that it does not match itself.
+MACHINE_PATH = re.compile(r"(?<![\w.~}$])/(?:home|Users|root|work|tmp)/[\w.]")
+
+
+def tracked_files() -> list[Path]:
+    if not (ROOT / ".git").exists() or shutil.which("git") is None:
+        pytest.skip("not a git checkout")
+    listed = subprocess.run(["git", "-C", str(ROOT), "ls-files", "-z"], capture_output=True, text=True, check=True)
+    return [ROOT / name for name in listed.stdout.split("\0") if name and (ROOT / name).is_file()]
+
+
+def text_of(file: Path) -> str:
+    try:
+        return file.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        return ""  # a mesh, a picture
+
+
+def test_no_source_file_is_longer_than_one_concept_needs() -> None:
+    sources = [file for folder in ("src", "tests", "scripts") for file in (ROOT / folder).rglob("*") if file.is_file()]
+    lengths = {str(file.relative_to(ROOT)): text_of(file).count("\n") for file in sources if file.suffix != ".pyc"}
+    assert lengths
+    assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
+
+
+def test_no_file_names_a_path_of_somebodys_machine() -> None:
+    found = [
+        f"{file.relative_to(ROOT)}:{number}: {line.strip()}"
+        for file in tracked_files()
+        for number, line in enumerate(text_of(file).splitlines(), 1)
+        if MACHINE_PATH.search(line)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize("owner", ["home/ada", "Users/ada", "root", "tmp"])
+def test_a_path_of_somebodys_machine_is_recognised(owner: str) -> None:
+    assert MACHINE_PATH.search(f'mesh = "/{owner}/robot.stl"')
+
+
+def test_the_version_is_the_same_everywhere() -> None:
+    def version(name: str, pattern: str) -> str:
+        found = re.search(pattern, (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)
+        assert found, f"no version in {name}"
+        return found[1]
+
+    stated = version("pyproject.toml", r'^version = "(.+)"$')
+    assert version("CITATION.cff", r"^version: (.+)$") == stated
+    assert re.search(rf"^## \[{re.escape(stated)}\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
+
+
+@pytest.mark.parametrize("script", ["scripts/run", "scripts/test", ".ci/run"])
+def test_scripts_can_be_run(script: str) -> None:
+    if script.startswith(".") and not (ROOT / ".git").exists():
+        pytest.skip("not part of the source distribution")
+    assert (ROOT / script).stat().st_mode & 0o111
+    done = subprocess.run(["bash", "-n", str(ROOT / script)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

@@ -1,0 +1,41 @@
+"""``import pinproof`` is quick: measured by what it loads, not by a clock."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+SLOW = {"coal", "matplotlib", "meshcat", "numba", "pinocchio", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
+# Of these the truth is made; every room that moves a robot needs them.
+FOUNDATION = {"coal", "pinocchio"}
+
+
+def loaded_by(code: str) -> set[str]:
+    """The slow libraries that a fresh interpreter has loaded after running ``code``."""
+    probe = f"{code}\nimport sys\nprint(*{SLOW!r}.intersection(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", probe], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return set(done.stdout.split())
+
+
+def test_importing_the_package_loads_nothing_slow() -> None:
+    assert loaded_by("import pinproof") == set()
+
+
+@pytest.mark.parametrize(
+    "room",
+    ["errors", "description", "model", "conversion", "motion", "ik", "collision", "planning", "viewer", "picks"],
+)
+def test_importing_a_room_loads_only_the_foundation(room: str) -> None:
+    assert loaded_by(f"import pinproof.{room}") <= FOUNDATION
+
+
+def test_using_a_name_loads_only_what_it_needs() -> None:
+    assert loaded_by("import pinproof; pinproof.PinproofError") == set()
+    assert loaded_by("import pinproof; pinproof.pose()") <= FOUNDATION
+
+
+def test_the_probe_sees_a_slow_library() -> None:
+    assert "scipy" in loaded_by("import scipy")

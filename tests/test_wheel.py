@@ -1,0 +1,67 @@
+"""What is built is what works: the wheel, made from the source distribution, installed where nothing else is."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+# Both tests share one wheel, so they go to one worker.
+pytestmark = pytest.mark.xdist_group("wheel")
+
+SMOKE = """
+import pathlib, sys
+import pinproof as pp
+
+assert pathlib.Path(pp.__file__).is_relative_to(sys.prefix), pp.__file__
+arm = pp.load_robot("ur5").arm(tcp="tool0")
+q = [0.3, -1.2, 1.4, -0.5, 0.7, 0.2]
+found = pp.Clik().solve(arm, arm.forward_kinematics(q), rng=0).or_raise()
+assert found.position_error < 1e-5, found
+pp.load_robot("generic_6dof")
+print(pp.__version__)
+"""
+
+
+def run(*command: str | Path, cwd: Path) -> str:
+    """Run a command as somebody without our environment would; its output, or a failure that shows it."""
+    clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
+    done = subprocess.run(command, cwd=cwd, env=clean, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("dist")
+    run(sys.executable, "-m", "build", "--outdir", out, ROOT, cwd=out)
+    (built,) = out.glob("*.whl")
+    return built
+
+
+def test_wheel_holds_robots_types_and_licence(wheel: Path) -> None:
+    names = zipfile.ZipFile(wheel).namelist()
+    robots = {str(file.relative_to(ROOT)) for file in (ROOT / "robots").rglob("*") if file.is_file()}
+    assert robots
+    assert {f"pinproof/{name}" for name in robots} <= set(names)
+    assert "pinproof/py.typed" in names
+    assert any(name.endswith("licenses/LICENSE") for name in names)
+    assert not [name for name in names if not name.startswith(("pinproof/", "pinproof-"))]
+
+
+def test_wheel_does_the_main_job_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+    home = tmp_path / "clean"
+    venv.create(home, with_pip=True)
+    python = home / "bin" / "python"
+    # With dependencies from the index, so that an import we did not declare is found missing.
+    run(python, "-m", "pip", "install", "-qq", "--disable-pip-version-check", wheel, cwd=tmp_path)
+    assert wheel.name.split("-")[1] in run(python, "-I", "-c", SMOKE, cwd=tmp_path)
+    run(home / "bin" / "pinproof", "demo", "--html", "pick.html", cwd=tmp_path)
+    assert (tmp_path / "pick.html").stat().st_size > 0

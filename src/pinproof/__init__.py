@@ -1,0 +1,85 @@
+"""pinproof: can this arm make this pick, and how? Answered with proof.
+
+Names are loaded at first use, so ``import pinproof`` is quick and pulls in only what a program touches.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+_HOME = {
+    "pinproof.errors": (
+        "ConversionError",
+        "DhTableError",
+        "FileError",
+        "IkFailed",
+        "InputError",
+        "MeshError",
+        "NoAnswer",
+        "NotProvenFree",
+        "PicksError",
+        "PinproofError",
+        "PlanFailed",
+        "SceneError",
+        "TimingError",
+        "TrajectoryError",
+        "UnknownNameError",
+        "UrdfError",
+        "ViewerError",
+    ),
+    "pinproof.spatial": ("pose", "xyz_rpy"),
+    "pinproof.description": ("DhRow", "DhTable"),
+    "pinproof.model": ("Arm", "JointLimits", "Robot", "load_robot"),
+    "pinproof.conversion": ("dh_to_urdf", "write_urdf"),
+    "pinproof.motion": ("CubicPath", "JointPath", "Trajectory", "time_parametrise"),
+    "pinproof.ik": ("Clik", "IkBatch", "IkResult", "IkStatus"),
+    "pinproof.collision": (
+        "Box",
+        "Capsule",
+        "Certificate",
+        "CertificateStatus",
+        "CollisionChecker",
+        "Cylinder",
+        "Mesh",
+        "Obstacle",
+        "Scene",
+        "Sphere",
+        "certify",
+    ),
+    "pinproof.planning": ("LinearMove", "PlanResult", "PlanStatus", "RrtConnect", "plan_linear", "shortcut"),
+    "pinproof.viewer": ("show", "write_html"),
+    "pinproof.picks": ("Pick", "PickReport", "PickVerdict", "Picks", "read_picks", "validate_picks"),
+}
+_MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = sorted([*_MODULE_OF, "__version__"])
+
+if TYPE_CHECKING:
+    from pinproof.collision import *  # noqa: F403
+    from pinproof.conversion import *  # noqa: F403
+    from pinproof.description import *  # noqa: F403
+    from pinproof.errors import *  # noqa: F403
+    from pinproof.ik import *  # noqa: F403
+    from pinproof.model import *  # noqa: F403
+    from pinproof.motion import *  # noqa: F403
+    from pinproof.picks import *  # noqa: F403
+    from pinproof.planning import *  # noqa: F403
+    from pinproof.spatial import *  # noqa: F403
+    from pinproof.viewer import *  # noqa: F403
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("pinproof")
+    if name not in _MODULE_OF:
+        raise AttributeError(f"module 'pinproof' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_MODULE_OF[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,29 @@
+"""Collision: shapes, scenes, the checker, and certificates that hold between samples (coal)."""
+
+from pinproof.collision.certificate import Certificate, CertificateStatus, FirstContact, UndecidedSpan
+from pinproof.collision.certify import certify
+from pinproof.collision.checker import CollisionChecker
+from pinproof.collision.contact import CheckResult, Contact
+from pinproof.collision.pairs import ExcludedPair
+from pinproof.collision.scene import Obstacle, Scene
+from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+
+__all__ = [
+    "Box",
+    "Capsule",
+    "Certificate",
+    "CertificateStatus",
+    "CheckResult",
+    "CollisionChecker",
+    "Contact",
+    "Cylinder",
+    "ExcludedPair",
+    "FirstContact",
+    "Mesh",
+    "Obstacle",
+    "Scene",
+    "Shape",
+    "Sphere",
+    "UndecidedSpan",
+    "certify",
+]

@@ -1,0 +1,158 @@
+"""Bodies that can touch: links, attached objects and obstacles as coal shapes, each with what bounds it.
+
+A convex body carries its support function, from which the certificate proves distances whether or not GJK converged; an
+exact mesh carries the points that tell whether it lies inside another (coal's meshes are hollow).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from pinproof.collision.solid import Solid
+from pinproof.description import LinkGeometry
+from pinproof.description.meshes import read_mesh, resolved
+from pinproof.errors import MeshError
+
+__all__ = ["Body", "Support", "link_body", "shape_body"]
+
+Array = npt.NDArray[np.float64]
+
+FLAT = 1e-6
+"""Metres. Points thinner than this in some direction have no hull: Qhull ends the interpreter on them."""
+
+
+@dataclass(frozen=True, eq=False)
+class Support:
+    """The support function of a convex body: how far it reaches in a direction.
+
+    The body is the hull of ``points`` (V, 3), grown by ``radius``, and, for a cylinder, of two discs of ``disc_radius``
+    about z at these points. So it covers spheres (one point), capsules (two), boxes, hulls and cylinders exactly.
+    """
+
+    points: Array
+    radius: float = 0.0
+    disc_radius: float = 0.0
+
+    def reach(self, direction: Array) -> float:
+        """The largest ``direction . x`` over the body, for a unit direction (3,) in the body's own frame."""
+        reach = float((self.points @ direction).max()) + self.radius
+        if self.disc_radius:
+            reach += self.disc_radius * float(np.hypot(direction[0], direction[1]))
+        return reach
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """Something that can touch.
+
+    Parameters
+    ----------
+    name
+        Unique among the bodies: the geometry of a link (``forearm_link_0``), an attached object or an obstacle.
+    owner
+        The link, attached object or obstacle it belongs to: what messages name.
+    link
+        The robot link it moves with; None for an obstacle.
+    geometry
+        The coal shape, in the body's own frame.
+    link_from_body
+        Where it is fixed on its link; root_from_body for an obstacle.
+    box
+        (2, 3) lower and upper corner of the box around it, in its own frame.
+    support
+        Its support function; None for an exact mesh.
+    solid
+        For an exact mesh: its closed surface, or None in it where the mesh is not watertight (then it is hollow).
+    """
+
+    name: str
+    owner: str
+    link: str | None
+    geometry: Any
+    link_from_body: pin.SE3
+    box: Array
+    support: Support | None
+    solid: Solid | None = None
+
+
+def link_body(geometry: LinkGeometry, *, exact: bool) -> Body:
+    """The body of a link's collision geometry; meshes as their hull, or exact."""
+    shape: Shape
+    if geometry.kind == "mesh":
+        if geometry.mesh is None:
+            raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} has no file")
+        shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size, hull=not exact)  # type: ignore[arg-type]
+    elif geometry.kind == "box":
+        shape = Box(*geometry.size)
+    elif geometry.kind == "sphere":
+        shape = Sphere(*geometry.size)
+    elif geometry.kind == "cylinder":
+        shape = Cylinder(*geometry.size)
+    else:
+        shape = Capsule(*geometry.size)
+    return shape_body(geometry.name, geometry.link, geometry.link, shape, pin.SE3(np.array(geometry.origin)))
+
+
+def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
+    """A body of any shape."""
+    if isinstance(shape, Mesh):
+        return _mesh_body(name, owner, link, shape, link_from_body)
+    if isinstance(shape, Box):
+        half = np.array([shape.x, shape.y, shape.z]) / 2
+        corners = np.array(np.meshgrid(*zip(-half, half, strict=True))).reshape(3, 8).T
+        geometry, support = coal.Box(shape.x, shape.y, shape.z), Support(corners)
+    elif isinstance(shape, Sphere):
+        half = np.full(3, shape.radius)
+        geometry, support = coal.Sphere(shape.radius), Support(np.zeros((1, 3)), shape.radius)
+    elif isinstance(shape, Cylinder):
+        half = np.array([shape.radius, shape.radius, shape.length / 2])
+        geometry = coal.Cylinder(shape.radius, shape.length)
+        support = Support(np.array([[0, 0, -half[2]], [0, 0, half[2]]]), disc_radius=shape.radius)
+    else:
+        half = np.array([shape.radius, shape.radius, shape.length / 2 + shape.radius])
+        geometry = coal.Capsule(shape.radius, shape.length)
+        ends = np.array([[0, 0, -shape.length / 2], [0, 0, shape.length / 2]])
+        support = Support(ends, shape.radius)
+    return Body(name, owner, link, geometry, link_from_body.copy(), np.array([-half, half]), support)
+
+
+def _mesh_body(name: str, owner: str, link: str | None, shape: Mesh, link_from_body: pin.SE3) -> Body:
+    mesh = read_mesh(shape.path, shape.scale)  # type: ignore[arg-type]  # made three numbers by Mesh
+    box = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
+    surface = bvh(mesh.vertices, mesh.triangles)
+    if not shape.hull:
+        return Body(name, owner, link, surface, link_from_body.copy(), box, None, Solid(mesh.vertices, mesh.triangles))
+    centred = mesh.vertices - mesh.vertices.mean(axis=0)
+    thinnest = float(np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0).min())
+    if len(mesh.vertices) < 4 or thinnest < FLAT:
+        raise MeshError(
+            shape.path, f"is flat ({thinnest:.1g} m thick), so it has no hull; use the exact mesh, or give it thickness"
+        )
+    # buildConvexRepresentation would only re-label the mesh as convex and miss collisions; this is the hull (Qhull).
+    surface.buildConvexHull(True, "Qt")
+    hull = surface.convex
+    return Body(name, owner, link, hull, link_from_body.copy(), box, Support(np.array(hull.points(), dtype=float)))
+
+
+def bvh(vertices: Array, triangles: npt.NDArray[np.int64]) -> Any:
+    """A coal mesh of triangles."""
+    model = coal.BVHModelOBBRSS()
+    model.beginModel(len(triangles), len(vertices))
+    model.addVertices(np.ascontiguousarray(vertices))
+    model.addTriangles(np.ascontiguousarray(triangles, dtype=np.int64))
+    model.endModel()
+    return model
+
+
+def boxes(bodies: Sequence[Body]) -> tuple[Array, Array]:
+    """Centres (B, 3) and half sides (B, 3) of the bodies' boxes, each in its body's frame."""
+    stacked = np.array([body.box for body in bodies]).reshape(-1, 2, 3)
+    return stacked.mean(axis=1), (stacked[:, 1] - stacked[:, 0]) / 2

@@ -1,0 +1,153 @@
+"""What a certificate says: FREE, COLLIDING or UNDECIDED, with the evidence."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.pairs import ExcludedPair
+from pinproof.collision.scene import Scene
+from pinproof.errors import NotProvenFree
+from pinproof.model import Arm
+from pinproof.motion import Curve
+from pinproof.spatial import matrix
+
+__all__ = ["Certificate", "CertificateStatus", "FirstContact", "UndecidedSpan", "curve_hash", "setup_hash"]
+
+Array = npt.NDArray[np.float64]
+
+
+class CertificateStatus(Enum):
+    """The verdict over a whole curve."""
+
+    FREE = "free"
+    COLLIDING = "colliding"
+    UNDECIDED = "undecided"
+
+
+@dataclass(frozen=True, eq=False)
+class FirstContact:
+    """Where a curve first touches; everything before ``proven_free_until`` is proven free.
+
+    Parameters
+    ----------
+    time
+        The curve's parameter: seconds on a trajectory, waypoint index on a path.
+    q
+        (n,) the configuration there.
+    bodies
+        Who touches: links, attached objects, obstacles.
+    distance
+        Signed distance (m) there, at most the margin.
+    points
+        (2, 3) the nearest points in the robot's root frame.
+    penetrating
+        True if the bodies overlap, False if they are only nearer than the margin.
+    proven_free_until
+        The parameter up to which the curve is proven free.
+    """
+
+    time: float
+    q: Array
+    bodies: tuple[str, str]
+    distance: float
+    points: Array
+    penetrating: bool
+    proven_free_until: float
+
+
+@dataclass(frozen=True, eq=False)
+class UndecidedSpan:
+    """Where the proof met its tolerance: [start, end] of the parameter, the two bodies, the distance (m) seen."""
+
+    start: float
+    end: float
+    bodies: tuple[str, str]
+    distance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Certificate:
+    """A verdict over a whole curve, between samples too.
+
+    Parameters
+    ----------
+    status
+        FREE: at every point of the curve every checked pair is farther apart than ``margin``. COLLIDING: a
+        configuration on the curve was found where a pair is not. UNDECIDED: neither could be shown at the tolerance.
+    margin
+        The distance (m) that was asked for.
+    clearance
+        Proven lower bound (m) of every distance along the curve; NaN unless FREE.
+    observed
+        The smallest distance (m) that was measured along the way: an upper bound of the true clearance.
+    first_contact, undecided
+        The evidence for COLLIDING and UNDECIDED.
+    message
+        The verdict in a sentence, with what to do.
+    pairs, intervals
+        How many pairs of bodies were proven, over how many intervals.
+    excluded
+        The pairs that were not checked, with the reasons.
+    tolerance
+        Metres: an interval in which bodies move less than this is not cut any further.
+    """
+
+    status: CertificateStatus
+    margin: float
+    clearance: float
+    observed: float
+    first_contact: FirstContact | None
+    undecided: UndecidedSpan | None
+    message: str
+    pairs: int
+    intervals: int
+    excluded: tuple[ExcludedPair, ...]
+    tolerance: float
+    curve: str
+    setup: str
+
+    @property
+    def free(self) -> bool:
+        """Whether the status is FREE."""
+        return self.status is CertificateStatus.FREE
+
+    def matches(self, curve: Curve, arm: Arm, scene: Scene) -> bool:
+        """Whether this certificate was made for exactly this curve, arm and scene."""
+        return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene)
+
+    def or_raise(self) -> Certificate:
+        """Return the certificate if it is FREE.
+
+        Raises
+        ------
+        NotProvenFree
+            With the message otherwise.
+        """
+        if not self.free:
+            raise NotProvenFree(self.message, self)
+        return self
+
+    def __str__(self) -> str:
+        return f"{self.status.name}: {self.message}"
+
+
+def curve_hash(curve: Curve) -> str:
+    """A hash of a curve's joints, knots and polynomial pieces, to the last bit."""
+    knots, control = curve.bezier()
+    digest = hashlib.sha256(repr((tuple(curve.joint_names), control.shape)).encode())
+    digest.update(np.ascontiguousarray(knots).tobytes() + np.ascontiguousarray(control).tobytes())
+    return digest.hexdigest()
+
+
+def setup_hash(arm: Arm, scene: Scene) -> str:
+    """A hash of an arm (kinematics, held joints) and of a scene."""
+    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
+    digest.update(repr(scene.allowed).encode())
+    for obstacle in scene.obstacles:
+        digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
+    return digest.hexdigest()

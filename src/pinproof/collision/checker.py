@@ -1,0 +1,267 @@
+"""Is a configuration free of contact? Self and environment, by coal over Pinocchio's placements."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from collections.abc import Iterable, Sequence
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.collision.bodies import Body, link_body, shape_body
+from pinproof.collision.contact import CheckResult, Contact
+from pinproof.collision.pairs import choose_pairs
+from pinproof.collision.scene import Obstacle, Scene
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm
+from pinproof.spatial import matrix
+
+__all__ = ["GJK_SLACK", "CollisionChecker"]
+
+Array = npt.NDArray[np.float64]
+
+GJK_SLACK = 2e-6
+"""Metres. GJK stops at a tolerance of 1e-6 and its distances carry that error; "free" is only said beyond it."""
+
+LinkMeshes = Literal["hull", "exact"]
+
+
+class CollisionChecker:
+    """Checks configurations of an arm against itself and a scene.
+
+    ``q`` is always the arm's own joints; joints outside the arm stay where the arm holds them. May be used from several
+    threads: each has its own workspace.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    scene
+        What stands around it.
+    margin
+        Metres that must stay between any two checked bodies; contact is a distance of ``margin`` or less.
+    link_meshes
+        ``"hull"``: the links' meshes are collided with as their convex hulls, which hold all of the mesh. ``"exact"``:
+        as their triangles, solid where watertight.
+    attached
+        Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``.
+    allowed
+        Pairs of names (links, attached objects, obstacles) that may touch.
+    trust_never
+        Leave out the pairs an SRDF marks ``Never`` too; they were found by sampling, so this gives up the proof for
+        them.
+
+    Raises
+    ------
+    MeshError
+        If a collision mesh is missing or has no hull.
+    UnknownNameError
+        If an allowed contact names nothing that is there.
+    InputError
+        If the margin is negative or not finite, or two bodies share a name.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene | None = None,
+        *,
+        margin: float = 0.0,
+        link_meshes: LinkMeshes = "hull",
+        attached: Sequence[Obstacle] = (),
+        allowed: Iterable[Sequence[str]] = (),
+        trust_never: bool = False,
+    ) -> None:
+        if not np.isfinite(margin) or margin < 0:
+            raise InputError(f"margin = {margin}; it is a distance in metres, 0 or more")
+        if link_meshes not in ("hull", "exact"):
+            raise UnknownNameError("kind of link meshes", link_meshes, ("hull", "exact"))
+        self.arm, self.scene, self.margin = arm, scene or Scene(), float(margin)
+        self.attached = tuple(attached)
+        urdf = arm.robot.urdf
+        self.bodies: tuple[Body, ...] = (
+            *(link_body(geometry, exact=link_meshes == "exact") for geometry in urdf.collisions),
+            *(shape_body(o.name, o.name, arm.tcp, o.shape, o.pose) for o in self.attached),
+            *(shape_body(o.name, o.name, None, o.shape, o.pose) for o in self.scene.obstacles),
+        )
+        _check_names(self.bodies, urdf.links)
+        self.pairs, self.excluded = choose_pairs(
+            self.bodies, urdf, arm.robot.srdf, self.scene, allowed=allowed, trust_never=trust_never
+        )
+        self.geometry_model = _geometry_model(arm.model, self.bodies, self.pairs)
+        self.body_joints = np.array([o.parentJoint for o in self.geometry_model.geometryObjects], dtype=np.int64)
+        self._convex = [body.support is not None for body in self.bodies]
+        self._exact_pairs = [k for k, (i, j) in enumerate(self.pairs) if not (self._convex[i] and self._convex[j])]
+        self._settings = (link_meshes, trust_never, self.excluded)
+        self._threads = threading.local()
+
+    def is_free(self, q: npt.ArrayLike) -> bool:
+        """Whether every checked pair is farther apart than the margin at q (n,). Limits are not looked at."""
+        return self._is_free(self.arm.configuration(q))
+
+    def check(self, q: npt.ArrayLike) -> CheckResult:
+        """Every contact at q (n,), with names, distances and points."""
+        space = self.placed(self.arm.configuration(q))
+        found = []
+        for k in range(len(self.pairs)):
+            distance = space.distance(k)
+            if distance <= self.margin + GJK_SLACK:
+                found.append(self.contact(space, k, distance))
+        return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
+
+    def clearance(self, q: npt.ArrayLike) -> float:
+        """The smallest signed distance (m) over all checked pairs at q (n,); inf if there is none to check."""
+        space = self.placed(self.arm.configuration(q))
+        return min((space.distance(k) for k in range(len(self.pairs))), default=np.inf)
+
+    @property
+    def obstacles_and_links(self) -> tuple[str, ...]:
+        """The owners of all bodies: links with geometry, attached objects, obstacles."""
+        return tuple(dict.fromkeys(body.owner for body in self.bodies))
+
+    @property
+    def hollow(self) -> tuple[str, ...]:
+        """Exact meshes that are not watertight: being wholly inside one of them is not seen as contact."""
+        return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
+
+    def fingerprint(self) -> str:
+        """A hash of all that a verdict depends on: kinematics, held joints, geometry, placements, pairs, margin."""
+        digest = hashlib.sha256()
+        words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
+        digest.update(repr((words, self.margin, self._settings)).encode())
+        for body in self.bodies:
+            digest.update(repr((body.name, body.owner, body.link)).encode())
+            digest.update(matrix(body.link_from_body).tobytes())
+            shape = body.support or body.solid
+            points = shape.points if body.support is not None else body.solid.vertices  # type: ignore[union-attr]
+            digest.update(type(shape).__name__.encode() + points.tobytes() + body.box.tobytes())
+        return digest.hexdigest()
+
+    def placed(self, q: Array) -> Placed:
+        """Place every body at q (n,), unchecked, in the workspace of this thread: for loops that made q themselves."""
+        space: Placed | None = getattr(self._threads, "space", None)
+        if space is None:
+            space = self._threads.space = Placed(self)
+        space.move(q)
+        return space
+
+    def contact(self, space: Placed, k: int, distance: float) -> Contact:
+        """The contact of pair k, whose distance was just asked for."""
+        i, j = self.pairs[k]
+        return Contact((self.bodies[i].owner, self.bodies[j].owner), distance, space.points(k))
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_threads"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._threads = threading.local()
+
+    def _is_free(self, q: Array) -> bool:
+        space = self.placed(q)
+        return not space.any_contact() and not any(space.one_inside_other(k) for k in self._exact_pairs)
+
+
+class Placed:
+    """The bodies of a checker at one configuration; one a thread, since threads may not share Pinocchio's workspaces."""
+
+    def __init__(self, checker: CollisionChecker) -> None:
+        self._arm, self._bodies, self._pairs = checker.arm, checker.bodies, checker.pairs
+        self.model, self.geometry_model = checker.arm.model, checker.geometry_model
+        self.data = self.model.createData()
+        # Made after the last geometry was added: adding one later corrupts memory.
+        self.geometry_data = self.geometry_model.createData()
+        for request in self.geometry_data.collisionRequests:
+            request.security_margin = checker.margin + GJK_SLACK
+        self._inside = [not (self._convex(i) and self._convex(j)) for i, j in checker.pairs]
+
+    def move(self, q: Array) -> None:
+        """Place every body at q (n,)."""
+        arm = self._arm
+        pin.updateGeometryPlacements(
+            self.model, self.data, self.geometry_model, self.geometry_data, arm.scale @ q + arm.offset
+        )
+
+    def any_contact(self) -> bool:
+        """Whether the surfaces of any pair come within the margin; stops at the first."""
+        return bool(pin.computeCollisions(self.geometry_model, self.geometry_data, True))
+
+    def distance(self, k: int) -> float:
+        """Signed distance (m) of pair k; a body inside an exact watertight mesh counts as penetrating it."""
+        result = pin.computeDistance(self.geometry_model, self.geometry_data, k)
+        distance = float(result.min_distance)
+        if distance > 0 and self._inside[k] and self.one_inside_other(k):
+            return -distance
+        return distance
+
+    def points(self, k: int) -> Array:
+        """(2, 3) the nearest points of pair k in the root frame, from the last :meth:`distance` of k."""
+        result = self.geometry_data.distanceResults[k]
+        return np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+
+    def proven_distance(self, k: int, distance: float) -> float:
+        """A lower bound (m) of the distance of pair k, after :meth:`distance` said ``distance``.
+
+        Along any unit direction u the gap between the two supports, min_b u.x - max_a u.x, is a lower bound of the
+        distance of two convex bodies, whether or not GJK converged; its witness direction makes it tight. An exact mesh
+        has no support function: there GJK's own distance is taken, less :data:`GJK_SLACK`.
+        """
+        i, j = self._pairs[k]
+        a, b = self._bodies[i].support, self._bodies[j].support
+        if a is None or b is None:
+            return distance - GJK_SLACK
+        first, second = self.points(k)
+        length = float(np.linalg.norm(second - first))
+        if distance <= 0 or length < 1e-12:
+            return min(distance, 0.0)
+        u = (second - first) / length
+        at_a, at_b = self.placement(i), self.placement(j)
+        reach_a = a.reach(at_a.rotation.T @ u) + float(u @ at_a.translation)
+        reach_b = b.reach(at_b.rotation.T @ -u) - float(u @ at_b.translation)
+        return -reach_b - reach_a
+
+    def one_inside_other(self, k: int) -> bool:
+        """Whether a part of one body of pair k lies inside the exact watertight mesh of the other."""
+        i, j = self._pairs[k]
+        return self._inside_of(i, j) or self._inside_of(j, i)
+
+    def placement(self, i: int) -> pin.SE3:
+        """root_from_body of body i: a live view, valid until the next :meth:`move`."""
+        return self.geometry_data.oMg[i]
+
+    def _inside_of(self, outer: int, inner: int) -> bool:
+        solid, body = self._bodies[outer].solid, self._bodies[inner]
+        if solid is None or not solid.watertight:
+            return False
+        witnesses = body.solid.witnesses if body.solid is not None else body.support.points[:1]  # type: ignore[union-attr]
+        outer_from_inner = self.placement(outer).actInv(self.placement(inner))
+        return solid.contains(witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
+
+    def _convex(self, i: int) -> bool:
+        return self._bodies[i].support is not None
+
+
+def _geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:
+    geometry_model = pin.GeometryModel()
+    for body in bodies:
+        if body.link is None:
+            frame, joint, placement = 0, 0, body.link_from_body
+        else:
+            frame = model.getFrameId(body.link, pin.FrameType.BODY)
+            joint = model.frames[frame].parentJoint
+            placement = model.frames[frame].placement * body.link_from_body
+        geometry_model.addGeometryObject(pin.GeometryObject(body.name, joint, frame, placement, body.geometry))
+    for i, j in pairs:
+        geometry_model.addCollisionPair(pin.CollisionPair(i, j))
+    return geometry_model
+
+
+def _check_names(bodies: Sequence[Body], links: Sequence[str]) -> None:
+    seen: set[str] = set()
+    for body in bodies:
+        if body.name in seen or (body.owner != body.link and body.name in links):
+            raise InputError(f"the name {body.name!r} stands for two bodies; rename the obstacle or attached object")
+        seen.add(body.name)

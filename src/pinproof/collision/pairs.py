@@ -1,0 +1,120 @@
+"""Which bodies are checked against each other, and why the others are not.
+
+Links that are joined by one joint touch by design; the pairs an SRDF disables are the word of somebody who looked; and
+a scene may name contacts that are meant to be. Pairs that an SRDF marks ``Never`` were only sampled: they are checked
+all the same unless the caller trusts them. Nothing is left out without its reason.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+from pinproof.collision.bodies import Body
+from pinproof.collision.scene import Scene
+from pinproof.description import Srdf, Urdf
+from pinproof.errors import UnknownNameError
+
+__all__ = ["ExcludedPair", "choose_pairs"]
+
+
+@dataclass(frozen=True)
+class ExcludedPair:
+    """Two owners (links, attached objects, obstacles) that are not checked against each other, and why."""
+
+    owners: tuple[str, str]
+    reason: str
+
+
+def choose_pairs(
+    bodies: Sequence[Body],
+    urdf: Urdf,
+    srdf: Srdf,
+    scene: Scene,
+    *,
+    allowed: Iterable[Sequence[str]] = (),
+    trust_never: bool = False,
+) -> tuple[list[tuple[int, int]], list[ExcludedPair]]:
+    """The index pairs of bodies to check, and the pairs of owners left out.
+
+    Raises
+    ------
+    UnknownNameError
+        If an allowed contact of the scene or of the caller names nothing that is there.
+    """
+    reasons = _reasons(bodies, srdf, scene, allowed, trust_never)
+    neighbours = _Neighbours(urdf, {body.link for body in bodies if body.link is not None and body.owner == body.link})
+    chosen: list[tuple[int, int]] = []
+    excluded: dict[frozenset[str], ExcludedPair] = {}
+    for i, j in combinations(range(len(bodies)), 2):
+        a, b = bodies[i], bodies[j]
+        if a.link is None and b.link is None:
+            continue  # obstacle against obstacle is never a question
+        if a.owner == b.owner:
+            continue
+        key = frozenset((a.owner, b.owner))
+        reason = reasons.get(key) or neighbours.reason(a, b)
+        if reason:
+            excluded.setdefault(key, ExcludedPair((a.owner, b.owner), reason))
+        else:
+            chosen.append((i, j))
+    return chosen, list(excluded.values())
+
+
+def _reasons(
+    bodies: Sequence[Body], srdf: Srdf, scene: Scene, allowed: Iterable[Sequence[str]], trust_never: bool
+) -> dict[frozenset[str], str]:
+    owners = {body.owner for body in bodies}
+    reasons: dict[frozenset[str], str] = {}
+    for pair in srdf.disabled:
+        if pair.reason.lower() != "never" or trust_never:
+            reasons[frozenset(pair.links)] = f"SRDF: {pair.reason or 'disabled without a reason'}"
+    for source, pairs in (("scene", scene.allowed), ("caller", tuple(allowed))):
+        for first, second in pairs:
+            for name in (first, second):
+                if name not in owners:
+                    raise UnknownNameError("body", name, owners, f"the contacts allowed by the {source}")
+            reasons[frozenset((first, second))] = f"allowed by the {source}"
+    return reasons
+
+
+class _Neighbours:
+    """Which links touch by construction: joined without a joint, or with nothing but links without geometry between."""
+
+    def __init__(self, urdf: Urdf, solid_links: set[str]) -> None:
+        self._solid = solid_links
+        self._up = {joint.child: joint for joint in urdf.joints.values()}
+
+    def reason(self, a: Body, b: Body) -> str:
+        """Why the two may touch; empty when they may not."""
+        if a.link is None or b.link is None:
+            return ""
+        between, joints = self._between(a.link, b.link)
+        if all(joint == "fixed" for joint in joints):
+            return "rigid: no joint between them"
+        # An attached object is a body of its own: what it hangs on stands between it and the links beyond.
+        if a.owner != a.link:
+            between = [a.link, *between]
+        if b.owner != b.link:
+            between = [*between, b.link]
+        if any(link in self._solid for link in between):
+            return ""
+        return (
+            "adjacent: joined by a joint" if not between else f"adjacent: across {', '.join(between)} without geometry"
+        )
+
+    def _between(self, a: str, b: str) -> tuple[list[str], list[str]]:
+        """The links strictly between two links of the tree, and the types of the joints on the way."""
+        above_a, above_b = self._to_root(a), self._to_root(b)
+        common = next(link for link in above_a if link in set(above_b))
+        up, down = above_a[: above_a.index(common)], above_b[: above_b.index(common)]
+        joints: list[str] = [self._up[link].type for link in (*up, *down)]
+        way = [*up, common, *reversed(down)]
+        return way[1:-1], joints
+
+    def _to_root(self, link: str) -> list[str]:
+        way = [link]
+        while way[-1] in self._up:
+            way.append(self._up[way[-1]].parent)
+        return way

@@ -1,0 +1,124 @@
+"""What stands around the robot: named obstacles, and the contacts with them that are meant to be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import pinocchio as pin
+
+from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.spatial import matrix, rigid
+
+__all__ = ["Obstacle", "Scene"]
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A shape somewhere.
+
+    Parameters
+    ----------
+    name
+        Unique in its scene.
+    shape
+        What it is.
+    pose
+        ``root_from_obstacle``: where its origin lies in the frame of the robot's root link. SE3 or (4, 4).
+    rgba
+        How it is drawn, 0 to 1.
+    """
+
+    name: str
+    shape: Shape
+    pose: pin.SE3 = None
+    rgba: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"an obstacle needs a name, not {self.name!r}")
+        if not isinstance(self.shape, (Box, Sphere, Cylinder, Capsule, Mesh)):
+            raise InputError(
+                f"obstacle {self.name!r} has no shape but {self.shape!r}; use Box, Sphere, Cylinder, Capsule, Mesh"
+            )
+        placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
+        object.__setattr__(self, "pose", placement)
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """An immutable set of obstacles. Obstacles are never checked against each other: cans stand on shelves.
+
+    Parameters
+    ----------
+    obstacles
+        The obstacles; their names differ.
+    allowed
+        Pairs of (robot link, obstacle) that may touch, such as the base and the table it is bolted to. A certificate
+        lists them among what it left out.
+    """
+
+    obstacles: tuple[Obstacle, ...] = ()
+    allowed: tuple[tuple[str, str], ...] = ()
+
+    def __init__(self, obstacles: Iterable[Obstacle] = (), *, allowed: Iterable[Sequence[str]] = ()) -> None:
+        things = tuple(obstacles)
+        names = [obstacle.name for obstacle in things]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if doubled:
+            raise InputError(f"obstacle names must differ; {', '.join(doubled)} stand more than once")
+        pairs = []
+        for pair in allowed:
+            link, obstacle = pair
+            if obstacle not in names:
+                raise UnknownNameError("obstacle", obstacle, names, "the allowed contacts of the scene")
+            pairs.append((str(link), str(obstacle)))
+        object.__setattr__(self, "obstacles", things)
+        object.__setattr__(self, "allowed", tuple(pairs))
+
+    def __getitem__(self, name: str) -> Obstacle:
+        for obstacle in self.obstacles:
+            if obstacle.name == name:
+                return obstacle
+        raise UnknownNameError("obstacle", name, self.names, "the scene")
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the obstacles, in order."""
+        return tuple(obstacle.name for obstacle in self.obstacles)
+
+    def add(self, *obstacles: Obstacle) -> Scene:
+        """A new scene with these obstacles too."""
+        return Scene((*self.obstacles, *obstacles), allowed=self.allowed)
+
+    def remove(self, *names: str) -> Scene:
+        """A new scene without these obstacles."""
+        gone = {self[name].name for name in names}
+        kept = [obstacle for obstacle in self.obstacles if obstacle.name not in gone]
+        return Scene(kept, allowed=[pair for pair in self.allowed if pair[1] not in gone])
+
+    def is_close(self, other: Scene, tolerance: float = 1e-9) -> bool:
+        """Whether both hold the same obstacles, at the same places within ``tolerance`` (metres and matrix entries)."""
+        return (
+            self.names == other.names
+            and self.allowed == other.allowed
+            and all(
+                a.shape == b.shape and bool((abs(matrix(a.pose) - matrix(b.pose)) <= tolerance).all())
+                for a, b in zip(self.obstacles, other.obstacles, strict=True)
+            )
+        )
+
+    @classmethod
+    def load(cls, path: str | Path) -> Scene:
+        """Read a scene file (YAML); the keys are described in :mod:`pinproof.collision.scene_file`.
+
+        Raises
+        ------
+        SceneError
+            If the file cannot be read or says something that has no meaning; names the obstacle and the key.
+        """
+        from pinproof.collision.scene_file import read_scene
+
+        return read_scene(path)

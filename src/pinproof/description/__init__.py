@@ -1,0 +1,23 @@
+"""Robots on paper: DH tables, URDF, SRDF, the catalogue. Words and files, no kinematics."""
+
+from pinproof.description.catalogue import CatalogueEntry, catalogue_names, find_robot, robots_folder
+from pinproof.description.dh_table import DhRow, DhTable
+from pinproof.description.geometry import LinkGeometry
+from pinproof.description.srdf import Srdf, read_srdf
+from pinproof.description.urdf import Urdf, UrdfJoint, read_urdf, read_urdf_text
+
+__all__ = [
+    "CatalogueEntry",
+    "DhRow",
+    "DhTable",
+    "LinkGeometry",
+    "Srdf",
+    "Urdf",
+    "UrdfJoint",
+    "catalogue_names",
+    "find_robot",
+    "read_srdf",
+    "read_urdf",
+    "read_urdf_text",
+    "robots_folder",
+]

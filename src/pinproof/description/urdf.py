@@ -1,0 +1,266 @@
+"""A URDF on paper: read, checked element by element, and handed on only when nothing in it would be dropped or misread.
+
+The parsers behind Pinocchio take a zero axis, a negative radius, ``lower > upper`` and unknown geometry without an
+error; here each is refused with its line. What is kept is what the file says; kinematics begin in
+:mod:`pinproof.model`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal, cast, get_args
+
+import numpy as np
+
+from pinproof.description.geometry import LinkGeometry
+from pinproof.description.urdf_links import read_links
+from pinproof.description.xml_reader import Element, number, numbers, parse_file, parse_text, place, required
+from pinproof.errors import UnknownNameError, UrdfError
+
+__all__ = ["MAX_LINKS", "JointType", "Mimic", "Urdf", "UrdfJoint", "read_urdf", "read_urdf_text"]
+
+MAX_LINKS = 1000
+"""Longer robots are refused: urdfdom recurses once a link and ends the interpreter at about 5,000."""
+
+SMALLEST_AXIS = 1e-6
+"""An axis vector shorter than this has no direction worth the name."""
+
+JointType = Literal["revolute", "continuous", "prismatic", "fixed", "floating", "planar"]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A follower's rule: q = multiplier * q_leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint as the file states it; None where the file states nothing usable.
+
+    ``velocity`` is None too where the file says 0: no joint with a use has that limit, it means "not known".
+    """
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    lower: float | None
+    upper: float | None
+    velocity: float | None
+    mimic: Mimic | None
+
+
+@dataclass(frozen=True, eq=False)
+class Urdf:
+    """A robot description that has passed every check.
+
+    ``kinematics`` is URDF text for Pinocchio: the same links, joints and inertias, without geometry; continuous joints
+    stand as revolute ones, so that each joint is one angle, and mimic tags are left to :mod:`pinproof.model`.
+    """
+
+    name: str
+    path: Path | None
+    root: str
+    links: tuple[str, ...]
+    joints: Mapping[str, UrdfJoint]
+    collisions: tuple[LinkGeometry, ...]
+    visuals: tuple[LinkGeometry, ...]
+    kinematics: str
+
+    def parent_joint(self, link: str) -> UrdfJoint | None:
+        """The joint that carries a link; None for the root."""
+        return next((joint for joint in self.joints.values() if joint.child == link), None)
+
+
+def read_urdf(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Urdf:
+    """Read and check a URDF file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    package_dirs
+        Folders that hold ROS packages, searched first for ``package://`` meshes.
+
+    Raises
+    ------
+    UrdfError
+        With the line, for anything that would be misread or dropped.
+    """
+    path = Path(path)
+    return _read(parse_file(path), path, path.resolve().parent, package_dirs)
+
+
+def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Urdf:
+    """Read and check URDF text; ``name`` stands for the file in errors."""
+    return _read(parse_text(text, name), name, None, package_dirs)
+
+
+def _read(root: Element, source: str | Path, folder: Path | None, package_dirs: Sequence[str | Path]) -> Urdf:
+    if root.tag != "robot":
+        raise UrdfError(source, f"the root element is <{root.tag}>, not <robot>: this is no URDF", place(root))
+    link_elements = root.findall("link")
+    if len(link_elements) > MAX_LINKS:
+        raise UrdfError(source, f"has {len(link_elements)} links; more than {MAX_LINKS} are refused")
+    links = _unique(link_elements, source)
+    joints = {name: _joint(e, links, source) for name, e in _unique(root.findall("joint"), source).items()}
+    _check_mimics(joints, source)
+    visuals, collisions = read_links(root, source, folder, [Path(d) for d in package_dirs])
+    return Urdf(
+        name=root.get("name") or "robot",
+        path=source if isinstance(source, Path) else None,
+        root=_root_link(links, joints, source),
+        links=tuple(links),
+        joints=joints,
+        collisions=collisions,
+        visuals=visuals,
+        kinematics=_kinematics(root, joints),
+    )
+
+
+def _unique(elements: Sequence[Element], source: str | Path) -> dict[str, Element]:
+    named: dict[str, Element] = {}
+    for element in elements:
+        name = required(element, "name", source)
+        if name in named:
+            raise UrdfError(source, f"a second <{element.tag}> is named {name!r}", place(element))
+        named[name] = element
+    return named
+
+
+def _joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
+    name, kind = required(element, "name", source), required(element, "type", source)
+    where = place(element)
+    if kind not in get_args(JointType):
+        raise UrdfError(
+            source, str(UnknownNameError("joint type", kind, get_args(JointType), f"joint {name!r}")), where
+        )
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.find(tag)
+        if end is None:
+            raise UrdfError(source, f"joint {name!r} has no <{tag}>", where)
+        link = required(end, "link", source)
+        if link not in links:
+            raise UrdfError(source, str(UnknownNameError("link", link, links, f"joint {name!r}")), place(end))
+        ends.append(link)
+    origin = element.find("origin")
+    if origin is not None:
+        numbers(origin, "xyz", 3, source, "0 0 0")
+        numbers(origin, "rpy", 3, source, "0 0 0")
+    axis = element.find("axis")
+    if axis is not None and kind != "fixed":
+        vector = numbers(axis, "xyz", 3, source)
+        if np.linalg.norm(vector) < SMALLEST_AXIS:
+            raise UrdfError(source, f"joint {name!r} has the axis {list(vector)}, which has no direction", place(axis))
+    lower, upper, velocity = _limits(element, name, kind, source)
+    mimic = element.find("mimic")
+    rule = None
+    if mimic is not None:
+        leader = required(mimic, "joint", source)
+        rule = Mimic(leader, number(mimic, "multiplier", source, "1"), number(mimic, "offset", source, "0"))
+    return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule)
+
+
+def _limits(
+    element: Element, name: str, kind: str, source: str | Path
+) -> tuple[float | None, float | None, float | None]:
+    """Lower, upper, velocity; a bound that is not written is None, never the 0 that the URDF specification fills in."""
+    limit = element.find("limit")
+    if limit is None or kind == "fixed":
+        return None, None, None
+    lower = number(limit, "lower", source) if limit.get("lower") is not None else None
+    upper = number(limit, "upper", source) if limit.get("upper") is not None else None
+    if lower is not None and upper is not None and lower > upper:
+        raise UrdfError(source, f"joint {name!r} has lower = {lower} above upper = {upper}", place(limit))
+    velocity = number(limit, "velocity", source) if limit.get("velocity") is not None else None
+    if velocity is not None and velocity < 0:
+        raise UrdfError(source, f"joint {name!r} has the negative velocity limit {velocity}", place(limit))
+    if kind == "continuous":
+        lower = upper = None
+    return lower, upper, velocity or None
+
+
+def _check_mimics(joints: Mapping[str, UrdfJoint], source: str | Path) -> None:
+    for joint in joints.values():
+        if joint.mimic is None:
+            continue
+        leader = joints.get(joint.mimic.leader)
+        if leader is None:
+            raise UrdfError(
+                source, str(UnknownNameError("joint", joint.mimic.leader, joints, f"mimic of {joint.name!r}"))
+            )
+        if leader.mimic is not None or leader.type not in ("revolute", "continuous", "prismatic"):
+            what = "itself mimics" if leader.mimic is not None else f"is {leader.type}"
+            raise UrdfError(
+                source, f"joint {joint.name!r} mimics {leader.name!r}, which {what}; it must move by itself"
+            )
+
+
+def _root_link(links: Mapping[str, Element], joints: Mapping[str, UrdfJoint], source: str | Path) -> str:
+    """The one link without a parent; every other must hang on it, each on one joint only."""
+    parents: dict[str, str] = {}
+    for joint in joints.values():
+        if joint.child in parents:
+            raise UrdfError(source, f"link {joint.child!r} hangs on more than one joint: URDF robots are trees")
+        parents[joint.child] = joint.parent
+    roots = [link for link in links if link not in parents]
+    if len(roots) != 1:
+        what = (
+            f"the links {roots} all have no parent" if roots else "no link is without a parent, so joints form a ring"
+        )
+        raise UrdfError(source, f"{what}; a URDF has exactly one root")
+    reached, edge = {roots[0]}, [roots[0]]
+    children: dict[str, list[str]] = {}
+    for child, parent in parents.items():
+        children.setdefault(parent, []).append(child)
+    while edge:
+        fresh = children.get(edge.pop(), [])
+        reached.update(fresh)
+        edge.extend(fresh)
+    if len(reached) != len(links):
+        raise UrdfError(source, f"the links {sorted(set(links) - reached)} form a ring that does not hang on the root")
+    return roots[0]
+
+
+def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
+    """The URDF text for Pinocchio; numbers are copied as the file writes them."""
+    from lxml import etree
+
+    robot = etree.Element("robot", name=root.get("name") or "robot")
+    for link in root.findall("link"):
+        copy = etree.SubElement(robot, "link", name=link.get("name").strip())
+        copy.extend(_inertial(link))
+    for element in root.findall("joint"):
+        joint = joints[element.get("name").strip()]
+        kind = "revolute" if joint.type == "continuous" else joint.type
+        copy = etree.SubElement(robot, "joint", name=joint.name, type=kind)
+        etree.SubElement(copy, "parent", link=joint.parent)
+        etree.SubElement(copy, "child", link=joint.child)
+        origin, axis = element.find("origin"), element.find("axis")
+        if origin is not None:
+            etree.SubElement(copy, "origin", {a: origin.get(a) for a in ("xyz", "rpy") if origin.get(a) is not None})
+        if axis is not None and joint.type != "fixed":
+            vector = np.array([float(part) for part in axis.get("xyz").split()])
+            unit = vector / np.linalg.norm(vector)
+            etree.SubElement(copy, "axis", xyz=" ".join(repr(float(v)) for v in unit))
+        if kind in ("revolute", "prismatic"):
+            # The limits that count are JointLimits; Pinocchio's parser only insists that some are there.
+            etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort="1e9")
+    return str(etree.tostring(robot, encoding="unicode"))
+
+
+def _inertial(link: Element) -> list[Element]:
+    """A copy of the link's inertial element, if it is complete."""
+    from copy import deepcopy
+
+    inertial = link.find("inertial")
+    if inertial is None or inertial.find("mass") is None or inertial.find("inertia") is None:
+        return []
+    return [deepcopy(inertial)]

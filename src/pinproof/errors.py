@@ -1,0 +1,179 @@
+"""Every error that pinproof raises on purpose, in one tree.
+
+::
+
+    PinproofError
+    ├── InputError (also a ValueError)   an argument that makes no sense: shape, NaN, a non-rigid matrix
+    │   └── UnknownNameError             a frame, joint, robot or option that does not exist; names the valid ones
+    ├── FileError                        an input file that cannot be used; names file and place
+    │   ├── UrdfError                    a URDF or SRDF
+    │   ├── DhTableError                 a Denavit-Hartenberg table
+    │   ├── MeshError                    a mesh that is missing or unusable
+    │   ├── SceneError                   a scene file
+    │   ├── PicksError                   a picks file
+    │   └── TrajectoryError              a trajectory file
+    ├── ConversionError                  a converted robot that does not equal its source
+    ├── TimingError                      a path for which no timing within the limits was found
+    ├── ViewerError                      a page or a live view that cannot be made
+    └── NoAnswer                         an honest "no", raised only by ``.or_raise()``
+        ├── IkFailed
+        ├── PlanFailed
+        └── NotProvenFree
+
+An expected "no" (unreachable, in collision, not found) is a value with a status, never an exception, unless the caller
+asks for one with ``.or_raise()``.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+from pathlib import Path
+
+__all__ = [
+    "ConversionError",
+    "DhTableError",
+    "FileError",
+    "IkFailed",
+    "InputError",
+    "MeshError",
+    "NoAnswer",
+    "NotProvenFree",
+    "PicksError",
+    "PinproofError",
+    "PlanFailed",
+    "SceneError",
+    "TimingError",
+    "TrajectoryError",
+    "UnknownNameError",
+    "UrdfError",
+    "ViewerError",
+]
+
+
+class PinproofError(Exception):
+    """Root of every error that pinproof raises on purpose."""
+
+
+class InputError(PinproofError, ValueError):
+    """An argument that makes no sense; the message names it and what would."""
+
+
+class UnknownNameError(InputError):
+    """A name that does not exist where it was looked up.
+
+    Parameters
+    ----------
+    kind
+        What was looked up, in the singular: ``"frame"``, ``"joint"``, ``"robot"``.
+    name
+        The name that was asked for.
+    valid
+        The names that exist; the nearest ones are listed first.
+    where
+        Where it was looked up, for the message.
+    """
+
+    def __init__(self, kind: str, name: object, valid: Iterable[str], where: str = "") -> None:
+        self.kind, self.name = kind, name
+        self.valid = _nearest_first(str(name), valid)
+        place = f" in {where}" if where else ""
+        choices = ", ".join(self.valid[:12]) + (f", ... ({len(self.valid)} in all)" if len(self.valid) > 12 else "")
+        super().__init__(f"unknown {kind} {name!r}{place}; valid: {choices or 'none'}")
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (type(self), self.args, self.__dict__))
+
+
+class FileError(PinproofError):
+    """An input file that cannot be used.
+
+    Parameters
+    ----------
+    path
+        The file.
+    reason
+        What is wrong and what would be right.
+    place
+        Where in the file: ``"line 12"``, ``"row 3, column a"``.
+    """
+
+    def __init__(self, path: str | Path, reason: str, place: str = "") -> None:
+        self.path, self.reason, self.place = str(path), reason, place
+        super().__init__(": ".join(part for part in (self.path, place, reason) if part))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        return (_rebuild, (type(self), self.args, self.__dict__))
+
+
+class UrdfError(FileError):
+    """A URDF or SRDF that cannot be used."""
+
+
+class DhTableError(FileError):
+    """A Denavit-Hartenberg table that cannot be used."""
+
+
+class MeshError(FileError):
+    """A mesh that is missing or unusable."""
+
+
+class SceneError(FileError):
+    """A scene file that cannot be used."""
+
+
+class PicksError(FileError):
+    """A picks file that cannot be used."""
+
+
+class TrajectoryError(FileError):
+    """A trajectory file that cannot be used."""
+
+
+class ConversionError(PinproofError):
+    """A converted robot that does not equal its source; nothing was written."""
+
+
+class TimingError(PinproofError):
+    """A path for which no timing within the limits was found."""
+
+
+class ViewerError(PinproofError):
+    """A page or a live view that cannot be made."""
+
+
+class NoAnswer(PinproofError):
+    """An honest "no", raised only by ``.or_raise()``; ``result`` is the value that said it."""
+
+    def __init__(self, message: str, result: object = None) -> None:
+        self.result = result
+        super().__init__(message)
+
+
+class IkFailed(NoAnswer):
+    """No joint configuration was found for the target."""
+
+
+class PlanFailed(NoAnswer):
+    """No path was found."""
+
+
+class NotProvenFree(NoAnswer):
+    """The certificate is not FREE."""
+
+
+def _nearest_first(name: str, valid: Iterable[str]) -> list[str]:
+    """Sort ``valid`` by likeness to ``name``, the most alike first (ties alphabetical)."""
+
+    def unlike(candidate: str) -> float:
+        return -difflib.SequenceMatcher(None, name.lower(), candidate.lower()).ratio()
+
+    return sorted(sorted(valid), key=unlike)
+
+
+def _rebuild(cls: type[PinproofError], args: tuple[object, ...], state: dict[str, object]) -> PinproofError:
+    """Unpickle an error whose ``__init__`` does not take its own ``args``."""
+    error = cls.__new__(cls)
+    Exception.__init__(error, *args)
+    error.__dict__.update(state)
+    return error

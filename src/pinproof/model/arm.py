@@ -1,0 +1,192 @@
+"""An arm: the chain from a base link to a tcp frame, with its kinematics from Pinocchio."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model.chain import Chain, affine
+from pinproof.model.limits import JointLimits
+from pinproof.spatial import finite
+
+if TYPE_CHECKING:
+    from pinproof.model.robot import Robot
+
+__all__ = ["Arm", "Reference", "Singularity"]
+
+Array = npt.NDArray[np.float64]
+Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
+REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
+
+
+@dataclass(frozen=True, eq=False)
+class Singularity:
+    """How near a configuration is to losing a direction of motion.
+
+    Parameters
+    ----------
+    smallest
+        The smallest singular value of the tcp Jacobian (LOCAL_WORLD_ALIGNED; metres and radians mixed).
+    direction
+        (6,) the unit twist, linear then angular, that is hardest to make: lost altogether where ``smallest`` is 0.
+    singular_values
+        (min(6, n),) all of them, largest first.
+    """
+
+    smallest: float
+    direction: Array
+    singular_values: Array
+
+
+class Arm:
+    """The joints between a base link and a tcp frame; made by :meth:`pinproof.Robot.arm`.
+
+    A configuration ``q`` is (n,) in the order of :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped
+    angle. Poses of the tcp are given in the base link's frame. All methods may be called from several threads.
+    """
+
+    def __init__(
+        self, robot: Robot, base: str, tcp: str, chain: Chain, limits: JointLimits, held: Mapping[str, float]
+    ) -> None:
+        self.robot, self.base, self.tcp = robot, base, tcp
+        self.limits, self.held = limits, dict(held)
+        self.joint_names, self.angular = chain.joint_names, chain.angular
+        self.followers = chain.followers
+        self.model = _reduced(robot.model, {*chain.joint_names, *chain.followers}, held)
+        self.scale, self.offset = affine(robot.urdf, chain, tuple(self.model.names)[1:])
+        self._tcp_id = self._frame_id(tcp)
+        self._threads = threading.local()
+        base_frame = self.model.frames[self._frame_id(base)]
+        if base_frame.parentJoint != 0:
+            raise InputError(
+                f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another"
+            )
+        self.root_from_base: pin.SE3 = base_frame.placement.copy()
+
+    @property
+    def dof(self) -> int:
+        """The number n of joints in q."""
+        return len(self.joint_names)
+
+    @property
+    def home(self) -> Array:
+        """(n,) the robot's home where it has one, else the middle of the limits (0 for a continuous joint)."""
+        lower, upper = self.limits.sampling_range()
+        middle = dict(zip(self.joint_names, (lower + upper) / 2, strict=True))
+        return self.limits.clip(np.array([self.robot.home.get(name, middle[name]) for name in self.joint_names]))
+
+    def forward_kinematics(self, q: npt.ArrayLike) -> pin.SE3:
+        """``base_from_tcp`` at the configuration q (n,)."""
+        return self._placement(self.configuration(q), self._tcp_id)
+
+    def forward_kinematics_batch(self, Q: npt.ArrayLike) -> Array:
+        """``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n)."""
+        many = finite("Q", Q, (None, self.dof))
+        out = np.empty((len(many), 4, 4))
+        for row, q in enumerate(many):
+            out[row] = self._placement(q, self._tcp_id).homogeneous
+        return out
+
+    def frame_placement(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
+        """``base_from_frame`` of any link of the robot at the configuration q (n,)."""
+        return self._placement(self.configuration(q), self._frame_id(frame))
+
+    def jacobian(self, q: npt.ArrayLike, *, reference: Reference = "LOCAL_WORLD_ALIGNED") -> Array:
+        """The (6, n) Jacobian of the tcp: joint rates to twist, linear (m/s) then angular (rad/s).
+
+        Parameters
+        ----------
+        q
+            (n,) configuration.
+        reference
+            ``LOCAL_WORLD_ALIGNED``: velocity of the tcp point, in the axes of the base. ``LOCAL``: the same in the axes
+            of the tcp. ``WORLD``: the spatial twist at the base's origin, in the axes of the base.
+        """
+        if reference not in REFERENCES:
+            raise UnknownNameError("reference", reference, REFERENCES)
+        base_from_tcp, local = self.local_jacobian(self.configuration(q))
+        if reference == "LOCAL":
+            return local
+        if reference == "WORLD":
+            return np.asarray(base_from_tcp.toActionMatrix() @ local)
+        rotation = base_from_tcp.rotation
+        return np.vstack([rotation @ local[:3], rotation @ local[3:]])
+
+    def local_jacobian(self, q: Array) -> tuple[pin.SE3, Array]:
+        """``base_from_tcp`` and its (6, n) Jacobian in the tcp's axes, unchecked: for loops that made q themselves."""
+        data = self._data()
+        pin.computeJointJacobians(self.model, data, self.scale @ q + self.offset)
+        placement = pin.updateFramePlacement(self.model, data, self._tcp_id)
+        local = pin.getFrameJacobian(self.model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
+        return self.root_from_base.actInv(placement), local @ self.scale
+
+    def singularity(self, q: npt.ArrayLike) -> Singularity:
+        """The smallest singular value of the tcp Jacobian at q (n,) and the direction that is lost there."""
+        u, values, _ = np.linalg.svd(self.jacobian(q))
+        return Singularity(float(values[-1]), u[:, len(values) - 1].copy(), values)
+
+    def configuration(self, q: npt.ArrayLike, name: str = "q") -> Array:
+        """A checked copy (n,) of a configuration.
+
+        Raises
+        ------
+        InputError
+            If it is not n finite numbers; names the joints.
+        """
+        try:
+            return finite(name, q, (self.dof,))
+        except ValueError as error:
+            raise type(error)(f"{error}; the arm's joints are {', '.join(self.joint_names)}") from None
+
+    def model_configuration(self, q: Array) -> Array:
+        """The configuration of :attr:`model` (followers included) that belongs to q (n,), unchecked."""
+        return np.asarray(self.scale @ q + self.offset)
+
+    def __repr__(self) -> str:
+        return f"Arm({self.robot.name!r}, {self.base} -> {self.tcp}, {self.dof} joints: {', '.join(self.joint_names)})"
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_threads"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self._threads = threading.local()
+
+    def _placement(self, q: Array, frame_id: int) -> pin.SE3:
+        data = self._data()
+        pin.forwardKinematics(self.model, data, self.scale @ q + self.offset)
+        # updateFramePlacement hands out a live view of data; the product below is a fresh transform.
+        return self.root_from_base.actInv(pin.updateFramePlacement(self.model, data, frame_id))
+
+    def _data(self) -> Any:
+        """Pinocchio's workspace; one a thread, since a shared one gives wrong answers."""
+        data = getattr(self._threads, "data", None)
+        if data is None:
+            data = self._threads.data = self.model.createData()
+        return data
+
+    def _frame_id(self, name: str) -> int:
+        """Pinocchio answers an unknown name with the number of frames instead of an error; so it is asked first."""
+        if not self.model.existFrame(name, pin.FrameType.BODY):
+            raise UnknownNameError("frame", name, self.robot.urdf.links, f"robot {self.robot.name!r}")
+        return int(self.model.getFrameId(name, pin.FrameType.BODY))
+
+
+def _reduced(model: Any, moving: set[str], held: Mapping[str, float]) -> Any:
+    """The model with every joint outside ``moving`` locked: at its held value, or neutral if it is not one number."""
+    q = pin.neutral(model)
+    lock = []
+    for index, name in enumerate(model.names):
+        if index == 0 or name in moving:
+            continue
+        lock.append(index)
+        if name in held:
+            q[model.joints[index].idx_q] = held[name]
+    return pin.buildReducedModel(model, lock, q)

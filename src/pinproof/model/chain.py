@@ -1,0 +1,169 @@
+"""Which joints an arm has: the path from base to tcp, followers folded into their leaders.
+
+Every joint of the reduced Pinocchio model is one number, and that number is an affine function of the arm's own q::
+
+    q_model = scale @ q + offset
+
+A joint of the arm has the row e_j, a mimic follower the row multiplier * e_leader. So the same matrix maps q forwards,
+Jacobians backwards, and tells the certificate which motion moves what.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.description import Urdf, UrdfJoint
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model.limits import JointLimits
+
+__all__ = ["Chain", "find_chain", "link_path"]
+
+Array = npt.NDArray[np.float64]
+
+MOVING = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """The joints of an arm.
+
+    Parameters
+    ----------
+    joint_names
+        The n joints of q, from base to tcp.
+    angular
+        (n,) True where the joint turns, False where it slides.
+    followers
+        Every mimic joint of the robot whose leader is one of them, on the chain or off it.
+    limits
+        Of the n joints; a follower's own limits are folded into its leader's.
+    """
+
+    joint_names: tuple[str, ...]
+    angular: npt.NDArray[np.bool_]
+    followers: tuple[str, ...]
+    limits: JointLimits
+
+
+def link_path(urdf: Urdf, base: str, tip: str) -> list[UrdfJoint]:
+    """The joints from link ``base`` out to link ``tip``, in that order.
+
+    Raises
+    ------
+    InputError
+        If ``base`` does not lie on the way from the root to ``tip``.
+    """
+    by_child = {joint.child: joint for joint in urdf.joints.values()}
+    path, link = [], tip
+    while link != base:
+        if link not in by_child:
+            raise InputError(f"base {base!r} does not lie between the robot's root {urdf.root!r} and {tip!r}")
+        path.append(by_child[link])
+        link = path[-1].parent
+    return path[::-1]
+
+
+def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
+    """The arm from link ``base`` to link ``tip``.
+
+    Raises
+    ------
+    InputError
+        If no joint moves between them, or one is floating or planar.
+    """
+    path = link_path(urdf, base, tip)
+    names: list[str] = []
+    for joint in path:
+        if joint.type in ("floating", "planar"):
+            raise InputError(
+                f"joint {joint.name!r} between {base!r} and {tip!r} is {joint.type}: an arm has none of these"
+            )
+        if joint.type == "fixed":
+            continue
+        leader = joint.name if joint.mimic is None else joint.mimic.leader
+        if leader not in names:
+            names.append(leader)
+    if not names:
+        raise InputError(f"no joint moves between {base!r} and {tip!r}; is the tcp on the arm?")
+    followers = tuple(j.name for j in urdf.joints.values() if j.mimic is not None and j.mimic.leader in names)
+    angular = np.array([urdf.joints[name].type != "prismatic" for name in names])
+    angular.setflags(write=False)
+    return Chain(tuple(names), angular, followers, _limits(urdf, names, followers))
+
+
+def affine(urdf: Urdf, chain: Chain, model_joints: tuple[str, ...]) -> tuple[Array, Array]:
+    """``scale`` (m, n) and ``offset`` (m,) of the m joints of a reduced model."""
+    scale, offset = np.zeros((len(model_joints), len(chain.joint_names))), np.zeros(len(model_joints))
+    for row, name in enumerate(model_joints):
+        mimic = urdf.joints[name].mimic
+        if mimic is None:
+            scale[row, chain.joint_names.index(name)] = 1.0
+        else:
+            scale[row, chain.joint_names.index(mimic.leader)] = mimic.multiplier
+            offset[row] = mimic.offset
+    return scale, offset
+
+
+def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float]) -> dict[str, float]:
+    """A value for every one-number joint outside the arm: as told, else 0 or the bound nearest to it; followers follow.
+
+    Raises
+    ------
+    UnknownNameError, InputError
+        If a told joint does not exist, belongs to the arm, is a follower, or is told a value that is no number.
+    """
+    outside = [
+        j for j in urdf.joints.values() if j.type in MOVING and j.name not in (*chain.joint_names, *chain.followers)
+    ]
+    free = [j.name for j in outside if j.mimic is None]
+    for name, value in held.items():
+        if name in chain.joint_names:
+            raise InputError(f"joint {name!r} is one of the arm's own; it is set by q, not held")
+        if name not in free:
+            raise UnknownNameError("joint", name, free, "the joints outside the arm that can be held")
+        if not np.isfinite(value):
+            raise InputError(f"held joint {name!r} is told {value}")
+    values: dict[str, float] = {}
+    for joint in outside:
+        if joint.mimic is None:
+            low = -np.inf if joint.lower is None else joint.lower
+            high = np.inf if joint.upper is None else joint.upper
+            values[joint.name] = float(held.get(joint.name, min(max(0.0, low), high)))
+    for joint in outside:
+        if joint.mimic is not None:
+            values[joint.name] = joint.mimic.multiplier * values[joint.mimic.leader] + joint.mimic.offset
+    return values
+
+
+def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLimits:
+    """The limits of the arm's joints; open, and NaN for a velocity, where the file states none."""
+    lower, upper, velocity = [], [], []
+    for name in names:
+        joint = urdf.joints[name]
+        low = -np.inf if joint.lower is None else joint.lower
+        high = np.inf if joint.upper is None else joint.upper
+        speed = np.inf if joint.velocity is None else joint.velocity
+        for follower in (urdf.joints[f] for f in followers):
+            mimic = follower.mimic
+            if mimic is None or mimic.leader != name or mimic.multiplier == 0.0:
+                continue
+            ends = [
+                (bound - mimic.offset) / mimic.multiplier
+                for bound in (
+                    -np.inf if follower.lower is None else follower.lower,
+                    np.inf if follower.upper is None else follower.upper,
+                )
+            ]
+            low, high = max(low, min(ends)), min(high, max(ends))
+            if follower.velocity is not None:
+                speed = min(speed, follower.velocity / abs(mimic.multiplier))
+        if low > high:
+            raise InputError(f"the limits of {name!r} and of the joints that mimic it leave it no value at all")
+        lower.append(low)
+        upper.append(high)
+        velocity.append(np.nan if np.isinf(speed) else speed)
+    return JointLimits(np.array(lower), np.array(upper), np.array(velocity))

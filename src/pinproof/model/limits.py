@@ -1,0 +1,107 @@
+"""Joint limits: position, velocity, acceleration, and where the last came from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError, UnknownNameError
+
+__all__ = ["DEFAULT_RAMP", "JointLimits"]
+
+Array = npt.NDArray[np.float64]
+
+DEFAULT_RAMP = 0.5
+"""Seconds in which a joint reaches its velocity limit when no acceleration limit is known (URDF has none)."""
+
+
+@dataclass(frozen=True, eq=False)
+class JointLimits:
+    """Limits of the n joints of an arm, in joint order.
+
+    Parameters
+    ----------
+    lower, upper
+        (n,) positions in rad or m; -inf and inf for a continuous joint.
+    velocity
+        (n,) in rad/s or m/s, above 0; NaN where it is not known (timing then asks for it).
+    acceleration
+        (n,) in rad/s^2 or m/s^2, above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`.
+    acceleration_source
+        Where the accelerations come from, for results that depend on them.
+
+    Raises
+    ------
+    InputError
+        If shapes differ, lower > upper, or a velocity or acceleration is not above 0.
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array = None  # type: ignore[assignment]  # filled in below; never None afterwards
+    acceleration_source: str = ""
+
+    def __post_init__(self) -> None:
+        source = self.acceleration_source or "given by the caller"
+        acceleration = self.acceleration
+        if acceleration is None:
+            acceleration = np.asarray(self.velocity, dtype=float) / DEFAULT_RAMP
+            source = f"default: the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
+        arrays = {
+            "lower": self.lower,
+            "upper": self.upper,
+            "velocity": self.velocity,
+            "acceleration": acceleration,
+        }
+        for name, value in arrays.items():
+            array = np.array(value, dtype=float)
+            if array.ndim != 1 or array.shape != np.shape(self.lower):
+                raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}; it has {array.shape}")
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "acceleration_source", source)
+        if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
+            raise InputError(f"limits must hold lower <= upper; they are {self.lower} and {self.upper}")
+        if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
+            raise InputError("velocity and acceleration limits must be above 0 (NaN where not known)")
+
+    def __len__(self) -> int:
+        return len(self.lower)
+
+    def contains(self, q: Array, tolerance: float = 0.0) -> bool:
+        """Whether every joint of q (n,) is inside its limits, widened by ``tolerance`` (rad or m)."""
+        return bool(np.all(q >= self.lower - tolerance) and np.all(q <= self.upper + tolerance))
+
+    def clip(self, q: Array) -> Array:
+        """The configuration inside the limits nearest to q (n,)."""
+        return np.clip(q, self.lower, self.upper)
+
+    def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
+        """One sentence for each joint of q (n,) that is outside its limits; empty when all are inside."""
+        return [
+            f"{name} = {value:.6g} is outside [{low:.6g}, {high:.6g}]"
+            for name, value, low, high in zip(joint_names, q, self.lower, self.upper, strict=True)
+            if not low <= value <= high
+        ]
+
+    def replace(self, joint_names: Sequence[str], ranges: Mapping[str, tuple[float, float]]) -> JointLimits:
+        """These limits with the position ranges of some joints changed, by joint name."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        for name, (low, high) in ranges.items():
+            if name not in joint_names:
+                raise UnknownNameError("joint", name, joint_names, "limits")
+            index = list(joint_names).index(name)
+            lower[index], upper[index] = low, high
+        return JointLimits(lower, upper, self.velocity, self.acceleration, self.acceleration_source)
+
+    def sampling_range(self) -> tuple[Array, Array]:
+        """Finite (lower, upper), each (n,): where a joint has no bounds, one turn about 0 (or one metre each way)."""
+        lower, upper = self.lower.copy(), self.upper.copy()
+        open_below, open_above = np.isinf(lower), np.isinf(upper)
+        lower[open_below] = np.where(open_above, -np.pi, upper - 2 * np.pi)[open_below]
+        upper[open_above] = np.where(open_below, np.pi, lower + 2 * np.pi)[open_above]
+        return lower, upper

@@ -1,0 +1,141 @@
+"""Rigid transforms: making them, reading them, measuring between them, and refusing what is not one.
+
+Transforms are :class:`pinocchio.SE3` and read ``a_from_b``. Lengths are metres, angles radians. Twists are linear
+first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.errors import InputError
+
+__all__ = ["RIGID_TOLERANCE", "finite", "log6", "log6_jacobian", "matrix", "pose", "rigid", "xyz_rpy"]
+
+Array = npt.NDArray[np.float64]
+
+RIGID_TOLERANCE = 1e-6
+"""How far R^T R may be from the identity (largest entry) before a matrix is refused; below, it is orthonormalised."""
+
+
+def pose(
+    xyz: Sequence[float] = (0.0, 0.0, 0.0),
+    rpy: Sequence[float] | None = None,
+    *,
+    quat_xyzw: Sequence[float] | None = None,
+) -> pin.SE3:
+    """A rigid transform from a position and an orientation.
+
+    Parameters
+    ----------
+    xyz
+        (3,) position in metres.
+    rpy
+        (3,) roll, pitch, yaw about fixed axes in radians: R = Rz(yaw) Ry(pitch) Rx(roll).
+    quat_xyzw
+        (4,) quaternion, scalar last; normalised here. Give ``rpy`` or ``quat_xyzw``, not both.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a non-finite number, both orientations at once, or a quaternion of length zero.
+    """
+    position = finite("xyz", xyz, (3,))
+    if rpy is not None and quat_xyzw is not None:
+        raise InputError("give rpy or quat_xyzw, not both")
+    if quat_xyzw is not None:
+        quaternion = finite("quat_xyzw", quat_xyzw, (4,))
+        norm = float(np.linalg.norm(quaternion))
+        if norm < 1e-9:
+            raise InputError(f"quat_xyzw has length {norm:g}; a rotation needs a quaternion of length 1")
+        return pin.SE3(pin.Quaternion(quaternion / norm), position)
+    roll, pitch, yaw = finite("rpy", (0.0, 0.0, 0.0) if rpy is None else rpy, (3,))
+    return pin.SE3(pin.rpy.rpyToMatrix(roll, pitch, yaw), position)
+
+
+def xyz_rpy(transform: pin.SE3 | npt.ArrayLike) -> Array:
+    """The textbook's pose vector ``[x, y, z, roll, pitch, yaw]`` (6,) of a transform, in metres and radians.
+
+    Angles are about fixed axes (R = Rz Ry Rx), pitch in [-pi/2, pi/2].
+    """
+    transform = rigid("transform", transform)
+    return np.concatenate([transform.translation, pin.rpy.matrixToRpy(transform.rotation)])
+
+
+def log6(a_from_b: pin.SE3) -> Array:
+    """The twist (6,) that leads from frame a to frame b in unit time, seen in a: linear (m), then angular (rad)."""
+    return np.array(pin.log6(a_from_b).vector)
+
+
+def log6_jacobian(a_from_b: pin.SE3) -> Array:
+    """The (6, 6) derivative of :func:`log6` by a motion of b, seen in b (right Jacobian of SE(3))."""
+    return np.array(pin.Jlog6(a_from_b))
+
+
+def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
+    """A fresh, truly rigid copy of a transform given as ``pin.SE3`` or as a (4, 4) matrix.
+
+    Rotations that are off by rounding (:data:`RIGID_TOLERANCE`) are re-orthonormalised by SVD; Pinocchio itself takes
+    NaN and sheared matrices without a word, so nothing reaches it unchecked.
+
+    Raises
+    ------
+    InputError
+        If the shape is wrong, a number is not finite, or the matrix is no rigid motion.
+    """
+    try:
+        source: Any = value.homogeneous if isinstance(value, pin.SE3) else value
+        m = np.array(source, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix, not {type(value).__name__}") from error
+    if m.shape != (4, 4):
+        raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix; its shape is {m.shape}")
+    if not np.isfinite(m).all():
+        raise InputError(f"{name} holds numbers that are not finite:\n{m}")
+    rotation = m[:3, :3]
+    error_size = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if error_size > RIGID_TOLERANCE or np.linalg.det(rotation) < 0:
+        what = "mirrors" if np.linalg.det(rotation) < 0 else f"is {error_size:.2g} off a rotation"
+        raise InputError(f"{name} is not a rigid transform: its upper left 3x3 block {what}")
+    if np.abs(m[3] - (0.0, 0.0, 0.0, 1.0)).max() > RIGID_TOLERANCE:
+        raise InputError(f"{name} is not a rigid transform: its last row is {m[3].tolist()}, not [0, 0, 0, 1]")
+    if error_size > 1e-14:
+        u, _, vt = np.linalg.svd(rotation)
+        rotation = u @ vt
+    return pin.SE3(rotation, m[:3, 3])
+
+
+def matrix(transform: pin.SE3) -> Array:
+    """The (4, 4) homogeneous matrix of a transform, as a copy."""
+    return np.array(transform.homogeneous)
+
+
+def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    """A fresh float array of the given shape (``None`` matches any length) with finite numbers only.
+
+    Raises
+    ------
+    InputError
+        Naming ``name``, the shape wanted and the shape found, or the first place that is not finite.
+    """
+    try:
+        array = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{name} must be numbers of shape {_shape_text(shape)}: {error}") from error
+    if array.ndim != len(shape) or any(w is not None and w != s for w, s in zip(shape, array.shape, strict=True)):
+        raise InputError(f"{name} must have the shape {_shape_text(shape)}; it has {array.shape}")
+    if not np.isfinite(array).all():
+        place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
+        raise InputError(f"{name} holds {array[place]} at index {place[0] if len(place) == 1 else place}")
+    return array
+
+
+def _shape_text(shape: tuple[int | None, ...]) -> str:
+    names = iter("NMKL")
+    inner = ", ".join(next(names) if size is None else str(size) for size in shape)
+    return f"({inner},)" if len(shape) == 1 else f"({inner})"

@@ -21,9 +21,10 @@ from pinproof.collision.certificate import (
     curve_hash,
     setup_hash,
 )
-from pinproof.collision.checker import CollisionChecker, Placed
+from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import Contact
 from pinproof.collision.motion_bounds import MotionBounds
+from pinproof.collision.placed import Placed
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.motion.bezier import split

@@ -14,17 +14,15 @@ import pinocchio as pin
 from pinproof.collision.bodies import Body, link_body, shape_body
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.pairs import choose_pairs
+from pinproof.collision.placed import GJK_SLACK, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.spatial import matrix
 
-__all__ = ["GJK_SLACK", "CollisionChecker"]
+__all__ = ["CollisionChecker"]
 
 Array = npt.NDArray[np.float64]
-
-GJK_SLACK = 2e-6
-"""Metres. GJK stops at a tolerance of 1e-6 and its distances carry that error; "free" is only said beyond it."""
 
 LinkMeshes = Literal["hull", "exact"]
 
@@ -163,85 +161,6 @@ class CollisionChecker:
     def _is_free(self, q: Array) -> bool:
         space = self.placed(q)
         return not space.any_contact() and not any(space.one_inside_other(k) for k in self._exact_pairs)
-
-
-class Placed:
-    """The bodies of a checker at one configuration; one a thread, since threads may not share Pinocchio's workspaces."""
-
-    def __init__(self, checker: CollisionChecker) -> None:
-        self._arm, self._bodies, self._pairs = checker.arm, checker.bodies, checker.pairs
-        self.model, self.geometry_model = checker.arm.model, checker.geometry_model
-        self.data = self.model.createData()
-        # Made after the last geometry was added: adding one later corrupts memory.
-        self.geometry_data = self.geometry_model.createData()
-        for request in self.geometry_data.collisionRequests:
-            request.security_margin = checker.margin + GJK_SLACK
-        self._inside = [not (self._convex(i) and self._convex(j)) for i, j in checker.pairs]
-
-    def move(self, q: Array) -> None:
-        """Place every body at q (n,)."""
-        arm = self._arm
-        pin.updateGeometryPlacements(
-            self.model, self.data, self.geometry_model, self.geometry_data, arm.scale @ q + arm.offset
-        )
-
-    def any_contact(self) -> bool:
-        """Whether the surfaces of any pair come within the margin; stops at the first."""
-        return bool(pin.computeCollisions(self.geometry_model, self.geometry_data, True))
-
-    def distance(self, k: int) -> float:
-        """Signed distance (m) of pair k; a body inside an exact watertight mesh counts as penetrating it."""
-        result = pin.computeDistance(self.geometry_model, self.geometry_data, k)
-        distance = float(result.min_distance)
-        if distance > 0 and self._inside[k] and self.one_inside_other(k):
-            return -distance
-        return distance
-
-    def points(self, k: int) -> Array:
-        """(2, 3) the nearest points of pair k in the root frame, from the last :meth:`distance` of k."""
-        result = self.geometry_data.distanceResults[k]
-        return np.array([result.getNearestPoint1(), result.getNearestPoint2()])
-
-    def proven_distance(self, k: int, distance: float) -> float:
-        """A lower bound (m) of the distance of pair k, after :meth:`distance` said ``distance``.
-
-        Along any unit direction u the gap between the two supports, min_b u.x - max_a u.x, is a lower bound of the
-        distance of two convex bodies, whether or not GJK converged; its witness direction makes it tight. An exact mesh
-        has no support function: there GJK's own distance is taken, less :data:`GJK_SLACK`.
-        """
-        i, j = self._pairs[k]
-        a, b = self._bodies[i].support, self._bodies[j].support
-        if a is None or b is None:
-            return distance - GJK_SLACK
-        first, second = self.points(k)
-        length = float(np.linalg.norm(second - first))
-        if distance <= 0 or length < 1e-12:
-            return min(distance, 0.0)
-        u = (second - first) / length
-        at_a, at_b = self.placement(i), self.placement(j)
-        reach_a = a.reach(at_a.rotation.T @ u) + float(u @ at_a.translation)
-        reach_b = b.reach(at_b.rotation.T @ -u) - float(u @ at_b.translation)
-        return -reach_b - reach_a
-
-    def one_inside_other(self, k: int) -> bool:
-        """Whether a part of one body of pair k lies inside the exact watertight mesh of the other."""
-        i, j = self._pairs[k]
-        return self._inside_of(i, j) or self._inside_of(j, i)
-
-    def placement(self, i: int) -> pin.SE3:
-        """root_from_body of body i: a live view, valid until the next :meth:`move`."""
-        return self.geometry_data.oMg[i]
-
-    def _inside_of(self, outer: int, inner: int) -> bool:
-        solid, body = self._bodies[outer].solid, self._bodies[inner]
-        if solid is None or not solid.watertight:
-            return False
-        witnesses = body.solid.witnesses if body.solid is not None else body.support.points[:1]  # type: ignore[union-attr]
-        outer_from_inner = self.placement(outer).actInv(self.placement(inner))
-        return solid.contains(witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
-
-    def _convex(self, i: int) -> bool:
-        return self._bodies[i].support is not None
 
 
 def _geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:

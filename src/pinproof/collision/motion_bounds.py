@@ -27,7 +27,8 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.bodies import boxes
-from pinproof.collision.checker import CollisionChecker, Placed
+from pinproof.collision.checker import CollisionChecker
+from pinproof.collision.placed import Placed
 
 __all__ = ["MotionBounds"]
 

@@ -45,6 +45,8 @@ DEFAULT_REVOLUTE_VELOCITY = math.pi
 """Speed (rad/s) of a revolute or continuous row that states none: half a turn a second, common for small arms."""
 DEFAULT_PRISMATIC_VELOCITY = 1.0
 """Speed (m/s) of a prismatic row that states none: common for linear axes."""
+LARGEST = 1e6
+"""Metres, radians, m/s, rad/s: beyond it sines lose their digits and products overflow; it is a slip of the pen."""
 
 
 @dataclass(frozen=True)
@@ -120,6 +122,8 @@ def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
         unlimited = joint_type == "continuous" and value == {"lower": -math.inf, "upper": math.inf}.get(column)
         if not math.isfinite(value) and not unlimited:
             return column, f"{value} is not a finite number"
+        if abs(value) > LARGEST and not unlimited:
+            return column, f"{value} is beyond {LARGEST:g} m, rad, m/s or rad/s, which no arm reaches"
     return _limit_problem(joint_type, values["lower"], values["upper"], values["velocity"])
 
 

@@ -1,0 +1,271 @@
+"""DH tables as files: what is read, what is refused and where, and that writing loses nothing."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pinproof.description.dh_files import parse_number
+from pinproof.description.dh_row import DhRow
+from pinproof.description.dh_table import DhTable
+from pinproof.errors import DhTableError, FileError, InputError
+from pinproof.spatial import pose
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+HEADER = "name,type,theta,d,a,alpha,lower,upper,velocity"
+ROW = "joint_1,revolute,0,0.33,0,pi/2,-pi,pi,3"
+CSV = f"# convention: standard\n{HEADER}\n{ROW}\n"
+YAML = "convention: standard\nrows:\n  - {name: joint_1, theta: 0, d: 0.33, a: 0, alpha: pi/2}\n"
+
+values = st.floats(-1e6, 1e6)
+names = st.text(min_size=1, max_size=8).filter(lambda s: s == s.strip() and s.isprintable())
+
+
+@st.composite
+def rows(draw: st.DrawFn, name: str) -> DhRow:
+    kind = draw(st.sampled_from(["revolute", "prismatic", "continuous"]))
+    numbers = [draw(values) for _ in range(4)]
+    limits = sorted([draw(values), draw(values)]) if kind != "continuous" else [None, None]
+    velocity = draw(st.floats(0, 1e6, exclude_min=True))
+    return DhRow(name, *numbers, kind, *limits, velocity)
+
+
+@st.composite
+def tables(draw: st.DrawFn, transforms: bool) -> DhTable:
+    chosen = draw(st.lists(names, min_size=1, max_size=4, unique=True))
+    convention = draw(st.sampled_from(["standard", "modified"]))
+    settings = {"name": draw(names)}
+    if transforms:
+        for which in ("base", "tool"):
+            numbers = draw(st.lists(st.floats(-4, 4), min_size=6, max_size=6))
+            settings[which] = pose(numbers[:3], numbers[3:])
+    return DhTable([draw(rows(name)) for name in chosen], convention=convention, **settings)
+
+
+def write(folder: Path, name: str, text: str) -> Path:
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@given(table=tables(transforms=True))
+def test_yaml_brings_every_bit_back(table, tmp_path_factory):
+    path = tmp_path_factory.mktemp("dh") / "table.yaml"
+    table.save(path)
+    assert DhTable.load(path).is_close(table)
+
+
+@given(table=tables(transforms=False))
+def test_csv_brings_every_bit_of_the_rows_back(table, tmp_path_factory):
+    path = tmp_path_factory.mktemp("dh") / "table.csv"
+    table.save(path)
+    back = DhTable.load(path)
+    assert (back.rows, back.convention, back.name) == (table.rows, table.convention, "table")
+
+
+def test_yaml_to_csv_and_back_is_the_same_table(tmp_path):
+    table = DhTable.load(ROBOTS / "generic_6dof" / "dh.yaml")
+    table.save(tmp_path / "generic_6dof.csv")
+    DhTable.load(tmp_path / "generic_6dof.csv").save(tmp_path / "again.yml")
+    assert DhTable.load(tmp_path / "again.yml").is_close(table)
+
+
+def test_the_same_table_gives_the_same_bytes(tmp_path):
+    table = DhTable.load(ROBOTS / "generic_6dof" / "dh.yaml")
+    for name in ("a.yaml", "b.yaml"):
+        table.save(tmp_path / name)
+    assert (tmp_path / "a.yaml").read_bytes() == (tmp_path / "b.yaml").read_bytes()
+
+
+def test_the_generic_arm_is_the_textbooks():
+    table = DhTable.load(ROBOTS / "generic_6dof" / "dh.yaml")
+    half = math.pi / 2
+    assert [(row.theta, row.d, row.a, row.alpha) for row in table.rows] == [
+        (0, 0.33, 0, half),
+        (0, 0, 0.30, 0),
+        (0, 0, 0.35, 0),
+        (0, 0.20, 0, -half),
+        (0, 0, 0, half),
+        (0, 0.10, 0, 0),
+    ]
+    assert table.convention == "standard"
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("0.33", 0.33),
+        (" -1e-3 ", -1e-3),
+        (".5", 0.5),
+        ("pi", math.pi),
+        ("-pi/2", -math.pi / 2),
+        ("+3*pi/4", 3 * math.pi / 4),
+        ("0.5 * pi", math.pi / 2),
+        ("-2 * pi / 3", -2 * math.pi / 3),
+        (7, 7.0),
+        (0.25, 0.25),
+    ],
+)
+def test_numbers_may_be_decimals_or_parts_of_pi(text, value):
+    assert parse_number(text) == value
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "pi/0", "2pi", "pi*2", "--pi", "1_000", "nan", "inf", "1,5", "__import__('os')", "pi/2/2", True, None, []],
+)
+def test_anything_else_is_no_number(text):
+    with pytest.raises(ValueError, match="is not a number"):
+        parse_number(text)
+
+
+def test_a_csv_may_leave_out_what_has_a_default_and_reorder_the_rest(tmp_path):
+    text = "# from the lab\n# convention: modified,,,\nalpha,a,d,theta,name\npi/2,0.1,0,0,elbow\n\n"
+    table = DhTable.load(write(tmp_path, "arm.csv", text))
+    assert table.rows == (DhRow("elbow", 0, 0, 0.1, math.pi / 2),)
+    assert (table.convention, table.name) == ("modified", "arm")
+
+
+def test_a_csv_from_a_spreadsheet_with_a_byte_order_mark_is_read(tmp_path):
+    path = tmp_path / "arm.csv"
+    path.write_bytes(b"\xef\xbb\xbf" + CSV.replace("\n", "\r\n").encode())
+    assert DhTable.load(path).joint_names == ("joint_1",)
+
+
+@pytest.mark.parametrize(
+    ("block", "expected"),
+    [
+        ("{xyz: [0, 0, 0.1]}", pose((0, 0, 0.1))),
+        ("{rpy: [0, pi/2, 0]}", pose(rpy=(0, math.pi / 2, 0))),
+        ("{xyz: [1, 2, 3], quat_xyzw: [0, 0, 1, 1]}", pose((1, 2, 3), quat_xyzw=(0, 0, 1, 1))),
+        ("{matrix: [[1, 0, 0, 5], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]}", pose((5, 0, 0))),
+    ],
+)
+def test_yaml_states_base_and_tool(block, expected, tmp_path):
+    table = DhTable.load(write(tmp_path, "arm.yaml", YAML + f"base: {block}\ntool: {block}\n"))
+    np.testing.assert_array_equal(table.base, expected.homogeneous)
+    np.testing.assert_array_equal(table.tool, expected.homogeneous)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "reason"),
+    [
+        ("# convention: standard\n", "", "", "states no convention"),
+        ("convention: standard", "convention: craig", "", "valid: .*standard"),
+        ("# convention: standard", "# convention: standard\n# convention: modified", "", "more than one convention"),
+        ("joint_1,", ",", "row 1, column name", "is missing"),
+        (ROW, f"{ROW}\n{ROW}", "row 2, column name", "row 1 is already named 'joint_1'"),
+        ("revolute", "ball", "row 1, column type", "unknown joint type 'ball'; valid: revolute"),
+        ("0.33", "0,33", "row 1", "has 10 cells; the header has 9"),
+        ("0.33", "high", "row 1, column d", "'high' is not a number"),
+        ("0.33", "nan", "row 1, column d", "'nan' is not a number"),
+        ("0.33", "", "row 1, column d", "is missing"),
+        ("0.33", "1e999", "row 1, column d", "not a finite number"),
+        ("-pi,pi,3", "pi,-pi,3", "row 1, column lower", "lies above the upper limit"),
+        ("-pi,pi,3", "-pi,pi,0", "row 1, column velocity", "greater than 0"),
+        ("revolute,0,0.33,0,pi/2,-pi", "prismatic,0,0.33,0,pi/2,", "row 1, column lower", "must state"),
+        ("revolute", "continuous", "row 1, column lower", "has no limits"),
+        ("alpha", "alfa", "header", "unknown column 'alfa'; valid: alpha"),
+        ("type", "name", "header", "column name stands there more than once"),
+        (ROW, "", "", "at least one row"),
+        (CSV, "# convention: standard\n", "", "holds no header"),
+    ],
+)
+def test_a_bad_csv_names_file_row_and_column(old, new, place, reason, tmp_path):
+    assert old in CSV
+    path = write(tmp_path, "arm.csv", CSV.replace(old, new))
+    with pytest.raises(DhTableError, match=reason) as caught:
+        DhTable.load(path)
+    assert (caught.value.path, caught.value.place) == (str(path), place)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "reason"),
+    [
+        ("convention: standard\n", "", "", "states no convention"),
+        ("convention: standard", "convention: 3", "", "unknown DH convention 3"),
+        ("convention: standard", "convention: standard\nconvention: modified", "line 2", "given twice"),
+        ("a: 0,", "a: 0, a: 1,", "line 3", "the key 'a' is given twice"),
+        ("convention", "tools: {}\nconvention", "", "unknown key 'tools'; valid: tool"),
+        ("d: 0.33", "d: .nan", "row 1, column d", "not a finite number"),
+        ("d: 0.33", "d: true", "row 1, column d", "True is not a number"),
+        ("d: 0.33", "d: [1]", "row 1, column d", "is not a number"),
+        ("d: 0.33, ", "", "row 1, column d", "is missing"),
+        ("d: 0.33", "d: 0.33, mass: 1", "row 1", "unknown column 'mass'"),
+        ("name: joint_1", "name: 1", "row 1, column name", "1 is no name"),
+        ("  - {", "  - oops\n  - {", "row 1", "'oops' is no row"),
+        (YAML[YAML.index("rows") :], "rows: []", "key rows", "holds no rows"),
+        (YAML, "just words", "", "holds str"),
+        (YAML, "rows: [", "line 1", "no valid YAML"),
+        ("rows", "tool: {xyz: [0, 0]}\nrows", "key tool.xyz", r"must have the shape \(3,\)"),
+        ("rows", "tool: {xyz: [0, 0, up]}\nrows", "key tool.xyz", "'up' is not a number"),
+        ("rows", "tool: &t {xyz: &x [*x, 0, 0]}\nrows", "key tool.xyz", "is not a number"),
+        ("rows", "tool: {xyz: [0, 0, 0], matrix: []}\nrows", "key tool", "give matrix alone"),
+        ("rows", "base: {rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}\nrows", "key base", "not both"),
+        ("rows", "base: {pos: [0, 0, 0]}\nrows", "key base", "unknown key 'pos'"),
+        ("rows", "base: [0, 0, 0]\nrows", "key base", "is no transform"),
+    ],
+)
+def test_a_bad_yaml_names_file_and_place(old, new, place, reason, tmp_path):
+    assert old in YAML
+    path = write(tmp_path, "arm.yaml", YAML.replace(old, new, 1))
+    with pytest.raises(DhTableError, match=reason) as caught:
+        DhTable.load(path)
+    assert (caught.value.path, caught.value.place) == (str(path), place)
+
+
+def test_yaml_cannot_run_code(tmp_path):
+    path = write(tmp_path, "arm.yaml", "rows: !!python/object/apply:os.getcwd []\n")
+    with pytest.raises(DhTableError, match="no valid YAML"):
+        DhTable.load(path)
+
+
+@pytest.mark.parametrize("name", ["missing.yaml", "missing.csv", "arm.txt"])
+def test_a_file_that_cannot_be_used_is_named(name, tmp_path):
+    with pytest.raises(DhTableError, match=name):
+        DhTable.load(tmp_path / name)
+
+
+def test_text_that_is_not_utf8_is_refused(tmp_path):
+    path = tmp_path / "arm.yaml"
+    path.write_bytes(b"name: \xff\xfe")
+    with pytest.raises(DhTableError, match="not UTF-8"):
+        DhTable.load(path)
+
+
+def test_a_csv_that_would_lose_the_tool_is_refused_and_nothing_is_written(tmp_path):
+    table = DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard", tool=pose((0, 0, 1)))
+    with pytest.raises(InputError, match="no place for the table's tool"):
+        table.save(tmp_path / "arm.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_write_that_fails_half_way_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
+    path = tmp_path / "arm.yaml"
+    table = DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard")
+    table.save(path)
+    before = path.read_bytes()
+
+    def full_disk(descriptor: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.fsync", full_disk)
+    with pytest.raises(FileError, match="No space left on device"):
+        DhTable([DhRow("other", 0, 0, 1, 0)], convention="standard").save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_saving_into_a_folder_that_is_not_there_names_the_file(tmp_path):
+    with pytest.raises(FileError, match=r"nowhere/arm\.csv: cannot be written"):
+        DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard").save(tmp_path / "nowhere" / "arm.csv")
+
+
+def test_saving_under_an_unknown_ending_is_refused(tmp_path):
+    with pytest.raises(DhTableError, match=r"unknown kind of file '\.json'"):
+        DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard").save(tmp_path / "arm.json")

@@ -1,0 +1,5 @@
+"""Turning one description of an arm into another, each proven by forward kinematics before it is handed over."""
+
+from pinproof.conversion.dh_urdf import dh_to_urdf, write_urdf
+
+__all__ = ["dh_to_urdf", "write_urdf"]

@@ -1,0 +1,191 @@
+"""DH table -> URDF: equal at every frame, refused where it is not, the same bytes each time."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pinproof.conversion import dh_to_urdf, write_urdf
+from pinproof.conversion.urdf_text import rpy_of, urdf_text
+from pinproof.description import DhRow, DhTable
+from pinproof.errors import ConversionError, FileError, InputError
+from pinproof.model import load_robot, load_robot_from_text
+from pinproof.spatial import pose
+
+GENERIC = Path(__file__).parents[2] / "robots" / "generic_6dof"
+QUARTERS = [0.0, math.pi / 2, -math.pi / 2, math.pi, math.pi / 2 + 1e-9, math.pi / 2 - 1e-6]
+
+angles = st.one_of(st.sampled_from(QUARTERS), st.floats(-7, 7))
+lengths = st.one_of(st.just(0.0), st.floats(-1, 1))
+placements = st.builds(
+    lambda xyz, rpy: pose(xyz, rpy), st.tuples(lengths, lengths, lengths), st.tuples(angles, angles, angles)
+)
+
+
+@st.composite
+def tables(draw: st.DrawFn) -> DhTable:
+    rows = []
+    for i in range(draw(st.integers(1, 6))):
+        kind = draw(st.sampled_from(["revolute", "revolute", "prismatic", "continuous"]))
+        limits = sorted([draw(st.floats(-2, 2)), draw(st.floats(-2, 2))]) if kind != "continuous" else []
+        rows.append(DhRow(f"j{i}", draw(angles), draw(lengths), draw(lengths), draw(angles), kind, *limits))
+    convention = draw(st.sampled_from(["standard", "modified"]))
+    return DhTable(rows, convention=convention, base=draw(placements), tool=draw(placements))
+
+
+@pytest.fixture(scope="module")
+def generic() -> DhTable:
+    return DhTable.load(GENERIC / "dh.yaml")
+
+
+def pinocchio_frames(urdf: str, q: np.ndarray) -> dict[str, np.ndarray]:
+    """Every frame by Pinocchio alone, without the model room; a continuous joint is a cosine and a sine there."""
+    model = pin.buildModelFromXML(urdf)
+    values = []
+    for joint, value in zip(model.joints[1:], q, strict=True):
+        values += [math.cos(value), math.sin(value)] if joint.nq == 2 else [value]
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, np.array(values))
+    return {frame.name: data.oMf[i].homogeneous.copy() for i, frame in enumerate(model.frames)}
+
+
+@settings(max_examples=60)
+@given(table=tables(), seed=st.integers(0, 2**32 - 1))
+def test_every_frame_equals_the_dh_product(table, seed):
+    q = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(table))
+    found = pinocchio_frames(dh_to_urdf(table), q)
+    for i, expected in enumerate(table.frames(q)):
+        np.testing.assert_allclose(found[f"dh_{i}"], expected, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found["tool0"], table.forward_kinematics(q), rtol=0, atol=1e-12)
+
+
+@given(roll=angles, pitch=angles, yaw=angles)
+def test_rpy_gives_the_rotation_back_at_every_pitch(roll, pitch, yaw):
+    rotation = pin.rpy.rpyToMatrix(roll, pitch, yaw)
+    np.testing.assert_allclose(pin.rpy.rpyToMatrix(*rpy_of(rotation)), rotation, rtol=0, atol=4e-15)
+
+
+def test_origins_whose_pitch_is_a_quarter_turn_are_exact():
+    """Where yourdfpy's own writer loses up to half a radian: a whole sweep through pitch = pi/2."""
+    for off in (0.0, 1e-15, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4):
+        for sign in (-1, 1):
+            tool = pose((0, 0, 0), (0.3, sign * (math.pi / 2 - off), -1.1))
+            table = DhTable([DhRow("j", 0.4, 0.1, 0.2, 0.7)], convention="standard", tool=tool)
+            found = pinocchio_frames(dh_to_urdf(table), np.zeros(1))["tool0"]
+            np.testing.assert_allclose(found, table.forward_kinematics([0.0]), rtol=0, atol=1e-14)
+
+
+def test_the_generic_arm_by_name_stands_where_the_textbook_says(generic):
+    arm = load_robot("generic_6dof").arm(tcp="tool0")
+    np.testing.assert_allclose(arm.forward_kinematics(np.zeros(6)).translation, [0.65, -0.30, 0.33], atol=1e-15)
+    np.testing.assert_array_equal(arm.limits.lower, generic.lower)
+    np.testing.assert_array_equal(arm.limits.upper, generic.upper)
+    np.testing.assert_array_equal(arm.limits.velocity, generic.velocity)
+    assert arm.joint_names == generic.joint_names
+
+
+def test_the_urdf_in_the_repository_is_made_from_its_table(generic):
+    assert (GENERIC / "generic_6dof.urdf").read_text(encoding="utf-8") == dh_to_urdf(generic)
+
+
+def test_standard_lengths_lie_behind_their_joint_and_offsets_in_front():
+    rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4), DhRow("j2", 0.6, 0.1, 0.7, 0.9)]
+    model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="standard")))
+    first, second = model.jointPlacements[1:]
+    np.testing.assert_allclose(first.homogeneous, pose(rpy=(0, 0, 0.3)).homogeneous, atol=1e-15)
+    expected = pose((0.2, 0, 0.5), (0.4, 0, 0)) * pose(rpy=(0, 0, 0.6))
+    np.testing.assert_allclose(second.homogeneous, expected.homogeneous, atol=1e-15)
+
+
+def test_a_prismatic_rows_theta_lies_behind_its_joint():
+    rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4, "prismatic", 0, 1), DhRow("j2", 0, 0, 0.1, 0)]
+    model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="standard")))
+    np.testing.assert_array_equal(model.jointPlacements[1].homogeneous, np.eye(4))
+    expected = pose(rpy=(0, 0, 0.3)) * pose((0.2, 0, 0.5), (0.4, 0, 0))
+    np.testing.assert_allclose(model.jointPlacements[2].homogeneous, expected.homogeneous, atol=1e-15)
+
+
+def test_modified_rows_hold_the_lengths_before_their_joint():
+    rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4), DhRow("j2", 0.6, 0.1, 0.7, 0.9)]
+    model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="modified")))
+    for row, placement in zip(rows, model.jointPlacements[1:], strict=True):
+        expected = pose((row.a, 0, 0), (row.alpha, 0, 0)) * pose((0, 0, row.d), (0, 0, row.theta))
+        np.testing.assert_allclose(placement.homogeneous, expected.homogeneous, atol=1e-15)
+
+
+def test_the_same_table_gives_the_same_bytes(generic, tmp_path):
+    for name in ("a.urdf", "b.urdf"):
+        write_urdf(generic, tmp_path / name)
+    assert (tmp_path / "a.urdf").read_bytes() == (tmp_path / "b.urdf").read_bytes() == dh_to_urdf(generic).encode()
+
+
+def test_names_outside_ascii_and_xml_signs_survive(tmp_path):
+    table = DhTable([DhRow("Gelenk <ä> & 1", 0, 0.1, 0.2, 0)], convention="standard", name="Prüf--arm")
+    write_urdf(table, tmp_path / "arm.urdf")
+    robot = load_robot(tmp_path / "arm.urdf")
+    assert (robot.name, robot.arm(tcp="tool0").joint_names) == (table.name, table.joint_names)
+
+
+TAMPERED = {
+    "a digit of a length": (r'xyz="0.3 0.0 0.0"', 'xyz="0.30000000001 0.0 0.0"', "frame dh_2 is off by 1e-11 m"),
+    "a digit of an angle": (r'rpy="1.5707963267948966 0.0 0.0"', 'rpy="1.5707963 0.0 0.0"', "rad"),
+    "a missing frame": (r'"dh_3"', '"dh_x"', "dh_3"),
+    "the sense of an axis": (r'axis xyz="0.0 0.0 1.0"', 'axis xyz="0.0 0.0 -1.0"', "frame dh_1 is off"),
+    "a limit": (r'upper="3.141592653589793"', 'upper="3.1415926"', "upper limits"),
+    "a speed": (r'velocity="3.141592653589793"', 'velocity="3.1"', "velocity limits"),
+    "a joint's name": (r'"joint_2"', '"joint_two"', "joint names"),
+    "a joint's type": (r'"joint_6" type="revolute"', '"joint_6" type="prismatic"', "frame dh_6 is off"),
+    "broken XML": (r"</robot>", "", "is not usable"),
+}
+
+
+@pytest.mark.parametrize("change", TAMPERED)
+def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic, tmp_path, monkeypatch):
+    old, new, words = TAMPERED[change]
+
+    def tampered(robot, *, comment):
+        text = urdf_text(robot, comment=comment)
+        assert re.search(old, text), "the tampering must find its place"
+        return re.sub(old, new, text)
+
+    monkeypatch.setattr("pinproof.conversion.dh_urdf.urdf_text", tampered)
+    path = tmp_path / "arm.urdf"
+    path.write_text("what stood here before", encoding="utf-8")
+    with pytest.raises(ConversionError, match=words):
+        write_urdf(generic, path)
+    assert path.read_text(encoding="utf-8") == "what stood here before"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    "name", ["dh_0", "dh_1", "link_1", "base_link", "tool0", "tool_joint", "dh_1_joint", "universe"]
+)
+def test_a_row_may_not_bear_the_name_of_a_frame(name):
+    with pytest.raises(InputError, match=f"'{name}' bears a name"):
+        dh_to_urdf(DhTable([DhRow(name, 0, 0, 1, 0)], convention="standard"))
+
+
+def test_a_table_too_long_for_a_urdf_is_refused_and_named():
+    table = DhTable([DhRow(f"j{i}", 0, 0, 0.01, 0) for i in range(600)], convention="standard", name="snake")
+    with pytest.raises(ConversionError, match=r"'snake' is not usable: .* links"):
+        dh_to_urdf(table)
+
+
+def test_a_folder_that_is_not_there_is_named(generic, tmp_path):
+    with pytest.raises(FileError, match=r"nowhere/arm\.urdf: cannot be written"):
+        write_urdf(generic, tmp_path / "nowhere" / "arm.urdf")
+
+
+def test_base_and_tool_are_fixed_frames_of_the_urdf():
+    base, tool = pose((0, 0, 0.5), (0, math.pi, 0)), pose((0, 0, 0.1))
+    table = DhTable([DhRow("j", 0, 0.2, 0.3, 0)], convention="modified", base=base, tool=tool)
+    arm = load_robot_from_text(dh_to_urdf(table)).arm(tcp="tool0")
+    np.testing.assert_allclose(arm.frame_placement([0.0], "dh_0").homogeneous, base.homogeneous, atol=1e-15)
+    assert arm.base == "base_link"

@@ -1,0 +1,209 @@
+"""What a solver answers: a status, the configuration, and errors measured on it by forward kinematics."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import IkFailed
+
+__all__ = ["IkBatch", "IkResult", "IkSolutions", "IkStatus"]
+
+Array = npt.NDArray[np.float64]
+
+
+class IkStatus(Enum):
+    """The kinds of answer. None of them says "impossible": an iterative solver cannot prove that."""
+
+    FOUND = "found"
+    """``q`` fulfils the task within the tolerances and the limits, and ``accept`` took it."""
+    NOT_FOUND = "not found"
+    """The budget of attempts ran out; ``q`` is the nearest that was seen, with its errors."""
+    REFUSED = "refused"
+    """Configurations that fulfil the task were found, and ``accept`` refused each; ``q`` is the first of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class IkResult:
+    """The answer for one target.
+
+    Parameters
+    ----------
+    status
+        The kind of answer; :attr:`ok` is whether it is FOUND.
+    q
+        (n,) inside the limits; a solution if :attr:`ok`, else as the status says. Read-only.
+    position_error
+        Distance in m from the tcp to the target at ``q``, by forward kinematics.
+    orientation_error
+        Angle in rad of the rotation that is left between them. (A task that asks for only one of the two reports both.)
+    iterations
+        Steps taken, over all attempts.
+    restarts
+        Attempts after the first.
+    engine
+        What computed the kinematics: ``"pinocchio"``.
+    message
+        The answer in words; a "no" comes with what to do.
+    """
+
+    status: IkStatus
+    q: Array
+    position_error: float
+    orientation_error: float
+    iterations: int
+    restarts: int
+    engine: str
+    message: str
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "q", _frozen(self.q))
+
+    @property
+    def ok(self) -> bool:
+        """Whether ``q`` is a solution."""
+        return self.status is IkStatus.FOUND
+
+    def or_raise(self) -> IkResult:
+        """The result itself if it is a solution.
+
+        Raises
+        ------
+        IkFailed
+            If it is none, with the message; ``.result`` of the error is this value.
+        """
+        if not self.ok:
+            raise IkFailed(self.message, self)
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class IkBatch:
+    """The answers for N targets, in their order; indexing gives :class:`IkResult`.
+
+    Parameters
+    ----------
+    q
+        (N, n), as in :class:`IkResult`.
+    status
+        N statuses.
+    position_error, orientation_error
+        (N,) in m and rad.
+    iterations, restarts
+        (N,) whole numbers.
+    engine
+        What computed the kinematics.
+    messages
+        N answers in words.
+    """
+
+    q: Array
+    status: tuple[IkStatus, ...]
+    position_error: Array
+    orientation_error: Array
+    iterations: npt.NDArray[np.int64]
+    restarts: npt.NDArray[np.int64]
+    engine: str
+    messages: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for name in ("q", "position_error", "orientation_error", "iterations", "restarts"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+
+    @classmethod
+    def of(cls, results: Sequence[IkResult], dof: int, engine: str) -> IkBatch:
+        """The batch of single results for an arm of ``dof`` joints; there may be none."""
+        return cls(
+            q=np.array([result.q for result in results], dtype=float).reshape(len(results), dof),
+            status=tuple(result.status for result in results),
+            position_error=np.array([result.position_error for result in results], dtype=float),
+            orientation_error=np.array([result.orientation_error for result in results], dtype=float),
+            iterations=np.array([result.iterations for result in results], dtype=np.int64),
+            restarts=np.array([result.restarts for result in results], dtype=np.int64),
+            engine=engine,
+            messages=tuple(result.message for result in results),
+        )
+
+    @property
+    def ok(self) -> npt.NDArray[np.bool_]:
+        """(N,) which targets have a solution."""
+        return np.array([status is IkStatus.FOUND for status in self.status], dtype=bool)
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def __getitem__(self, index: int) -> IkResult:
+        return IkResult(
+            self.status[index],
+            self.q[index],
+            float(self.position_error[index]),
+            float(self.orientation_error[index]),
+            int(self.iterations[index]),
+            int(self.restarts[index]),
+            self.engine,
+            self.messages[index],
+        )
+
+    def __iter__(self) -> Iterator[IkResult]:
+        return (self[index] for index in range(len(self)))
+
+
+@dataclass(frozen=True, eq=False)
+class IkSolutions:
+    """Several different solutions for one target: a sample, never known to be all of them.
+
+    Parameters
+    ----------
+    q
+        (k, n) solutions inside the limits, the one nearest to q0 (largest joint difference) first. Read-only.
+    position_error, orientation_error
+        (k,) in m and rad, by forward kinematics.
+    attempts, iterations
+        What the search cost.
+    engine
+        What computed the kinematics.
+    message
+        The answer in words.
+    """
+
+    q: Array
+    position_error: Array
+    orientation_error: Array
+    attempts: int
+    iterations: int
+    engine: str
+    message: str
+
+    def __post_init__(self) -> None:
+        for name in ("q", "position_error", "orientation_error"):
+            object.__setattr__(self, name, _frozen(getattr(self, name)))
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is a solution."""
+        return len(self.q) > 0
+
+    def __len__(self) -> int:
+        return len(self.q)
+
+    def or_raise(self) -> IkSolutions:
+        """The result itself if it holds a solution.
+
+        Raises
+        ------
+        IkFailed
+            If it holds none; ``.result`` of the error is this value.
+        """
+        if not self.ok:
+            raise IkFailed(self.message, self)
+        return self
+
+
+def _frozen(array: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+    copy = np.array(array)
+    copy.setflags(write=False)
+    return copy

@@ -15,9 +15,12 @@ import pinocchio as pin
 
 from pinproof.errors import InputError
 
-__all__ = ["RIGID_TOLERANCE", "finite", "log6", "log6_jacobian", "matrix", "pose", "rigid", "xyz_rpy"]
+__all__ = ["RIGID_TOLERANCE", "SE3", "finite", "log6", "log6_jacobian", "matrix", "pose", "rigid", "xyz_rpy"]
 
 Array = npt.NDArray[np.float64]
+
+SE3 = pin.SE3
+"""A rigid transform, for the annotations of rooms that do not import Pinocchio themselves."""
 
 RIGID_TOLERANCE = 1e-6
 """How far R^T R may be from the identity (largest entry) before a matrix is refused; below, it is orthonormalised."""

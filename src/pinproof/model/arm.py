@@ -12,7 +12,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model.chain import Chain, affine
+from pinproof.model.chain import Chain, affine, periodic
 from pinproof.model.limits import JointLimits
 from pinproof.spatial import finite
 
@@ -50,6 +50,9 @@ class Arm:
 
     A configuration ``q`` is (n,) in the order of :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped
     angle. Poses of the tcp are given in the base link's frame. All methods may be called from several threads.
+
+    ``angular`` (n,) is True where a joint turns and False where it slides; ``periodic`` (n,) where q and q + 2 pi are
+    the same pose of every link (an angular joint whose follower turns half as far is not).
     """
 
     def __init__(
@@ -61,6 +64,7 @@ class Arm:
         self.followers = chain.followers
         self.model = _reduced(robot.model, {*chain.joint_names, *chain.followers}, held)
         self.scale, self.offset = affine(robot.urdf, chain, tuple(self.model.names)[1:])
+        self.periodic = periodic(robot.urdf, chain)
         self._tcp_id = self._frame_id(tcp)
         self._threads = threading.local()
         base_frame = self.model.frames[self._frame_id(base)]
@@ -125,7 +129,8 @@ class Arm:
         pin.computeJointJacobians(self.model, data, self.scale @ q + self.offset)
         placement = pin.updateFramePlacement(self.model, data, self._tcp_id)
         local = pin.getFrameJacobian(self.model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
-        return self.root_from_base.actInv(placement), local @ self.scale
+        # A model of one joint comes back from C++ as (6,), not (6, 1).
+        return self.root_from_base.actInv(placement), local.reshape(6, -1) @ self.scale
 
     def singularity(self, q: npt.ArrayLike) -> Singularity:
         """The smallest singular value of the tcp Jacobian at q (n,) and the direction that is lost there."""

@@ -108,6 +108,20 @@ def affine(urdf: Urdf, chain: Chain, model_joints: tuple[str, ...]) -> tuple[Arr
     return scale, offset
 
 
+def periodic(urdf: Urdf, chain: Chain) -> npt.NDArray[np.bool_]:
+    """(n,) the joints for which q and q + 2 pi are the same pose of every link of the robot.
+
+    These are the angular ones, unless a follower slides or turns by a fraction of the turn.
+    """
+    unchanged = chain.angular.copy()
+    for follower in (urdf.joints[name] for name in chain.followers):
+        mimic = follower.mimic
+        if mimic is not None and (follower.type == "prismatic" or mimic.multiplier != round(mimic.multiplier)):
+            unchanged[chain.joint_names.index(mimic.leader)] = False
+    unchanged.setflags(write=False)
+    return unchanged
+
+
 def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float]) -> dict[str, float]:
     """A value for every one-number joint outside the arm: as told, else 0 or the bound nearest to it; followers follow.
 

@@ -93,7 +93,7 @@ class Frame:
         return np.minimum(by_a, by_b)
 
     def coarse_distance(self, pairs: npt.NDArray[np.int64]) -> Array:
-        """A lower bound (m) of the distance of each given pair: the ball about one body against the box of the other."""
+        """A lower bound (m) of the distance of each given pair: the ball about one against the box of the other."""
         bounds = self._bounds
         a, b = bounds.a[pairs], bounds.b[pairs]
         centre = self._translation + np.einsum("bij,bj->bi", self._rotation, bounds._centre)

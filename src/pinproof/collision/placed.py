@@ -20,7 +20,7 @@ GJK_SLACK = 2e-6
 
 
 class Placed:
-    """The bodies of a checker at one configuration; one a thread, since threads may not share Pinocchio's workspaces."""
+    """The bodies of a checker at one configuration; one a thread, since threads may not share workspaces."""
 
     def __init__(self, checker: CollisionChecker) -> None:
         self._arm, self._bodies, self._pairs = checker.arm, checker.bodies, checker.pairs

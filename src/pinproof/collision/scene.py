@@ -122,3 +122,15 @@ class Scene:
         from pinproof.collision.scene_file import read_scene
 
         return read_scene(path)
+
+    def save(self, path: str | Path) -> None:
+        """Write the scene as YAML, whole or not at all.
+
+        Raises
+        ------
+        SceneError
+            For another ending than ``.yaml`` or ``.yml``, or a place that cannot be written to.
+        """
+        from pinproof.collision.scene_file import write_scene
+
+        write_scene(self, path)

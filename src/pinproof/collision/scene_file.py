@@ -1,0 +1,247 @@
+"""Scenes as files, in YAML.
+
+::
+
+    obstacles:
+      - name: table
+        box: [1.6, 1.2, 0.04]              # full sides x, y, z
+        xyz: [0.4, 0, -0.025]              # where its centre lies; without it the origin
+        rpy: [0, 0, pi/2]                  # fixed axes; or quat_xyzw: [x, y, z, w]; without either unturned
+        rgba: [0.6, 0.5, 0.4, 1]           # optional: how it is drawn, 0 to 1
+      - {name: ball, sphere: {radius: 0.1}}
+      - {name: bolt, cylinder: {radius: 0.008, length: 0.04}}
+      - {name: pipe, capsule: {radius: 0.02, length: 0.3}}
+      - {name: part, mesh: {path: part.stl, scale: 0.001, hull: true}}     # relative to the scene file
+    allowed_contacts:
+      - [base_link, table]                 # a robot link and an obstacle that are meant to touch
+
+Lengths are metres, angles radians; poses are in the frame of the robot's root link. A number may be written as
+``[-][k*]pi[/m]``. Whatever has no meaning here is refused with its line: a scene that is read wrongly is a collision.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import yaml
+
+from pinproof.collision.scene import Obstacle, Scene
+from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from pinproof.description.dh_files import parse_number
+from pinproof.description.whole_file import write_text_whole
+from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
+from pinproof.spatial import Array, finite, pose
+
+__all__ = ["read_scene", "write_scene"]
+
+SUFFIXES = (".yaml", ".yml")
+SCENE_KEYS = ("obstacles", "allowed_contacts")
+Sized = type[Sphere] | type[Cylinder] | type[Capsule]
+SIZED: dict[str, Sized] = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
+SHAPE_KEYS = ("box", *SIZED, "mesh")
+MESH_KEYS = ("path", "scale", "hull")
+OBSTACLE_KEYS = ("name", *SHAPE_KEYS, "xyz", "rpy", "quat_xyzw", "rgba")
+
+
+def read_scene(path: str | Path) -> Scene:
+    """Read a scene; the way in is :meth:`Scene.load`.
+
+    Raises
+    ------
+    SceneError
+        If the file cannot be read, is no YAML, or says something that has no meaning here; names file, line, obstacle
+        and key.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_LinedLoader)
+    except OSError as error:
+        raise SceneError(path, f"cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise SceneError(path, f"is not UTF-8 text: {error}") from error
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date such as 2026-99-99
+        mark = getattr(error, "problem_mark", None)
+        problem = getattr(error, "problem", None) or str(error)
+        raise SceneError(path, f"is no valid YAML: {problem}", f"line {mark.line + 1}" if mark else "") from error
+    if not isinstance(content, _Lined):
+        what = "is empty" if content is None else f"holds {type(content).__name__}"
+        raise SceneError(path, f"{what}; wanted are the keys {', '.join(SCENE_KEYS)}")
+    return _scene(path, content)
+
+
+def write_scene(scene: Scene, path: str | Path) -> None:
+    """Write a scene, whole or not at all; the way in is :meth:`Scene.save`.
+
+    Sizes and positions come back bit for bit, rotations (written as quaternions) to rounding.
+    Meshes are named as they lie from the new file's folder where they are in it, else by their full path.
+
+    Raises
+    ------
+    SceneError
+        For another ending than ``.yaml`` or ``.yml``, or a place that cannot be written to.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in SUFFIXES:
+        raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
+    content: dict[str, Any] = {"obstacles": [_stated(obstacle, path.resolve().parent) for obstacle in scene.obstacles]}
+    if scene.allowed:
+        content["allowed_contacts"] = [list(pair) for pair in scene.allowed]
+    try:
+        write_text_whole(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None))
+    except FileError as error:
+        raise SceneError(path, error.reason) from error
+
+
+class _Lined(dict[Any, Any]):
+    """A YAML mapping that knows on which line it starts."""
+
+    line: int
+
+
+class _LinedLoader(yaml.SafeLoader):
+    """A SafeLoader whose mappings know their line, and which refuses a key given twice (YAML would keep the last)."""
+
+
+def _lined(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+    mapping = _Lined()
+    mapping.line = node.start_mark.line + 1
+    yield mapping
+    seen: list[Any] = []
+    for key_node, _ in node.value:
+        key = loader.construct_object(key_node, deep=True)
+        if key in seen:
+            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} is given twice", key_node.start_mark)
+        seen.append(key)
+    mapping.update(loader.construct_mapping(node, deep=True))
+
+
+_LinedLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _lined)
+
+
+def _scene(path: Path, content: _Lined) -> Scene:
+    _refuse_unknown(path, "key", content, SCENE_KEYS, "")
+    if "obstacles" not in content:
+        raise SceneError(path, "holds no obstacles; a scene without any says 'obstacles: []'")
+    obstacles: list[Obstacle] = []
+    for number, stated in enumerate(_list(path, "obstacles", content["obstacles"]), start=1):
+        if not isinstance(stated, _Lined):
+            raise SceneError(path, f"{stated!r} is no obstacle; valid keys: {', '.join(OBSTACLE_KEYS)}", f"#{number}")
+        obstacle = _obstacle(path, number, stated)
+        if any(obstacle.name == other.name for other in obstacles):
+            raise SceneError(path, f"a second obstacle is named {obstacle.name!r}", f"line {stated.line}")
+        obstacles.append(obstacle)
+    allowed = []
+    for pair in _list(path, "allowed_contacts", content.get("allowed_contacts", [])):
+        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
+            raise SceneError(path, f"{pair!r} is no pair [robot link, obstacle]", "key allowed_contacts")
+        allowed.append(tuple(pair))
+    try:
+        return Scene(obstacles, allowed=allowed)
+    except InputError as error:
+        raise SceneError(path, str(error), "key allowed_contacts") from error
+
+
+def _obstacle(path: Path, number: int, stated: _Lined) -> Obstacle:
+    name = stated.get("name")
+    if not isinstance(name, str) or not name:
+        told = "has no name" if name is None else f"has the name {name!r}, which is no text (put it in quotes)"
+        raise SceneError(path, f"obstacle {number} {told}", f"line {stated.line}")
+    where = f"line {stated.line}, obstacle {name!r}"
+    _refuse_unknown(path, "key", stated, OBSTACLE_KEYS, where)
+    kinds = [key for key in SHAPE_KEYS if key in stated]
+    if len(kinds) != 1:
+        what = " and ".join(kinds) or "no shape"
+        raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPE_KEYS)}", where)
+    try:
+        shape = _shape(path, kinds[0], stated[kinds[0]], where)
+        placement = pose(**{key: _numbers(key, stated[key]) for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
+        rgba = _rgba(stated["rgba"]) if "rgba" in stated else None
+    except InputError as error:
+        raise SceneError(path, str(error), where) from error
+    return Obstacle(name, shape, placement, rgba)
+
+
+def _shape(path: Path, kind: str, stated: object, where: str) -> Shape:
+    """The shape of an obstacle; InputError for sizes that make no sense."""
+    if kind == "box":
+        return Box(*finite("box", _numbers("box", stated), (3,)))
+    keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(SIZED[kind]))
+    must = keys[:1] if kind == "mesh" else keys
+    if not isinstance(stated, dict):
+        raise InputError(f"{kind}: {stated!r} is no mapping of {', '.join(keys)}")
+    _refuse_unknown(path, f"key of {kind}", stated, keys, where)
+    missing = [key for key in must if key not in stated]
+    if missing:
+        raise InputError(f"{kind} does not state its {' and '.join(missing)}")
+    if kind != "mesh":
+        return SIZED[kind](**{key: _numbers(f"{kind}.{key}", value) for key, value in stated.items()})
+    return _mesh(path, stated)
+
+
+def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
+    file, hull = stated["path"], stated.get("hull", True)
+    if not isinstance(file, str) or not file:
+        raise InputError(f"mesh.path: {file!r} is no file name")
+    if not isinstance(hull, bool):
+        raise InputError(f"mesh.hull: {hull!r} is neither true nor false")
+    full = path.parent / file
+    if not full.is_file():
+        raise InputError(f"mesh.path: there is no file {full}; paths are relative to the scene file")
+    scale = _numbers("mesh.scale", stated.get("scale", 1.0))
+    return Mesh(full, tuple(scale) if isinstance(scale, list) else scale, hull)
+
+
+def _rgba(stated: object) -> tuple[float, float, float, float]:
+    r, g, b, a = finite("rgba", _numbers("rgba", stated), (4,)).tolist()
+    if min(r, g, b, a) < 0 or max(r, g, b, a) > 1:
+        raise InputError(f"rgba = {[r, g, b, a]}; its numbers are from 0 to 1")
+    return r, g, b, a
+
+
+def _numbers(key: str, stated: object) -> Any:
+    """One number or a list of them."""
+    try:
+        return [parse_number(part) for part in stated] if isinstance(stated, list) else parse_number(stated)
+    except ValueError as error:
+        raise InputError(f"{key}: {error}") from error
+
+
+def _list(path: Path, key: str, stated: object) -> list[Any]:
+    if not isinstance(stated, list):
+        raise SceneError(path, f"holds {stated!r}, not a list", f"key {key}")
+    return stated
+
+
+def _refuse_unknown(path: Path, kind: str, stated: Mapping[Any, Any], valid: tuple[str, ...], where: str) -> None:
+    for key in stated:
+        if key not in valid:
+            raise SceneError(path, str(UnknownNameError(kind, key, valid)), where)
+
+
+def _stated(obstacle: Obstacle, folder: Path) -> dict[str, Any]:
+    """An obstacle as a file states it."""
+    shape = obstacle.shape
+    stated: dict[str, Any] = {"name": obstacle.name}
+    if isinstance(shape, Box):
+        stated["box"] = [shape.x, shape.y, shape.z]
+    elif isinstance(shape, Mesh):
+        file = Path(shape.path).resolve()
+        inside = file.relative_to(folder) if file.is_relative_to(folder) else file
+        stated["mesh"] = {"path": inside.as_posix(), "scale": list(shape.scale), "hull": shape.hull}  # type: ignore[arg-type]
+    else:
+        kind = type(shape).__name__.lower()
+        stated[kind] = {field.name: getattr(shape, field.name) for field in fields(shape)}
+    stated["xyz"] = obstacle.pose.translation.tolist()
+    rotation: Array = obstacle.pose.rotation
+    if not np.array_equal(rotation, np.eye(3)):
+        stated["quat_xyzw"] = pin.Quaternion(rotation).coeffs().tolist()
+    if obstacle.rgba is not None:
+        stated["rgba"] = [float(value) for value in obstacle.rgba]
+    return stated

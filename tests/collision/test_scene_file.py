@@ -1,0 +1,171 @@
+"""Scene files: what is read, what is refused and how it is named, and the way back."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pinproof import Box, Capsule, Cylinder, Mesh, Obstacle, Scene, SceneError, Sphere, load_robot, pose
+from pinproof.description import robots_folder
+from pinproof.spatial import matrix
+
+EVERY_SHAPE = """
+obstacles:
+  - {name: table, box: [1.2, 0.8, 0.04], xyz: [0.5, 0, -0.02], rpy: [0, 0, pi/2], rgba: [1, 0.5, 0, 1]}
+  - {name: ball, sphere: {radius: 1e-1}}
+  - name: bolt
+    cylinder: {radius: 0.008, length: 0.03}
+    quat_xyzw: [1, 0, 0, 1]
+  - {name: pipe, capsule: {radius: 0.02, length: 0.3}}
+  - {name: part, mesh: {path: part.stl, scale: 0.001, hull: false}}
+allowed_contacts:
+  - [base_link, table]
+"""
+
+
+@pytest.fixture
+def scene_text(tmp_path: Path):
+    """Reads a scene from text, as a file in a folder with a mesh ``part.stl``."""
+    (tmp_path / "part.stl").write_bytes(b"solid")
+
+    def read(text: str) -> Scene:
+        path = tmp_path / "scene.yaml"
+        path.write_text(text, encoding="utf-8")
+        return Scene.load(path)
+
+    return read
+
+
+def test_every_shape_is_read(scene_text, tmp_path):
+    scene = scene_text(EVERY_SHAPE)
+    assert [o.shape for o in scene.obstacles] == [
+        Box(1.2, 0.8, 0.04),
+        Sphere(0.1),
+        Cylinder(0.008, 0.03),
+        Capsule(0.02, 0.3),
+        Mesh(tmp_path / "part.stl", 0.001, hull=False),
+    ]
+    assert scene.allowed == (("base_link", "table"),)
+    assert scene["table"].rgba == (1.0, 0.5, 0.0, 1.0)
+    np.testing.assert_array_equal(matrix(scene["ball"].pose), np.eye(4))
+    np.testing.assert_allclose(matrix(scene["table"].pose), matrix(pose((0.5, 0, -0.02), (0, 0, math.pi / 2))))
+    np.testing.assert_allclose(scene["bolt"].pose.rotation, [[1, 0, 0], [0, 0, -1], [0, 1, 0]], atol=1e-15)
+
+
+def test_a_scene_without_obstacles_is_legal(scene_text):
+    assert scene_text("obstacles: []").obstacles == ()
+
+
+BALL = "obstacles:\n  - {name: ball, sphere: {radius: 0.1}"
+
+
+@pytest.mark.parametrize(
+    ("text", "wanted"),
+    [
+        ("", ["is empty", "obstacles"]),
+        ("[1, 2]", ["holds list", "obstacles"]),
+        ("obstacle: []", ["'obstacle'", "valid: obstacles"]),
+        ("allowed_contacts: []", ["no obstacles"]),
+        ("obstacles: 3", ["key obstacles", "not a list"]),
+        ("obstacles: [3]", ["#1", "no obstacle"]),
+        ("obstacles:\n  - {sphere: {radius: 1}}", ["line 2", "obstacle 1 has no name"]),
+        ("obstacles:\n  - {name: 7, sphere: {radius: 1}}", ["line 2", "7", "quotes"]),
+        ("obstacles:\n\n  - {name: a}", ["line 3", "'a'", "no shape", "box, sphere"]),
+        ("obstacles:\n  - {name: a, box: [1, 1, 1], sphere: {radius: 1}}", ["box and sphere"]),
+        ("obstacles:\n  - {name: a, sphear: {radius: 1}}", ["line 2", "'a'", "'sphear'", "valid: sphere"]),
+        ("obstacles:\n  - {name: a, sphere: {radus: 1}}", ["key of sphere", "'radus'", "valid: radius"]),
+        ("obstacles:\n  - {name: a, sphere: 1}", ["'a'", "mapping of radius"]),
+        ("obstacles:\n  - {name: a, cylinder: {radius: 1}}", ["'a'", "length"]),
+        ("obstacles:\n  - {name: a, box: [1, 1]}", ["'a'", "box", "(3,)"]),
+        ("obstacles:\n  - {name: a, box: [1, 1, 0]}", ["'a'", "Box.z = 0"]),
+        ("obstacles:\n  - {name: a, box: [1, 1, wide]}", ["'a'", "box", "'wide'"]),
+        ("obstacles:\n  - {name: a, sphere: {radius: -1}}", ["'a'", "Sphere.radius = -1"]),
+        ("obstacles:\n  - {name: a, sphere: {radius: .nan}}", ["'a'", "nan"]),
+        ("obstacles:\n  - {name: a, sphere: {radius: true}}", ["'a'", "sphere.radius", "True"]),
+        ("obstacles:\n  - {name: a, sphere: {radius: }}", ["'a'", "sphere.radius", "None"]),
+        ("obstacles:\n  - {name: a, mesh: {scale: 1}}", ["'a'", "mesh does not state its path"]),
+        ("obstacles:\n  - {name: a, mesh: {path: none.stl}}", ["'a'", "none.stl", "relative to the scene file"]),
+        ("obstacles:\n  - {name: a, mesh: {path: part.stl, scale: [1, 0, 1]}}", ["'a'", "Mesh.scale"]),
+        ("obstacles:\n  - {name: a, mesh: {path: part.stl, hull: maybe}}", ["'a'", "mesh.hull"]),
+        (BALL + ", xyz: [0, 0]}", ["'ball'", "xyz", "(3,)"]),
+        (BALL + ", xyz: [0, 0, .inf]}", ["'ball'", "xyz", "inf"]),
+        (BALL + ", rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}", ["'ball'", "not both"]),
+        (BALL + ", quat_xyzw: [0, 0, 0, 0]}", ["'ball'", "quat_xyzw"]),
+        (BALL + ", rgba: [0, 0, 0, 255]}", ["'ball'", "rgba", "255"]),
+        (BALL + "}\n  - {name: ball, box: [1, 1, 1]}", ["line 3", "second", "'ball'"]),
+        (BALL + "}\nallowed_contacts: [[base_link, bal]]", ["allowed_contacts", "'bal'", "valid: ball"]),
+        (BALL + "}\nallowed_contacts: [base_link]", ["allowed_contacts", "no pair"]),
+        (BALL + ", name: again}", ["line 2", "'name' is given twice"]),
+        ("obstacles:\n  - name: [", ["line", "YAML"]),
+        ("obstacles: [!!python/object/apply:os.system [ls]]", ["YAML"]),
+    ],
+)
+def test_nonsense_is_refused_by_name_and_place(scene_text, text, wanted):
+    with pytest.raises(SceneError) as caught:
+        scene_text(text)
+    missing = [word for word in wanted if word not in str(caught.value)]
+    assert not missing, f"{missing} not in: {caught.value}"
+    assert "scene.yaml" in str(caught.value)
+
+
+def test_a_missing_file_and_another_ending_are_refused(tmp_path):
+    with pytest.raises(SceneError, match="cannot be read"):
+        Scene.load(tmp_path / "none.yaml")
+    with pytest.raises(SceneError, match=r"valid: \.yaml"):
+        Scene.load(tmp_path / "scene.stl")
+    with pytest.raises(SceneError, match=r"valid: \.yaml"):
+        Scene().save(tmp_path / "scene.stl")
+
+
+def test_a_written_scene_reads_back(scene_text, tmp_path):
+    scene = scene_text(EVERY_SHAPE)
+    scene.save(tmp_path / "copy.yaml")
+    copy = Scene.load(tmp_path / "copy.yaml")
+    assert copy.is_close(scene, 1e-15)
+    assert [o.rgba for o in copy.obstacles] == [o.rgba for o in scene.obstacles]
+    assert str(tmp_path) not in (tmp_path / "copy.yaml").read_text()  # the mesh moves with its folder
+
+
+def test_a_written_scene_in_another_folder_still_finds_its_mesh(scene_text, tmp_path):
+    scene = scene_text(EVERY_SHAPE)
+    (tmp_path / "sub").mkdir()
+    scene.save(tmp_path / "sub" / "copy.yaml")
+    assert Scene.load(tmp_path / "sub" / "copy.yaml").is_close(scene)
+
+
+def test_a_scene_that_cannot_be_written_says_so_and_leaves_nothing(tmp_path):
+    with pytest.raises(SceneError, match="cannot be written"):
+        Scene().save(tmp_path / "none" / "scene.yaml")
+    assert list(tmp_path.iterdir()) == []
+
+
+@given(
+    sides=st.tuples(*[st.floats(1e-6, 1e6)] * 3),
+    xyz=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
+    rpy=st.tuples(*[st.floats(-7, 7)] * 3),
+    name=st.text(st.characters(codec="utf-8", categories=["L", "N", "P", "S", "Zs"]), min_size=1),
+)
+def test_any_box_reads_back(tmp_path_factory, sides, xyz, rpy, name):
+    path = tmp_path_factory.mktemp("scene") / "scene.yaml"
+    scene = Scene([Obstacle(name, Box(*sides), pose(xyz, rpy))], allowed=[("link", name)])
+    scene.save(path)
+    copy = Scene.load(path)
+    assert copy.is_close(scene, 1e-14)
+    np.testing.assert_array_equal(copy[name].pose.translation, scene[name].pose.translation)
+
+
+def test_the_scene_of_the_ur5_is_what_its_comments_say():
+    scene = Scene.load(robots_folder() / "ur5" / "scene.yaml")
+    bolts = [name for name in scene.names if name.startswith("bolt_")]
+    assert len(bolts) >= 6
+    table = scene["table"]
+    top = table.pose.translation[2] + table.shape.z / 2
+    for bolt in (scene[name] for name in bolts):
+        assert bolt.pose.translation[2] - bolt.shape.length / 2 == pytest.approx(top, abs=1e-12)
+    assert math.hypot(*scene["bolt_6"].pose.translation[:2]) > 0.95  # out of the UR5's reach
+    assert {link for link, _ in scene.allowed} <= set(load_robot("ur5").urdf.links)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pinproof.description.xml_reader import Element, number, parse_file, required
+from pinproof.description.xml_reader import Element, number, parse_file, place, required
 from pinproof.errors import UnknownNameError, UrdfError
 
 __all__ = ["DisabledPair", "EndEffector", "Group", "Srdf", "read_srdf"]
@@ -59,6 +59,8 @@ def read_srdf(path: str | Path) -> Srdf:
     """
     path = Path(path)
     root = parse_file(path)
+    if root.tag != "robot":
+        raise UrdfError(path, f"the root element is <{root.tag}>, not <robot>: this is no SRDF", place(root))
     disabled = [
         DisabledPair((required(e, "link1", path), required(e, "link2", path)), e.get("reason", ""))
         for e in root.findall("disable_collisions")
@@ -92,7 +94,7 @@ def _flatten(name: str, groups: Mapping[str, Group], root: Element, path: Path, 
     if name not in groups:
         raise UrdfError(path, str(UnknownNameError("group", name, groups)))
     group = groups[name]
-    element = next(e for e in root.findall("group") if e.get("name") == name)
+    element = next(e for e in root.findall("group") if required(e, "name", path) == name)
     joints, chain = list(group.joints), group.chain
     for sub in element.findall("group"):
         part = _flatten(required(sub, "name", path), groups, root, path, (*seen, name))

@@ -32,7 +32,9 @@ def parse_text(text: str | bytes, path: str | Path) -> Element:
     """The root element of XML text; ``path`` is only named in errors. A DOCTYPE (entities) is refused."""
     from lxml import etree
 
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True)
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True, remove_pis=True
+    )
     try:
         root = etree.fromstring(text.encode() if isinstance(text, str) else text, parser)
     except etree.XMLSyntaxError as error:

@@ -1,0 +1,154 @@
+"""What a URDF says is kept; what the parsers behind it would drop or misread is refused, with the line."""
+
+from __future__ import annotations
+
+import pytest
+
+import pinproof as pp
+from pinproof.description import read_urdf, read_urdf_text
+from pinproof.description.urdf import MAX_LINKS
+from pinproof.model import load_robot_from_text
+
+LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
+
+
+def urdf(*, joint="", kind="revolute", limit=LIMIT, link="", more=""):
+    """Two links and a joint, whose joint element stands on line 4."""
+    return (
+        f'<robot name="two">\n<link name="base"/>\n<link name="tip">{link}</link>\n'
+        f'<joint name="j" type="{kind}"><parent link="base"/><child link="tip"/>{limit}{joint}</joint>\n{more}</robot>'
+    )
+
+
+def shape(text):
+    return f"<collision><geometry>{text}</geometry></collision>"
+
+
+def test_joint_is_kept_as_written():
+    joint = read_urdf_text(urdf()).joints["j"]
+    assert (joint.type, joint.parent, joint.child) == ("revolute", "base", "tip")
+    assert (joint.lower, joint.upper, joint.velocity, joint.mimic) == (-1.0, 1.0, 2.0, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "kind", "size"),
+    [
+        ('<capsule radius="0.1" length="0.4"/>', "capsule", (0.1, 0.4)),
+        ('<cylinder radius="0.1" length="0.4"/>', "cylinder", (0.1, 0.4)),
+        ('<sphere radius="0.1"/>', "sphere", (0.1,)),
+        ('<box size="1 2 3"/>', "box", (1.0, 2.0, 3.0)),
+        ('<!-- a comment --><?a note?><sphere radius="0.1"/>', "sphere", (0.1,)),
+    ],
+)
+def test_geometry_is_kept(text, kind, size):
+    (body,) = read_urdf_text(urdf(link=shape(text))).collisions
+    assert (body.kind, body.size, body.link) == (kind, size, "tip")
+
+
+def test_origin_turns_about_fixed_axes():
+    text = '<collision><origin xyz="1 2 3" rpy="0.3 -0.7 1.1"/><geometry><sphere radius="1"/></geometry></collision>'
+    (body,) = read_urdf_text(urdf(link=text)).collisions
+    assert body.origin == pytest.approx(pp.pose((1, 2, 3), (0.3, -0.7, 1.1)).homogeneous, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"link": shape('<sphere radius="-1"/>')}, "line 3.*above 0"),
+        ({"link": shape('<sphere radius="nan"/>')}, "line 3.*finite"),
+        ({"link": shape('<sphere radius="0"/>')}, "line 3.*above 0"),
+        ({"link": shape('<box size="1 1 inf"/>')}, "line 3.*finite"),
+        ({"link": shape('<box size="1 1"/>')}, "line 3.*3 finite numbers"),
+        ({"link": shape('<torus radius="1"/>')}, "line 3.*torus.*valid"),
+        ({"link": shape("")}, "line 3.*one shape"),
+        ({"link": shape('<mesh filename="a.stl" scale="1 0 1"/>')}, "line 3.*scaled to nothing"),
+        ({"link": shape("<mesh/>")}, "line 3.*filename"),
+        ({"joint": '<axis xyz="0 0 0"/>'}, "line 4.*no direction"),
+        ({"joint": '<axis xyz="0 nan 1"/>'}, "line 4.*finite"),
+        ({"joint": '<origin xyz="0 0"/>'}, "line 4.*3 finite numbers"),
+        ({"limit": '<limit lower="1" upper="-1" velocity="1"/>'}, "line 4.*above upper"),
+        ({"limit": '<limit lower="nan" upper="1" velocity="1"/>'}, "line 4.*finite"),
+        ({"limit": '<limit lower="-1" upper="1" velocity="-1"/>'}, "line 4.*negative velocity"),
+        ({"kind": "revolut"}, "line 4.*revolut.*valid: revolute"),
+        ({"joint": '<mimic joint="k"/>'}, "unknown joint 'k'"),
+        ({"joint": '<mimic joint="j"/>'}, "itself mimics"),
+        ({"more": '<link name="tip"/>'}, "line 5.*second"),
+        ({"more": '<link name="island"/>'}, "base.*island.*one root"),
+        (
+            {"more": '<joint name="k" type="fixed"><parent link="base"/><child link="tip"/></joint>'},
+            "more than one joint",
+        ),
+        ({"more": '<joint name="k" type="fixed"><parent link="base"/></joint>'}, "line 5.*<child>"),
+        ({"more": '<joint name="k" type="fixed"><parent link="base"/><child link="tp"/></joint>'}, "'tp'.*valid: tip"),
+        ({"more": '<joint name="k" type="fixed"><parent link="tip"/><child link="base"/></joint>'}, "ring"),
+    ],
+)
+def test_what_makes_no_sense_is_refused_with_its_line(parts, message):
+    with pytest.raises(pp.UrdfError, match=message):
+        read_urdf_text(urdf(**parts))
+
+
+@pytest.mark.parametrize("limit", ["", '<limit velocity="1" effort="1"/>', '<limit lower="-1" velocity="1"/>'])
+def test_limits_that_are_not_stated_are_asked_for_and_never_zero(limit):
+    robot = load_robot_from_text(urdf(limit=limit))
+    with pytest.raises(pp.InputError, match=r"'j' states no lower and upper limit"):
+        robot.arm(tcp="tip")
+    assert robot.arm(tcp="tip", limits={"j": (-2, 2)}).limits.upper.tolist() == [2.0]
+
+
+def test_velocity_zero_means_not_known():
+    robot = load_robot_from_text(urdf(limit='<limit lower="-1" upper="1" velocity="0"/>'))
+    assert robot.urdf.joints["j"].velocity is None
+    assert str(robot.arm(tcp="tip").limits.velocity) == "[nan]"
+
+
+def chain(links):
+    parts = ['<robot name="long"><link name="l0"/>']
+    for i in range(1, links):
+        parts.append(
+            f'<link name="l{i}"/><joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'
+            f'<axis xyz="0 0 1"/>{LIMIT}</joint>'
+        )
+    return "".join([*parts, "</robot>"])
+
+
+def test_robot_of_5000_joints_is_refused_before_it_crashes_the_parser():
+    with pytest.raises(pp.UrdfError, match="5001 links"):
+        load_robot_from_text(chain(5001))
+
+
+def test_robot_of_the_most_links_moves():
+    arm = load_robot_from_text(chain(MAX_LINKS)).arm(tcp=f"l{MAX_LINKS - 1}")
+    assert arm.dof == MAX_LINKS - 1
+
+
+def test_doctype_is_refused():
+    bomb = '<!DOCTYPE robot [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>\n<robot name="&b;"><link name="base"/></robot>'
+    with pytest.raises(pp.UrdfError, match="DOCTYPE"):
+        read_urdf_text(bomb)
+
+
+def test_external_entity_is_not_read(tmp_path):
+    secret = tmp_path / "secret.txt"
+    secret.write_text("hidden")
+    text = f'<!DOCTYPE r [<!ENTITY x SYSTEM "file://{secret}">]>\n<robot name="r"><link name="a">&x;</link></robot>'
+    with pytest.raises(pp.UrdfError) as caught:
+        read_urdf_text(text)
+    assert "hidden" not in str(caught.value)
+
+
+def test_broken_xml_names_file_and_line(tmp_path):
+    file = tmp_path / "broken.urdf"
+    file.write_text('<robot name="r">\n<link name="a">\n</robot>')
+    with pytest.raises(pp.UrdfError, match=r"broken.urdf: line 3: .*not well-formed"):
+        read_urdf(file)
+
+
+def test_missing_file_is_named(tmp_path):
+    with pytest.raises(pp.UrdfError, match=r"nowhere\.urdf: cannot be read"):
+        read_urdf(tmp_path / "nowhere.urdf")
+
+
+def test_other_xml_is_no_urdf():
+    with pytest.raises(pp.UrdfError, match="<sdf>, not <robot>"):
+        read_urdf_text("<sdf/>")

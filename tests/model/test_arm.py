@@ -1,0 +1,235 @@
+"""Kinematics of arms against Pinocchio's own full model (its mimic joints and cos/sin pairs) and finite differences."""
+
+from __future__ import annotations
+
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.model import load_robot_from_text
+
+
+@pytest.fixture(scope="session")
+def zoo(zoo_text):
+    return load_robot_from_text(zoo_text)
+
+
+@pytest.fixture(scope="session")
+def arm(zoo):
+    return zoo.arm(tcp="tool")
+
+
+@pytest.fixture(scope="session")
+def ur5():
+    return pp.load_robot("ur5").arm()
+
+
+class Oracle:
+    """The same robot as Pinocchio reads it: mimic=True, continuous joints as (cos, sin)."""
+
+    def __init__(self, text):
+        self.model = pin.buildModelFromXML(text, mimic=True)
+        self.data = self.model.createData()
+
+    def place(self, frame, **q):
+        configuration = pin.neutral(self.model)
+        for name, value in q.items():
+            joint = self.model.joints[self.model.getJointId(name)]
+            configuration[joint.idx_q : joint.idx_q + joint.nq] = (
+                value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+            )
+        pin.framesForwardKinematics(self.model, self.data, configuration)
+        return self.data.oMf[self.model.getFrameId(frame)].homogeneous.copy()
+
+
+SEEDS = given(seed=st.integers(0, 10**6))
+
+
+@SEEDS
+def test_every_link_stands_where_pinocchio_puts_it(zoo_text, arm, seed):
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(-1, 1, 4)
+    q[1] = rng.uniform(-20, 20)  # continuous: one unwrapped angle
+    told = dict(zip(arm.joint_names, q, strict=True))
+    oracle = Oracle(zoo_text)
+    for frame in ("base", "carriage", "column", "forearm", "hand", "tool", "rod_link"):
+        expected = oracle.place(frame, **told, finger=0.01)
+        assert arm.frame_placement(q, frame).homogeneous == pytest.approx(expected, abs=1e-13)
+
+
+@SEEDS
+def test_jacobian_is_the_derivative_of_the_pose(arm, seed):
+    """Followers included: each column counts what the joint's followers do to the tcp."""
+    q, h = np.random.default_rng(seed).uniform(-1, 1, 4), 1e-6
+    columns = []
+    for step in h * np.eye(4):
+        before, after = arm.forward_kinematics(q - step), arm.forward_kinematics(q + step)
+        linear = (after.translation - before.translation) / (2 * h)
+        angular = pin.log3(after.rotation @ before.rotation.T) / (2 * h)
+        columns.append(np.concatenate([linear, angular]))
+    aligned = np.transpose(columns)
+    assert arm.jacobian(q) == pytest.approx(aligned, abs=1e-8)
+
+    tcp = arm.forward_kinematics(q)
+    turn = np.kron(np.eye(2), tcp.rotation)
+    assert arm.jacobian(q, reference="LOCAL") == pytest.approx(turn.T @ aligned, abs=1e-8)
+    spatial = aligned.copy()
+    spatial[:3] += np.cross(tcp.translation, aligned[3:], axisb=0, axisc=0)  # v of the point at the base's origin
+    assert arm.jacobian(q, reference="WORLD") == pytest.approx(spatial, abs=1e-8)
+
+
+def test_jacobian_equals_pinocchio_mimic(zoo_text, arm):
+    q = np.array([0.3, 0.4, -0.5, 0.6])
+    oracle = Oracle(zoo_text)
+    configuration = np.zeros(oracle.model.nq)
+    velocity_index = []
+    for name, value in zip(arm.joint_names, q, strict=True):
+        joint = oracle.model.joints[oracle.model.getJointId(name)]
+        configuration[joint.idx_q : joint.idx_q + joint.nq] = value if joint.nq == 1 else [np.cos(value), np.sin(value)]
+        velocity_index.append(joint.idx_v)
+    frame = oracle.model.getFrameId("tool")
+    reference = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    full = pin.computeFrameJacobian(oracle.model, oracle.data, configuration, frame, reference)
+    assert arm.jacobian(q) == pytest.approx(full[:, velocity_index], abs=1e-13)
+
+
+def test_limits_of_followers_are_folded_into_their_leaders(arm):
+    """lift_follower = 0.3 - 0.5 lift within [-1, 1] leaves lift [-1.4, 2]; its 0.25 rad/s leave lift 0.5."""
+    index = arm.joint_names.index("lift")
+    assert arm.limits.lower[index] == pytest.approx(-1.4)
+    assert arm.limits.upper[index] == pytest.approx(2.0)
+    assert arm.limits.velocity[index] == pytest.approx(0.5)
+
+
+def test_kinds_of_joints(arm):
+    assert arm.joint_names == ("slide", "turn", "lift", "wrist")
+    assert arm.followers == ("lift_follower", "rod")
+    assert arm.angular.tolist() == [False, True, True, True]
+    assert arm.periodic.tolist() == [False, True, False, True]
+    assert arm.limits.lower[1] == -np.inf
+    assert arm.limits.upper[1] == np.inf
+
+
+def test_joint_with_a_half_turning_follower_is_another_pose_a_turn_away(arm):
+    q = np.array([0.1, 0.2, -1.0, 0.4])
+    turn = np.eye(4) * 2 * np.pi
+    assert arm.forward_kinematics(q + turn[3]).isApprox(arm.forward_kinematics(q), 1e-12)
+    assert not arm.forward_kinematics(q + turn[2]).isApprox(arm.forward_kinematics(q), 1e-3)
+
+
+def test_base_on_the_chain(zoo):
+    """Poses are given in the base link; joints before it are held."""
+    short, long = zoo.arm(tcp="tool", base="carriage"), zoo.arm(tcp="tool")
+    assert short.joint_names == ("turn", "lift", "wrist")
+    q = np.array([0.0, 0.4, -0.5, 0.6])
+    expected = long.frame_placement(q, "carriage").actInv(long.forward_kinematics(q))
+    assert short.forward_kinematics(q[1:]).isApprox(expected, 1e-12)
+    turn = np.kron(np.eye(2), long.frame_placement(q, "carriage").rotation.T)
+    assert short.jacobian(q[1:]) == pytest.approx(turn @ long.jacobian(q)[:, 1:], abs=1e-12)
+
+
+def test_held_joint_stands_where_told_and_its_follower_with_it(zoo, zoo_text):
+    q, oracle = np.array([0.1, 0.2, 0.3, 0.4]), Oracle(zoo_text)
+    for held, expected in (({"finger": 0.03}, 0.03), (None, 0.01)):  # 0 is outside its limits: the nearest bound
+        arm = zoo.arm(tcp="tool", held=held)
+        for link in ("finger_link", "thumb_link"):
+            placement = oracle.place(link, **dict(zip(arm.joint_names, q, strict=True)), finger=expected)
+            assert arm.frame_placement(q, link).homogeneous == pytest.approx(placement, abs=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("held", "message"),
+    [
+        ({"wrist": 0.0}, "own"),
+        ({"thumb": 0.0}, "valid: .*finger"),
+        ({"nope": 0.0}, "valid: .*finger"),
+        ({"finger": float("nan")}, "nan"),
+    ],
+)
+def test_joint_that_cannot_be_held_is_refused(zoo, held, message):
+    with pytest.raises(pp.InputError, match=message):
+        zoo.arm(tcp="tool", held=held)
+
+
+def test_one_joint_arm_has_a_jacobian_of_one_column(zoo):
+    arm = zoo.arm(tcp="tool", base="forearm")
+    assert arm.jacobian([0.2]).shape == (6, 1)
+    assert arm.jacobian([0.2])[3:, 0] == pytest.approx(arm.frame_placement([0.2], "hand").rotation[:, 0], abs=1e-12)
+
+
+def test_batch_is_the_single_calls(arm):
+    Q = np.random.default_rng(0).uniform(-1, 1, (5, 4))
+    assert np.array_equal(arm.forward_kinematics_batch(Q), [arm.forward_kinematics(q).homogeneous for q in Q])
+
+
+def test_nothing_handed_out_changes_with_the_next_call(ur5):
+    q, other = np.full(6, 0.3), np.full(6, -0.7)
+    kept = [ur5.forward_kinematics(q), ur5.frame_placement(q, "tool0"), ur5.local_jacobian(q)[0]]
+    jacobians = [ur5.jacobian(q), ur5.jacobian(q, reference="LOCAL"), ur5.jacobian(q, reference="WORLD")]
+    before = [t.homogeneous.copy() for t in kept] + [j.copy() for j in jacobians]
+    ur5.forward_kinematics(other), ur5.jacobian(other), ur5.local_jacobian(other)
+    assert all(np.array_equal(a, b) for a, b in zip([*(t.homogeneous for t in kept), *jacobians], before, strict=True))
+
+
+def test_threads_do_not_disturb_each_other(ur5):
+    Q = np.random.default_rng(0).uniform(-3, 3, (2000, 6))
+    expected = [ur5.local_jacobian(q)[1].tobytes() for q in Q]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda q: ur5.local_jacobian(q)[1].tobytes(), Q))
+    assert found == expected
+
+
+def test_arm_survives_pickling(arm):
+    copy = pickle.loads(pickle.dumps(arm))
+    q = np.array([0.1, 0.2, 0.3, 0.4])
+    assert np.array_equal(copy.forward_kinematics(q).homogeneous, arm.forward_kinematics(q).homogeneous)
+    assert copy.joint_names == arm.joint_names
+
+
+def test_unknown_names_are_refused_with_the_valid_ones(zoo, arm):
+    with pytest.raises(pp.UnknownNameError, match="valid: tool"):
+        zoo.arm(tcp="tol")
+    with pytest.raises(pp.UnknownNameError, match=r"valid: .*base"):
+        zoo.arm(tcp="tool", base="nope")
+    with pytest.raises(pp.UnknownNameError, match="valid: hand"):
+        arm.frame_placement(np.zeros(4), "hnd")
+    with pytest.raises(pp.UnknownNameError, match="LOCAL_WORLD_ALIGNED"):
+        arm.jacobian(np.zeros(4), reference="local")
+    with pytest.raises(pp.UnknownNameError, match="frame 'wrist'"):  # a joint is no frame
+        arm.frame_placement(np.zeros(4), "wrist")
+
+
+@pytest.mark.parametrize("q", [[0.0] * 3, [[0.0] * 4], [0, 0, np.nan, 0], [0, 0, np.inf, 0], "abcd", None])
+def test_configuration_that_is_none_is_refused_naming_the_joints(arm, q):
+    with pytest.raises(pp.InputError, match="slide, turn, lift, wrist"):
+        arm.forward_kinematics(q)
+
+
+def test_singularity_of_the_stretched_ur5(ur5):
+    q = np.array([0.3, -0.8, 0.0, 0.4, 0.9, 0.2])
+    lost = ur5.singularity(q)
+    assert lost.smallest < 1e-12
+    assert np.linalg.norm(lost.direction) == pytest.approx(1.0)
+    assert lost.direction @ ur5.jacobian(q) == pytest.approx(np.zeros(6), abs=1e-12)
+    assert ur5.singularity(ur5.home).smallest > 0.01
+
+
+def test_ur5_and_panda_stand_as_published():
+    """UR5: reach 0.81725 + offsets of the published table at zero; Panda: the flange's height at zero."""
+    ur5 = pp.load_robot("ur5").arm(tcp="tool0")
+    assert ur5.forward_kinematics(np.zeros(6)).translation == pytest.approx([0.81725, 0.19145, -0.005491], abs=1e-6)
+    panda = pp.load_robot("panda").arm(tcp="panda_link8")
+    assert panda.forward_kinematics(np.zeros(7)).translation == pytest.approx([0.088, 0, 0.926], abs=1e-9)
+
+
+def test_home_is_inside_the_limits():
+    for name in ("ur5", "panda", "generic_6dof"):
+        arm = pp.load_robot(name).arm()
+        assert arm.limits.contains(arm.home)
+        assert arm.singularity(arm.home).smallest > 1e-3

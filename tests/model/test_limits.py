@@ -1,0 +1,58 @@
+"""Joint limits: refused where they make no sense, and never writable."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+
+ONE = np.ones(2)
+
+
+def test_acceleration_default_says_so():
+    limits = pp.JointLimits(-ONE, ONE, 2 * ONE)
+    assert limits.acceleration.tolist() == [4.0, 4.0]
+    assert "0.5 s" in limits.acceleration_source
+    assert "caller" in pp.JointLimits(-ONE, ONE, ONE, ONE).acceleration_source
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        (ONE, -ONE, ONE),
+        (-ONE, np.array([1, np.nan]), ONE),
+        (-ONE, ONE, np.array([1.0, 0.0])),
+        (-ONE, ONE, -ONE),
+        (-ONE, ONE, ONE, 0 * ONE),
+        (-ONE, np.ones(3), ONE),
+    ],
+)
+def test_limits_without_sense_are_refused(arguments):
+    with pytest.raises(pp.InputError, match="limits"):
+        pp.JointLimits(*arguments)
+
+
+def test_arrays_are_copies_that_nobody_can_write():
+    lower = -ONE
+    limits = pp.JointLimits(lower, ONE, ONE)
+    lower[0] = -9
+    assert limits.lower[0] == -1
+    with pytest.raises(ValueError, match="read-only"):
+        limits.lower[0] = 0
+
+
+def test_violations_name_joint_and_range():
+    limits = pp.JointLimits(-ONE, ONE, ONE)
+    (sentence,) = limits.violations(np.array([0.0, 1.5]), ["a", "b"])
+    assert sentence == "b = 1.5 is outside [-1, 1]"
+    assert not limits.contains(np.array([0.0, 1.5]))
+    assert limits.contains(np.array([0.0, 1.0]))
+    assert not limits.contains(np.array([0.0, np.nan]))
+
+
+def test_sampling_range_of_open_limits_is_one_turn():
+    infinite = np.array([np.inf, np.inf, 1.0])
+    lower, upper = pp.JointLimits(np.array([-np.inf, 0.5, -np.inf]), infinite, np.ones(3)).sampling_range()
+    assert lower == pytest.approx([-np.pi, 0.5, 1 - 2 * np.pi])
+    assert upper == pytest.approx([np.pi, 0.5 + 2 * np.pi, 1.0])

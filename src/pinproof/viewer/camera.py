@@ -1,0 +1,185 @@
+"""Where to look from: the direction that shows most of the robot, and the points that must be in the picture.
+
+The page itself computes the distance, because only it knows the shape of its canvas. Both use the same closed form.
+With the camera's axes fixed, each point p = (x, y, z) (right, up, towards the camera) must satisfy
+|x - c_x| <= (c_z - z) t, with t the tangent of half the angle of view. So c_x lies between max(x + z t) - c_z t and
+min(x - z t) + c_z t, which is possible from c_z = (max(x + z t) - min(x - z t)) / 2t on; the same holds for y, and the
+larger c_z fits both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.viewer.stage import DrawnObstacle, Stage
+from pinproof.viewer.surfaces import Surface
+
+__all__ = ["FIELD_OF_VIEW", "View", "choose_view", "fit"]
+
+Array = npt.NDArray[np.float64]
+
+FIELD_OF_VIEW = 30.0
+"""Degrees, vertically; that of a long lens, which does not make the nearest link look twice as thick."""
+
+ASPECT = 4 / 3
+"""Width over height of the canvas for which directions are compared."""
+
+GRID = (80, 60)
+"""Cells of the picture in which directions are compared."""
+
+SAMPLES = 1500
+"""Points on each link that stand for its surface; cells of GRID are wider than their gaps."""
+
+SEEN_CELLS = 2
+"""A link counts as seen when it owns this many cells of GRID."""
+
+GRAZE = 1e-3
+"""Share of the line of sight that must run through a box before it hides what lies behind."""
+
+ENOUGH = 0.20
+"""Share of the picture that the robot should fill; more is no reason to prefer a direction."""
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """How the camera is set up.
+
+    Parameters
+    ----------
+    direction
+        (3,) unit vector from what is looked at to the camera, in the root frame.
+    points
+        (K, 3) what must be in the picture: extreme points of the robot over the whole motion and of the tcp's path.
+    """
+
+    direction: Array
+    points: Array
+
+
+def choose_view(stage: Stage, poses: Array, tcp_path: Array) -> View:
+    """The view of a motion.
+
+    Parameters
+    ----------
+    poses
+        (F, L, 4, 4) ``root_from_link`` of the drawn links over the motion.
+    tcp_path
+        (N, 3) the tcp over the motion.
+    """
+    rng = np.random.default_rng(0)
+    links = [_samples(link.surfaces, rng) for link in stage.links]
+    owner = np.repeat(np.arange(len(links)), SAMPLES)
+    moments = sorted({round(i) for i in np.linspace(0, len(poses) - 1, 24)})
+    outlines = [_extremes(np.concatenate([s.vertices for s in link.surfaces])) for link in stage.links]
+    points = _extremes(np.concatenate([tcp_path, *(_placed(outlines, poses[i]) for i in moments)]))
+    shown = [_placed(links, poses[i]) for i in sorted({0, len(poses) // 2, len(poses) - 1})]
+    boxes = [_Box.around(obstacle) for obstacle in stage.obstacles]
+
+    def merit(direction: Array) -> tuple[int, float, float]:
+        cells = np.array([_cells_of_links(p, owner, boxes, direction, points) for p in shown])
+        seen = int((cells >= SEEN_CELLS).sum(axis=1).min())
+        share = float(cells.sum(axis=1).min()) / (GRID[0] * GRID[1])
+        # square roots: the view that shows every link fairly well wins over the one that shows one link very large
+        return seen, round(min(share, ENOUGH), 2), float(np.sqrt(cells).sum())
+
+    return View(max(_directions(), key=merit), points)
+
+
+def fit(points: Array, direction: Array, aspect: float, margin: float = 0.05) -> tuple[Array, Array, Array]:
+    """Axes (3, 3) (rows right, up, towards the camera), tangents (2,) and camera position (3,) in those axes."""
+    axes = _axes(direction)
+    tangent = np.tan(np.deg2rad(FIELD_OF_VIEW / 2)) * np.array([aspect, 1.0])
+    x = points @ axes.T
+    reach = tangent * (1 - margin)
+    high, low = (x[:, :2] + x[:, 2:] * reach).max(axis=0), (x[:, :2] - x[:, 2:] * reach).min(axis=0)
+    depth = ((high - low) / (2 * reach)).max()
+    return axes, tangent, np.array([*((high + low) / 2), depth])
+
+
+def _axes(direction: Array) -> Array:
+    right = np.cross((0.0, 0.0, 1.0), direction)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(direction, right), direction])
+
+
+def _directions() -> list[Array]:
+    """Three-quarter views, the customary one (front right, from above) first: it wins a draw."""
+    choices = []
+    for elevation in np.deg2rad((24.0, 12.0, 38.0)):
+        for azimuth in np.deg2rad((-45, 45, -30, 30, -60, 60, -15, 15, -90, 90, -120, 120, -150, 150, 180)):
+            level = np.cos(elevation)
+            choices.append(np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]))
+    return choices
+
+
+def _cells_of_links(
+    samples: Array, owner: npt.NDArray[np.int64], boxes: Sequence[_Box], direction: Array, framed: Array
+) -> Array:
+    """(L,) cells of the picture in which each link lies in front, drawn from samples with a depth buffer."""
+    axes, tangent, camera = fit(framed, direction, ASPECT)
+    x = samples @ axes.T - camera
+    picture = x[:, :2] / (-x[:, 2:] * tangent)
+    inside = np.flatnonzero((np.abs(picture) < 1).all(axis=1) & (x[:, 2] < 0))
+    column, row = ((picture[inside] + 1) / 2 * GRID).astype(np.int64).T
+    cell = row * GRID[0] + column
+    nearest = np.lexsort((-x[inside, 2], cell))
+    first = np.unique(cell[nearest], return_index=True)[1]
+    front = inside[nearest[first]]
+    for box in boxes:
+        front = front[~box.hides(samples[front], camera @ axes)]
+    return np.bincount(owner[front], minlength=int(owner[-1]) + 1).astype(float)
+
+
+@dataclass(frozen=True, eq=False)
+class _Box:
+    """The box around an obstacle, along the obstacle's own axes."""
+
+    obstacle_from_root: Array
+    low: Array
+    high: Array
+
+    @classmethod
+    def around(cls, obstacle: DrawnObstacle) -> _Box:
+        corners = np.concatenate([s.vertices for s in obstacle.surfaces])
+        obstacle_from_root = np.asarray(np.linalg.inv(obstacle.pose), dtype=np.float64)
+        return cls(obstacle_from_root, corners.min(axis=0), corners.max(axis=0))
+
+    def hides(self, points: Array, camera: Array) -> npt.NDArray[np.bool_]:
+        """Which points (N, 3) the camera (3,) cannot see for it; a link that stands on the box is not hidden by it."""
+        rotation, shift = self.obstacle_from_root[:3, :3], self.obstacle_from_root[:3, 3]
+        start, end = points @ rotation.T + shift, rotation @ camera + shift
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # a ray along a face gives 0 / 0, which counts as beside it
+            at = np.stack([(self.low - start) / (end - start), (self.high - start) / (end - start)])
+        enter, leave = at.min(axis=0).max(axis=1), at.max(axis=0).min(axis=1)
+        return np.maximum(enter, 0.0) + GRAZE < np.minimum(leave, 1.0)
+
+
+def _placed(links: Sequence[Array], poses: Array) -> Array:
+    return np.concatenate([p @ t[:3, :3].T + t[:3, 3] for p, t in zip(links, poses, strict=True)])
+
+
+def _samples(surfaces: Sequence[Surface], rng: np.random.Generator) -> Array:
+    """(SAMPLES, 3) points spread evenly over surfaces."""
+    corners = np.concatenate([s.vertices[s.triangles] for s in surfaces])
+    a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = np.linalg.norm(np.cross(ab, ac), axis=1)
+    chosen = rng.choice(len(area), size=SAMPLES, p=area / area.sum())
+    u, v = rng.random((2, SAMPLES, 1))
+    folded = u + v > 1
+    u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
+    return np.asarray(a[chosen] + u * ab[chosen] + v * ac[chosen])
+
+
+def _extremes(points: Array) -> Array:
+    """The points that lie furthest out in 400 directions, spread over the sphere on a Fibonacci spiral."""
+    k = np.arange(400) + 0.5
+    z, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
+    level = np.sqrt(1 - z * z)
+    outward = np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
+    return points[np.unique((points @ outward.T).argmax(axis=0))]

@@ -1,0 +1,100 @@
+"""What the page says about its motion. FREE stands there only with a proof for exactly what is shown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+from pinproof.collision import Certificate, CertificateStatus, FirstContact, Scene, UndecidedSpan
+from pinproof.model import Arm
+from pinproof.motion import Trajectory
+
+__all__ = ["Caption", "caption", "proven_millimetres"]
+
+
+@dataclass(frozen=True)
+class Caption:
+    """A headline, why, and figures.
+
+    Parameters
+    ----------
+    headline
+        ``FREE``, or ``NOT VALIDATED``.
+    reason
+        One sentence; why it is not validated, or what was proven.
+    tone
+        ``free``, ``colliding`` or ``open``: how it is coloured.
+    figures
+        (name, value) pairs.
+    left_out
+        What the proof did not look at, and why.
+    """
+
+    headline: str
+    reason: str
+    tone: str
+    figures: tuple[tuple[str, str], ...]
+    left_out: tuple[str, ...] = ()
+
+    def html(self, notes: Sequence[str] = ()) -> str:
+        """As HTML; every text is escaped."""
+        rows = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in self.figures)
+        remarks = f'<ul class="notes" aria-label="Remarks about the picture">{_items(notes)}</ul>' if notes else ""
+        count = len(self.left_out)
+        summary = f"{count} pair{'' if count == 1 else 's'} left out of the proof"
+        left_out = f"<details><summary>{summary}</summary><ul>{_items(self.left_out)}</ul></details>" if count else ""
+        return (
+            f'<p class="verdict {escape(self.tone)}" id="verdict">{escape(self.headline)}</p>'
+            f'<p id="reason">{escape(self.reason)}</p><dl>{rows}</dl>{left_out}{remarks}'
+        )
+
+
+def caption(arm: Arm, scene: Scene | None, motion: Trajectory | None, certificate: Certificate | None) -> Caption:
+    """The caption of a motion of an arm in a scene; ``motion`` None is a still picture."""
+    figures = [("Robot", arm.robot.name), ("Base to tcp", f"{arm.base} \u2192 {arm.tcp}")]
+    if motion is None:
+        return _open("A still picture: there is no motion that could have been proven.", figures)
+    duration = ("Duration", f"{motion.duration:.2f} s")
+    if certificate is None:
+        return _open("No certificate was given for this motion.", [*figures, duration])
+    if not certificate.matches(motion, arm, Scene() if scene is None else scene):
+        return _open("The certificate given belongs to another motion, arm or scene.", [*figures, duration])
+    if certificate.status is CertificateStatus.FREE:
+        proof = "Proven at every instant, not at samples: nothing comes closer than the clearance below."
+        clearance = ("Proven clearance", proven_millimetres(certificate.clearance))
+        left_out = tuple(f"{' and '.join(pair.owners)}: {pair.reason}" for pair in certificate.excluded)
+        return Caption("FREE", proof, "free", (*figures, clearance, duration), left_out)
+    if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
+        reason = _contact(certificate.first_contact, certificate.margin)
+        return Caption("NOT VALIDATED", reason, "colliding", (*figures, duration))
+    return _open(_undecided(certificate.undecided), [*figures, duration])
+
+
+def proven_millimetres(clearance: float) -> str:
+    """A lower bound in mm, rounded down: a caption never promises more than was proven."""
+    if clearance == math.inf:
+        return "unbounded (nothing to touch)"
+    return f"{math.floor(clearance * 1e4) / 10:.1f} mm"
+
+
+def _open(reason: str, figures: Sequence[tuple[str, str]]) -> Caption:
+    return Caption("NOT VALIDATED", reason, "open", tuple(figures))
+
+
+def _contact(contact: FirstContact, margin: float) -> str:
+    one, other = contact.bodies
+    how = f"{one} touches {other}" if contact.penetrating else f"{one} comes within {margin * 1e3:g} mm of {other}"
+    return f"Colliding: {how} at {contact.time:.3f} s."
+
+
+def _undecided(span: UndecidedSpan | None) -> str:
+    said = "Undecided: neither contact nor freedom could be proven"
+    if span is None:
+        return f"{said}."
+    return f"{said}: {span.bodies[0]} and {span.bodies[1]} between {span.start:.3f} and {span.end:.3f} s."
+
+
+def _items(texts: Sequence[str]) -> str:
+    return "".join(f"<li>{escape(text)}</li>" for text in texts)

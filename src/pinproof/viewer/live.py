@@ -1,0 +1,248 @@
+"""The same page, live: served to this machine only, and told to change while it is open."""
+
+from __future__ import annotations
+
+import json
+import logging
+import queue
+import threading
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from types import TracebackType
+from typing import Any
+
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, Scene
+from pinproof.errors import ViewerError
+from pinproof.model import Arm
+from pinproof.motion import Trajectory
+from pinproof.viewer.page import Page, render_page
+from pinproof.viewer.wire import node_path, transform_command
+
+__all__ = ["LiveView", "show"]
+
+LOOPBACK = "127.0.0.1"
+"""meshcat's own server listens on every interface, so that anybody on the network could look in; this one does not."""
+
+HEARTBEAT = 10.0
+"""Seconds between signs of life to a page; they also find out that it was closed."""
+
+GOODBYE_TIMEOUT = 2.0
+"""Seconds that :meth:`LiveView.close` waits for its thread."""
+
+log = logging.getLogger(__name__)
+
+Event = tuple[str, str]
+
+
+def show(
+    arm: Arm,
+    scene: Scene | None = None,
+    trajectory: Trajectory | None = None,
+    *,
+    certificate: Certificate | None = None,
+    q: npt.ArrayLike | None = None,
+    title: str | None = None,
+    port: int = 0,
+    open_browser: bool = False,
+) -> LiveView:
+    """Show an arm in the browser, live; returns at once.
+
+    Parameters
+    ----------
+    arm, scene, trajectory, certificate, q, title
+        As in :func:`pinproof.write_html`.
+    port
+        The port on 127.0.0.1; 0 takes a free one.
+    open_browser
+        Also open the page in the user's browser.
+
+    Returns
+    -------
+    LiveView
+        Its ``url`` opens the page, its ``close()`` ends it; it also ends with the program.
+    """
+    view = LiveView(arm, scene, trajectory, certificate=certificate, q=q, title=title, port=port)
+    if open_browser:
+        import webbrowser
+
+        webbrowser.open(view.url)
+    return view
+
+
+class LiveView:
+    """A page served on 127.0.0.1 from a background thread; made by :func:`show`, usable in ``with``."""
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene | None = None,
+        trajectory: Trajectory | None = None,
+        *,
+        certificate: Certificate | None = None,
+        q: npt.ArrayLike | None = None,
+        title: str | None = None,
+        port: int = 0,
+    ) -> None:
+        self._arm, self._scene, self._title = arm, scene, title
+        self._page = self._render(scene, trajectory, certificate, q)
+        self._moved: Event | None = None
+        self._listeners: set[queue.SimpleQueue[Event]] = set()
+        self._lock = threading.Lock()
+        self._closed = threading.Event()
+        try:
+            self._server = _Server((LOOPBACK, port), self)
+        except (OSError, OverflowError) as error:
+            raise ViewerError(f"port {port} of {LOOPBACK} cannot be used: {error}; port=0 takes a free one") from error
+        serve = self._server.serve_forever
+        self._thread = threading.Thread(target=serve, args=(0.1,), name="pinproof view", daemon=True)
+        self._thread.start()
+
+    @property
+    def url(self) -> str:
+        """Where the page is."""
+        return f"http://{LOOPBACK}:{self._server.server_address[1]}/"
+
+    def move_to(self, q: npt.ArrayLike) -> None:
+        """Show the arm at q (n,); a motion that is playing gives way to the still arm."""
+        configuration = self._arm.configuration(q)
+        if self._page.moving:
+            self.replace(self._scene, q=configuration)
+            return
+        stage = self._page.stage
+        commands = [
+            transform_command(node_path("robot", link.name), pose)
+            for link, pose in zip(stage.links, stage.link_poses(configuration), strict=True)
+        ]
+        with self._lock:
+            self._moved = ("message", json.dumps(commands))
+            self._tell(self._moved)
+
+    def replace(
+        self,
+        scene: Scene | None,
+        trajectory: Trajectory | None = None,
+        *,
+        certificate: Certificate | None = None,
+        q: npt.ArrayLike | None = None,
+    ) -> None:
+        """Show another scene or motion of the same arm; open pages load it by themselves."""
+        page = self._render(scene, trajectory, certificate, q)
+        with self._lock:
+            self._scene, self._page, self._moved = scene, page, None
+            self._tell(("reload", ""))
+
+    def wait(self, timeout: float | None = None) -> bool:
+        """Wait until the view is closed (by another thread), or for ``timeout`` seconds; whether it is closed."""
+        return self._closed.wait(timeout)
+
+    def close(self) -> None:
+        """End the view and free its port; pages that are open keep their picture. Closing twice is harmless."""
+        if self._closed.is_set():
+            return
+        self._closed.set()
+        with self._lock:
+            self._tell(("closed", ""))
+        self._server.shutdown()
+        self._server.server_close()
+        self._thread.join(GOODBYE_TIMEOUT)
+
+    def __enter__(self) -> LiveView:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"LiveView({self.url}{', closed' if self._closed.is_set() else ''})"
+
+    def _render(
+        self,
+        scene: Scene | None,
+        trajectory: Trajectory | None,
+        certificate: Certificate | None,
+        q: npt.ArrayLike | None,
+    ) -> Page:
+        return render_page(self._arm, scene, trajectory, certificate=certificate, q=q, title=self._title, live=True)
+
+    def _tell(self, event: Event) -> None:
+        for listener in self._listeners:
+            listener.put(event)
+
+    def _subscribe(self) -> queue.SimpleQueue[Event]:
+        listener: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        with self._lock:
+            if self._closed.is_set():
+                listener.put(("closed", ""))
+            elif self._moved is not None:
+                listener.put(self._moved)
+            self._listeners.add(listener)
+        return listener
+
+    def _unsubscribe(self, listener: queue.SimpleQueue[Event]) -> None:
+        with self._lock:
+            self._listeners.discard(listener)
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+
+    def __init__(self, address: tuple[str, int], view: LiveView) -> None:
+        self.view = view
+        super().__init__(address, _Handler)
+
+    def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
+        """Note a failed request; the standard library would print it."""
+        log.debug("request of %s failed", client_address, exc_info=True)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+
+    def do_GET(self) -> None:
+        """The page, or the events that change it."""
+        # A foreign site may point its own name at 127.0.0.1; the browser still says which name it asked.
+        if self.headers.get("Host", "").rsplit(":", 1)[0] not in (LOOPBACK, "localhost"):
+            self.send_error(HTTPStatus.FORBIDDEN)
+        elif self.path == "/":
+            self._answer("text/html; charset=utf-8", self.server.view._page.text.encode("utf-8"))
+        elif self.path == "/events":
+            self._events()
+        else:
+            self.send_error(HTTPStatus.NOT_FOUND)
+
+    def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the standard library's name)
+        """Note a request; the standard library would print it."""
+        log.debug(format, *args)
+
+    def _answer(self, kind: str, body: bytes | None) -> None:
+        self.send_response(HTTPStatus.OK)
+        self.send_header("Content-Type", kind)
+        self.send_header("Cache-Control", "no-store")
+        self.send_header("X-Content-Type-Options", "nosniff")
+        if body is not None:
+            self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        if body is not None:
+            self.wfile.write(body)
+
+    def _events(self) -> None:
+        """Server-sent events, until the page or the view is closed."""
+        view = self.server.view
+        listener = view._subscribe()
+        try:
+            self._answer("text/event-stream", None)
+            name = ""
+            while name != "closed":
+                try:
+                    name, data = listener.get(timeout=HEARTBEAT)
+                    self.wfile.write(f"event: {name}\ndata: {data}\n\n".encode())
+                except queue.Empty:
+                    self.wfile.write(b": still here\n\n")
+        except OSError:
+            log.debug("a page was closed")
+        finally:
+            view._unsubscribe(listener)

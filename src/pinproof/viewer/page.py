@@ -1,0 +1,195 @@
+"""The page: one HTML file with the viewer, the scene, the motion and its caption; it asks no network for anything."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import dataclass
+from html import escape
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, Scene
+from pinproof.description.whole_file import write_text_whole
+from pinproof.errors import FileError, InputError, ViewerError
+from pinproof.model import Arm
+from pinproof.motion import Trajectory
+from pinproof.viewer.animation import Film, animate, checked_motion, film, still
+from pinproof.viewer.appearance import ball, tube
+from pinproof.viewer.camera import FIELD_OF_VIEW, View, choose_view
+from pinproof.viewer.caption import Caption, caption
+from pinproof.viewer.stage import Stage, set_stage
+from pinproof.viewer.surfaces import Rgba
+from pinproof.viewer.surroundings import add_surroundings
+from pinproof.viewer.wire import Commands, node_path
+
+__all__ = ["Page", "render_page", "write_html"]
+
+PATH_RADIUS = 0.004
+"""Metres; the drawn path of the tcp."""
+
+PATH_ORANGE: Rgba = (0.93, 0.42, 0.05, 1.0)
+START_WHITE: Rgba = (0.98, 0.98, 0.98, 1.0)
+
+# The page may run what it brings along and nothing else; a browser then refuses every request, whoever makes it.
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; worker-src blob:; connect-src {connect}; base-uri 'none'; form-action 'none'"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Page:
+    """A page's HTML, what it shows, and whether it shows it in motion."""
+
+    text: str
+    stage: Stage
+    moving: bool
+
+
+def write_html(
+    path: str | Path,
+    arm: Arm,
+    scene: Scene | None = None,
+    trajectory: Trajectory | None = None,
+    *,
+    certificate: Certificate | None = None,
+    q: npt.ArrayLike | None = None,
+    title: str | None = None,
+) -> None:
+    """Write a page that shows an arm, its scene and a motion; it opens anywhere, offline.
+
+    ``page.html#t=1.2`` opens it at rest at 1.2 s.
+
+    Parameters
+    ----------
+    path
+        The file; written whole or not at all.
+    arm, scene
+        What is drawn, in the frame of the robot's root link.
+    trajectory
+        What is played. Without it, a still picture of ``q``.
+    certificate
+        The caption reads NOT VALIDATED unless this is FREE and made for exactly this trajectory, arm and scene.
+    q
+        (n,) the configuration of a still picture; by default the arm's home.
+    title
+        The title of the page; by default the robot's name.
+
+    Raises
+    ------
+    InputError
+        If the trajectory moves other joints than the arm's, has no timing, or ``q`` is given besides it.
+    ViewerError
+        If the page cannot be written, or meshcat's viewer is not installed.
+    """
+    page = render_page(arm, scene, trajectory, certificate=certificate, q=q, title=title)
+    try:
+        write_text_whole(path, page.text)
+    except FileError as error:
+        raise ViewerError(str(error)) from error
+
+
+def render_page(
+    arm: Arm,
+    scene: Scene | None,
+    trajectory: Trajectory | None,
+    *,
+    certificate: Certificate | None = None,
+    q: npt.ArrayLike | None = None,
+    title: str | None = None,
+    live: bool = False,
+) -> Page:
+    """The page; ``live`` lets it listen to the server it came from."""
+    if trajectory is not None and q is not None:
+        raise InputError("give a trajectory or q, not both: a trajectory says where the arm is")
+    stage = set_stage(arm, scene)
+    if not stage.links:
+        why = "; ".join(stage.notes) or "no link has geometry"
+        raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: {why}")
+    if trajectory is not None:
+        shown = film(stage, checked_motion(arm, trajectory))
+    else:
+        shown = still(stage, arm.home if q is None else arm.configuration(q))
+    view = choose_view(stage, shown.poses, shown.tcp)
+    commands = stage_commands(stage, shown, view)
+    words = caption(arm, scene, trajectory, certificate)
+    text = _assemble(stage, shown, view, commands, words, title or arm.robot.name, live)
+    return Page(text, stage, moving=trajectory is not None)
+
+
+def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
+    """Everything that is drawn, as commands to meshcat's viewer."""
+    commands = Commands()
+    add_surroundings(commands, view, stage.floor)
+    for link, root_from_link in zip(stage.links, shown.poses[0], strict=True):
+        for number, surface in enumerate(link.surfaces):
+            commands.set_surface(node_path("robot", link.name, str(number)), surface)
+        commands.set_transform(node_path("robot", link.name), root_from_link)
+    for obstacle in stage.obstacles:
+        for number, surface in enumerate(obstacle.surfaces):
+            commands.set_surface(node_path("scene", obstacle.name, str(number)), surface)
+        commands.set_transform(node_path("scene", obstacle.name), obstacle.pose)
+    line = tube(shown.tcp, PATH_RADIUS, PATH_ORANGE)
+    if line is not None:
+        commands.set_surface("/tcp path/line", line)
+        commands.set_surface("/tcp path/start", ball(shown.tcp[0], 2.5 * PATH_RADIUS, START_WHITE))
+        commands.set_surface("/tcp path/end", ball(shown.tcp[-1], 2.5 * PATH_RADIUS, PATH_ORANGE))
+    animate(commands, stage, shown)
+    return commands
+
+
+def _assemble(stage: Stage, shown: Film, view: View, commands: Commands, words: Caption, title: str, live: bool) -> str:
+    settings: dict[str, Any] = {
+        "direction": [round(float(v), 6) for v in view.direction],
+        "points": [[round(float(v), 4) for v in point] for point in view.points],
+        "fieldOfView": FIELD_OF_VIEW,
+        "duration": float(shown.times[-1]),
+        "live": live,
+    }
+    bundle, licences = _viewer_bundle()
+    values = {
+        "title": escape(title),
+        "policy": POLICY.format(connect="'self'" if live else "'none'"),
+        "style": _part("page.css"),
+        "caption": words.html(stage.notes),
+        "licences": _inside_script(licences),
+        "bundle": _inside_script(bundle),
+        "settings": json.dumps(settings, separators=(",", ":")).replace("<", "\\u003c"),
+        "commands": commands.json(),
+        "buffers": commands.base64(),
+        "script": _part("page.js"),
+    }
+    # One pass, so that nothing that is put in is ever taken for a place to fill.
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], _part("page.html"))
+
+
+def _part(name: str) -> str:
+    return files("pinproof.viewer").joinpath(name).read_text(encoding="utf-8")
+
+
+def _viewer_bundle() -> tuple[str, str]:
+    """The viewer of meshcat (MIT, with three.js and dat.GUI inside) and the licences that must travel with it."""
+    spec = find_spec("meshcat")  # finds the package without importing it; see pinproof.viewer.wire
+    if spec is None or spec.origin is None:
+        raise ViewerError("meshcat is not installed, and its viewer is what shows the page: pip install meshcat")
+    folder = Path(spec.origin).parent / "viewer"
+    try:
+        bundle = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
+        notices = [
+            (folder / name).read_text(encoding="utf-8")
+            for name in ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
+            if (folder / name).is_file()
+        ]
+    except OSError as error:
+        raise ViewerError(f"the installed meshcat has no viewer at {error.filename}: reinstall it") from error
+    return bundle, "\n\n".join(["The viewer below is meshcat's.", *notices])
+
+
+def _inside_script(text: str) -> str:
+    """Text that cannot end the ``<script>`` element it stands in."""
+    return re.sub(r"<(?=/script|!--)", r"\\x3c", text, flags=re.IGNORECASE)

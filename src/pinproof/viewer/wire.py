@@ -1,0 +1,120 @@
+"""The words that meshcat's browser viewer understands, as plain dictionaries, with their arrays in one binary blob.
+
+Only the viewer bundle of the installed meshcat is used, never its Python side: importing that starts ZeroMQ, IPython
+and Pillow, warns, prints and names objects by the clock, so that no two pages would be alike. The commands
+(``set_object``, ``set_transform``, ``set_property``, ``set_animation``) are those that meshcat documents for clients in
+any language; objects are three.js' JSON object format 4.
+"""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.viewer.surfaces import Surface
+
+__all__ = ["Commands", "node_path", "transform_command"]
+
+Array = npt.NDArray[np.float64]
+
+TYPED_ARRAYS = {"float32": "Float32Array", "int8": "Int8Array", "uint16": "Uint16Array", "uint32": "Uint32Array"}
+
+
+def node_path(*names: str) -> str:
+    """A path in meshcat's tree; a slash inside a name would be another level, so it becomes a look-alike."""
+    return "/" + "/".join(name.replace("/", "\u2215") for name in names)
+
+
+class Commands:
+    """Commands in the order they are given, and the arrays they refer to."""
+
+    def __init__(self) -> None:
+        self.items: list[dict[str, Any]] = []
+        self._blob = bytearray()
+        self._objects = 0
+
+    def set_transform(self, path: str, a_from_b: Array) -> None:
+        """Place a node in its parent's frame."""
+        self.items.append(transform_command(path, a_from_b))
+
+    def set_property(self, path: str, name: str, value: Any) -> None:
+        """Set a property of a node, or of the three.js object in it when the path ends in ``<object>``."""
+        self.items.append({"type": "set_property", "path": path, "property": name, "value": value})
+
+    def set_animation(self, animations: list[dict[str, Any]]) -> None:
+        """Tracks that run over and over; they stand still until told to play."""
+        options = {"play": False, "repetitions": 1_000_000}
+        self.items.append({"type": "set_animation", "path": "", "animations": animations, "options": options})
+
+    def set_surface(self, path: str, surface: Surface, **material: Any) -> None:
+        """Draw a surface; ``material`` adds to or replaces properties of its Phong material."""
+        wide = len(surface.vertices) > np.iinfo(np.uint16).max
+        attributes = {
+            "position": self._attribute(surface.vertices.astype(np.float32)),
+            # A normal in three bytes is off by less than half a degree, which no shading shows.
+            "normal": {**self._attribute(np.rint(surface.normals * 127).astype(np.int8)), "normalized": True},
+        }
+        index = {**self._attribute(surface.triangles.astype(np.uint32 if wide else np.uint16)), "itemSize": 1}
+        geometry = {"type": "BufferGeometry", "data": {"attributes": attributes, "index": index}}
+        self.set_mesh(path, geometry, surface.rgba, **material)
+
+    def set_mesh(self, path: str, geometry: dict[str, Any], rgba: tuple[float, ...], **material: Any) -> None:
+        """Draw any geometry of three.js."""
+        r, g, b = (round(255 * min(max(c, 0.0), 1.0)) for c in rgba[:3])
+        look = {
+            "type": "MeshPhongMaterial",
+            "color": r << 16 | g << 8 | b,
+            "specular": 0x1C1C1C,
+            "shininess": 28,
+            "side": 2,  # both: files do not always turn their triangles outwards
+            "opacity": rgba[3],
+            "transparent": rgba[3] < 1.0,
+            **material,
+        }
+        self.set_object(path, "Mesh", {"geometry": geometry, "material": look})
+
+    def set_lines(self, path: str, segments: Array, rgba: tuple[float, ...]) -> None:
+        """Draw separate segments, each between two neighbouring rows of ``segments`` (2N, 3)."""
+        positions = self._attribute(segments.astype(np.float32))
+        geometry = {"type": "BufferGeometry", "data": {"attributes": {"position": positions}}}
+        r, g, b = (round(255 * c) for c in rgba[:3])
+        look = {"type": "LineBasicMaterial", "color": r << 16 | g << 8 | b, "opacity": rgba[3], "transparent": True}
+        self.set_object(path, "LineSegments", {"geometry": geometry, "material": look})
+
+    def set_object(self, path: str, kind: str, parts: dict[str, Any], **properties: Any) -> None:
+        """Put a three.js object of a kind at a node; ``parts`` (geometry, material) get running numbers."""
+        self._objects += 1
+        thing: dict[str, Any] = {"metadata": {"version": 4.5, "type": "Object"}}
+        inner: dict[str, Any] = {"uuid": f"object-{self._objects}", "type": kind, **properties}
+        for field, plural in (("geometry", "geometries"), ("material", "materials")):
+            if field in parts:
+                inner[field] = f"{field}-{self._objects}"
+                thing[plural] = [{"uuid": inner[field], **parts[field]}]
+        self.items.append({"type": "set_object", "path": path, "object": {**thing, "object": inner}})
+
+    def array(self, values: npt.NDArray[Any]) -> dict[str, Any]:
+        """Store an array; the page's script puts the typed array in the place of this reference."""
+        self._blob.extend(b"\0" * (-len(self._blob) % 4))  # typed arrays start at multiples of their item's size
+        reference = [TYPED_ARRAYS[values.dtype.name], len(self._blob), values.size]
+        self._blob.extend(np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
+        return {"$buffer": reference}
+
+    def json(self) -> str:
+        """The commands as JSON that is safe inside a ``<script>`` element."""
+        return json.dumps(self.items, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+    def base64(self) -> str:
+        """The arrays."""
+        return b64encode(bytes(self._blob)).decode("ascii")
+
+    def _attribute(self, rows: npt.NDArray[Any]) -> dict[str, Any]:
+        return {"itemSize": 3, "type": TYPED_ARRAYS[rows.dtype.name], "array": self.array(rows), "normalized": False}
+
+
+def transform_command(path: str, a_from_b: Array) -> dict[str, Any]:
+    """The command that places a node; three.js reads matrices by columns."""
+    return {"type": "set_transform", "path": path, "matrix": [float(v) for v in a_from_b.T.ravel()]}

@@ -1,0 +1,217 @@
+"""A headless Chromium that tests talk to over a pair of pipes (the Chrome DevTools protocol), with nothing to install.
+
+One browser serves all tests. It cannot reach a network (every name but 127.0.0.1 resolves to nothing), and it notes
+what it was asked to fetch.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import io
+import itertools
+import json
+import os
+import queue
+import shutil
+import subprocess
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--hide-scrollbars",
+    "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
+)
+PATIENCE = 60.0
+
+
+def find_browser() -> str | None:
+    told = os.environ.get("CHROMIUM")
+    return told or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+class Browser:
+    def __init__(self, executable: str, profile: Path) -> None:
+        to_read, self._write = os.pipe()
+        self._read, to_write = os.pipe()
+        ends = (to_read, to_write)
+
+        def plumb() -> None:
+            # Chromium reads commands from descriptor 3 and writes answers to 4
+            low, high = (os.dup2(end, 40 + k) for k, end in enumerate(ends))
+            os.dup2(low, 3)
+            os.dup2(high, 4)
+
+        self._process = subprocess.Popen(
+            [executable, *FLAGS, "--remote-debugging-pipe", f"--user-data-dir={profile}", "about:blank"],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            close_fds=False,
+            preexec_fn=plumb,
+        )
+        for end in ends:
+            os.close(end)
+        self._numbers = itertools.count(1)
+        self._answers: dict[int, queue.SimpleQueue[dict[str, Any]]] = {}
+        self._pages: dict[str, Page] = {}
+        self._reader = threading.Thread(target=self._listen, daemon=True)
+        self._reader.start()
+
+    def send(self, method: str, session: str | None = None, /, **params: Any) -> dict[str, Any]:
+        number = next(self._numbers)
+        answer = self._answers[number] = queue.SimpleQueue()
+        message: dict[str, Any] = {"id": number, "method": method, "params": params}
+        if session is not None:
+            message["sessionId"] = session
+        payload = json.dumps(message).encode() + b"\0"
+        while payload:
+            payload = payload[os.write(self._write, payload) :]
+        try:
+            got = answer.get(timeout=PATIENCE)
+        except queue.Empty:
+            raise TimeoutError(f"the browser did not answer {method} within {PATIENCE} s") from None
+        if "error" in got:
+            raise RuntimeError(f"{method}: {got['error']}")
+        result: dict[str, Any] = got["result"]
+        return result
+
+    def open(self, url: str, width: int = 1280, height: int = 720, *, ready: str = "window.pinproof?.ready") -> Page:
+        target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        page = self._pages[session] = Page(self, target, session)
+        for domain in ("Runtime", "Log", "Network", "Page"):
+            page.send(f"{domain}.enable")
+        page.send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        page.send("Page.navigate", url=url)
+        page.wait_for(ready)
+        return page
+
+    def close(self) -> None:
+        with contextlib.suppress(Exception):
+            self.send("Browser.close")
+        try:
+            self._process.wait(timeout=10)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        os.close(self._write)
+        self._reader.join(5)
+        os.close(self._read)
+
+    def _listen(self) -> None:
+        rest = b""
+        while chunk := os.read(self._read, 1 << 16):
+            *messages, rest = (rest + chunk).split(b"\0")
+            for raw in messages:
+                message = json.loads(raw)
+                if "id" in message:
+                    self._answers.pop(message["id"]).put(message)
+                elif message.get("sessionId") in self._pages:
+                    self._pages[message["sessionId"]].note(message["method"], message["params"])
+
+
+class Page:
+    """A tab: what it logged, what it asked the network for, what it shows."""
+
+    def __init__(self, browser: Browser, target: str, session: str) -> None:
+        self._browser, self._target, self._session = browser, target, session
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+
+    def send(self, method: str, **params: Any) -> dict[str, Any]:
+        return self._browser.send(method, self._session, **params)
+
+    def evaluate(self, script: str) -> Any:
+        got = self.send("Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True)
+        if "exceptionDetails" in got:
+            raise RuntimeError(f"{script[:80]}: {got['exceptionDetails']}")
+        return got["result"].get("value")
+
+    def wait_for(self, condition: str, seconds: float = PATIENCE) -> None:
+        end = time.monotonic() + seconds
+        while not self.evaluate(f"Boolean({condition})"):
+            if time.monotonic() > end:
+                raise TimeoutError(f"{condition} did not come true; the page says {self.complaints}")
+            time.sleep(0.02)
+
+    def text(self, selector: str) -> str:
+        found: str = self.evaluate(f"document.querySelector({json.dumps(selector)}).innerText")
+        return found
+
+    def canvas(self) -> np.ndarray:
+        """(height, width, 3) what the 3D view shows, without anything that lies over it."""
+        url: str = self.evaluate("pinproof.viewer.capture_image()")
+        return _pixels(base64.b64decode(url.split(",", 1)[1]))
+
+    def screenshot(self, path: Path | None = None) -> np.ndarray:
+        """(height, width, 3) the whole page."""
+        data = base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
+        if path is not None:
+            path.write_bytes(data)
+        return _pixels(data)
+
+    def link_pixels(self) -> dict[str, int]:
+        """Pixels of the canvas that belong to each link: one flat colour a link, everything else black, nothing lit."""
+        names = self.evaluate(PAINT_LINKS)
+        picture = self.canvas().astype(int)
+        flat = picture[..., 0] * 65536 + picture[..., 1] * 256 + picture[..., 2]
+        return {name: int((flat == (k + 1) * COLOUR_STEP).sum()) for k, name in enumerate(names)}
+
+    def close(self) -> None:
+        self._browser.send("Target.closeTarget", targetId=self._target)
+
+    def note(self, method: str, params: dict[str, Any]) -> None:
+        if method == "Runtime.consoleAPICalled" and params["type"] in ("error", "warning", "assert"):
+            self.complaints.append(" ".join(str(a.get("value", a.get("description"))) for a in params["args"]))
+        elif method == "Runtime.exceptionThrown":
+            self.complaints.append(str(params["exceptionDetails"]))
+        elif method == "Log.entryAdded" and params["entry"]["level"] in ("error", "warning"):
+            if "GL Driver Message" not in params["entry"]["text"]:  # reading pixels stalls a GPU; tests read pixels
+                self.complaints.append(params["entry"]["text"])
+        elif method == "Network.requestWillBeSent":
+            self.requests.append(params["request"]["url"])
+
+
+COLOUR_STEP = 0x040302  # neighbours differ in every channel, and blends at edges hit no other link's colour by rule
+
+PAINT_LINKS = f"""(() => {{
+  const viewer = pinproof.viewer, THREE = MeshCat.THREE;
+  viewer.animator.pause();
+  const flat = (color) => new THREE.MeshBasicMaterial({{ color, side: THREE.DoubleSide, fog: false }});
+  const black = flat(0);
+  viewer.scene.background = new THREE.Color(0);
+  viewer.scene.traverse((thing) => {{
+    if (thing.isLineSegments) thing.visible = false;
+    if (thing.isMesh) thing.material = black;
+  }});
+  const robot = viewer.scene_tree.find(["robot"]);
+  const names = Object.keys(robot.children);
+  names.forEach((name, k) => {{
+    const paint = flat((k + 1) * {COLOUR_STEP});
+    robot.children[name].object.traverse((thing) => {{ if (thing.isMesh) thing.material = paint; }});
+  }});
+  return names;
+}})()"""
+
+
+def _pixels(png: bytes) -> np.ndarray:
+    from PIL import Image  # comes with meshcat
+
+    return np.asarray(Image.open(io.BytesIO(png)).convert("RGB"))

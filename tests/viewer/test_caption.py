@@ -1,0 +1,105 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pinproof.collision import CertificateStatus, Scene
+from pinproof.viewer.caption import caption, proven_millimetres
+
+from .conftest import POST, certified, small_arm, swing
+
+SCENE = Scene([POST])
+
+
+def test_free_states_the_clearance_and_the_duration() -> None:
+    arm = small_arm()
+    motion = swing(arm, 0.0, 0.8)
+    certificate = certified(arm, SCENE, motion)
+    said = caption(arm, SCENE, motion, certificate)
+    assert (said.headline, said.tone) == ("FREE", "free")
+    figures = dict(said.figures)
+    assert figures["Duration"] == "2.00 s"
+    assert 0 < float(figures["Proven clearance"].removesuffix(" mm")) <= certificate.clearance * 1e3
+
+
+def test_what_the_proof_left_out_is_listed() -> None:
+    arm = small_arm()
+    motion = swing(arm, 0.0, 0.8)
+    scene = Scene([POST], allowed=[("upper", "post")])
+    certificate = certified(arm, scene, motion)
+    said = caption(arm, scene, motion, certificate)
+    assert len(said.left_out) == len(certificate.excluded) > 0
+    assert any("upper" in text and "post" in text for text in said.left_out)
+
+
+def test_without_a_certificate_it_is_not_validated() -> None:
+    arm = small_arm()
+    said = caption(arm, SCENE, swing(arm), None)
+    assert (said.headline, said.tone) == ("NOT VALIDATED", "open")
+    assert "No certificate" in said.reason
+
+
+def test_a_free_certificate_of_another_motion_arm_or_scene_does_not_count() -> None:
+    arm = small_arm()
+    motion = swing(arm, 0.0, 0.8)
+    certificate = certified(arm, SCENE, motion)
+    assert certificate.status is CertificateStatus.FREE
+    nudged = swing(arm, 0.0, np.nextafter(0.8, 1.0))
+    elsewhere = SCENE.remove("post")
+    other_arm = small_arm().robot.arm("hand")
+    for curve, who, scene in (
+        (nudged, arm, SCENE),
+        (motion, arm, elsewhere),
+        (motion, other_arm, SCENE),
+        (motion, arm, None),
+    ):
+        said = caption(who, scene, curve, certificate)
+        assert said.headline == "NOT VALIDATED"
+        assert "another motion, arm or scene" in said.reason
+
+
+def test_no_scene_and_an_empty_scene_are_the_same() -> None:
+    arm = small_arm()
+    motion = swing(arm)
+    assert caption(arm, None, motion, certified(arm, Scene(), motion)).headline == "FREE"
+
+
+def test_a_collision_is_told_with_bodies_and_time() -> None:
+    arm = small_arm()
+    motion = swing(arm, 0.0, 1.5)
+    certificate = certified(arm, SCENE, motion)
+    said = caption(arm, SCENE, motion, certificate)
+    assert (said.headline, said.tone) == ("NOT VALIDATED", "colliding")
+    assert {"upper", "post"} <= set(said.reason.split())
+    assert f"at {certificate.first_contact.time:.3f} s" in said.reason
+
+
+def test_undecided_is_not_validated() -> None:
+    arm = small_arm()
+    motion = swing(arm, -2.0, 0.8)
+    certificate = certified(arm, SCENE, motion, max_intervals=1)
+    assert certificate.status is CertificateStatus.UNDECIDED
+    said = caption(arm, SCENE, motion, certificate)
+    assert (said.headline, said.tone) == ("NOT VALIDATED", "open")
+    assert said.reason.startswith("Undecided")
+
+
+def test_a_still_picture_is_not_validated() -> None:
+    said = caption(small_arm(), None, None, None)
+    assert said.headline == "NOT VALIDATED"
+
+
+def test_every_text_is_escaped() -> None:
+    html = caption(small_arm(name="&lt;img src=x&gt;"), None, None, None).html(["<b>note</b>"])
+    assert "<img" not in html
+    assert "&lt;img src=x&gt;" in html
+    assert "&lt;b&gt;note" in html
+
+
+@given(st.floats(0, 10))
+def test_a_clearance_is_never_rounded_up(clearance: float) -> None:
+    shown = float(proven_millimetres(clearance).removesuffix(" mm"))
+    assert shown <= clearance * 1e3 + 1e-9
+    assert shown == pytest.approx(clearance * 1e3, abs=0.1001)

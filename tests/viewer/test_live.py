@@ -1,0 +1,101 @@
+from __future__ import annotations
+
+import http.client
+import socket
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from pinproof.errors import InputError, ViewerError
+from pinproof.viewer import show
+
+from .browser import Browser
+from .conftest import small_arm, swing
+
+
+def get(view, path: str = "/", host: str | None = None) -> tuple[int, str]:
+    address = view.url.removeprefix("http://").rstrip("/")
+    connection = http.client.HTTPConnection(address, timeout=10)
+    try:
+        connection.request("GET", path, headers={"Host": host or address})
+        answer = connection.getresponse()
+        return answer.status, answer.read().decode()
+    finally:
+        connection.close()
+
+
+def test_the_page_is_served_on_loopback_only() -> None:
+    with show(small_arm()) as view:
+        assert view._server.socket.getsockname()[0] == "127.0.0.1"
+        status, text = get(view)
+        assert status == 200
+        assert "connect-src 'self'" in text
+        assert get(view, "/etc/passwd")[0] == 404
+
+
+def test_a_foreign_name_that_points_here_is_refused() -> None:
+    with show(small_arm()) as view:
+        assert get(view, host="evil.example:80")[0] == 403
+
+
+def test_two_views_take_two_ports_and_a_taken_port_is_named() -> None:
+    with show(small_arm()) as one, show(small_arm()) as other:
+        assert one.url != other.url
+        port = int(one.url.rstrip("/").rsplit(":", 1)[1])
+        with pytest.raises(ViewerError, match=str(port)):
+            show(small_arm(), port=port)
+
+
+def test_closing_frees_the_port_and_may_be_done_twice() -> None:
+    view = show(small_arm())
+    port = int(view.url.rstrip("/").rsplit(":", 1)[1])
+    assert not view.wait(0)
+    view.close()
+    view.close()
+    assert view.wait(0)
+    assert not view._thread.is_alive()
+    with pytest.raises(ConnectionRefusedError):
+        socket.create_connection(("127.0.0.1", port), timeout=2)
+
+
+def test_nothing_is_printed_and_the_program_ends_by_itself() -> None:
+    script = (
+        "import urllib.request; import pinproof as pp; "
+        "view = pp.show(pp.load_robot('ur5').arm()); urllib.request.urlopen(view.url).read()"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+
+
+def test_a_configuration_of_the_wrong_length_is_refused() -> None:
+    with show(small_arm()) as view, pytest.raises(InputError):
+        view.move_to([0.0])
+
+
+def test_an_open_page_follows_the_arm_and_says_when_the_view_is_closed(browser: Browser) -> None:
+    arm = small_arm()
+    view = show(arm)
+    try:
+        page = browser.open(view.url)
+        at_home = page.canvas()
+        view.move_to([1.0, 0.0])
+        turned = "pinproof.viewer.scene_tree.find(['robot', 'upper']).object.quaternion.z"
+        page.wait_for(f"Math.abs({turned} - {np.sin(0.5)}) < 1e-6")
+        assert not np.array_equal(page.canvas(), at_home)
+        late = browser.open(view.url)  # a page that comes later sees the arm where it is now
+        late.wait_for(f"Math.abs({turned} - {np.sin(0.5)}) < 1e-6")
+        late.close()
+        view.replace(None, swing(arm))
+        page.wait_for("window.pinproof && pinproof.settings.duration === 2")
+        view.move_to([0.0, 0.0])  # a still picture again
+        page.wait_for("window.pinproof && pinproof.settings.duration === 0")
+        page.wait_for("true")
+        time.sleep(0.2)  # the new page's events must be connected before the view says goodbye
+    finally:
+        view.close()
+    page.wait_for("document.getElementById('reason').textContent.startsWith('The live view was closed')")
+    assert page.complaints == []
+    page.close()

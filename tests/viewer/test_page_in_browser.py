@@ -1,0 +1,112 @@
+"""What a browser really shows; pixels are counted in a picture with one flat colour for each link."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pinproof.collision import Scene
+from pinproof.model import load_robot
+from pinproof.viewer import write_html
+
+from .browser import Browser
+from .conftest import POST, certified, small_arm, swing, turn
+
+SMALLEST_LINK = 40
+"""Pixels of 1280 x 720 in which the smallest link, a finger of the Panda, can still be made out."""
+
+
+def check_picture(page) -> None:
+    """The robot covers 15 to 60 % of the canvas and every link is there to see."""
+    before = page.canvas()
+    assert before.std() > 10  # not blank
+    pixels = page.link_pixels()
+    assert {name: count for name, count in pixels.items() if count < SMALLEST_LINK} == {}
+    assert 0.15 <= sum(pixels.values()) / before[..., 0].size <= 0.60
+
+
+@pytest.mark.parametrize("seconds", [0, 2.2])
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_robot_in_its_cell_is_framed_at_both_ends_of_its_motion(
+    browser: Browser, pages: Callable[[str], Path], cell: Scene, name: str, seconds: float
+) -> None:
+    path, arm = pages(name), load_robot(name).arm()
+    if not path.exists():
+        write_html(path, arm, cell, turn(arm))
+    page = browser.open(f"{path.as_uri()}#t={seconds}")
+    check_picture(page)
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+    page.close()
+
+
+def test_a_still_picture_fits_windows_of_any_shape(browser: Browser, pages: Callable[[str], Path], ur5) -> None:
+    path = pages("still")
+    write_html(path, ur5)
+    page = browser.open(path.as_uri(), 500, 900)
+    check_picture(page)
+    assert page.evaluate("document.getElementById('player').hidden")
+    page.close()
+
+
+def test_the_motion_plays_pauses_and_goes_where_the_address_says(
+    browser: Browser, pages: Callable[[str], Path]
+) -> None:
+    arm = small_arm()
+    path = pages("swing")
+    write_html(path, arm, None, swing(arm, duration=2.0))
+    page = browser.open(path.as_uri())
+    page.wait_for("pinproof.viewer.animator.time > 0.1")  # it plays by itself
+    page.evaluate("document.getElementById('play').click()")
+    assert page.text("#play") == "Pause" or not page.evaluate("pinproof.viewer.animator.playing")
+    page.evaluate("location.hash = '#t=0.5'")
+    page.wait_for("Math.abs(pinproof.viewer.animator.time - 0.5) < 1e-9")
+    page.wait_for("document.getElementById('clock').textContent === '0.50 / 2.00 s'")
+    early = page.canvas()
+    page.evaluate("pinproof.seek(1.5)")
+    late = page.canvas()
+    assert (np.abs(early.astype(int) - late).max(axis=2) > 30).mean() > 0.01
+    page.evaluate("pinproof.seek(0.5)")
+    assert np.array_equal(page.canvas(), early)
+    turned = page.evaluate("pinproof.viewer.scene_tree.find(['robot', 'upper']).object.quaternion.toArray()")
+    assert 2 * np.arctan2(turned[2], turned[3]) == pytest.approx(float(swing(arm)(0.5)[0]), abs=1e-4)
+    page.close()
+
+
+def test_the_caption_is_green_only_with_a_proof_of_this_very_motion(
+    browser: Browser, pages: Callable[[str], Path]
+) -> None:
+    arm, scene = small_arm(), Scene([POST])
+    motion, path = swing(arm, 0.0, 0.8), pages("captions")
+    certificate = certified(arm, scene, motion)
+    shown = {}
+    for case, given, curve in (
+        ("matching", certificate, motion),
+        ("none", None, motion),
+        ("other", certificate, swing(arm, 0.0, 0.7)),
+    ):
+        write_html(path, arm, scene, curve, certificate=given)
+        page = browser.open(path.as_uri())
+        colour = page.evaluate("getComputedStyle(document.getElementById('verdict')).backgroundColor")
+        shown[case] = (page.text("#verdict"), colour, page.text("#caption"))
+        page.close()
+    assert shown["matching"][:2] == ("FREE", "rgb(11, 107, 58)")
+    assert "Proven clearance" in shown["matching"][2]
+    assert "2.00 s" in shown["matching"][2]
+    for case in ("none", "other"):
+        assert shown[case][:2] == ("NOT VALIDATED", "rgb(138, 75, 0)")
+        assert "clearance" not in shown[case][2]
+
+
+def test_the_page_may_not_reach_out_even_if_something_in_it_tries(
+    browser: Browser, pages: Callable[[str], Path]
+) -> None:
+    path = pages("sealed")
+    write_html(path, small_arm())
+    page = browser.open(path.as_uri())
+    assert page.evaluate("fetch('http://127.0.0.1:9/').then(() => 'sent', (e) => e.name)") == "TypeError"
+    assert any("Content Security Policy" in complaint for complaint in page.complaints)
+    page.close()

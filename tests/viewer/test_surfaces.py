@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pinproof.spatial import matrix, pose
+from pinproof.viewer.appearance import tube
+from pinproof.viewer.surfaces import merge_by_colour, shade
+
+GREY = (0.5, 0.5, 0.5, 1.0)
+RED = (1.0, 0.0, 0.0, 1.0)
+
+
+def shaded(mesh: trimesh.Trimesh, rgba=GREY):
+    return shade(np.array(mesh.vertices), np.array(mesh.faces), rgba)
+
+
+def test_a_box_keeps_its_edges_sharp() -> None:
+    box = shaded(trimesh.creation.box(extents=(1, 2, 3)))
+    assert box.vertices.shape == (24, 3)  # three normals at each of eight corners
+    assert np.allclose(np.sort(np.abs(box.normals), axis=1), [0, 0, 1])
+
+
+def test_a_sphere_is_smooth_all_over() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2, radius=0.3)
+    surface = shaded(ball)
+    assert len(surface.vertices) == len(ball.vertices)
+    outward = np.einsum("ij,ij->i", surface.normals, surface.vertices / 0.3)
+    assert outward.min() > np.cos(np.deg2rad(3))
+
+
+def test_a_cylinder_has_a_smooth_side_and_a_sharp_rim() -> None:
+    sections = 24
+    surface = shaded(trimesh.creation.cylinder(radius=0.1, height=0.4, sections=sections))
+    flat = np.abs(surface.normals[:, 2])
+    assert np.all((flat < 1e-6) | (flat > 1 - 1e-6))
+    assert (flat < 1e-6).sum() == 2 * sections
+
+
+def test_a_mesh_whose_triangles_share_no_vertex_is_welded() -> None:
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    soup = shade(ball.triangles.reshape(-1, 3), np.arange(3 * len(ball.faces)).reshape(-1, 3), GREY)
+    assert len(soup.vertices) == len(ball.vertices)
+
+
+def test_shading_moves_no_triangle() -> None:
+    ring = trimesh.creation.annulus(0.1, 0.2, 0.05)
+    surface = shaded(ring)
+    assert np.allclose(surface.vertices[surface.triangles], ring.triangles, atol=1e-5)
+    cross = np.cross(*np.swapaxes(np.diff(surface.vertices[surface.triangles], axis=1), 0, 1))
+    facing = np.einsum("ij,ij->i", cross, surface.normals[surface.triangles].mean(axis=1))
+    assert (facing > 0).all()
+
+
+def test_slivers_without_area_are_left_out() -> None:
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [2, 0, 0]])
+    surface = shade(points, np.array([[0, 1, 2], [0, 1, 3]]), GREY)
+    assert len(surface.triangles) == 1
+    assert np.isfinite(surface.normals).all()
+
+
+def test_surfaces_of_one_colour_become_one() -> None:
+    parts = [
+        shaded(trimesh.creation.box(), GREY),
+        shaded(trimesh.creation.box(), RED),
+        shaded(trimesh.creation.icosphere(), GREY),
+    ]
+    merged = merge_by_colour(parts)
+    assert [surface.rgba for surface in merged] == [GREY, RED]
+    corners = np.concatenate([p.vertices[p.triangles] for p in (parts[0], parts[2])])
+    assert np.array_equal(merged[0].vertices[merged[0].triangles], corners)
+
+
+@given(st.tuples(*[st.floats(-3, 3)] * 6))
+def test_moving_keeps_distances_and_normals(numbers) -> None:
+    surface = shaded(trimesh.creation.box(extents=(1, 2, 3)))
+    moved = surface.moved(matrix(pose(numbers[:3], numbers[3:])))
+    assert np.allclose(np.linalg.norm(moved.normals, axis=1), 1)
+    assert np.allclose(
+        np.linalg.norm(np.diff(moved.vertices, axis=0), axis=1),
+        np.linalg.norm(np.diff(surface.vertices, axis=0), axis=1),
+    )
+
+
+@given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=8))
+def test_a_tube_stays_at_its_radius_from_its_line_even_where_that_turns_back(points) -> None:
+    line = np.array(points)
+    surface = tube(line, 0.01, RED)
+    if surface is None:
+        assert np.ptp(line, axis=0).max() <= 0.01
+        return
+    nearest = np.min(np.linalg.norm(surface.vertices[:, None] - line[None], axis=2), axis=1)
+    assert np.allclose(nearest, 0.01, atol=1e-9) or nearest.max() <= 0.01 + 1e-9
+    assert np.allclose(np.linalg.norm(surface.normals, axis=1), 1)

@@ -72,6 +72,16 @@ def test_origin_turns_about_fixed_axes():
         ({"kind": "revolut"}, "line 4.*revolut.*valid: revolute"),
         ({"joint": '<mimic joint="k"/>'}, "unknown joint 'k'"),
         ({"joint": '<mimic joint="j"/>'}, "itself mimics"),
+        (
+            {
+                "more": '<link name="c"/><joint name="k" type="floating"><parent link="base"/><child link="c"/>'
+                '<mimic joint="j"/></joint>'
+            },
+            "floating joint cannot",
+        ),
+        ({"more": '<link name="universe"/>'}, "line 5.*universe"),
+        ({"more": '<x:arm xmlns:x="http://www.ros.org/wiki/xacro"/>'}, "line 5.*xacro"),
+        ({"link": shape('<sphere radius="1_0"/>')}, "line 3.*not numeric"),
         ({"more": '<link name="tip"/>'}, "line 5.*second"),
         ({"more": '<link name="island"/>'}, "base.*island.*one root"),
         (

@@ -150,6 +150,7 @@ def test_held_joint_stands_where_told_and_its_follower_with_it(zoo, zoo_text):
         ({"thumb": 0.0}, "valid: .*finger"),
         ({"nope": 0.0}, "valid: .*finger"),
         ({"finger": float("nan")}, "nan"),
+        ({"finger": "open"}, "open"),
     ],
 )
 def test_joint_that_cannot_be_held_is_refused(zoo, held, message):
@@ -161,6 +162,23 @@ def test_one_joint_arm_has_a_jacobian_of_one_column(zoo):
     arm = zoo.arm(tcp="tool", base="forearm")
     assert arm.jacobian([0.2]).shape == (6, 1)
     assert arm.jacobian([0.2])[3:, 0] == pytest.approx(arm.frame_placement([0.2], "hand").rotation[:, 0], abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ["a", "b", "c", "universe"])
+def test_joint_may_bear_the_name_of_a_link(name):
+    text = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
+    limit = '<limit lower="-2" upper="2" velocity="1" effort="1"/>'
+    for joint, parent, child in ((name, "a", "b"), ("other", "b", "c")):
+        text += (
+            f'<joint name="{joint}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+            f'<origin xyz="1 0 0"/><axis xyz="0 0 1"/>{limit}</joint>'
+        )
+    robot = load_robot_from_text(text + "</robot>")
+    arm = robot.arm(tcp="c")
+    assert arm.joint_names == (name, "other")
+    assert arm.forward_kinematics([np.pi / 2, 0.3]).translation == pytest.approx([1, 1, 0])
+    held = robot.arm(tcp="b", held={"other": 0.5})
+    assert held.frame_placement([0.0], "c").rotation == pytest.approx(pp.pose(rpy=(0, 0, 0.5)).rotation)
 
 
 def test_batch_is_the_single_calls(arm):

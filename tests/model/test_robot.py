@@ -67,6 +67,8 @@ def test_limits_can_be_tightened_by_name_and_replaced():
         robot.arm(limits={"elbow": (0.0, 1.0)})
     with pytest.raises(pp.InputError, match="lower <= upper"):
         robot.arm(limits={"elbow_joint": (1.0, 0.0)})
+    with pytest.raises(pp.InputError, match=r"elbow_joint.*\(lower, upper\)"):
+        robot.arm(limits={"elbow_joint": 3.0})
     with pytest.raises(pp.InputError, match="6"):
         robot.arm(limits=pp.JointLimits(np.zeros(2), np.ones(2), np.ones(2)))
 

@@ -7,7 +7,7 @@ error; here each is refused with its line. What is kept is what the file says; k
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, cast, get_args
@@ -73,6 +73,10 @@ class Urdf:
     visuals: tuple[LinkGeometry, ...]
     kinematics: str
 
+    def model_joint(self, joint: str) -> str:
+        """The name of a joint in ``kinematics``: its own, unless a link has that name too, which Pinocchio refuses."""
+        return _model_joint(joint, self.links)
+
     def parent_joint(self, link: str) -> UrdfJoint | None:
         """The joint that carries a link; None for the root."""
         return next((joint for joint in self.joints.values() if joint.child == link), None)
@@ -105,10 +109,17 @@ def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence
 def _read(root: Element, source: str | Path, folder: Path | None, package_dirs: Sequence[str | Path]) -> Urdf:
     if root.tag != "robot":
         raise UrdfError(source, f"the root element is <{root.tag}>, not <robot>: this is no URDF", place(root))
+    macro = next((e for e in root.iter() if "xacro" in e.tag.rpartition("}")[0]), None)
+    if macro is not None:
+        raise UrdfError(source, "holds xacro macros, which would be dropped; expand it to a plain URDF", place(macro))
     link_elements = root.findall("link")
     if len(link_elements) > MAX_LINKS:
         raise UrdfError(source, f"has {len(link_elements)} links; more than {MAX_LINKS} are refused")
     links = _unique(link_elements, source)
+    if "universe" in links:
+        raise UrdfError(
+            source, "has a link named 'universe', a name Pinocchio keeps for itself", place(links["universe"])
+        )
     joints = {name: _joint(e, links, source) for name, e in _unique(root.findall("joint"), source).items()}
     _check_mimics(joints, source)
     visuals, collisions = read_links(root, source, folder, [Path(d) for d in package_dirs])
@@ -162,7 +173,7 @@ def _joint(element: Element, links: Mapping[str, Element], source: str | Path) -
     lower, upper, velocity = _limits(element, name, kind, source)
     mimic = element.find("mimic")
     rule = None
-    if mimic is not None:
+    if mimic is not None and kind != "fixed":
         leader = required(mimic, "joint", source)
         rule = Mimic(leader, number(mimic, "multiplier", source, "1"), number(mimic, "offset", source, "0"))
     return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule)
@@ -191,6 +202,8 @@ def _check_mimics(joints: Mapping[str, UrdfJoint], source: str | Path) -> None:
     for joint in joints.values():
         if joint.mimic is None:
             continue
+        if joint.type in ("floating", "planar"):
+            raise UrdfError(source, f"joint {joint.name!r} mimics another, which a {joint.type} joint cannot")
         leader = joints.get(joint.mimic.leader)
         if leader is None:
             raise UrdfError(
@@ -234,13 +247,14 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
     from lxml import etree
 
     robot = etree.Element("robot", name=root.get("name") or "robot")
+    links = {link.get("name").strip() for link in root.findall("link")}
     for link in root.findall("link"):
         copy = etree.SubElement(robot, "link", name=link.get("name").strip())
         copy.extend(_inertial(link))
     for element in root.findall("joint"):
         joint = joints[element.get("name").strip()]
         kind = "revolute" if joint.type == "continuous" else joint.type
-        copy = etree.SubElement(robot, "joint", name=joint.name, type=kind)
+        copy = etree.SubElement(robot, "joint", name=_model_joint(joint.name, links), type=kind)
         etree.SubElement(copy, "parent", link=joint.parent)
         etree.SubElement(copy, "child", link=joint.child)
         origin, axis = element.find("origin"), element.find("axis")
@@ -254,6 +268,10 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
             # The limits that count are JointLimits; Pinocchio's parser only insists that some are there.
             etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort="1e9")
     return str(etree.tostring(robot, encoding="unicode"))
+
+
+def _model_joint(joint: str, links: Container[str]) -> str:
+    return f"{joint} (joint)" if joint in links or joint == "universe" else joint
 
 
 def _inertial(link: Element) -> list[Element]:

@@ -65,6 +65,8 @@ def numbers(
     if text is None:
         raise UrdfError(path, f"<{element.tag}> needs the attribute {attribute!r}", place(element))
     try:
+        if "_" in text:  # which Python alone would read as a digit separator
+            raise ValueError(text)
         values = tuple(float(part) for part in text.split())
     except ValueError as error:
         raise UrdfError(path, f"<{element.tag} {attribute}={text!r}> is not numeric", place(element)) from error

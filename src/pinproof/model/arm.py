@@ -62,7 +62,7 @@ class Arm:
         self.limits, self.held = limits, dict(held)
         self.joint_names, self.angular = chain.joint_names, chain.angular
         self.followers = chain.followers
-        self.model = _reduced(robot.model, {*chain.joint_names, *chain.followers}, held)
+        self.model = _reduced(robot, {*chain.joint_names, *chain.followers}, held)
         self.scale, self.offset = affine(robot.urdf, chain, tuple(self.model.names)[1:])
         self.periodic = periodic(robot.urdf, chain)
         self._tcp_id = self._frame_id(tcp)
@@ -184,12 +184,14 @@ class Arm:
         return int(self.model.getFrameId(name, pin.FrameType.BODY))
 
 
-def _reduced(model: Any, moving: set[str], held: Mapping[str, float]) -> Any:
+def _reduced(robot: Robot, moving: set[str], held: Mapping[str, float]) -> Any:
     """The model with every joint outside ``moving`` locked: at its held value, or neutral if it is not one number."""
+    model = robot.model
     q = pin.neutral(model)
     lock = []
-    for index, name in enumerate(model.names):
-        if index == 0 or name in moving:
+    for name in robot.urdf.joints:
+        index = model.getJointId(robot.urdf.model_joint(name))
+        if index == model.njoints or name in moving:  # fixed joints are none in the model
             continue
         lock.append(index)
         if name in held:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
@@ -98,7 +99,8 @@ def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
 def affine(urdf: Urdf, chain: Chain, model_joints: tuple[str, ...]) -> tuple[Array, Array]:
     """``scale`` (m, n) and ``offset`` (m,) of the m joints of a reduced model."""
     scale, offset = np.zeros((len(model_joints), len(chain.joint_names))), np.zeros(len(model_joints))
-    for row, name in enumerate(model_joints):
+    own_name = {urdf.model_joint(name): name for name in urdf.joints}
+    for row, name in enumerate(own_name[joint] for joint in model_joints):
         mimic = urdf.joints[name].mimic
         if mimic is None:
             scale[row, chain.joint_names.index(name)] = 1.0
@@ -139,8 +141,8 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float]) -> dict[str
             raise InputError(f"joint {name!r} is one of the arm's own; it is set by q, not held")
         if name not in free:
             raise UnknownNameError("joint", name, free, "the joints outside the arm that can be held")
-        if not np.isfinite(value):
-            raise InputError(f"held joint {name!r} is told {value}")
+        if not isinstance(value, Real) or not np.isfinite(float(value)):
+            raise InputError(f"held joint {name!r} is told {value!r}, which is no finite number")
     values: dict[str, float] = {}
     for joint in outside:
         if joint.mimic is None:

@@ -91,9 +91,12 @@ class JointLimits:
     def replace(self, joint_names: Sequence[str], ranges: Mapping[str, tuple[float, float]]) -> JointLimits:
         """These limits with the position ranges of some joints changed, by joint name."""
         lower, upper = self.lower.copy(), self.upper.copy()
-        for name, (low, high) in ranges.items():
+        for name, bounds in ranges.items():
             if name not in joint_names:
                 raise UnknownNameError("joint", name, joint_names, "limits")
+            if np.shape(bounds) != (2,):
+                raise InputError(f"the limits of joint {name!r} must be (lower, upper), not {bounds!r}")
+            low, high = bounds
             index = list(joint_names).index(name)
             lower[index], upper[index] = low, high
         return JointLimits(lower, upper, self.velocity, self.acceleration, self.acceleration_source)

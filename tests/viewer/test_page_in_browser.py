@@ -101,6 +101,26 @@ def test_the_caption_is_green_only_with_a_proof_of_this_very_motion(
         assert "clearance" not in shown[case][2]
 
 
+def test_a_contact_is_marked_where_it_is_even_behind_an_obstacle(
+    browser: Browser, pages: Callable[[str], Path]
+) -> None:
+    arm, scene = small_arm(), Scene([POST])
+    motion, path = swing(arm, 0.0, 1.5), pages("contact")
+    certificate = certified(arm, scene, motion)
+    write_html(path, arm, scene, motion, certificate=certificate)
+    page = browser.open(f"{path.as_uri()}#t={certificate.first_contact.time}")
+    assert page.text("#verdict") == "NOT VALIDATED"
+    red, green, blue = page.canvas().astype(int).transpose(2, 0, 1)
+    assert ((red > 150) & (green < 90) & (blue < 90)).sum() > 100
+    centre = page.evaluate(
+        "(() => { const ball = pinproof.viewer.scene_tree.find(['contact']).object;"
+        " const box = new MeshCat.THREE.Box3().setFromObject(ball);"
+        " const c = box.getCenter(new MeshCat.THREE.Vector3()); return [c.x, -c.z, c.y]; })()"
+    )
+    assert np.allclose(centre, certificate.first_contact.points.mean(axis=0), atol=1e-3)
+    page.close()
+
+
 def test_the_page_may_not_reach_out_even_if_something_in_it_tries(
     browser: Browser, pages: Callable[[str], Path]
 ) -> None:

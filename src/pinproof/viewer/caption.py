@@ -30,6 +30,8 @@ class Caption:
         (name, value) pairs.
     left_out
         What the proof did not look at, and why.
+    contact
+        The contact that the picture marks.
     """
 
     headline: str
@@ -37,6 +39,7 @@ class Caption:
     tone: str
     figures: tuple[tuple[str, str], ...]
     left_out: tuple[str, ...] = ()
+    contact: FirstContact | None = None
 
     def html(self, notes: Sequence[str] = ()) -> str:
         """As HTML; every text is escaped."""
@@ -62,13 +65,13 @@ def caption(arm: Arm, scene: Scene | None, motion: Trajectory | None, certificat
     if not certificate.matches(motion, arm, Scene() if scene is None else scene):
         return _open("The certificate given belongs to another motion, arm or scene.", [*figures, duration])
     if certificate.status is CertificateStatus.FREE:
-        proof = "Proven at every instant, not at samples: nothing comes closer than the clearance below."
+        proof = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
         clearance = ("Proven clearance", proven_millimetres(certificate.clearance))
         left_out = tuple(f"{' and '.join(pair.owners)}: {pair.reason}" for pair in certificate.excluded)
         return Caption("FREE", proof, "free", (*figures, clearance, duration), left_out)
     if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
         reason = _contact(certificate.first_contact, certificate.margin)
-        return Caption("NOT VALIDATED", reason, "colliding", (*figures, duration))
+        return Caption("NOT VALIDATED", reason, "colliding", (*figures, duration), contact=certificate.first_contact)
     return _open(_undecided(certificate.undecided), [*figures, duration])
 
 
@@ -86,7 +89,7 @@ def _open(reason: str, figures: Sequence[tuple[str, str]]) -> Caption:
 def _contact(contact: FirstContact, margin: float) -> str:
     one, other = contact.bodies
     how = f"{one} touches {other}" if contact.penetrating else f"{one} comes within {margin * 1e3:g} mm of {other}"
-    return f"Colliding: {how} at {contact.time:.3f} s."
+    return f"Colliding: {how} at {contact.time:.3f} s. The red ball marks the place."
 
 
 def _undecided(span: UndecidedSpan | None) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, Scene
+from pinproof.collision import Certificate, FirstContact, Scene
 from pinproof.description.whole_file import write_text_whole
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model import Arm
@@ -34,6 +34,10 @@ PATH_RADIUS = 0.004
 
 PATH_ORANGE: Rgba = (0.93, 0.42, 0.05, 1.0)
 START_WHITE: Rgba = (0.98, 0.98, 0.98, 1.0)
+CONTACT_RED: Rgba = (0.90, 0.05, 0.05, 0.85)
+
+CONTACT_RADIUS = 0.02
+"""Metres; the ball that marks a contact."""
 
 # The page may run what it brings along and nothing else; a browser then refuses every request, whoever makes it.
 POLICY = (
@@ -118,6 +122,8 @@ def render_page(
     view = choose_view(stage, shown.poses, shown.tcp)
     commands = stage_commands(stage, shown, view)
     words = caption(arm, scene, trajectory, certificate)
+    if words.contact is not None:
+        mark_contact(commands, words.contact)
     text = _assemble(stage, shown, view, commands, words, title or arm.robot.name, live)
     return Page(text, stage, moving=trajectory is not None)
 
@@ -141,6 +147,12 @@ def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
         commands.set_surface("/tcp path/end", ball(shown.tcp[-1], 2.5 * PATH_RADIUS, PATH_ORANGE))
     animate(commands, stage, shown)
     return commands
+
+
+def mark_contact(commands: Commands, contact: FirstContact) -> None:
+    """A ball midway between the two points of a contact, seen through whatever lies before it."""
+    surface = ball(contact.points.mean(axis=0), CONTACT_RADIUS, CONTACT_RED)
+    commands.set_surface("/contact", surface, type="MeshBasicMaterial", depthTest=False)
 
 
 def _assemble(stage: Stage, shown: Film, view: View, commands: Commands, words: Caption, title: str, live: bool) -> str:

@@ -28,6 +28,9 @@ Array = npt.NDArray[np.float64]
 FLAT = 1e-6
 """Metres. Points thinner than this in some direction have no hull: Qhull ends the interpreter on them."""
 
+FLAT_SHARE = 1e-7
+"""The same as a share of the longest side: Qhull was seen to crash at 1e-8 of it (1 um of 100 m), to work at 1e-7."""
+
 
 @dataclass(frozen=True, eq=False)
 class Support:
@@ -131,8 +134,9 @@ def _mesh_body(name: str, owner: str, link: str | None, shape: Mesh, link_from_b
     if not shape.hull:
         return Body(name, owner, link, surface, link_from_body.copy(), box, None, Solid(mesh.vertices, mesh.triangles))
     centred = mesh.vertices - mesh.vertices.mean(axis=0)
-    thinnest = float(np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0).min())
-    if len(mesh.vertices) < 4 or thinnest < FLAT:
+    sides = np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0)
+    thinnest = float(sides.min())
+    if len(mesh.vertices) < 4 or thinnest < max(FLAT, FLAT_SHARE * float(sides.max())):
         raise MeshError(
             shape.path, f"is flat ({thinnest:.1g} m thick), so it has no hull; use the exact mesh, or give it thickness"
         )

@@ -95,6 +95,8 @@ class Certificate:
         The pairs that were not checked, with the reasons.
     tolerance
         Metres: an interval in which bodies move less than this is not cut any further.
+    hollow
+        Exact meshes that are not watertight: there, being wholly inside does not count as contact.
     """
 
     status: CertificateStatus
@@ -110,6 +112,7 @@ class Certificate:
     tolerance: float
     curve: str
     setup: str
+    hollow: tuple[str, ...] = ()
 
     @property
     def free(self) -> bool:
@@ -145,8 +148,12 @@ def curve_hash(curve: Curve) -> str:
 
 
 def setup_hash(arm: Arm, scene: Scene) -> str:
-    """A hash of an arm (kinematics, held joints) and of a scene."""
+    """A hash of an arm (kinematics, held joints, collision geometry) and of a scene; meshes by their file names."""
     digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
+    for geometry in arm.robot.urdf.collisions:
+        mesh = None if geometry.mesh is None else geometry.mesh.uri
+        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh)).encode())
+        digest.update(np.ascontiguousarray(geometry.origin).tobytes())
     digest.update(repr(scene.allowed).encode())
     for obstacle in scene.obstacles:
         digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())

@@ -9,6 +9,7 @@ goes on until everything before the contact is proven free or the tolerance is m
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +50,14 @@ class _Interval:
     end: float
     control: Array
     pairs: Pairs
+
+
+class _Weakest(NamedTuple):
+    """Of the pairs not settled on an interval, the one of which least is proven; distances in metres."""
+
+    pair: int
+    distance: float
+    proven: float
 
 
 def certify(
@@ -109,6 +118,8 @@ class _Proof:
         if contact is not None:
             found = (float(knots[-1]), control[-1, -1].copy(), contact)
         if (undecided := self._judge_still(everything[still], control[0, 0], knots)) is not None:
+            if found is not None:
+                return self._colliding(*found, proven_free_until=float(knots[0]))
             return self._undecided(undecided)
         stack = [
             _Interval(float(knots[i]), float(knots[i + 1]), control[i], everything[~still])
@@ -122,16 +133,21 @@ class _Proof:
             q = left[-1]
             delta = np.abs(interval.control - q).max(axis=0)
             space = self._checker.placed(q)
-            pairs, nearest, contact = self._unsettled(interval, q, delta, space)
+            pairs, weakest, contact = self._unsettled(interval, q, delta, space)
             if contact is not None:
                 found, stack = (middle, q, contact), []
             if len(pairs) == 0:
                 continue
             step = float(self._frame.approach(delta, pairs).max())
             if step < self._tolerance or self._intervals >= self._max_intervals:
+                if weakest.proven > self._margin:  # less than the share that was hoped for, but proven
+                    self._proven = min(self._proven, weakest.proven)
+                    continue
                 if found is not None:
                     return self._colliding(*found, proven_free_until=interval.start)
-                return self._undecided(self._span(interval, nearest))
+                return self._undecided(
+                    UndecidedSpan(interval.start, interval.end, self._names(weakest.pair), weakest.distance)
+                )
             if contact is None:
                 stack.append(_Interval(middle, interval.end, right, pairs))
             stack.append(_Interval(interval.start, middle, left, pairs))
@@ -141,8 +157,8 @@ class _Proof:
 
     def _unsettled(
         self, interval: _Interval, q: Array, delta: Array, space: Placed
-    ) -> tuple[Pairs, tuple[int, float], Contact | None]:
-        """The pairs not proven on the interval, the nearest of them with its distance, and a contact at the middle."""
+    ) -> tuple[Pairs, _Weakest, Contact | None]:
+        """The pairs not settled on the interval, the one of which least is proven, and a contact at the middle."""
         self._frame = self._bounds.at(q, space)
         approach = self._frame.approach(delta, interval.pairs) + ROUNDING
         coarse = self._frame.coarse_distance(interval.pairs) - approach
@@ -150,7 +166,7 @@ class _Proof:
         if far.any():
             self._proven = min(self._proven, float(coarse[far].min()))
         open_pairs, contact, deepest = [], None, np.inf
-        nearest = (-1, np.inf)
+        weakest = _Weakest(-1, np.inf, np.inf)
         for k, moved in zip(interval.pairs[~far].tolist(), approach[~far].tolist(), strict=True):
             distance = space.distance(k)
             self._observed = min(self._observed, distance)
@@ -161,9 +177,9 @@ class _Proof:
                 self._proven = min(self._proven, proven)
                 continue
             open_pairs.append(k)
-            if distance < nearest[1]:
-                nearest = (k, distance)
-        return np.array(open_pairs, dtype=np.int64), nearest, contact
+            if not proven >= weakest.proven:  # a NaN is the weakest of all
+                weakest = _Weakest(k, distance, proven)
+        return np.array(open_pairs, dtype=np.int64), weakest, contact
 
     def _goal(self) -> float:
         """What must be proven of a pair for it to be settled: more than the margin, and a share of what was seen."""
@@ -188,7 +204,7 @@ class _Proof:
         for k in pairs.tolist():
             distance = space.distance(k)
             proven = space.proven_distance(k, distance) - ROUNDING
-            if proven <= self._margin:
+            if not proven > self._margin:
                 return UndecidedSpan(float(knots[0]), float(knots[-1]), self._names(k), distance)
             self._proven = min(self._proven, proven)
         return None
@@ -197,13 +213,12 @@ class _Proof:
         i, j = self._checker.pairs[k]
         return self._checker.bodies[i].owner, self._checker.bodies[j].owner
 
-    def _span(self, interval: _Interval, nearest: tuple[int, float]) -> UndecidedSpan:
-        return UndecidedSpan(interval.start, interval.end, self._names(nearest[0]), nearest[1])
-
     def _free(self) -> Certificate:
         count = len(self._checker.pairs)
         nearest = f", seen {self._observed * 1e3:.1f} mm" if np.isfinite(self._observed) else ""
         message = f"no contact anywhere: clearance proven {self._proven * 1e3:.1f} mm{nearest}, over {count} pairs"
+        if self._checker.hollow:
+            message += f"; not watertight, so hollow: {', '.join(self._checker.hollow)}"
         return self._certificate(CertificateStatus.FREE, message, clearance=self._proven)
 
     def _colliding(self, time: float, q: Array, contact: Contact, proven_free_until: float) -> Certificate:
@@ -245,4 +260,5 @@ class _Proof:
             tolerance=self._tolerance,
             curve=curve_hash(self._curve),
             setup=setup_hash(checker.arm, checker.scene),
+            hollow=checker.hollow,
         )

@@ -136,6 +136,8 @@ class CollisionChecker:
             shape = body.support or body.solid
             points = shape.points if body.support is not None else body.solid.vertices  # type: ignore[union-attr]
             digest.update(type(shape).__name__.encode() + points.tobytes() + body.box.tobytes())
+            if body.solid is not None:
+                digest.update(body.solid.triangles.tobytes())
         return digest.hexdigest()
 
     def placed(self, q: Array) -> Placed:

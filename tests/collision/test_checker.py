@@ -1,0 +1,268 @@
+"""The checker: what is checked, what is left out and why, and that answers agree."""
+
+from __future__ import annotations
+
+import pickle
+from concurrent.futures import ThreadPoolExecutor
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, load_robot, pose
+from pinproof.collision.placed import GJK_SLACK
+
+
+def reasons(checker) -> dict[frozenset[str], str]:
+    return {frozenset(pair.owners): pair.reason for pair in checker.excluded}
+
+
+def checked(checker) -> set[frozenset[str]]:
+    return {frozenset((checker.bodies[i].owner, checker.bodies[j].owner)) for i, j in checker.pairs}
+
+
+def random_q(arm, count, seed=0):
+    lower, upper = arm.limits.sampling_range()
+    return np.random.default_rng(seed).uniform(np.maximum(lower, -np.pi), np.minimum(upper, np.pi), (count, arm.dof))
+
+
+def test_the_base_is_checked_against_the_scene(ur5):
+    """Pinocchio's addAllCollisionPairs leaves such pairs out, since neither moves."""
+    model = pin.GeometryModel()
+    for name in ("base", "table"):
+        model.addGeometryObject(pin.GeometryObject(name, 0, 0, pin.SE3.Identity(), coal.Box(1, 1, 1)))
+    model.addAllCollisionPairs()
+    assert len(model.collisionPairs) == 0  # the trap
+    through_base = Scene([Obstacle("table", Box(1, 1, 0.05), pose((0, 0, 0.02)))])
+    contacts = CollisionChecker(ur5, through_base).check(ur5.home).contacts
+    assert ("base_link", "table") in [contact.bodies for contact in contacts]
+    standing = Scene(through_base.obstacles, allowed=[("base_link", "table")])
+    checker = CollisionChecker(ur5, standing)
+    assert ("base_link", "table") not in [contact.bodies for contact in checker.check(ur5.home).contacts]
+    assert reasons(checker)[frozenset(("base_link", "table"))] == "allowed by the scene"
+
+
+def test_a_capsule_of_a_urdf_collides(arm_from_links):
+    """urdfdom drops <capsule> with a word on stderr; the link would then collide with nothing."""
+    robot = arm_from_links(
+        {"root": "", "pipe": '<capsule radius="0.05" length="0.4"/>', "tip": ""},
+        [("turn", "revolute", "root", "pipe", "0 0 0", "1 0 0"), ("end", "fixed", "pipe", "tip", "0 0 0.3", "1 0 0")],
+    )
+    checker = CollisionChecker(robot.arm(tcp="tip"), Scene([Obstacle("ball", Sphere(0.05), pose((0, 0, 0.32)))]))
+    assert checker.clearance([0.0]) == pytest.approx(0.02, abs=1e-7)  # 0.32 - 0.2 - 0.05 - 0.05
+    assert checker.clearance([np.pi / 2]) == pytest.approx(0.22, abs=1e-7)
+    assert not CollisionChecker(robot.arm(tcp="tip"), checker.scene, margin=0.03).is_free([0.0])
+
+
+def test_obstacles_are_never_checked_against_each_other(slider):
+    pile = [Obstacle(f"can_{i}", Sphere(0.1), pose((1, 0, 0.01 * i))) for i in range(4)]
+    checker = CollisionChecker(slider, Scene(pile))
+    assert checker.is_free([0.0])
+    assert len(checker.pairs) == 4
+    assert checker.excluded == []
+
+
+def test_a_wrong_configuration_is_refused_and_names_the_joints(ur5):
+    checker = CollisionChecker(ur5)
+    for ask in (checker.is_free, checker.check, checker.clearance):
+        for q in (np.zeros(5), np.zeros((1, 6)), np.full(6, np.nan), "home"):
+            with pytest.raises(InputError, match="shoulder_pan_joint"):
+                ask(q)
+
+
+@pytest.mark.parametrize("margin", [-1e-9, float("nan"), float("inf")])
+def test_a_margin_that_makes_no_sense_is_refused(slider, margin):
+    with pytest.raises(InputError, match="margin"):
+        CollisionChecker(slider, margin=margin)
+
+
+def test_names_that_clash_or_do_not_exist_are_refused(ur5):
+    for name in ("forearm_link", "forearm_link_0", "tool0"):
+        with pytest.raises(InputError, match=name):
+            CollisionChecker(ur5, Scene([Obstacle(name, Sphere(0.1))]))
+    with pytest.raises(InputError, match="'tool'"):
+        CollisionChecker(ur5, Scene([Obstacle("tool", Sphere(0.1))]), attached=[Obstacle("tool", Sphere(0.1))])
+    for allowed in ([("forearm", "wrist_3_link")], [("wrist_3_link", "tabel")]):
+        with pytest.raises(UnknownNameError, match="allowed by the caller"):
+            CollisionChecker(ur5, allowed=allowed)
+    with pytest.raises(UnknownNameError, match="hull"):
+        CollisionChecker(ur5, link_meshes="convex")
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
+@pytest.mark.parametrize("margin", [0.0, 0.01])
+def test_the_three_questions_agree(request, name, margin):
+    arm = request.getfixturevalue(name)
+    scene = Scene(
+        [Obstacle("table", Box(2, 2, 0.1), pose((0, 0, -0.2))), Obstacle("b", Sphere(0.2), pose((0.5, 0, 0.4)))]
+    )
+    checker = CollisionChecker(arm, scene, margin=margin)
+    verdicts = []
+    for q in random_q(arm, 150):
+        clearance, result = checker.clearance(q), checker.check(q)
+        verdicts.append(checker.is_free(q))
+        if not margin < clearance <= margin + 2 * GJK_SLACK:  # inside that sliver "no" is said to be safe
+            assert verdicts[-1] == result.free == (clearance > margin)
+        if result.contacts:
+            deepest = result.contacts[0]
+            assert deepest.distance == clearance
+            gap = np.linalg.norm(deepest.points[1] - deepest.points[0])
+            assert gap == pytest.approx(abs(deepest.distance), abs=1e-5)
+    assert 0 < sum(verdicts) < len(verdicts)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
+def test_distances_agree_with_the_oracle(request, oracle, name):
+    arm = request.getfixturevalue(name)
+    scene = Scene([Obstacle("box", Box(0.2, 0.3, 0.4), pose((0.5, 0.2, 0.3), (0.3, 0.2, 0.1)))])
+    checker = CollisionChecker(arm, scene, attached=[Obstacle("tool", Box(0.02, 0.02, 0.1), pose((0, 0, 0.06)))])
+    independent = oracle(checker)
+    for q in random_q(arm, 12):
+        expected, space = independent.distances(q), checker.placed(arm.configuration(q))
+        for k, distance in enumerate(expected):
+            ours = space.distance(k)
+            if distance > 0 or ours > 0:
+                assert ours == pytest.approx(distance, abs=1e-6) or ours < 0  # inside a hull the oracle sees nothing
+                assert space.proven_distance(k, ours) <= distance + 1e-9
+
+
+def test_threads_get_equal_answers(ur5):
+    checker = CollisionChecker(ur5, Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.4)))]))
+    many = random_q(ur5, 400)
+    alone = [checker.clearance(q) for q in many]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(checker.clearance, many)) == alone
+
+
+def test_an_answer_does_not_depend_on_what_was_asked_before(ur5):
+    """Pinocchio's own requests start GJK where the last query ended; answers moved by up to 7e-7 m then."""
+    many = random_q(ur5, 150)
+    first, second = CollisionChecker(ur5), CollisionChecker(ur5)
+    assert [first.clearance(q) for q in many] == [second.clearance(q) for q in many[::-1]][::-1]
+
+
+def test_a_checker_survives_pickling(ur5, mesh_file):
+    scene = Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.4)))], allowed=[("base_link", "ball")])
+    checker = CollisionChecker(ur5, scene, margin=0.01, attached=[Obstacle("tool", Box(0.1, 0.1, 0.1))])
+    copy = pickle.loads(pickle.dumps(checker))
+    many = random_q(ur5, 40)
+    assert [copy.clearance(q) for q in many] == [checker.clearance(q) for q in many]
+    assert [copy.is_free(q) for q in many] == [checker.is_free(q) for q in many]
+    assert copy.fingerprint() == checker.fingerprint()
+    assert copy.excluded == checker.excluded
+
+
+def test_another_setting_is_another_fingerprint(ur5):
+    scene = Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.4)))])
+    variants = [
+        CollisionChecker(ur5, scene),
+        CollisionChecker(ur5, scene, margin=1e-3),
+        CollisionChecker(ur5, scene, link_meshes="exact"),
+        CollisionChecker(ur5, scene, trust_never=True),
+        CollisionChecker(ur5, scene, allowed=[("base_link", "ball")]),
+        CollisionChecker(ur5, scene, attached=[Obstacle("tool", Sphere(0.01))]),
+        CollisionChecker(ur5, Scene([Obstacle("ball", Sphere(0.21), pose((0.5, 0, 0.4)))])),
+        CollisionChecker(ur5, Scene([Obstacle("ball", Sphere(0.2), pose((0.5, 0, 0.41)))])),
+    ]
+    prints = [checker.fingerprint() for checker in variants]
+    assert len(set(prints)) == len(prints)
+    assert CollisionChecker(ur5, scene).fingerprint() == prints[0]
+
+
+def test_never_pairs_are_checked_unless_trusted(panda):
+    never = {frozenset(pair.links) for pair in panda.robot.srdf.disabled if pair.reason == "Never"}
+    other = {frozenset(pair.links): pair.reason for pair in panda.robot.srdf.disabled if pair.reason != "Never"}
+    careful, trusting = CollisionChecker(panda), CollisionChecker(panda, trust_never=True)
+    solid = {body.owner for body in careful.bodies}
+    never = {pair for pair in never if pair <= solid}
+    assert len(never) > 10
+    assert never <= checked(careful)
+    assert not never & checked(trusting)
+    assert all(reasons(trusting)[pair] == "SRDF: Never" for pair in never)
+    for pair, reason in other.items():
+        if pair <= solid:
+            assert reasons(careful)[pair] == f"SRDF: {reason}"
+            assert pair not in checked(careful)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
+def test_every_pair_of_links_is_either_checked_or_listed(request, name):
+    checker = CollisionChecker(request.getfixturevalue(name))
+    owners = sorted({body.owner for body in checker.bodies})
+    everything = {frozenset((a, b)) for a in owners for b in owners if a != b}
+    assert checked(checker) | set(reasons(checker)) == everything
+    assert not checked(checker) & set(reasons(checker))
+    assert all(reasons(checker).values())
+
+
+def test_adjacency_reaches_across_links_without_geometry(arm_from_links):
+    ball, turn = '<sphere radius="0.1"/>', ("0 0 0.05", "1 0 0")
+    robot = arm_from_links(
+        {"a": ball, "empty": "", "b": ball, "c": ball, "tip": ""},
+        [
+            ("j1", "revolute", "a", "empty", *turn),
+            ("j2", "revolute", "empty", "b", *turn),
+            ("j3", "revolute", "b", "c", *turn),
+            ("end", "fixed", "c", "tip", *turn),
+        ],
+    )
+    checker = CollisionChecker(robot.arm(tcp="tip"))
+    assert checked(checker) == {frozenset("ac")}
+    assert reasons(checker) == {
+        frozenset("ab"): "adjacent: across empty without geometry",
+        frozenset("bc"): "adjacent: joined by a joint",
+    }
+    assert not checker.is_free(np.zeros(3))
+
+
+def test_an_attached_object_collides_and_is_listed(ur5):
+    tool = Obstacle("gripper", Box(0.02, 0.02, 0.3), pose((0, 0, 0.16)))
+    below = ur5.forward_kinematics(ur5.home) * pose((0, 0, 0.25))
+    scene = Scene([Obstacle("part", Sphere(0.03), below)])
+    assert CollisionChecker(ur5, scene).is_free(ur5.home)
+    checker = CollisionChecker(ur5, scene, attached=[tool])
+    assert [contact.bodies for contact in checker.check(ur5.home).contacts] == [("gripper", "part")]
+    assert reasons(checker)[frozenset(("wrist_3_link", "gripper"))].startswith("rigid")
+    assert {frozenset(("gripper", link)) for link in ("wrist_2_link", "forearm_link", "base_link")} <= checked(checker)
+    allowing = CollisionChecker(ur5, scene, attached=[tool], allowed=[("gripper", "part")])
+    assert allowing.is_free(ur5.home)
+    assert reasons(allowing)[frozenset(("gripper", "part"))] == "allowed by the caller"
+
+
+def test_held_joints_stay_where_told_and_matter():
+    robot = load_robot("panda")
+    fingers = {"panda_finger_joint1": 0.04}
+    if robot.urdf.joints["panda_finger_joint2"].mimic is None:
+        fingers["panda_finger_joint2"] = 0.04
+    closed, opened = robot.arm(held=dict.fromkeys(fingers, 0.0)), robot.arm(held=fingers)
+    tcp = closed.forward_kinematics(closed.home)
+    beside = Scene([Obstacle("peg", Sphere(0.005), tcp * pose((0, 0.045, -0.005)))])
+    assert CollisionChecker(closed, beside).is_free(closed.home)
+    contacts = CollisionChecker(opened, beside).check(opened.home).contacts
+    assert {contact.bodies for contact in contacts} == {("panda_leftfinger", "peg")}
+
+
+def test_a_mimic_follower_moves_with_its_leader(arm_from_links):
+    bar = '<box size="0.02 0.02 0.2"/>@0 0 0.1'
+    robot = arm_from_links(
+        {"root": "", "a": bar, "b": bar, "tip": ""},
+        [("lead", "revolute", "root", "a", "0 0 0", "1 0 0"), ("end", "fixed", "a", "tip", "0 0 0.2", "1 0 0")],
+        '<joint name="follow" type="revolute"><parent link="root"/><child link="b"/><origin xyz="0.5 0 0"/>'
+        '<axis xyz="1 0 0"/><limit lower="-7" upper="7" velocity="1" effort="1"/>'
+        '<mimic joint="lead" multiplier="-2" offset="0.1"/></joint>',
+    )
+    arm = robot.arm(tcp="tip")
+    at = 0.7
+    angle = -2 * at + 0.1
+    ball = Obstacle("ball", Sphere(0.01), pose((0.5, -0.15 * np.sin(angle), 0.15 * np.cos(angle))))
+    checker = CollisionChecker(arm, Scene([ball]))
+    assert [contact.bodies for contact in checker.check([at]).contacts] == [("b", "ball")]
+    assert checker.is_free([at + 0.2])
+
+
+def test_a_scene_handed_over_cannot_be_changed_behind_the_checker(slider):
+    wall = Obstacle("wall", Box(0.1, 1, 1), pose((1, 0, 0)))
+    checker = CollisionChecker(slider, Scene([wall]))
+    wall.pose.translation = np.array([9.0, 0, 0])
+    assert checker.clearance([0.0]) == pytest.approx(0.94, abs=1e-7)

@@ -63,7 +63,8 @@ class MotionBounds:
         """Everything that depends on q (n,) alone; ``space`` must be placed there."""
         data = self._data
         pin.computeJointJacobians(self._model, data, self._scale @ q + self._offset)
-        linear, angular = data.J[:3].T, data.J[3:].T  # (m, 3) each: spatial columns about the root's origin
+        columns = data.J.reshape(6, -1)  # a single joint's column comes as a flat (6,)
+        linear, angular = columns[:3].T, columns[3:].T  # (m, 3) each: spatial, about the root's origin
         placements = [space.placement(i) for i in range(len(self._centre))]
         rotation = np.array([p.rotation for p in placements])
         translation = np.array([p.translation for p in placements])

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from pinproof import Box, Capsule, CollisionChecker, Cylinder, Mesh, Sphere, load_robot
+from pinproof import Box, Capsule, CollisionChecker, Cylinder, JointPath, Mesh, Sphere, load_robot
 from pinproof.description.meshes import read_mesh
 from pinproof.model.robot import load_robot_from_text
 
@@ -176,3 +176,42 @@ def _shape(shape):
 @pytest.fixture(scope="session")
 def oracle():
     return Oracle
+
+
+def _path(arm, *waypoints) -> JointPath:
+    return JointPath(np.array(waypoints, dtype=float), arm.joint_names)
+
+
+def _first_touch(checker, curve, samples=4000) -> float:
+    """The first parameter at which the clearance falls to the margin, by sampling and then by bisection."""
+    times = np.linspace(*curve.domain, samples)
+    touching = [checker.clearance(q) <= checker.margin for q in curve(times)]
+    k = touching.index(True)
+    low, high = times[k - 1], times[k]
+    for _ in range(60):
+        middle = (low + high) / 2
+        low, high = (low, middle) if checker.clearance(curve(middle)) <= checker.margin else (middle, high)
+    return float(high)
+
+
+def _assert_free_until(checker, curve, end, samples=400):
+    start = curve.domain[0]
+    assert all(checker.clearance(q) > checker.margin for q in curve(np.linspace(start, end, samples, endpoint=False)))
+
+
+@pytest.fixture(scope="session")
+def path():
+    """A joint path of an arm through waypoints."""
+    return _path
+
+
+@pytest.fixture(scope="session")
+def first_touch():
+    """The first parameter of a curve at which a checker sees contact."""
+    return _first_touch
+
+
+@pytest.fixture(scope="session")
+def assert_free_until():
+    """Asserts that no sample of a curve before a parameter is in contact."""
+    return _assert_free_until

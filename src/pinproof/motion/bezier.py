@@ -1,0 +1,155 @@
+"""Polynomial pieces by their Bernstein coefficients: evaluate, split, differentiate, bound.
+
+A curve is ``knots`` (k+1,) and ``control`` (k, degree+1, n): for a parameter t in [knots[i], knots[i+1]] and
+u = (t - knots[i]) / (knots[i+1] - knots[i]), piece i is sum_r C(degree, r) u^r (1-u)^(degree-r) control[i, r].
+The n columns are independent (one a joint), in whatever units the curve has. A piece of zero width is legal and stands
+for the single configuration control[i, 0].
+
+Why this basis: a piece never leaves the convex hull of its control points, halving is exact up to the rounding of
+averages, and coefficients of the derivative are scaled differences.
+
+Source: R. T. Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29
+(2012), sections 3 (hull, differences) and 5 (de Casteljau's algorithm).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+
+__all__ = ["degree", "derivative", "evaluate", "extremes", "hermite", "hull", "split"]
+
+Array = npt.NDArray[np.float64]
+
+
+def degree(control: Array) -> int:
+    """The polynomial degree of the pieces ``control`` (..., degree+1, n)."""
+    return int(control.shape[-2]) - 1
+
+
+def evaluate(knots: Array, control: Array, t: npt.ArrayLike) -> Array:
+    """Points of the curve, by de Casteljau's algorithm.
+
+    Parameters
+    ----------
+    knots, control
+        The curve, (k+1,) and (k, degree+1, n).
+    t
+        A parameter, or (N,) of them, in [knots[0], knots[-1]]. At an inner knot the piece to its right is used.
+
+    Returns
+    -------
+    (n,) for a scalar, else (N, n). Both ends of every piece are met bit for bit.
+
+    Raises
+    ------
+    InputError
+        If ``t`` is not finite, lies outside the curve, or has more than one axis.
+    """
+    try:
+        parameter = np.asarray(t, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"a curve is evaluated at numbers: {error}") from error
+    if parameter.ndim > 1:
+        raise InputError(f"a curve is evaluated at a scalar or at (N,) parameters, not at the shape {parameter.shape}")
+    outside = ~((parameter >= knots[0]) & (parameter <= knots[-1]))  # written so that NaN is outside
+    if outside.any():
+        raise InputError(f"the parameter {parameter[outside][0]} lies outside the curve: [{knots[0]}, {knots[-1]}]")
+    flat = parameter.reshape(-1)
+    piece = np.clip(np.searchsorted(knots, flat, side="right") - 1, 0, len(control) - 1)
+    width = knots[piece + 1] - knots[piece]
+    u = np.divide(flat - knots[piece], width, out=np.zeros_like(flat), where=width > 0.0)
+    points = _de_casteljau(control[piece], u[:, None])
+    return points[0] if parameter.ndim == 0 else points
+
+
+def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
+    """Cut every piece at the local parameter ``u`` in [0, 1]; left and right halves, each shaped as ``control``.
+
+    The halves trace the same curve; each point is a convex combination, so nothing is magnified (Farouki 2012, 5.1).
+    """
+    left, right = np.empty_like(control), np.empty_like(control)
+    rest, last = control, degree(control)
+    for r in range(last + 1):
+        left[..., r, :] = rest[..., 0, :]
+        right[..., last - r, :] = rest[..., -1, :]
+        rest = rest[..., :-1, :] * (1.0 - u) + rest[..., 1:, :] * u
+    return left, right
+
+
+def derivative(knots: Array, control: Array) -> Array:
+    """Control points (k, degree, n) of the derivative by the curve's parameter, over the same ``knots``.
+
+    A piece of degree 0 gives (k, 1, n) zeros, and so does a piece of zero width.
+    """
+    if degree(control) == 0:
+        return np.zeros_like(control)
+    width = np.diff(knots)[:, None, None]
+    rise = degree(control) * np.diff(control, axis=1)
+    return np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
+
+
+def hull(control: Array) -> tuple[Array, Array]:
+    """Per piece and joint, bounds (low, high), each (k, n), which the curve does not leave; not tight in general."""
+    return control.min(axis=-2), control.max(axis=-2)
+
+
+def extremes(control: Array) -> tuple[Array, Array]:
+    """Per piece and joint, the least and greatest value taken, each (k, n); for degrees up to 3.
+
+    The derivative's roots are found in closed form and the curve is evaluated there, so both values are attained: a
+    root that is off by e moves the value by order e^2 only.
+
+    Raises
+    ------
+    InputError
+        For a degree above 3.
+    """
+    if degree(control) > 3:
+        raise InputError(f"extremes are in closed form up to degree 3, this curve has degree {degree(control)}")
+    low = np.minimum(control[:, 0], control[:, -1])
+    high = np.maximum(control[:, 0], control[:, -1])
+    for u in _critical(np.diff(control, axis=1)):
+        value = _de_casteljau(control, u)
+        low, high = np.minimum(low, value), np.maximum(high, value)
+    return low, high
+
+
+def hermite(knots: Array, values: Array, slopes: Array) -> Array:
+    """Control points (k, 4, n) of the cubic pieces with these ``values`` and ``slopes`` (k+1, n) at the knots."""
+    third = np.diff(knots)[:, None] / 3.0
+    return np.stack(
+        [values[:-1], values[:-1] + third * slopes[:-1], values[1:] - third * slopes[1:], values[1:]], axis=1
+    )
+
+
+def _de_casteljau(control: Array, u: Array) -> Array:
+    """One point a piece; ``u`` broadcasts against (k, n)."""
+    weight = u[:, None, :]
+    while control.shape[1] > 1:
+        control = control[:, :-1] * (1.0 - weight) + control[:, 1:] * weight
+    return control[:, 0]
+
+
+def _critical(slope: Array) -> list[Array]:
+    """Where in [0, 1] a polynomial with Bernstein coefficients ``slope`` (k, 0..3, n) vanishes, each (k, n).
+
+    Without a root the entry is a harmless point of [0, 1].
+    """
+    if slope.shape[1] < 2:  # a constant slope: monotone
+        return []
+    if slope.shape[1] == 2:
+        return [_ratio(slope[:, 0], slope[:, 0] - slope[:, 1])]
+    # a u^2 - 2 b u + c with the larger root first, the other from their product: no cancellation
+    c = slope[:, 0]
+    b = slope[:, 0] - slope[:, 1]
+    a = slope[:, 0] - 2.0 * slope[:, 1] + slope[:, 2]
+    large = b + np.copysign(np.sqrt(np.maximum(b * b - a * c, 0.0)), b)
+    return [_ratio(large, a), _ratio(c, large)]
+
+
+def _ratio(numerator: Array, denominator: Array) -> Array:
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        return np.clip(np.nan_to_num(numerator / denominator, nan=0.0), 0.0, 1.0)

@@ -1,0 +1,155 @@
+"""A smooth path in joint space: cubic pieces that meet with equal tangents."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.motion import bezier
+from pinproof.motion.curve import Array, checked_joint_names, read_only
+from pinproof.spatial import finite
+
+__all__ = ["CubicPath"]
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class CubicPath:
+    """A C1 cubic Hermite spline over a path parameter; no timing.
+
+    Meant for curves that are smooth in joint space, such as a straight line of the tcp: the arm need not stop at the
+    samples, as it must at the corners of a :class:`~pinproof.motion.JointPath`.
+
+    Parameters
+    ----------
+    q
+        (m, n) points on the path, m >= 1, in radians or metres.
+    tangents
+        (m, n) derivatives by the path parameter there.
+    knots
+        (m,) path parameter there, strictly increasing, without unit.
+    joint_names
+        The n joints, in the order of the columns.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, knots that do not increase, or bad joint names.
+    """
+
+    q: Array
+    tangents: Array
+    knots: Array
+    joint_names: tuple[str, ...]
+
+    def __init__(
+        self, q: npt.ArrayLike, tangents: npt.ArrayLike, knots: npt.ArrayLike, joint_names: Iterable[str]
+    ) -> None:
+        names = checked_joint_names(joint_names)
+        points = finite("q", q, (None, len(names)))
+        if len(points) == 0:
+            raise InputError("q has no point; a path needs at least one")
+        object.__setattr__(self, "q", read_only(points))
+        object.__setattr__(self, "tangents", read_only(finite("tangents", tangents, points.shape)))
+        object.__setattr__(self, "knots", read_only(_increasing(finite("knots", knots, (len(points),)))))
+        object.__setattr__(self, "joint_names", names)
+
+    @classmethod
+    def through(cls, q: npt.ArrayLike, joint_names: Iterable[str], knots: npt.ArrayLike | None = None) -> CubicPath:
+        """The C2 cubic spline through points (not-a-knot ends; a parabola through 3 points, a line through 2).
+
+        Parameters
+        ----------
+        q
+            (m, n) points.
+        joint_names
+            The n joints.
+        knots
+            (m,) path parameter of the points, strictly increasing; without it the chord length: the sum of Euclidean
+            distances in joint space up to each point.
+
+        Raises
+        ------
+        InputError
+            As the constructor; also for equal neighbours without ``knots``.
+
+        Notes
+        -----
+        C. de Boor, "A Practical Guide to Splines" (2001), chapter IV, as implemented by SciPy's ``CubicSpline``.
+        """
+        from scipy.interpolate import CubicSpline
+
+        names = checked_joint_names(joint_names)
+        points = finite("q", q, (None, len(names)))
+        if knots is None:
+            chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
+            if not (chord > 0.0).all():
+                i = int(np.flatnonzero(chord <= 0.0)[0])
+                raise InputError(f"the points {i} and {i + 1} are equal: drop one, or give knots")
+            parameter = np.concatenate([[0.0], np.cumsum(chord)])
+        else:
+            parameter = finite("knots", knots, (len(points),))
+        parameter = _increasing(parameter)
+        if len(points) < 2:
+            return cls(points, np.zeros_like(points), parameter[: len(points)], names)
+        return cls(points, CubicSpline(parameter, points)(parameter, 1), parameter, names)
+
+    def __call__(self, t: npt.ArrayLike) -> Array:
+        """The configuration (n,) at ``t`` in the domain, or (N, n) at (N,) of them; InputError outside."""
+        return bezier.evaluate(*self._pieces, t)
+
+    def bezier(self) -> tuple[Array, Array]:
+        """Knots (k+1,) and control points (k, 4, n), one piece between neighbouring points."""
+        return self._pieces
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """First and last parameter."""
+        return float(self.knots[0]), float(self.knots[-1])
+
+    @property
+    def start(self) -> Array:
+        """(n,) first point."""
+        point: Array = self.q[0]
+        return point
+
+    @property
+    def end(self) -> Array:
+        """(n,) last point."""
+        point: Array = self.q[-1]
+        return point
+
+    def reversed(self) -> CubicPath:
+        """The same image from end to start, over the same domain."""
+        first, last = self.domain
+        knots = np.concatenate([[first], first + (last - self.knots[-2::-1])]) if len(self.q) > 1 else self.knots
+        return CubicPath(self.q[::-1], -self.tangents[::-1], knots, self.joint_names)
+
+    def is_close(self, other: CubicPath, tolerance: float = 1e-9) -> bool:
+        """Whether joints and number of points agree, and points, tangents and knots to ``tolerance``."""
+        mine, theirs = (self.q, self.tangents, self.knots), (other.q, other.tangents, other.knots)
+        same = self.joint_names == other.joint_names and self.q.shape == other.q.shape
+        return same and all(bool(np.abs(a - b).max() <= tolerance) for a, b in zip(mine, theirs, strict=True))
+
+    @cached_property
+    def _pieces(self) -> tuple[Array, Array]:
+        if len(self.q) == 1:
+            return read_only(np.repeat(self.knots, 2)), read_only(np.stack([self.q] * 4, axis=1))
+        return self.knots, read_only(bezier.hermite(self.knots, self.q, self.tangents))
+
+    def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
+        return CubicPath, (self.q, self.tangents, self.knots, self.joint_names)
+
+    def __repr__(self) -> str:
+        return f"CubicPath({len(self.q)} points, {len(self.joint_names)} joints)"
+
+
+def _increasing(knots: Array) -> Array:
+    if not (np.diff(knots) > 0.0).all():
+        i = int(np.flatnonzero(np.diff(knots) <= 0.0)[0])
+        raise InputError(f"knots must increase strictly; {knots[i]} is followed by {knots[i + 1]} at index {i + 1}")
+    return knots

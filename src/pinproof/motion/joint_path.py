@@ -1,0 +1,126 @@
+"""A path of straight segments in joint space."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.motion import bezier
+from pinproof.motion.curve import Array, checked_joint_names, ends_meet, read_only
+from pinproof.spatial import finite
+
+__all__ = ["JointPath"]
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class JointPath:
+    """Straight segments between waypoints; no timing.
+
+    The parameter is the waypoint's index as a float: ``path(1.5)`` is half way from waypoint 1 to waypoint 2. A single
+    waypoint is legal (start is goal), and so are equal neighbours.
+
+    Parameters
+    ----------
+    q
+        (m, n) waypoints, m >= 1, in radians or metres.
+    joint_names
+        The n joints, in the order of the columns.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape, a number that is not finite, or joint names that are empty or repeated.
+    """
+
+    q: Array
+    joint_names: tuple[str, ...]
+
+    def __init__(self, q: npt.ArrayLike, joint_names: Iterable[str]) -> None:
+        names = checked_joint_names(joint_names)
+        waypoints = finite("q", q, (None, len(names)))
+        if len(waypoints) == 0:
+            raise InputError("q has no waypoint; a path needs at least one")
+        object.__setattr__(self, "q", read_only(waypoints))
+        object.__setattr__(self, "joint_names", names)
+
+    @classmethod
+    def join(cls, *parts: JointPath) -> JointPath:
+        """The parts one after another.
+
+        Raises
+        ------
+        InputError
+            Without parts, or where the end of one is not the start of the next.
+        """
+        if not parts:
+            raise InputError("JointPath.join needs at least one path")
+        rows = [parts[0].q]
+        for i, (first, second) in enumerate(pairwise(parts)):
+            ends_meet(first, second, f"parts {i} and {i + 1}")
+            # ends that differ by rounding are both kept: the image stays the union of the parts
+            rows.append(second.q[1:] if np.array_equal(first.end, second.start) else second.q)
+        return cls(np.concatenate(rows), parts[0].joint_names)
+
+    def __add__(self, other: JointPath) -> JointPath:
+        return JointPath.join(self, other)
+
+    def __len__(self) -> int:
+        """The number of waypoints."""
+        return len(self.q)
+
+    def __call__(self, t: npt.ArrayLike) -> Array:
+        """The configuration (n,) at index ``t`` in [0, m-1], or (N, n) at (N,) of them; InputError outside."""
+        return bezier.evaluate(*self._pieces, t)
+
+    def bezier(self) -> tuple[Array, Array]:
+        """Knots (k+1,) and control points (k, 2, n), one piece a segment."""
+        return self._pieces
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """First and last parameter: (0, m-1)."""
+        return 0.0, float(len(self.q) - 1)
+
+    @property
+    def start(self) -> Array:
+        """(n,) first waypoint."""
+        point: Array = self.q[0]
+        return point
+
+    @property
+    def end(self) -> Array:
+        """(n,) last waypoint."""
+        point: Array = self.q[-1]
+        return point
+
+    @property
+    def length(self) -> float:
+        """Sum of the segments' Euclidean lengths in joint space (radians and metres count alike)."""
+        return float(np.linalg.norm(np.diff(self.q, axis=0), axis=1).sum())
+
+    def reversed(self) -> JointPath:
+        """The same image from end to start."""
+        return JointPath(self.q[::-1], self.joint_names)
+
+    def is_close(self, other: JointPath, tolerance: float = 1e-9) -> bool:
+        """Whether joints and number of waypoints agree, and every coordinate to ``tolerance`` (rad or m)."""
+        same = self.joint_names == other.joint_names and self.q.shape == other.q.shape
+        return same and bool(np.abs(self.q - other.q).max() <= tolerance)
+
+    @cached_property
+    def _pieces(self) -> tuple[Array, Array]:
+        if len(self.q) == 1:
+            return read_only(np.zeros(2)), read_only(np.stack([self.q, self.q], axis=1))
+        return read_only(np.arange(len(self.q), dtype=float)), read_only(np.stack([self.q[:-1], self.q[1:]], axis=1))
+
+    def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
+        return JointPath, (self.q, self.joint_names)
+
+    def __repr__(self) -> str:
+        return f"JointPath({len(self.q)} waypoints, {len(self.joint_names)} joints, length {self.length:.6g})"

@@ -1,0 +1,138 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from pinproof import InputError
+from pinproof.motion import bezier
+
+coordinate = st.floats(-10, 10, allow_subnormal=False)
+
+
+ANY_DEGREE = st.integers(0, 6)
+
+
+@st.composite
+def curves(draw, degrees=ANY_DEGREE):
+    """Knots (k+1,) and control points (k, degree+1, n)."""
+    pieces, degree, joints = draw(st.integers(1, 4)), draw(degrees), draw(st.integers(1, 3))
+    widths = draw(arrays(float, pieces, elements=st.floats(0.01, 5)))
+    control = draw(arrays(float, (pieces, degree + 1, joints), elements=coordinate))
+    return np.concatenate([[0.0], np.cumsum(widths)]), control
+
+
+def on_piece(control, u):
+    """Points (U, n) of one piece at local parameters u, by the power of the Bernstein basis itself."""
+    from math import comb
+
+    degree = len(control) - 1
+    return sum(
+        comb(degree, r) * u[:, None] ** r * (1 - u[:, None]) ** (degree - r) * control[r] for r in range(degree + 1)
+    )
+
+
+@settings(deadline=None)
+@given(curves())
+def test_evaluate_is_the_bernstein_sum(curve):
+    knots, control = curve
+    u = np.linspace(0, 1, 9)[1:-1]
+    for i, piece in enumerate(control):
+        t = knots[i] + u * (knots[i + 1] - knots[i])
+        np.testing.assert_allclose(bezier.evaluate(knots, control, t), on_piece(piece, u), atol=1e-11)
+
+
+@settings(deadline=None)
+@given(curves())
+def test_a_piece_starts_at_its_first_control_point_and_the_curve_ends_at_its_last_bit_for_bit(curve):
+    knots, control = curve
+    np.testing.assert_array_equal(bezier.evaluate(knots, control, knots[:-1]), control[:, 0])
+    np.testing.assert_array_equal(bezier.evaluate(knots, control, knots[-1]), control[-1, -1])
+
+
+@settings(deadline=None)
+@given(curves(), st.floats(0, 1))
+def test_both_halves_of_a_split_trace_the_same_curve(curve, u):
+    _, control = curve
+    left, right = bezier.split(control, u)
+    local = np.linspace(0, 1, 7)
+    for i in range(len(control)):
+        np.testing.assert_allclose(on_piece(left[i], local), on_piece(control[i], local * u), atol=1e-12)
+        np.testing.assert_allclose(on_piece(right[i], local), on_piece(control[i], u + local * (1 - u)), atol=1e-12)
+
+
+@settings(deadline=None)
+@given(curves())
+def test_the_hull_contains_every_sample(curve):
+    _, control = curve
+    low, high = bezier.hull(control)
+    for i, piece in enumerate(control):
+        samples = on_piece(piece, np.linspace(0, 1, 101))
+        assert (samples >= low[i] - 1e-13).all()
+        assert (samples <= high[i] + 1e-13).all()
+
+
+@settings(deadline=None)
+@given(curves(st.integers(0, 3)))
+def test_extremes_contain_every_sample_and_are_reached(curve):
+    _, control = curve
+    low, high = bezier.extremes(control)
+    for i, piece in enumerate(control):
+        samples = on_piece(piece, np.linspace(0, 1, 2001))
+        size = np.abs(piece).max()
+        assert (samples.min(axis=0) >= low[i] - 1e-13 * size).all()
+        assert (samples.max(axis=0) <= high[i] + 1e-13 * size).all()
+        # between samples h apart a polynomial rises by |p''| h^2 / 8 at most, and |p''| <= 24 max|control|
+        assert (low[i] >= samples.min(axis=0) - 24 * size / 2000**2).all()
+        assert (high[i] <= samples.max(axis=0) + 24 * size / 2000**2).all()
+
+
+def test_extremes_are_refused_where_there_is_no_closed_form():
+    with pytest.raises(InputError, match="degree 4"):
+        bezier.extremes(np.zeros((1, 5, 1)))
+
+
+@settings(deadline=None)
+@given(curves(st.integers(1, 4)))
+def test_the_derivative_is_that_of_the_polynomial(curve):
+    knots, control = curve
+    slope = bezier.derivative(knots, control)
+    assert bezier.degree(slope) == bezier.degree(control) - 1
+    for i, piece in enumerate(control):
+        power = np.array(
+            [
+                np.polynomial.Polynomial.fit(*_samples(piece[:, j]), deg=len(piece) - 1).deriv()(0.3)
+                for j in range(piece.shape[1])
+            ]
+        )
+        np.testing.assert_allclose(
+            on_piece(slope[i], np.array([0.3]))[0], power / (knots[i + 1] - knots[i]), rtol=1e-8, atol=1e-7
+        )
+
+
+def _samples(coefficients):
+    u = np.linspace(0, 1, 12)
+    return u, on_piece(coefficients[:, None], u)[:, 0]
+
+
+@settings(deadline=None)
+@given(arrays(float, (2, 2), elements=coordinate), arrays(float, (2, 2), elements=coordinate), st.floats(0.1, 3))
+def test_hermite_pieces_have_the_values_and_slopes_asked_for(values, slopes, width):
+    knots = np.array([0.0, width])
+    control = bezier.hermite(knots, values, slopes)
+    np.testing.assert_array_equal(bezier.evaluate(knots, control, knots), values)
+    np.testing.assert_allclose(
+        bezier.evaluate(knots, bezier.derivative(knots, control), knots), slopes, atol=1e-11 / width
+    )
+
+
+@pytest.mark.parametrize("t", [-1e-9, 1.0 + 1e-9, np.nan, np.inf, [0.5, 2.0]])
+def test_a_parameter_off_the_curve_is_refused(t):
+    with pytest.raises(InputError, match="outside"):
+        bezier.evaluate(np.array([0.0, 1.0]), np.zeros((1, 2, 1)), t)
+
+
+def test_a_piece_of_zero_width_is_its_configuration():
+    knots, control = np.zeros(2), np.full((1, 4, 3), 0.7)
+    np.testing.assert_array_equal(bezier.evaluate(knots, control, 0.0), np.full(3, 0.7))
+    np.testing.assert_array_equal(bezier.derivative(knots, control), np.zeros((1, 3, 3)))

@@ -1,0 +1,153 @@
+import pickle
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from pinproof import InputError
+from pinproof.motion import Curve, Trajectory, bezier
+
+NAMES = ("slide", "turn")
+value = st.floats(-5, 5, allow_subnormal=False)
+
+
+@st.composite
+def trajectories(draw):
+    m = draw(st.integers(2, 5))
+    steps = draw(arrays(float, m - 1, elements=st.floats(0.05, 2)))
+    q = draw(arrays(float, (m, 2), elements=value))
+    return Trajectory(np.concatenate([[0.0], np.cumsum(steps)]), q, draw(arrays(float, (m, 2), elements=value)), NAMES)
+
+
+@settings(deadline=None)
+@given(trajectories())
+def test_a_trajectory_is_the_cubic_hermite_curve_through_its_points(trajectory):
+    from scipy.interpolate import CubicHermiteSpline
+
+    oracle = CubicHermiteSpline(trajectory.times, trajectory.q, trajectory.velocities)
+    t = np.linspace(0, trajectory.duration, 60)
+    np.testing.assert_allclose(trajectory(t), oracle(t), atol=1e-11)
+    np.testing.assert_allclose(trajectory.velocity(t), oracle(t, 1), atol=1e-9)
+    inside = np.setdiff1d(t, trajectory.times)  # accelerations jump at the points
+    np.testing.assert_allclose(trajectory.acceleration(inside), oracle(inside, 2), atol=1e-7)
+    assert isinstance(trajectory, Curve)
+    np.testing.assert_array_equal(trajectory(t), bezier.evaluate(*trajectory.bezier(), t))
+
+
+@settings(deadline=None)
+@given(trajectories())
+def test_extremes_hold_for_dense_samples_and_are_reached(trajectory):
+    t = np.linspace(0, trajectory.duration, 4001)
+    step = trajectory.duration / 4000
+    peak = np.abs(trajectory.velocity(t)).max(axis=0)
+    assert (peak <= trajectory.max_velocity() + 1e-9).all()
+    assert (peak >= trajectory.max_velocity() - trajectory.max_acceleration() * step - 1e-9).all()
+    assert (np.abs(trajectory.acceleration(t)).max(axis=0) <= trajectory.max_acceleration() * (1 + 1e-9) + 1e-9).all()
+    low, high = trajectory.range()
+    samples = trajectory(t)
+    assert (samples >= low - 1e-12).all()
+    assert (samples <= high + 1e-12).all()
+    slack = trajectory.max_velocity() * step + 1e-9
+    assert (samples.min(axis=0) <= low + slack).all()
+    assert (samples.max(axis=0) >= high - slack).all()
+
+
+def test_a_speed_peak_between_points_is_seen():
+    trajectory = Trajectory([0, 1], [[0.0, 0], [1, 0]], np.zeros((2, 2)), NAMES)
+    np.testing.assert_allclose(trajectory.max_velocity(), [1.5, 0])
+    np.testing.assert_allclose(trajectory.max_acceleration(), [6, 0])
+
+
+def test_times_are_whole_nanoseconds_from_the_start():
+    trajectory = Trajectory([0, 0.1 + 1e-12, 1 / 3], np.zeros((3, 2)), np.zeros((3, 2)), NAMES)
+    np.testing.assert_array_equal(trajectory.times, [0, 0.1, 0.333333333])
+
+
+@settings(deadline=None)
+@given(st.integers(1, 2**50))
+def test_every_count_of_nanoseconds_survives_as_seconds(count):
+    times = Trajectory([0, count / 10**9], np.zeros((2, 1)), np.zeros((2, 1)), ["j"]).times
+    assert round(times[1] * 10**9) == count
+    assert times[1] == count / 10**9
+
+
+def test_a_single_point_is_a_motion_of_no_duration():
+    trajectory = Trajectory([0], [[1, 2]], [[0, 0]], NAMES)
+    assert trajectory.duration == 0
+    np.testing.assert_array_equal(trajectory(0), [1, 2])
+    np.testing.assert_array_equal(trajectory.velocity(0), [0, 0])
+    np.testing.assert_array_equal(trajectory.max_acceleration(), [0, 0])
+    knots, control = trajectory.bezier()
+    assert knots.tolist() == [0, 0]
+    assert control.shape == (1, 4, 2)
+
+
+@pytest.mark.parametrize("t", [-1e-9, 1 + 1e-9, np.nan])
+def test_outside_its_time_there_is_no_answer(t):
+    trajectory = Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES)
+    for call in (trajectory, trajectory.velocity, trajectory.acceleration):
+        with pytest.raises(InputError, match="outside"):
+            call(t)
+
+
+@pytest.mark.parametrize(
+    ("times", "q", "velocities", "message"),
+    [
+        ([0, 0], np.zeros((2, 2)), np.zeros((2, 2)), "increase"),
+        ([0, 4e-10], np.zeros((2, 2)), np.zeros((2, 2)), "increase"),
+        ([1, 2], np.zeros((2, 2)), np.zeros((2, 2)), "start at 0"),
+        ([0, 1], np.zeros((2, 2)), np.full((2, 2), np.inf), "velocities holds inf"),
+        ([0, 1], np.zeros((2, 2)), np.zeros((1, 2)), "velocities must have the shape"),
+        ([0, 1e9], np.zeros((2, 2)), np.zeros((2, 2)), "nanoseconds"),
+        ([0], np.zeros((1, 2)), np.ones((1, 2)), "at rest"),
+        ([], np.zeros((0, 2)), np.zeros((0, 2)), "at least one"),
+    ],
+)
+def test_what_is_no_motion_is_refused(times, q, velocities, message):
+    with pytest.raises(InputError, match=message):
+        Trajectory(times, q, velocities, NAMES)
+
+
+@settings(deadline=None)
+@given(trajectories(), trajectories())
+def test_joined_motions_run_one_after_the_other(first, second):
+    second = Trajectory(
+        second.times,
+        second.q - second.q[0] + first.end,
+        np.concatenate([first.velocities[-1:], second.velocities[1:]]),
+        NAMES,
+    )
+    second = Trajectory(second.times, np.concatenate([[first.end], second.q[1:]]), second.velocities, NAMES, "b")
+    joined = Trajectory.join(first, second)
+    assert joined.duration == pytest.approx(first.duration + second.duration, abs=1e-12)
+    assert joined.limits_note == "b"
+    t = np.linspace(0, first.duration, 20)
+    np.testing.assert_array_equal(joined(t)[:-1], first(t)[:-1])
+    t = np.linspace(0, second.duration, 20)
+    after = np.minimum(first.duration + t, joined.duration)
+    np.testing.assert_allclose(joined(after), second(t), atol=1e-12)
+
+
+def test_times_do_not_drift_however_many_motions_are_joined():
+    part = Trajectory([0, 0.1], [[0, 0], [0, 0]], np.zeros((2, 2)), NAMES)
+    assert Trajectory.join(*[part] * 1000).duration == 100.0
+
+
+def test_motions_that_do_not_meet_are_not_joined():
+    still = Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES)
+    away = Trajectory([0, 1], np.ones((2, 2)), np.zeros((2, 2)), NAMES)
+    moving = Trajectory([0, 1], np.zeros((2, 2)), [[0, 1], [0, 0]], NAMES)
+    with pytest.raises(InputError, match="do not meet"):
+        Trajectory.join(still, away)
+    with pytest.raises(InputError, match="different velocities of joint 'turn'"):
+        Trajectory.join(still, moving)
+
+
+def test_pickled_trajectories_are_equal_and_still_locked():
+    trajectory = Trajectory([0, 1 / 3], [[0, 0], [1, 2]], np.ones((2, 2)), NAMES, "note")
+    copy = pickle.loads(pickle.dumps(trajectory))
+    assert copy.is_close(trajectory, 0)
+    assert copy.limits_note == "note"
+    assert not copy.q.flags.writeable

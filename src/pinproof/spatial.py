@@ -15,7 +15,19 @@ import pinocchio as pin
 
 from pinproof.errors import InputError
 
-__all__ = ["RIGID_TOLERANCE", "SE3", "finite", "log6", "log6_jacobian", "matrix", "pose", "rigid", "xyz_rpy"]
+__all__ = [
+    "RIGID_TOLERANCE",
+    "SE3",
+    "finite",
+    "interpolate",
+    "log6",
+    "log6_jacobian",
+    "matrix",
+    "pose",
+    "rigid",
+    "twist_size",
+    "xyz_rpy",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -78,6 +90,18 @@ def log6(a_from_b: pin.SE3) -> Array:
 def log6_jacobian(a_from_b: pin.SE3) -> Array:
     """The (6, 6) derivative of :func:`log6` by a motion of b, seen in b (right Jacobian of SE(3))."""
     return np.array(pin.Jlog6(a_from_b))
+
+
+def interpolate(a: pin.SE3, b: pin.SE3, share: float) -> pin.SE3:
+    """The pose at ``share`` (0 to 1) of the way from a to b: the origin on a line, the axes turning about one axis."""
+    turn = pin.exp3(share * pin.log3(a.rotation.T @ b.rotation))
+    return pin.SE3(a.rotation @ turn, a.translation + share * (b.translation - a.translation))
+
+
+def twist_size(a: pin.SE3, b: pin.SE3) -> tuple[float, float]:
+    """How far b is from a: metres between the origins, and the angle (rad) between the axes."""
+    distance = float(np.linalg.norm(b.translation - a.translation))
+    return distance, float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
 
 
 def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:

@@ -98,7 +98,12 @@ class CollisionChecker:
 
     def is_free(self, q: npt.ArrayLike) -> bool:
         """Whether every checked pair is farther apart than the margin at q (n,). Limits are not looked at."""
-        return self._is_free(self.arm.configuration(q))
+        return self.is_free_unchecked(self.arm.configuration(q))
+
+    def is_free_unchecked(self, q: Array) -> bool:
+        """:meth:`is_free` for loops that made q (n,) themselves."""
+        space = self.placed(q)
+        return not space.any_contact() and not any(space.one_inside_other(k) for k in self._exact_pairs)
 
     def check(self, q: npt.ArrayLike) -> CheckResult:
         """Every contact at q (n,), with names, distances and points."""
@@ -159,10 +164,6 @@ class CollisionChecker:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._threads = threading.local()
-
-    def _is_free(self, q: Array) -> bool:
-        space = self.placed(q)
-        return not space.any_contact() and not any(space.one_inside_other(k) for k in self._exact_pairs)
 
 
 def _geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:

@@ -33,13 +33,13 @@ import yaml
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from pinproof.description.dh_files import parse_number
+from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.description.whole_file import write_text_whole
-from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
+from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import Array, finite, pose
 
-__all__ = ["read_scene", "write_scene"]
+__all__ = ["OBSTACLE_KEYS", "numbers_of", "read_obstacle", "read_scene", "write_scene"]
 
-SUFFIXES = (".yaml", ".yml")
 SCENE_KEYS = ("obstacles", "allowed_contacts")
 Sized = type[Sphere] | type[Cylinder] | type[Capsule]
 SIZED: dict[str, Sized] = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
@@ -58,22 +58,7 @@ def read_scene(path: str | Path) -> Scene:
         and key.
     """
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
-    try:
-        content = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_LinedLoader)
-    except OSError as error:
-        raise SceneError(path, f"cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise SceneError(path, f"is not UTF-8 text: {error}") from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: a date such as 2026-99-99
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error)
-        raise SceneError(path, f"is no valid YAML: {problem}", f"line {mark.line + 1}" if mark else "") from error
-    if not isinstance(content, _Lined):
-        what = "is empty" if content is None else f"holds {type(content).__name__}"
-        raise SceneError(path, f"{what}; wanted are the keys {', '.join(SCENE_KEYS)}")
-    return _scene(path, content)
+    return _scene(path, read_yaml(path, SCENE_KEYS, SceneError))
 
 
 def write_scene(scene: Scene, path: str | Path) -> None:
@@ -88,8 +73,8 @@ def write_scene(scene: Scene, path: str | Path) -> None:
         For another ending than ``.yaml`` or ``.yml``, or a place that cannot be written to.
     """
     path = Path(path)
-    if path.suffix.lower() not in SUFFIXES:
-        raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
+    if path.suffix.lower() not in YAML_SUFFIXES:
+        raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
     content: dict[str, Any] = {"obstacles": [_stated(obstacle, path.resolve().parent) for obstacle in scene.obstacles]}
     if scene.allowed:
         content["allowed_contacts"] = [list(pair) for pair in scene.allowed]
@@ -99,46 +84,20 @@ def write_scene(scene: Scene, path: str | Path) -> None:
         raise SceneError(path, error.reason) from error
 
 
-class _Lined(dict[Any, Any]):
-    """A YAML mapping that knows on which line it starts."""
-
-    line: int
-
-
-class _LinedLoader(yaml.SafeLoader):
-    """A SafeLoader whose mappings know their line, and which refuses a key given twice (YAML would keep the last)."""
-
-
-def _lined(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
-    mapping = _Lined()
-    mapping.line = node.start_mark.line + 1
-    yield mapping
-    seen: list[Any] = []
-    for key_node, _ in node.value:
-        key = loader.construct_object(key_node, deep=True)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} is given twice", key_node.start_mark)
-        seen.append(key)
-    mapping.update(loader.construct_mapping(node, deep=True))
-
-
-_LinedLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _lined)
-
-
-def _scene(path: Path, content: _Lined) -> Scene:
-    _refuse_unknown(path, "key", content, SCENE_KEYS, "")
+def _scene(path: Path, content: LinedMapping) -> Scene:
+    refuse_unknown(SceneError, path, "key", content, SCENE_KEYS, "")
     if "obstacles" not in content:
         raise SceneError(path, "holds no obstacles; a scene without any says 'obstacles: []'")
     obstacles: list[Obstacle] = []
-    for number, stated in enumerate(_list(path, "obstacles", content["obstacles"]), start=1):
-        if not isinstance(stated, _Lined):
+    for number, stated in enumerate(listed(SceneError, path, "obstacles", content["obstacles"]), start=1):
+        if not isinstance(stated, LinedMapping):
             raise SceneError(path, f"{stated!r} is no obstacle; valid keys: {', '.join(OBSTACLE_KEYS)}", f"#{number}")
-        obstacle = _obstacle(path, number, stated)
+        obstacle = read_obstacle(path, number, stated)
         if any(obstacle.name == other.name for other in obstacles):
             raise SceneError(path, f"a second obstacle is named {obstacle.name!r}", f"line {stated.line}")
         obstacles.append(obstacle)
     allowed = []
-    for pair in _list(path, "allowed_contacts", content.get("allowed_contacts", [])):
+    for pair in listed(SceneError, path, "allowed_contacts", content.get("allowed_contacts", [])):
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
             raise SceneError(path, f"{pair!r} is no pair [robot link, obstacle]", "key allowed_contacts")
         allowed.append(tuple(pair))
@@ -148,20 +107,27 @@ def _scene(path: Path, content: _Lined) -> Scene:
         raise SceneError(path, str(error), "key allowed_contacts") from error
 
 
-def _obstacle(path: Path, number: int, stated: _Lined) -> Obstacle:
+def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
+    """The obstacle that a mapping of a file states; ``number`` names it as long as it has no name.
+
+    Raises
+    ------
+    SceneError
+        If it makes no sense; names file, line, obstacle and key.
+    """
     name = stated.get("name")
     if not isinstance(name, str) or not name:
         told = "has no name" if name is None else f"has the name {name!r}, which is no text (put it in quotes)"
         raise SceneError(path, f"obstacle {number} {told}", f"line {stated.line}")
     where = f"line {stated.line}, obstacle {name!r}"
-    _refuse_unknown(path, "key", stated, OBSTACLE_KEYS, where)
+    refuse_unknown(SceneError, path, "key", stated, OBSTACLE_KEYS, where)
     kinds = [key for key in SHAPE_KEYS if key in stated]
     if len(kinds) != 1:
         what = " and ".join(kinds) or "no shape"
         raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPE_KEYS)}", where)
     try:
         shape = _shape(path, kinds[0], stated[kinds[0]], where)
-        placement = pose(**{key: _numbers(key, stated[key]) for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
+        placement = pose(**{key: numbers_of(key, stated[key]) for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
         rgba = _rgba(stated["rgba"]) if "rgba" in stated else None
     except InputError as error:
         raise SceneError(path, str(error), where) from error
@@ -171,17 +137,17 @@ def _obstacle(path: Path, number: int, stated: _Lined) -> Obstacle:
 def _shape(path: Path, kind: str, stated: object, where: str) -> Shape:
     """The shape of an obstacle; InputError for sizes that make no sense."""
     if kind == "box":
-        return Box(*finite("box", _numbers("box", stated), (3,)))
+        return Box(*finite("box", numbers_of("box", stated), (3,)))
     keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(SIZED[kind]))
     must = keys[:1] if kind == "mesh" else keys
     if not isinstance(stated, dict):
         raise InputError(f"{kind}: {stated!r} is no mapping of {', '.join(keys)}")
-    _refuse_unknown(path, f"key of {kind}", stated, keys, where)
+    refuse_unknown(SceneError, path, f"key of {kind}", stated, keys, where)
     missing = [key for key in must if key not in stated]
     if missing:
         raise InputError(f"{kind} does not state its {' and '.join(missing)}")
     if kind != "mesh":
-        return SIZED[kind](**{key: _numbers(f"{kind}.{key}", value) for key, value in stated.items()})
+        return SIZED[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
     return _mesh(path, stated)
 
 
@@ -194,35 +160,23 @@ def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
     full = path.parent / file
     if not full.is_file():
         raise InputError(f"mesh.path: there is no file {full}; paths are relative to the scene file")
-    scale = _numbers("mesh.scale", stated.get("scale", 1.0))
+    scale = numbers_of("mesh.scale", stated.get("scale", 1.0))
     return Mesh(full, tuple(scale) if isinstance(scale, list) else scale, hull)
 
 
 def _rgba(stated: object) -> tuple[float, float, float, float]:
-    r, g, b, a = finite("rgba", _numbers("rgba", stated), (4,)).tolist()
+    r, g, b, a = finite("rgba", numbers_of("rgba", stated), (4,)).tolist()
     if min(r, g, b, a) < 0 or max(r, g, b, a) > 1:
         raise InputError(f"rgba = {[r, g, b, a]}; its numbers are from 0 to 1")
     return r, g, b, a
 
 
-def _numbers(key: str, stated: object) -> Any:
-    """One number or a list of them."""
+def numbers_of(key: str, stated: object) -> Any:
+    """One number or a list of them, each written as in :func:`~pinproof.description.dh_files.parse_number`."""
     try:
         return [parse_number(part) for part in stated] if isinstance(stated, list) else parse_number(stated)
     except ValueError as error:
         raise InputError(f"{key}: {error}") from error
-
-
-def _list(path: Path, key: str, stated: object) -> list[Any]:
-    if not isinstance(stated, list):
-        raise SceneError(path, f"holds {stated!r}, not a list", f"key {key}")
-    return stated
-
-
-def _refuse_unknown(path: Path, kind: str, stated: Mapping[Any, Any], valid: tuple[str, ...], where: str) -> None:
-    for key in stated:
-        if key not in valid:
-            raise SceneError(path, str(UnknownNameError(kind, key, valid)), where)
 
 
 def _stated(obstacle: Obstacle, folder: Path) -> dict[str, Any]:

@@ -1,0 +1,16 @@
+"""Planning: RRT-Connect, shortcuts and straight lines; every answer carries its certificate."""
+
+from pinproof.planning.linear import LinearMove, LinearStatus, plan_linear
+from pinproof.planning.result import PlanResult, PlanStatus
+from pinproof.planning.rrt_connect import RrtConnect
+from pinproof.planning.shortcut import shortcut
+
+__all__ = [
+    "LinearMove",
+    "LinearStatus",
+    "PlanResult",
+    "PlanStatus",
+    "RrtConnect",
+    "plan_linear",
+    "shortcut",
+]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
@@ -10,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.pairs import ExcludedPair
-from pinproof.collision.scene import Scene
+from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion import Curve
@@ -119,9 +120,9 @@ class Certificate:
         """Whether the status is FREE."""
         return self.status is CertificateStatus.FREE
 
-    def matches(self, curve: Curve, arm: Arm, scene: Scene) -> bool:
-        """Whether this certificate was made for exactly this curve, arm and scene."""
-        return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene)
+    def matches(self, curve: Curve, arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> bool:
+        """Whether this certificate was made for exactly this curve, arm, scene and attached objects."""
+        return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached)
 
     def or_raise(self) -> Certificate:
         """Return the certificate if it is FREE.
@@ -147,14 +148,17 @@ def curve_hash(curve: Curve) -> str:
     return digest.hexdigest()
 
 
-def setup_hash(arm: Arm, scene: Scene) -> str:
-    """A hash of an arm (kinematics, held joints, collision geometry) and of a scene; meshes by their file names."""
+def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
+    """A hash of an arm (kinematics, held joints, collision geometry), what it carries, and a scene; meshes by file."""
     digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
     for geometry in arm.robot.urdf.collisions:
         mesh = None if geometry.mesh is None else geometry.mesh.uri
         digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh)).encode())
         digest.update(np.ascontiguousarray(geometry.origin).tobytes())
     digest.update(repr(scene.allowed).encode())
-    for obstacle in scene.obstacles:
+    for obstacle in (*attached, None, *scene.obstacles):
+        if obstacle is None:  # what is carried ends, what stands around begins
+            digest.update(b"scene")
+            continue
         digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
     return digest.hexdigest()

@@ -259,6 +259,6 @@ class _Proof:
             excluded=tuple(checker.excluded),
             tolerance=self._tolerance,
             curve=curve_hash(self._curve),
-            setup=setup_hash(checker.arm, checker.scene),
+            setup=setup_hash(checker.arm, checker.scene, checker.attached),
             hollow=checker.hollow,
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -149,6 +150,20 @@ class Arm:
             return finite(name, q, (self.dof,))
         except ValueError as error:
             raise type(error)(f"{error}; the arm's joints are {', '.join(self.joint_names)}") from None
+
+    def with_limits(self, limits: JointLimits) -> Arm:
+        """The same arm under other limits.
+
+        Raises
+        ------
+        InputError
+            If they hold another number of joints.
+        """
+        if len(limits) != self.dof:
+            raise InputError(f"limits hold {len(limits)} joints; the arm has {self.dof}: {', '.join(self.joint_names)}")
+        other = copy(self)
+        other.limits = limits
+        return other
 
     def model_configuration(self, q: Array) -> Array:
         """The configuration of :attr:`model` (followers included) that belongs to q (n,), unchecked."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from pinproof.collision import Certificate, CertificateStatus, FirstContact, Scene, UndecidedSpan
+from pinproof.collision import Certificate, CertificateStatus, FirstContact, Obstacle, Scene, UndecidedSpan
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 
@@ -54,7 +54,13 @@ class Caption:
         )
 
 
-def caption(arm: Arm, scene: Scene | None, motion: Trajectory | None, certificate: Certificate | None) -> Caption:
+def caption(
+    arm: Arm,
+    scene: Scene | None,
+    motion: Trajectory | None,
+    certificate: Certificate | None,
+    attached: Sequence[Obstacle] = (),
+) -> Caption:
     """The caption of a motion of an arm in a scene; ``motion`` None is a still picture."""
     figures = [("Robot", arm.robot.name), ("Base to tcp", f"{arm.base} \u2192 {arm.tcp}")]
     if motion is None:
@@ -62,8 +68,8 @@ def caption(arm: Arm, scene: Scene | None, motion: Trajectory | None, certificat
     duration = ("Duration", f"{motion.duration:.2f} s")
     if certificate is None:
         return _open("No certificate was given for this motion.", [*figures, duration])
-    if not certificate.matches(motion, arm, Scene() if scene is None else scene):
-        return _open("The certificate given belongs to another motion, arm or scene.", [*figures, duration])
+    if not certificate.matches(motion, arm, Scene() if scene is None else scene, attached):
+        return _open("The certificate given belongs to another motion, arm, scene or tool.", [*figures, duration])
     if certificate.status is CertificateStatus.FREE:
         proof = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
         clearance = ("Proven clearance", proven_millimetres(certificate.clearance))

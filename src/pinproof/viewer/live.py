@@ -6,6 +6,7 @@ import json
 import logging
 import queue
 import threading
+from collections.abc import Sequence
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, Scene
+from pinproof.collision import Certificate, Obstacle, Scene
 from pinproof.errors import ViewerError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
@@ -42,6 +43,7 @@ def show(
     trajectory: Trajectory | None = None,
     *,
     certificate: Certificate | None = None,
+    attached: Sequence[Obstacle] = (),
     q: npt.ArrayLike | None = None,
     title: str | None = None,
     port: int = 0,
@@ -51,7 +53,7 @@ def show(
 
     Parameters
     ----------
-    arm, scene, trajectory, certificate, q, title
+    arm, scene, trajectory, certificate, attached, q, title
         As in :func:`pinproof.write_html`.
     port
         The port on 127.0.0.1; 0 takes a free one.
@@ -63,7 +65,7 @@ def show(
     LiveView
         Its ``url`` opens the page, its ``close()`` ends it; it also ends with the program.
     """
-    view = LiveView(arm, scene, trajectory, certificate=certificate, q=q, title=title, port=port)
+    view = LiveView(arm, scene, trajectory, certificate=certificate, attached=attached, q=q, title=title, port=port)
     if open_browser:
         import webbrowser
 
@@ -81,11 +83,13 @@ class LiveView:
         trajectory: Trajectory | None = None,
         *,
         certificate: Certificate | None = None,
+        attached: Sequence[Obstacle] = (),
         q: npt.ArrayLike | None = None,
         title: str | None = None,
         port: int = 0,
     ) -> None:
         self._arm, self._scene, self._title = arm, scene, title
+        self._attached = tuple(attached)
         self._page = self._render(scene, trajectory, certificate, q)
         self._moved: Event | None = None
         self._listeners: set[queue.SimpleQueue[Event]] = set()
@@ -166,7 +170,16 @@ class LiveView:
         certificate: Certificate | None,
         q: npt.ArrayLike | None,
     ) -> Page:
-        return render_page(self._arm, scene, trajectory, certificate=certificate, q=q, title=self._title, live=True)
+        return render_page(
+            self._arm,
+            scene,
+            trajectory,
+            certificate=certificate,
+            attached=self._attached,
+            q=q,
+            title=self._title,
+            live=True,
+        )
 
     def _tell(self, event: Event) -> None:
         for listener in self._listeners:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, FirstContact, Scene
+from pinproof.collision import Certificate, FirstContact, Obstacle, Scene
 from pinproof.description.whole_file import write_text_whole
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model import Arm
@@ -62,6 +63,7 @@ def write_html(
     trajectory: Trajectory | None = None,
     *,
     certificate: Certificate | None = None,
+    attached: Sequence[Obstacle] = (),
     q: npt.ArrayLike | None = None,
     title: str | None = None,
 ) -> None:
@@ -78,7 +80,10 @@ def write_html(
     trajectory
         What is played. Without it, a still picture of ``q``.
     certificate
-        The caption reads NOT VALIDATED unless this is FREE and made for exactly this trajectory, arm and scene.
+        The caption reads NOT VALIDATED unless this is FREE and made for exactly this trajectory, arm, scene and
+        attached objects.
+    attached
+        Objects that move with the tcp, as the checker was given them; their pose is ``tcp_from_object``.
     q
         (n,) the configuration of a still picture; by default the arm's home.
     title
@@ -91,7 +96,7 @@ def write_html(
     ViewerError
         If the page cannot be written, or meshcat's viewer is not installed.
     """
-    page = render_page(arm, scene, trajectory, certificate=certificate, q=q, title=title)
+    page = render_page(arm, scene, trajectory, certificate=certificate, attached=attached, q=q, title=title)
     try:
         write_text_whole(path, page.text)
     except FileError as error:
@@ -104,6 +109,7 @@ def render_page(
     trajectory: Trajectory | None,
     *,
     certificate: Certificate | None = None,
+    attached: Sequence[Obstacle] = (),
     q: npt.ArrayLike | None = None,
     title: str | None = None,
     live: bool = False,
@@ -111,7 +117,7 @@ def render_page(
     """The page; ``live`` lets it listen to the server it came from."""
     if trajectory is not None and q is not None:
         raise InputError("give a trajectory or q, not both: a trajectory says where the arm is")
-    stage = set_stage(arm, scene)
+    stage = set_stage(arm, scene, attached)
     if not stage.links:
         why = "; ".join(stage.notes) or "no link has geometry"
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: {why}")
@@ -121,7 +127,7 @@ def render_page(
         shown = still(stage, arm.home if q is None else arm.configuration(q))
     view = choose_view(stage, shown.poses, shown.tcp)
     commands = stage_commands(stage, shown, view)
-    words = caption(arm, scene, trajectory, certificate)
+    words = caption(arm, scene, trajectory, certificate, attached)
     if words.contact is not None:
         mark_contact(commands, words.contact)
     text = _assemble(stage, shown, view, commands, words, title or arm.robot.name, live)

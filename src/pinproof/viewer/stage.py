@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Scene
+from pinproof.collision import Obstacle, Scene
 from pinproof.description import LinkGeometry
 from pinproof.errors import MeshError
 from pinproof.model import Arm
@@ -64,8 +64,11 @@ class Stage:
         return min([0.0, *lowest])
 
 
-def set_stage(arm: Arm, scene: Scene | None) -> Stage:
-    """Load every picture; what cannot be loaded is left out and named in ``notes``, never dropped in silence."""
+def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = ()) -> Stage:
+    """Load every picture; what cannot be loaded is left out and named in ``notes``, never dropped in silence.
+
+    ``attached`` objects (their pose is ``tcp_from_object``) are drawn with the link that is the tcp.
+    """
     notes: list[str] = []
     visuals, collisions = _by_link(arm.robot.urdf.visuals), _by_link(arm.robot.urdf.collisions)
     bare = not visuals  # then what is collided with is all there is to see
@@ -79,6 +82,11 @@ def set_stage(arm: Arm, scene: Scene | None) -> Stage:
             problem = second if surfaces else problem or second
         if problem:
             notes.append(f"{name} is not drawn{' whole' if surfaces else ''}: {problem}")
+        for thing in attached if name == arm.tcp else ():
+            parts, lost = _pictures((thing,), obstacle_surfaces)
+            surfaces = [*surfaces, *(part.moved(matrix(thing.pose)) for part in parts)]
+            if lost:
+                notes.append(f"attached {thing.name} is not drawn: {lost}")
         if surfaces:
             links.append(DrawnLink(name, tuple(merge_by_colour(surfaces))))
     obstacles = []

@@ -1,0 +1,78 @@
+"""``pinproof pick``: judge a picks file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pinproof.cli.console import print_json, print_report, say, working
+from pinproof.cli.outputs import write_motion
+from pinproof.collision import Scene
+from pinproof.errors import InputError
+from pinproof.model import Arm, load_robot
+from pinproof.picks import PickReport, Picks, read_picks, validate_picks
+
+__all__ = ["judge_file", "pick"]
+
+
+def pick(
+    file: Annotated[Path, typer.Argument(help="The picks (YAML).", metavar="PICKS")],
+    robot: Annotated[str | None, typer.Option(help="A catalogue name or a URDF; by default the file's.")] = None,
+    tcp: Annotated[str | None, typer.Option(help="The tcp frame; by default the file's, else the robot's.")] = None,
+    scene: Annotated[Path | None, typer.Option(help="The scene (YAML); by default the file's.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("-o", "--output", help="A report (.json, .md), or a folder for it and the good motions."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of every random choice.", min=0)] = 0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
+) -> None:
+    """Judge every pick of a file: reach, limits, grasp, approach, retreat, transit, motion.
+
+    Exit code 0 if all are good, 1 if one is not.
+
+    Example: pinproof pick robots/ur5/picks.yaml -o report.json
+    """
+    with working(f"judging {file}"):
+        arm, world, picks, report = judge_file(file, robot, tcp, scene, seed)
+    if as_json:
+        print_json(report.to_dict())
+    else:
+        print_report(report)
+    if output is not None:
+        written = _write(output, arm, world, picks, report)
+        if not as_json:
+            say(f"wrote {', '.join(str(path) for path in written)}")
+    if not report.ok:
+        raise typer.Exit(1)
+
+
+def judge_file(
+    file: Path, robot: str | None = None, tcp: str | None = None, scene: Path | None = None, seed: int = 0
+) -> tuple[Arm, Scene, Picks, PickReport]:
+    """The arm, the scene, the picks and the report of a picks file; what is given goes before what the file names."""
+    picks = read_picks(file)
+    source = robot or picks.robot
+    if source is None:
+        raise InputError(f"{file} names no robot; add 'robot: ur5' to it or give --robot")
+    arm = load_robot(source).arm(tcp or picks.tcp)
+    place = scene or picks.scene
+    world = Scene() if place is None else Scene.load(place)
+    return arm, world, picks, validate_picks(arm, world, picks, rng=seed)
+
+
+def _write(output: Path, arm: Arm, scene: Scene, picks: Picks, report: PickReport) -> list[Path]:
+    if output.suffix:
+        report.save(output)
+        return [output]
+    output.mkdir(parents=True, exist_ok=True)
+    report.save(output / "report.json")
+    report.save(output / "report.md")
+    written = [output / "report.json", output / "report.md"]
+    for verdict in report.good:
+        written += write_motion(
+            verdict, arm, scene, picks, output / f"{verdict.pick.name}.html", output / f"{verdict.pick.name}.json"
+        )
+    return written

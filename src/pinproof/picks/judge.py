@@ -1,0 +1,168 @@
+"""One pick, judged stage by stage: reach, limits, grasp, approach, retreat, transit, motion.
+
+Every configuration found at the grasp is tried; all that pass approach and retreat are goals of one transit plan. If
+none passes, the verdict tells of the configuration that came farthest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, certify
+from pinproof.errors import TimingError
+from pinproof.ik import Clik
+from pinproof.model import Arm, JointLimits
+from pinproof.motion import Trajectory, time_parametrise
+from pinproof.picks.pick import Pick, Picks
+from pinproof.picks.verdict import PickStatus, PickVerdict, Stage, StageResult
+from pinproof.planning import LinearMove, RrtConnect, plan_linear, shortcut
+from pinproof.spatial import SE3
+
+__all__ = ["judge"]
+
+Array = npt.NDArray[np.float64]
+
+CONFIGURATIONS = 8
+"""How many different configurations at a grasp are looked for."""
+
+ATTEMPTS = 64
+"""From how many starts."""
+
+TRANSIT = RrtConnect(max_nodes=4000, time_limit=600.0)
+"""The budget of a transit is its nodes: the same pick gets the same verdict on a slow machine."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A configuration at the grasp, as far as it came."""
+
+    q: Array
+    stages: tuple[StageResult, ...]
+    approach: LinearMove | None = None
+    retreat: LinearMove | None = None
+
+    @property
+    def passed(self) -> bool:
+        return self.stages[-1].ok
+
+
+def judge(pick: Pick, picks: Picks, checker: CollisionChecker, home: Array, rng: np.random.Generator) -> PickVerdict:
+    """The verdict on one pick.
+
+    Parameters
+    ----------
+    pick
+        The pick.
+    picks
+        The list it is from: its tip and tool.
+    checker
+        The arm in its scene, with the tool attached.
+    home
+        (n,) where the transit starts; free and inside the limits.
+    rng
+        Where random choices come from.
+    """
+    arm = checker.arm
+    seeds = rng.integers(2**31, size=3).tolist()
+    target = picks.tcp_target(pick.pose, arm.root_from_base)
+    found = Clik().solve_many(arm, target, home, rng=seeds[0], count=CONFIGURATIONS, attempts=ATTEMPTS)
+    if not len(found):
+        return PickVerdict(pick, PickStatus.NOT_FOUND, _unreached(arm, target, home, seeds[0]), 0)
+    stages = (
+        StageResult(
+            Stage.REACH, True, f"{_count(len(found), 'configuration')}, {found.position_error.max():.1e} m off"
+        ),
+        StageResult(Stage.LIMITS, True, "inside all limits"),
+    )
+    ways = [_along(pick, picks, checker, np.array(q), stages) for q in found.q]
+    good = [way for way in ways if way.passed]
+    if not good:
+        best = max(ways, key=lambda way: len(way.stages))
+        return PickVerdict(pick, PickStatus.NOT_FOUND, best.stages, len(ways))
+    return _with_transit(pick, good, checker, home, seeds[1:], len(ways))
+
+
+def _unreached(arm: Arm, target: SE3, home: Array, seed: int) -> tuple[StageResult, ...]:
+    """Out of reach, or only out of limits: the same target is tried with a turn more on either side of every joint."""
+    nearest = Clik().solve(arm, target, home, rng=seed)
+    limits = arm.limits
+    beyond = 2 * np.pi * arm.angular + 0.5 * ~arm.angular
+    wide = JointLimits(limits.lower - beyond, limits.upper + beyond, limits.velocity, limits.acceleration)
+    free = Clik().solve(arm.with_limits(wide), target, home, rng=seed)
+    if not free.ok:
+        short = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg short"
+        return (StageResult(Stage.REACH, False, f"out of reach: the nearest configuration found is {short}"),)
+    outside = "; ".join(limits.violations(free.q, arm.joint_names))
+    return (
+        StageResult(Stage.REACH, True, "reachable if limits are left aside"),
+        StageResult(Stage.LIMITS, False, f"only outside the limits: {outside}"),
+    )
+
+
+def _along(pick: Pick, picks: Picks, checker: CollisionChecker, q: Array, stages: tuple[StageResult, ...]) -> _Way:
+    """A configuration judged at the grasp, on the approach and on the retreat."""
+    result = checker.check(q)
+    if not result.free:
+        return _Way(q, (*stages, StageResult(Stage.GRASP, False, str(result))))
+    clearance = checker.clearance(q)
+    stages = (*stages, StageResult(Stage.GRASP, True, f"free, {clearance * 1e3:.1f} mm clearance"))
+    moves: list[LinearMove | None] = []
+    for stage, length, end in (
+        (Stage.APPROACH, pick.approach, pick.approach_pose()),
+        (Stage.RETREAT, pick.retreat, pick.retreat_pose()),
+    ):
+        if length == 0:
+            moves.append(None)
+            stages = (*stages, StageResult(stage, True, "none asked for"))
+            continue
+        # The approach is planned from the grasp outwards, so that both moves share its configuration to the last bit.
+        move = plan_linear(checker, q, picks.tcp_target(end, checker.arm.root_from_base))
+        if not move.ok:
+            where = f"of {length * 1e3:.0f} mm, seen from the grasp, "
+            return _Way(q, (*stages, StageResult(stage, False, where + move.message)))
+        moves.append(move)
+        stages = (*stages, StageResult(stage, True, f"{length * 1e3:.0f} mm straight, {_proven(move)}"))
+    return _Way(q, stages, *moves)
+
+
+def _with_transit(
+    pick: Pick, ways: list[_Way], checker: CollisionChecker, home: Array, seeds: list[int], tried: int
+) -> PickVerdict:
+    """The first way that home leads to, as one certified motion."""
+    starts = [way.q if way.approach is None else way.approach.path.end for way in ways]  # type: ignore[union-attr]
+    plan = TRANSIT.plan(checker, home, np.array(starts), rng=seeds[0])
+    if plan.path is None or plan.goal is None:
+        failed = StageResult(Stage.TRANSIT, False, f"from home: {plan.message}")
+        return PickVerdict(pick, PickStatus.NOT_FOUND, (*ways[0].stages, failed), tried)
+    way = ways[plan.goal]
+    path = shortcut(plan.path, checker, rng=seeds[1])
+    stages = (*way.stages, StageResult(Stage.TRANSIT, True, f"{path.length:.2f} rad, {len(path)} waypoints"))
+    limits = checker.arm.limits
+    try:
+        parts = [time_parametrise(path, limits)]
+        if way.approach is not None and way.approach.path is not None:
+            parts.append(time_parametrise(way.approach.path.reversed(), limits))
+        grasp_time = sum(part.duration for part in parts)
+        if way.retreat is not None and way.retreat.path is not None:
+            parts.append(time_parametrise(way.retreat.path, limits))
+        trajectory = Trajectory.join(*parts)
+    except TimingError as error:
+        failed = StageResult(Stage.MOTION, False, str(error))
+        return PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, failed), tried)
+    certificate = certify(trajectory, checker)
+    said = f"proven free over {certificate.pairs} pairs of bodies" if certificate.free else certificate.message
+    last = StageResult(Stage.MOTION, certificate.free, said)
+    if not certificate.free:
+        return PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, last), tried)
+    return PickVerdict(pick, PickStatus.GOOD, (*stages, last), tried, way.q, trajectory, float(grasp_time), certificate)
+
+
+def _proven(move: LinearMove) -> str:
+    return "" if move.certificate is None else f"{move.certificate.clearance * 1e3:.1f} mm clearance proven"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"

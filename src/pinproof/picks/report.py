@@ -1,0 +1,118 @@
+"""A report on picks: as a table, as Markdown and as JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pinproof.description.whole_file import write_text_whole
+from pinproof.picks.pick import PickProblem
+from pinproof.picks.verdict import PickVerdict
+
+__all__ = ["COLUMNS", "PickReport"]
+
+COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason")
+
+
+@dataclass(frozen=True, eq=False)
+class PickReport:
+    """Verdicts on a list of picks.
+
+    Parameters
+    ----------
+    robot
+        The robot's name.
+    verdicts
+        One a pick, in the order of the list.
+    problems
+        Rows of the picks file that could not be read.
+    acceleration_source
+        Where the acceleration limits of the timing came from.
+    """
+
+    robot: str
+    verdicts: tuple[PickVerdict, ...]
+    problems: tuple[PickProblem, ...]
+    acceleration_source: str
+
+    @property
+    def good(self) -> tuple[PickVerdict, ...]:
+        """The good picks, in order."""
+        return tuple(verdict for verdict in self.verdicts if verdict.ok)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every row is a good pick."""
+        return len(self.good) == len(self.verdicts) and not self.problems
+
+    @property
+    def summary(self) -> str:
+        """One line: how many are good, and where the others fail."""
+        total = len(self.verdicts) + len(self.problems)
+        stages: dict[str, int] = {}
+        for verdict in self.verdicts:
+            if verdict.failed is not None:
+                stages[verdict.failed.value] = stages.get(verdict.failed.value, 0) + 1
+        if self.problems:
+            stages["input"] = len(self.problems)
+        failed = ", ".join(f"{count} at {stage}" for stage, count in stages.items())
+        return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "")
+
+    def rows(self) -> list[tuple[str, ...]]:
+        """The table, row by row, in the columns :data:`COLUMNS`; unreadable rows last."""
+        table: list[tuple[str, ...]] = []
+        for verdict in self.verdicts:
+            clearance = "" if verdict.certificate is None else f"{verdict.certificate.clearance * 1e3:.1f} mm"
+            duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
+            stage = "" if verdict.failed is None else verdict.failed.value
+            table.append((verdict.pick.name, verdict.status.value, stage, clearance, duration, verdict.reason))
+        table.extend((problem.name, "unreadable", "input", "", "", problem.reason) for problem in self.problems)
+        return table
+
+    def to_markdown(self) -> str:
+        """The summary and the table in Markdown."""
+        lines = [f"**{self.robot}**: {self.summary}", "", _line(COLUMNS), _line(("---",) * len(COLUMNS))]
+        lines += [_line(row) for row in self.rows()]
+        lines += ["", f"Acceleration limits: {self.acceleration_source}"]
+        return "\n".join(lines) + "\n"
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain values for JSON; lengths in metres, angles in radians, times in seconds."""
+        return {
+            "schema": "pinproof/picks/1",
+            "robot": self.robot,
+            "summary": self.summary,
+            "acceleration_source": self.acceleration_source,
+            "picks": [_verdict(verdict) for verdict in self.verdicts],
+            "problems": [{"row": p.row, "name": p.name, "reason": p.reason} for p in self.problems],
+        }
+
+    def save(self, path: str | Path) -> None:
+        """Write the report, whole or not at all: Markdown for ``.md``, JSON for any other ending."""
+        as_markdown = Path(path).suffix.lower() == ".md"
+        write_text_whole(path, self.to_markdown() if as_markdown else json.dumps(self.to_dict(), indent=2) + "\n")
+
+
+def _line(cells: tuple[str, ...]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def _verdict(verdict: PickVerdict) -> dict[str, Any]:
+    certificate, trajectory = verdict.certificate, verdict.trajectory
+    return {
+        "name": verdict.pick.name,
+        "verdict": verdict.status.value,
+        "failed_at": None if verdict.failed is None else verdict.failed.value,
+        "reason": verdict.reason,
+        "configurations_tried": verdict.configurations,
+        "stages": [{"stage": s.stage.value, "ok": s.ok, "message": s.message} for s in verdict.stages],
+        "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
+        "grasp_time": verdict.grasp_time,
+        "duration": None if trajectory is None else trajectory.duration,
+        "clearance_proven": None if certificate is None else certificate.clearance,
+        "clearance_observed": None if certificate is None else certificate.observed,
+        "margin": None if certificate is None else certificate.margin,
+        "excluded_pairs": [] if certificate is None else [[*e.owners, e.reason] for e in certificate.excluded],
+    }

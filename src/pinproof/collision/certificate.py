@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -17,7 +18,15 @@ from pinproof.model import Arm
 from pinproof.motion import Curve
 from pinproof.spatial import matrix
 
-__all__ = ["Certificate", "CertificateStatus", "FirstContact", "UndecidedSpan", "curve_hash", "setup_hash"]
+__all__ = [
+    "Certificate",
+    "CertificateStatus",
+    "FirstContact",
+    "UndecidedSpan",
+    "curve_hash",
+    "proven_millimetres",
+    "setup_hash",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -162,3 +171,10 @@ def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str
             continue
         digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
     return digest.hexdigest()
+
+
+def proven_millimetres(clearance: float) -> str:
+    """A lower bound in mm, rounded down: no message promises more than was proven."""
+    if clearance == math.inf:
+        return "unbounded (nothing to touch)"
+    return f"{math.floor(clearance * 1e4) / 10:.1f} mm"

@@ -20,6 +20,7 @@ from pinproof.collision.certificate import (
     FirstContact,
     UndecidedSpan,
     curve_hash,
+    proven_millimetres,
     setup_hash,
 )
 from pinproof.collision.checker import CollisionChecker
@@ -216,7 +217,9 @@ class _Proof:
     def _free(self) -> Certificate:
         count = len(self._checker.pairs)
         nearest = f", seen {self._observed * 1e3:.1f} mm" if np.isfinite(self._observed) else ""
-        message = f"no contact anywhere: clearance proven {self._proven * 1e3:.1f} mm{nearest}, over {count} pairs"
+        message = (
+            f"no contact anywhere: clearance proven {proven_millimetres(self._proven)}{nearest}, over {count} pairs"
+        )
         if self._checker.hollow:
             message += f"; not watertight, so hollow: {', '.join(self._checker.hollow)}"
         return self._certificate(CertificateStatus.FREE, message, clearance=self._proven)

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, certify
+from pinproof.collision.certificate import proven_millimetres
 from pinproof.errors import TimingError
 from pinproof.ik import Clik
 from pinproof.model import Arm, JointLimits
@@ -161,7 +162,7 @@ def _with_transit(
 
 
 def _proven(move: LinearMove) -> str:
-    return "" if move.certificate is None else f"{move.certificate.clearance * 1e3:.1f} mm clearance proven"
+    return "" if move.certificate is None else f"{proven_millimetres(move.certificate.clearance)} clearance proven"
 
 
 def _count(number: int, noun: str) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pinproof.collision.certificate import proven_millimetres
 from pinproof.description.whole_file import write_text_whole
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.verdict import PickVerdict
@@ -64,7 +65,7 @@ class PickReport:
         """The table, row by row, in the columns :data:`COLUMNS`; unreadable rows last."""
         table: list[tuple[str, ...]] = []
         for verdict in self.verdicts:
-            clearance = "" if verdict.certificate is None else f"{verdict.certificate.clearance * 1e3:.1f} mm"
+            clearance = "" if verdict.certificate is None else proven_millimetres(verdict.certificate.clearance)
             duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
             stage = "" if verdict.failed is None else verdict.failed.value
             table.append((verdict.pick.name, verdict.status.value, stage, clearance, duration, verdict.reason))

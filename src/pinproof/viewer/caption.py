@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
 from pinproof.collision import Certificate, CertificateStatus, FirstContact, Obstacle, Scene, UndecidedSpan
+from pinproof.collision.certificate import proven_millimetres
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 
-__all__ = ["Caption", "caption", "proven_millimetres"]
+__all__ = ["Caption", "caption"]
 
 
 @dataclass(frozen=True)
@@ -79,13 +79,6 @@ def caption(
         reason = _contact(certificate.first_contact, certificate.margin)
         return Caption("NOT VALIDATED", reason, "colliding", (*figures, duration), contact=certificate.first_contact)
     return _open(_undecided(certificate.undecided), [*figures, duration])
-
-
-def proven_millimetres(clearance: float) -> str:
-    """A lower bound in mm, rounded down: a caption never promises more than was proven."""
-    if clearance == math.inf:
-        return "unbounded (nothing to touch)"
-    return f"{math.floor(clearance * 1e4) / 10:.1f} mm"
 
 
 def _open(reason: str, figures: Sequence[tuple[str, str]]) -> Caption:

@@ -57,7 +57,7 @@ def test_a_free_certificate_of_another_motion_arm_or_scene_does_not_count() -> N
     ):
         said = caption(who, scene, curve, certificate)
         assert said.headline == "NOT VALIDATED"
-        assert "another motion, arm or scene" in said.reason
+        assert "another motion, arm, scene or tool" in said.reason
 
 
 def test_no_scene_and_an_empty_scene_are_the_same() -> None:

@@ -216,6 +216,32 @@ def test_adjacency_reaches_across_links_without_geometry(arm_from_links):
     assert not checker.is_free(np.zeros(3))
 
 
+def test_adjacency_does_not_reach_along_a_link_without_geometry_that_has_length(arm_from_links):
+    ball, turn = '<sphere radius="0.05"/>', ("0 0 0.3", "1 0 0")
+    robot = arm_from_links(
+        {"a": ball, "long": "", "b": ball, "tip": ""},
+        [
+            ("j1", "revolute", "a", "long", *turn),
+            ("j2", "revolute", "long", "b", *turn),
+            ("end", "fixed", "b", "tip", *turn),
+        ],
+    )
+    assert checked(CollisionChecker(robot.arm(tcp="tip"))) == {frozenset("ab")}
+
+
+def test_adjacency_does_not_reach_from_finger_to_finger_across_an_empty_palm(arm_from_links):
+    ball = '<sphere radius="0.01"/>'
+    robot = arm_from_links(
+        {"palm": "", "left": ball, "right": ball, "tip": ""},
+        [
+            ("jl", "revolute", "palm", "left", "0 0.02 0", "1 0 0"),
+            ("jr", "revolute", "palm", "right", "0 -0.02 0", "1 0 0"),
+            ("end", "fixed", "left", "tip", "0 0 0.1", "1 0 0"),
+        ],
+    )
+    assert checked(CollisionChecker(robot.arm(tcp="tip"))) == {frozenset(("left", "right"))}
+
+
 def test_an_attached_object_collides_and_is_listed(ur5):
     tool = Obstacle("gripper", Box(0.02, 0.02, 0.3), pose((0, 0, 0.16)))
     below = ur5.forward_kinematics(ur5.home) * pose((0, 0, 0.25))

@@ -87,7 +87,7 @@ class CollisionChecker:
         )
         _check_names(self.bodies, urdf.links)
         self.pairs, self.excluded = choose_pairs(
-            self.bodies, urdf, arm.robot.srdf, self.scene, allowed=allowed, trust_never=trust_never
+            self.bodies, arm.robot, self.scene, allowed=allowed, trust_never=trust_never
         )
         self.geometry_model = _geometry_model(arm.model, self.bodies, self.pairs)
         self.body_joints = np.array([o.parentJoint for o in self.geometry_model.geometryObjects], dtype=np.int64)

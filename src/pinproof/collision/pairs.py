@@ -1,8 +1,8 @@
 """Which bodies are checked against each other, and why the others are not.
 
-Links that are joined by one joint touch by design; the pairs an SRDF disables are the word of somebody who looked; and
-a scene may name contacts that are meant to be. Pairs that an SRDF marks ``Never`` were only sampled: they are checked
-all the same unless the caller trusts them. Nothing is left out without its reason.
+Links that are joined by one joint, or by several in one place, touch by design; the pairs an SRDF disables are the word
+of somebody who looked; and a scene may name contacts that are meant to be. Pairs that an SRDF marks ``Never`` were only
+sampled: they are checked all the same unless the caller trusts them. Nothing is left out without its reason.
 """
 
 from __future__ import annotations
@@ -11,12 +11,18 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
+import numpy as np
+
 from pinproof.collision.bodies import Body
 from pinproof.collision.scene import Scene
-from pinproof.description import Srdf, Urdf
+from pinproof.description import Srdf, UrdfJoint
 from pinproof.errors import UnknownNameError
+from pinproof.model import Robot
 
 __all__ = ["ExcludedPair", "choose_pairs"]
+
+HOUSING = 0.05
+"""Metres. Joints nearer than this share a housing: the links on both sides of a link without geometry meet there."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +35,7 @@ class ExcludedPair:
 
 def choose_pairs(
     bodies: Sequence[Body],
-    urdf: Urdf,
-    srdf: Srdf,
+    robot: Robot,
     scene: Scene,
     *,
     allowed: Iterable[Sequence[str]] = (),
@@ -43,8 +48,8 @@ def choose_pairs(
     UnknownNameError
         If an allowed contact of the scene or of the caller names nothing that is there.
     """
-    reasons = _reasons(bodies, srdf, scene, allowed, trust_never)
-    neighbours = _Neighbours(urdf, {body.link for body in bodies if body.link is not None and body.owner == body.link})
+    reasons = _reasons(bodies, robot.srdf, scene, allowed, trust_never)
+    neighbours = _Neighbours(robot, {body.link for body in bodies if body.link is not None and body.owner == body.link})
     chosen: list[tuple[int, int]] = []
     excluded: dict[frozenset[str], ExcludedPair] = {}
     for i, j in combinations(range(len(bodies)), 2):
@@ -80,19 +85,22 @@ def _reasons(
 
 
 class _Neighbours:
-    """Which links touch by construction: joined without a joint, or with nothing but links without geometry between."""
+    """Which links touch by construction: joined by one joint, or by several that sit in one place."""
 
-    def __init__(self, urdf: Urdf, solid_links: set[str]) -> None:
-        self._solid = solid_links
-        self._up = {joint.child: joint for joint in urdf.joints.values()}
+    def __init__(self, robot: Robot, solid_links: set[str]) -> None:
+        self._robot, self._solid = robot, solid_links
+        self._up = {joint.child: joint for joint in robot.urdf.joints.values()}
 
     def reason(self, a: Body, b: Body) -> str:
         """Why the two may touch; empty when they may not."""
         if a.link is None or b.link is None:
             return ""
-        between, joints = self._between(a.link, b.link)
-        if all(joint == "fixed" for joint in joints):
+        up, common, down = self._way(a.link, b.link)
+        joints = [self._up[link] for link in (*up, *down)]
+        moving = [joint for joint in joints if joint.type != "fixed"]
+        if not moving:
             return "rigid: no joint between them"
+        between = [*up, common, *reversed(down)][1:-1]
         # An attached object is a body of its own: what it hangs on stands between it and the links beyond.
         if a.owner != a.link:
             between = [a.link, *between]
@@ -100,18 +108,23 @@ class _Neighbours:
             between = [*between, b.link]
         if any(link in self._solid for link in between):
             return ""
-        return (
-            "adjacent: joined by a joint" if not between else f"adjacent: across {', '.join(between)} without geometry"
-        )
+        if len(moving) == 1:
+            return "adjacent: joined by a joint"
+        if (up and down) or not self._in_one_place(moving):
+            return ""
+        return f"adjacent: across {', '.join(between)} without geometry"
 
-    def _between(self, a: str, b: str) -> tuple[list[str], list[str]]:
-        """The links strictly between two links of the tree, and the types of the joints on the way."""
+    def _in_one_place(self, line: list[UrdfJoint]) -> bool:
+        """Whether each joint of a line of descent, listed from below, sits within a housing of the one above."""
+        model, urdf = self._robot.model, self._robot.urdf
+        placements = [model.jointPlacements[model.getJointId(urdf.model_joint(joint.name))] for joint in line[:-1]]
+        return all(float(np.linalg.norm(placement.translation)) <= HOUSING for placement in placements)
+
+    def _way(self, a: str, b: str) -> tuple[list[str], str, list[str]]:
+        """From a up to below the common ancestor, the ancestor, and from b up to below it."""
         above_a, above_b = self._to_root(a), self._to_root(b)
         common = next(link for link in above_a if link in set(above_b))
-        up, down = above_a[: above_a.index(common)], above_b[: above_b.index(common)]
-        joints: list[str] = [self._up[link].type for link in (*up, *down)]
-        way = [*up, common, *reversed(down)]
-        return way[1:-1], joints
+        return above_a[: above_a.index(common)], common, above_b[: above_b.index(common)]
 
     def _to_root(self, link: str) -> list[str]:
         way = [link]

@@ -2,6 +2,8 @@
 
 Every configuration found at the grasp is tried; all that pass approach and retreat are goals of one transit plan. If
 none passes, the verdict tells of the configuration that came farthest.
+
+What is picked is not carried: it stands in the scene, if it is there, before the grasp and after it.
 """
 
 from __future__ import annotations
@@ -31,6 +33,8 @@ CONFIGURATIONS = 8
 
 ATTEMPTS = 64
 """From how many starts."""
+
+TURN = 2 * np.pi
 
 TRANSIT = RrtConnect(max_nodes=4000, time_limit=600.0)
 """The budget of a transit is its nodes: the same pick gets the same verdict on a slow machine."""
@@ -69,16 +73,10 @@ def judge(pick: Pick, picks: Picks, checker: CollisionChecker, home: Array, rng:
     arm = checker.arm
     seeds = rng.integers(2**31, size=3).tolist()
     target = picks.tcp_target(pick.pose, arm.root_from_base)
-    found = Clik().solve_many(arm, target, home, rng=seeds[0], count=CONFIGURATIONS, attempts=ATTEMPTS)
-    if not len(found):
-        return PickVerdict(pick, PickStatus.NOT_FOUND, _unreached(arm, target, home, seeds[0]), 0)
-    stages = (
-        StageResult(
-            Stage.REACH, True, f"{_count(len(found), 'configuration')}, {found.position_error.max():.1e} m off"
-        ),
-        StageResult(Stage.LIMITS, True, "inside all limits"),
-    )
-    ways = [_along(pick, picks, checker, np.array(q), stages) for q in found.q]
+    grasps, stages = _reach(arm, target, home, seeds[0])
+    if not grasps:
+        return PickVerdict(pick, PickStatus.NOT_FOUND, stages, 0)
+    ways = [_along(pick, picks, checker, q, stages) for q in grasps]
     good = [way for way in ways if way.passed]
     if not good:
         best = max(ways, key=lambda way: len(way.stages))
@@ -86,21 +84,46 @@ def judge(pick: Pick, picks: Picks, checker: CollisionChecker, home: Array, rng:
     return _with_transit(pick, good, checker, home, seeds[1:], len(ways))
 
 
-def _unreached(arm: Arm, target: SE3, home: Array, seed: int) -> tuple[StageResult, ...]:
-    """Out of reach, or only out of limits: the same target is tried with a turn more on either side of every joint."""
-    nearest = Clik().solve(arm, target, home, rng=seed)
+def _reach(arm: Arm, target: SE3, home: Array, seed: int) -> tuple[list[Array], tuple[StageResult, ...]]:
+    """Configurations at the grasp, and what is to be said of reach and limits; without any, why there is none.
+
+    Where none is found, the same target is tried with a turn (or half a metre) more on either side of every joint.
+    """
+    found = Clik().solve_many(arm, target, home, rng=seed, count=CONFIGURATIONS, attempts=ATTEMPTS)
+    if len(found):
+        return [np.array(q) for q in found.q], _reached(len(found), float(found.position_error.max()))
+    nearest = Clik().solve(arm, target, home, rng=seed)  # brings the nearest miss to its end, which may be the target
+    if nearest.ok:
+        return [np.array(nearest.q)], _reached(1, nearest.position_error)
     limits = arm.limits
     beyond = 2 * np.pi * arm.angular + 0.5 * ~arm.angular
     wide = JointLimits(limits.lower - beyond, limits.upper + beyond, limits.velocity, limits.acceleration)
-    free = Clik().solve(arm.with_limits(wide), target, home, rng=seed)
-    if not free.ok:
+    free = Clik().solve_many(arm.with_limits(wide), target, home, rng=seed, count=CONFIGURATIONS, attempts=ATTEMPTS)
+    if not len(free):
         short = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg short"
-        return (StageResult(Stage.REACH, False, f"out of reach: the nearest configuration found is {short}"),)
-    outside = "; ".join(limits.violations(free.q, arm.joint_names))
-    return (
+        return [], (StageResult(Stage.REACH, False, f"out of reach: the nearest configuration found is {short}"),)
+    q = min((_turned_inside(arm, q) for q in free.q), key=lambda q: float(np.abs(q - limits.clip(q)).sum()))
+    outside = "; ".join(limits.violations(q, arm.joint_names))
+    if not outside:
+        return [q], _reached(1, float(free.position_error.max()))
+    return [], (
         StageResult(Stage.REACH, True, "reachable if limits are left aside"),
-        StageResult(Stage.LIMITS, False, f"only outside the limits: {outside}"),
+        StageResult(Stage.LIMITS, False, f"found only outside the limits: {outside}"),
     )
+
+
+def _reached(count: int, off: float) -> tuple[StageResult, ...]:
+    return (
+        StageResult(Stage.REACH, True, f"{_count(count, 'configuration')}, {off:.1e} m off"),
+        StageResult(Stage.LIMITS, True, "inside all limits"),
+    )
+
+
+def _turned_inside(arm: Arm, q: Array) -> Array:
+    """The same poses, with each joint that is outside its limits inside them where whole turns do it."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    turned = q + np.ceil((lower - q) / TURN) * TURN
+    return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)
 
 
 def _along(pick: Pick, picks: Picks, checker: CollisionChecker, q: Array, stages: tuple[StageResult, ...]) -> _Way:
@@ -108,8 +131,8 @@ def _along(pick: Pick, picks: Picks, checker: CollisionChecker, q: Array, stages
     result = checker.check(q)
     if not result.free:
         return _Way(q, (*stages, StageResult(Stage.GRASP, False, str(result))))
-    clearance = checker.clearance(q)
-    stages = (*stages, StageResult(Stage.GRASP, True, f"free, {clearance * 1e3:.1f} mm clearance"))
+    clearance = proven_millimetres(checker.clearance(q))
+    stages = (*stages, StageResult(Stage.GRASP, True, f"free, {clearance} clearance"))
     moves: list[LinearMove | None] = []
     for stage, length, end in (
         (Stage.APPROACH, pick.approach, pick.approach_pose()),
@@ -146,7 +169,8 @@ def _with_transit(
         parts = [time_parametrise(path, limits)]
         if way.approach is not None and way.approach.path is not None:
             parts.append(time_parametrise(way.approach.path.reversed(), limits))
-        grasp_time = sum(part.duration for part in parts)
+        # Joined, not summed: the clock counts nanoseconds, and the grasp shall be a time that the motion has.
+        grasp_time = Trajectory.join(*parts).duration
         if way.retreat is not None and way.retreat.path is not None:
             parts.append(time_parametrise(way.retreat.path, limits))
         trajectory = Trajectory.join(*parts)
@@ -154,11 +178,11 @@ def _with_transit(
         failed = StageResult(Stage.MOTION, False, str(error))
         return PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, failed), tried)
     certificate = certify(trajectory, checker)
-    said = f"proven free over {certificate.pairs} pairs of bodies" if certificate.free else certificate.message
-    last = StageResult(Stage.MOTION, certificate.free, said)
     if not certificate.free:
-        return PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, last), tried)
-    return PickVerdict(pick, PickStatus.GOOD, (*stages, last), tried, way.q, trajectory, float(grasp_time), certificate)
+        failed = StageResult(Stage.MOTION, False, certificate.message)
+        return PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, failed), tried)
+    proven = StageResult(Stage.MOTION, True, f"proven free over {_count(certificate.pairs, 'pair')} of bodies")
+    return PickVerdict(pick, PickStatus.GOOD, (*stages, proven), tried, way.q, trajectory, grasp_time, certificate)
 
 
 def _proven(move: LinearMove) -> str:

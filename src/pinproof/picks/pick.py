@@ -108,11 +108,12 @@ class Picks:
     source: Path | None = None
 
     def __post_init__(self) -> None:
+        for key in ("picks", "problems", "tool"):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
         names = [pick.name for pick in self.picks]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:
             raise InputError(f"the names of picks must differ; {', '.join(doubled)} stand more than once")
-        object.__setattr__(self, "picks", tuple(self.picks))
         object.__setattr__(self, "tip", rigid("tip", self.tip))
 
     def __len__(self) -> int:

@@ -15,23 +15,27 @@
       - {name: bolt_1, xyz: [0.46, 0.15, 0.035]}
 
 Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``) in the frame of the robot's root link, and may have ``approach``
-and ``retreat`` (metres) and ``retreat_direction``. ``defaults`` fill in what a pick does not state. A row that makes no
-sense is reported and the others are kept; what all rows share must make sense.
+and ``retreat`` (metres) and ``retreat_direction``. ``defaults`` fill in what a pick does not state; where a pick states
+neither orientation, nothing is guessed. A row that makes no sense is reported and the others are kept; what all rows
+share must make sense.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, read_obstacle
 from pinproof.description.lined_yaml import LinedMapping, listed, read_yaml, refuse_unknown
-from pinproof.errors import FileError, InputError, PicksError
+from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.spatial import SE3, finite, pose
 
 __all__ = ["read_picks"]
+
+Value = TypeVar("Value")
 
 POSE_KEYS = ("xyz", "rpy", "quat_xyzw")
 DEFAULT_KEYS = (*POSE_KEYS, "approach", "retreat", "retreat_direction")
@@ -60,10 +64,10 @@ def read_picks(path: str | Path) -> Picks:
     path = Path(path)
     content = read_yaml(path, FILE_KEYS, PicksError)
     refuse_unknown(PicksError, path, "key", content, FILE_KEYS, "")
-    if "picks" not in content:
+    rows = listed(PicksError, path, "picks", content.get("picks", []))
+    if not rows:
         raise PicksError(path, "holds no picks; a list of them stands under 'picks:'")
-    rows = listed(PicksError, path, "picks", content["picks"])
-    defaults = _defaults(path, content)
+    defaults = _shared(path, content, "defaults", {}, _defaults)
     picks: list[Pick] = []
     problems: list[PickProblem] = []
     for number, row in enumerate(rows, start=1):
@@ -74,29 +78,49 @@ def read_picks(path: str | Path) -> Picks:
             where = f"line {row.line}: " if isinstance(row, LinedMapping) else ""
             reason = error.reason if isinstance(error, FileError) else str(error)
             problems.append(PickProblem(number, str(name or f"row {number}"), where + reason))
+    return Picks(
+        tuple(picks),
+        tuple(problems),
+        tip=_shared(path, content, "tip", {}, _tip),
+        tool=_tool(path, content),
+        margin=_shared(path, content, "margin", 0.0, _margin),
+        robot=_robot(path, content),
+        tcp=_text(path, content, "tcp"),
+        scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
+        home=_shared(path, content, "home", {}, _home),
+        source=path,
+    )
+
+
+def _shared(path: Path, content: LinedMapping, key: str, default: object, read: Callable[[Any], Value]) -> Value:
+    """What all picks share under ``key``; what makes no sense there is refused with the key, and its line if known."""
+    stated = content.get(key, default)
     try:
-        return Picks(
-            tuple(picks),
-            tuple(problems),
-            tip=_pose("tip", content.get("tip", {}), path),
-            tool=_tool(path, content),
-            margin=_margin(content),
-            robot=_robot(path, content),
-            tcp=_text(path, content, "tcp"),
-            scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
-            home=_home(content),
-            source=path,
-        )
+        return read(stated)
     except InputError as error:
-        raise PicksError(path, str(error)) from error
+        line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
+        raise PicksError(path, str(error), f"{line}key {key}") from error
 
 
-def _defaults(path: Path, content: LinedMapping) -> dict[str, Any]:
-    stated = content.get("defaults", {})
+def _mapping(stated: object, keys: tuple[str, ...]) -> dict[str, Any]:
+    """A mapping with none but these keys."""
     if not isinstance(stated, dict):
-        raise PicksError(path, f"holds {stated!r}, not a mapping", "key defaults")
-    refuse_unknown(PicksError, path, "key", stated, DEFAULT_KEYS, "key defaults")
-    return dict(stated)
+        raise InputError(f"holds {stated!r}, not a mapping of {', '.join(keys)}")
+    for key in stated:
+        if key not in keys:
+            raise UnknownNameError("key", key, keys)
+    return stated
+
+
+def _defaults(stated: object) -> dict[str, Any]:
+    """The defaults as stated, after a pick was made of them: what is wrong here would be wrong in every row."""
+    settings = dict(_mapping(stated, DEFAULT_KEYS))
+    _made("defaults", {"xyz": [0, 0, 0], **({} if _turned(settings) else {"rpy": [0, 0, 0]}), **settings})
+    return settings
+
+
+def _turned(stated: dict[str, Any]) -> bool:
+    return "rpy" in stated or "quat_xyzw" in stated
 
 
 def _pick(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> Pick:
@@ -108,24 +132,24 @@ def _pick(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) ->
         raise InputError(f"has the name {name!r}; a pick needs a name (text, in quotes if it is a number)")
     if name in taken:
         raise InputError(f"a second pick is named {name!r}")
-    stated = {**defaults, **row}
-    if "rpy" in row:
-        stated.pop("quat_xyzw", None)
-    elif "quat_xyzw" in row:
-        stated.pop("rpy", None)
+    # An orientation of its own, however it is written, goes before the default one; two of its own are refused.
+    given = {key: value for key, value in defaults.items() if not (_turned(row) and key in ("rpy", "quat_xyzw"))}
+    stated = {**given, **row}
     if "xyz" not in stated:
         raise InputError("does not state its xyz")
-    settings = {key: numbers_of(key, stated[key]) for key in ("approach", "retreat") if key in stated}
-    if "retreat_direction" in stated:
-        settings["retreat_direction"] = numbers_of("retreat_direction", stated["retreat_direction"])
-    return Pick(name, pose(**{key: numbers_of(key, stated[key]) for key in POSE_KEYS if key in stated}), **settings)
+    if not _turned(stated):
+        raise InputError("states no orientation: give it rpy or quat_xyzw, or the defaults")
+    return _made(name, stated)
 
 
-def _pose(key: str, stated: object, path: Path) -> SE3:
-    if not isinstance(stated, dict):
-        raise InputError(f"{key}: {stated!r} is no mapping of {', '.join(POSE_KEYS)}")
-    refuse_unknown(PicksError, path, "key", stated, POSE_KEYS, f"key {key}")
-    return pose(**{name: numbers_of(f"{key}.{name}", value) for name, value in stated.items()})
+def _made(name: str, stated: dict[str, Any]) -> Pick:
+    numbers = {key: numbers_of(key, stated[key]) for key in DEFAULT_KEYS if key in stated}
+    placed = pose(**{key: numbers.pop(key) for key in POSE_KEYS if key in numbers})
+    return Pick(name, placed, **numbers)
+
+
+def _tip(stated: object) -> SE3:
+    return pose(**{name: numbers_of(name, value) for name, value in _mapping(stated, POSE_KEYS).items()})
 
 
 def _tool(path: Path, content: LinedMapping) -> tuple[Obstacle, ...]:
@@ -137,27 +161,32 @@ def _tool(path: Path, content: LinedMapping) -> tuple[Obstacle, ...]:
             bodies.append(read_obstacle(path, number, stated))
         except FileError as error:
             raise PicksError(path, error.reason, error.place) from error
+        if any(bodies[-1].name == other.name for other in bodies[:-1]):
+            raise PicksError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key tool")
     return tuple(bodies)
 
 
-def _margin(content: LinedMapping) -> float:
-    margin = float(finite("margin", [numbers_of("margin", content.get("margin", 0.0))], (1,))[0])
+def _margin(stated: object) -> float:
+    margin = _number("margin", stated)
     if margin < 0:
-        raise InputError(f"margin: {margin} m; it is 0 or more")
+        raise InputError(f"is {margin} m; it is 0 or more")
     return margin
 
 
-def _home(content: LinedMapping) -> dict[str, float]:
-    stated = content.get("home", {})
+def _home(stated: object) -> dict[str, float]:
     if not isinstance(stated, dict):
-        raise InputError(f"home: {stated!r} is no mapping of joint names to values")
-    return {str(name): float(finite(f"home.{name}", [numbers_of(str(name), v)], (1,))[0]) for name, v in stated.items()}
+        raise InputError(f"holds {stated!r}, not a mapping of joint names to values")
+    return {str(name): _number(str(name), value) for name, value in stated.items()}
+
+
+def _number(name: str, stated: object) -> float:
+    return float(finite(name, [numbers_of(name, stated)], (1,))[0])
 
 
 def _robot(path: Path, content: LinedMapping) -> str | None:
     """A catalogue name as it stands; a file relative to the picks file."""
     name = _text(path, content, "robot")
-    if name is None or not (name.endswith((".urdf", ".xml")) or "/" in name):
+    if name is None or not (Path(name).suffix or "/" in name):
         return name
     return str(path.parent / name)
 

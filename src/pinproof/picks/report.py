@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.description.whole_file import write_text_whole
+from pinproof.errors import InputError
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.verdict import PickVerdict
 
-__all__ = ["COLUMNS", "PickReport"]
+__all__ = ["COLUMNS", "SUFFIXES", "PickReport"]
 
 COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason")
+
+SUFFIXES = (".json", ".md")
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +35,15 @@ class PickReport:
         Rows of the picks file that could not be read.
     acceleration_source
         Where the acceleration limits of the timing came from.
+    notes
+        What no verdict covers, in sentences.
     """
 
     robot: str
     verdicts: tuple[PickVerdict, ...]
     problems: tuple[PickProblem, ...]
     acceleration_source: str
+    notes: tuple[str, ...] = ()
 
     @property
     def good(self) -> tuple[PickVerdict, ...]:
@@ -45,8 +52,8 @@ class PickReport:
 
     @property
     def ok(self) -> bool:
-        """Whether every row is a good pick."""
-        return len(self.good) == len(self.verdicts) and not self.problems
+        """Whether every row is a good pick; without any there is nothing to say yes to."""
+        return 0 < len(self.good) == len(self.verdicts) and not self.problems
 
     @property
     def summary(self) -> str:
@@ -77,27 +84,48 @@ class PickReport:
         lines = [f"**{self.robot}**: {self.summary}", "", _line(COLUMNS), _line(("---",) * len(COLUMNS))]
         lines += [_line(row) for row in self.rows()]
         lines += ["", f"Acceleration limits: {self.acceleration_source}"]
+        lines += ["", "Not covered:", "", *(f"- {note}" for note in self.notes)] if self.notes else []
         return "\n".join(lines) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain values for JSON; lengths in metres, angles in radians, times in seconds."""
+        """All of it as plain values for JSON; lengths in metres, angles in radians, times in seconds.
+
+        A clearance of None beside a certificate's ``pairs_proven`` is unbounded: nothing there can touch.
+        """
         return {
             "schema": "pinproof/picks/1",
             "robot": self.robot,
             "summary": self.summary,
+            "ok": self.ok,
             "acceleration_source": self.acceleration_source,
+            "notes": list(self.notes),
             "picks": [_verdict(verdict) for verdict in self.verdicts],
             "problems": [{"row": p.row, "name": p.name, "reason": p.reason} for p in self.problems],
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the report, whole or not at all: Markdown for ``.md``, JSON for any other ending."""
-        as_markdown = Path(path).suffix.lower() == ".md"
-        write_text_whole(path, self.to_markdown() if as_markdown else json.dumps(self.to_dict(), indent=2) + "\n")
+        """Write the report, whole or not at all: JSON for ``.json``, Markdown for ``.md``.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        FileError
+            For a place that cannot be written to.
+        """
+        kind = Path(path).suffix.lower()
+        if kind not in SUFFIXES:
+            raise InputError(f"{path}: a report is a file of {' or '.join(SUFFIXES)}, not {kind or 'without ending'}")
+        as_json = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        write_text_whole(path, self.to_markdown() if kind == ".md" else as_json)
 
 
 def _line(cells: tuple[str, ...]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def _bounded(clearance: float) -> float | None:
+    return clearance if math.isfinite(clearance) else None
 
 
 def _verdict(verdict: PickVerdict) -> dict[str, Any]:
@@ -112,8 +140,9 @@ def _verdict(verdict: PickVerdict) -> dict[str, Any]:
         "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
         "grasp_time": verdict.grasp_time,
         "duration": None if trajectory is None else trajectory.duration,
-        "clearance_proven": None if certificate is None else certificate.clearance,
-        "clearance_observed": None if certificate is None else certificate.observed,
+        "clearance_proven": None if certificate is None else _bounded(certificate.clearance),
+        "clearance_observed": None if certificate is None else _bounded(certificate.observed),
         "margin": None if certificate is None else certificate.margin,
+        "pairs_proven": None if certificate is None else certificate.pairs,
         "excluded_pairs": [] if certificate is None else [[*e.owners, e.reason] for e in certificate.excluded],
     }

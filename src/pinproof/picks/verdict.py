@@ -80,6 +80,12 @@ class PickVerdict:
     grasp_time: float | None = None
     certificate: Certificate | None = None
 
+    def __post_init__(self) -> None:
+        if self.q_grasp is not None:
+            q = np.array(self.q_grasp)
+            q.setflags(write=False)
+            object.__setattr__(self, "q_grasp", q)
+
     @property
     def ok(self) -> bool:
         """Whether the pick is GOOD."""

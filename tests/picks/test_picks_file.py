@@ -1,0 +1,194 @@
+"""Picks files: a bad row is reported and the others are kept; what all rows share must make sense."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
+
+GOOD_ROW = "{name: fine, xyz: [0.4, 0.1, 0.2]}"
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    def write(*rows: str, shared: str = "defaults: {rpy: [pi, 0, 0]}") -> Path:
+        path = tmp_path / "picks.yaml"
+        path.write_text("\n".join([shared, "picks:", *(f"  - {row}" for row in rows)]), encoding="utf-8")
+        return path
+
+    return write
+
+
+def test_everything_that_is_stated_is_read(write) -> None:
+    shared = """
+robot: ur5
+tcp: tool0
+scene: cells/scene.yaml
+margin: 2e-3
+home: {b: pi/2, a: -1}
+tip: {xyz: [0, 0, 0.105], rpy: [0, 0, pi]}
+tool: [{name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}]
+defaults: {rpy: [pi, 0, 0], approach: 0.2}"""
+    path = write(
+        "{name: one, xyz: [0.46, 0.15, 0.035], retreat: 0}",
+        "{name: two, xyz: [0, 0, 1], quat_xyzw: [0, 0, 2, 0], approach: 0.05, retreat_direction: [0, 3, 4]}",
+        shared=shared,
+    )
+    picks = pp.read_picks(path)
+    assert (picks.robot, picks.tcp, picks.margin, picks.source) == ("ur5", "tool0", 0.002, path)
+    assert picks.scene == path.parent / "cells/scene.yaml"  # relative to the file, not to where one stands
+    assert picks.home == {"a": -1.0, "b": np.pi / 2}
+    np.testing.assert_allclose(pp.xyz_rpy(picks.tip), [0, 0, 0.105, 0, 0, np.pi], atol=1e-15)
+    assert [body.name for body in picks.tool] == ["picker"]
+    one, two = picks
+    assert (one.name, one.approach, one.retreat, one.retreat_direction) == ("one", 0.2, 0.0, (0.0, 0.0, 1.0))
+    np.testing.assert_allclose(pp.xyz_rpy(one.pose), [0.46, 0.15, 0.035, np.pi, 0, 0], atol=1e-15)
+    assert (two.name, two.approach, two.retreat, two.retreat_direction) == ("two", 0.05, 0.1, (0.0, 0.6, 0.8))
+    # Its own quaternion goes before the default rpy: half a turn about z.
+    np.testing.assert_allclose(two.pose.rotation, np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
+    assert picks.problems == ()
+
+
+@pytest.mark.parametrize(
+    ("row", "reason"),
+    [
+        ("{name: bad, xyz: [0.4, .nan, 0.2]}", "xyz holds nan at index 1"),
+        ("{name: bad, xyz: [0.4, .inf, 0.2]}", "xyz holds inf"),
+        ("{name: bad, xyz: [0.4, 0.2]}", "xyz must have the shape (3,)"),
+        ("{name: bad, xyz: 0.4}", "xyz must have the shape (3,)"),
+        ("{name: bad, xyz: [0.4, near, 0.2]}", "xyz: 'near' is not a number"),
+        ("{name: bad, xyz: [0.4, true, 0.2]}", "xyz: True is not a number"),
+        ("{name: bad, xyz: }", "xyz: None is not a number"),
+        ("{name: bad}", "does not state its xyz"),
+        ("{xyz: [0.4, 0.1, 0.2]}", "a pick needs a name"),
+        ("{name: 7, xyz: [0.4, 0.1, 0.2]}", "in quotes if it is a number"),
+        ("{name: fine, xyz: [0.4, 0.1, 0.2]}", "a second pick is named 'fine'"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], aproach: 0.1}", "unknown key 'aproach'; valid: approach"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: -0.1}", "approach of pick 'bad' is -0.1 m; it is 0 or more"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: [0.1, 0.2]}", "approach of pick 'bad'"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat: .nan}", "retreat of pick 'bad' holds nan"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat_direction: [0, 0, 0]}", "has no length"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}", "rpy or quat_xyzw, not both"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], quat_xyzw: [0, 0, 0, 0]}", "a rotation needs a quaternion of length 1"),
+        ("bolt_1", "'bolt_1' is no pick; valid keys: name, xyz"),
+    ],
+)
+def test_a_bad_row_is_reported_with_its_reason_and_the_others_are_kept(write, row: str, reason: str) -> None:
+    picks = pp.read_picks(write(GOOD_ROW, row, "{name: also fine, xyz: [0, 0, 1]}"))
+    assert [pick.name for pick in picks] == ["fine", "also fine"]
+    (problem,) = picks.problems
+    assert problem.row == 2
+    assert reason in problem.reason
+    if row.startswith("{"):
+        assert problem.reason.startswith("line 4: ")
+
+
+def test_an_orientation_is_never_guessed(write) -> None:
+    picks = pp.read_picks(write(GOOD_ROW, "{name: told, xyz: [0, 0, 1], rpy: [0, 0, 0]}", shared="margin: 0"))
+    assert [pick.name for pick in picks] == ["told"]
+    assert "states no orientation" in picks.problems[0].reason
+
+
+@pytest.mark.parametrize(
+    ("shared", "where", "reason"),
+    [
+        ("margin: -0.001", "key margin", "is -0.001 m; it is 0 or more"),
+        ("margin: .nan", "key margin", "nan"),
+        ("margin: wide", "key margin", "'wide' is not a number"),
+        ("margin: ", "key margin", "None is not a number"),
+        ("tip: {xyz: [0, 0, .nan]}", "line 1, key tip", "xyz holds nan"),
+        ("tip: {xyz: [0, 0]}", "line 1, key tip", "xyz must have the shape (3,)"),
+        ("tip: {z: 0.1}", "line 1, key tip", "unknown key 'z'"),
+        ("tip: 0.1", "key tip", "not a mapping"),
+        ("home: [0, 0]", "key home", "not a mapping of joint names"),
+        ("home: {a: up}", "line 1, key home", "a: 'up' is not a number"),
+        ("home: {a: .inf}", "line 1, key home", "a holds inf"),
+        ("defaults: {rpy: [pi, 0]}", "line 1, key defaults", "rpy must have the shape (3,)"),
+        ("defaults: {rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}", "key defaults", "rpy or quat_xyzw, not both"),
+        ("defaults: {approach: -1}", "line 1, key defaults", "approach"),
+        ("defaults: {name: x}", "line 1, key defaults", "unknown key 'name'"),
+        ("defaults: [1]", "key defaults", "not a mapping"),
+        ("robot: 5", "key robot", "holds 5, not a name"),
+        ("scene: [a]", "key scene", "not a name"),
+        ("tool: {name: x}", "key tool", "not a list"),
+        ("tool: [{name: x, box: [1, 1]}]", "line 1, obstacle 'x'", "box must have the shape (3,)"),
+        (
+            "tool: [{name: x, box: [1, 1, 1]}, {name: x, box: [2, 2, 2]}]",
+            "line 1, key tool",
+            "a second body is named 'x'",
+        ),
+        ("scen: scene.yaml", "", "unknown key 'scen'; valid: scene"),
+        ("picks: []", "line 2", "the key 'picks' is given twice"),
+        ("robot: [", "line", "is no valid YAML"),
+    ],
+)
+def test_what_all_rows_share_is_refused_with_line_and_key(write, shared: str, where: str, reason: str) -> None:
+    with pytest.raises(PicksError) as caught:
+        pp.read_picks(write(GOOD_ROW, shared=shared))
+    assert where in caught.value.place
+    assert reason in caught.value.reason
+    assert str(caught.value.path).endswith("picks.yaml")
+
+
+def test_a_yaml_error_names_its_line(tmp_path: Path) -> None:
+    path = tmp_path / "picks.yaml"
+    path.write_text("robot: ur5\npicks:\n  - {name: a, xyz: [0, 0, 1}\n")
+    with pytest.raises(PicksError, match="line 3: is no valid YAML"):
+        pp.read_picks(path)
+
+
+@pytest.mark.parametrize("text", ["robot: ur5\n", "picks: []\n", "picks:\n", ""])
+def test_a_list_without_picks_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "picks.yaml"
+    path.write_text(text)
+    with pytest.raises(PicksError):
+        pp.read_picks(path)
+
+
+def test_a_file_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="cannot be read"):
+        pp.read_picks(tmp_path / "none.yaml")
+
+
+@pytest.mark.parametrize(
+    ("stated", "read"),
+    [("ur5", "ur5"), ("arm.urdf", "{}/arm.urdf"), ("../arms/arm.urdf", "{}/../arms/arm.urdf")],
+)
+def test_a_robot_file_is_relative_to_the_picks_file(write, stated: str, read: str) -> None:
+    path = write(GOOD_ROW, shared=f"robot: {stated}\ndefaults: {{rpy: [pi, 0, 0]}}")
+    assert pp.read_picks(path).robot == read.format(path.parent)
+
+
+def test_a_robot_nobody_knows_is_refused_with_the_nearest_names(write) -> None:
+    picks = pp.read_picks(write(GOOD_ROW, shared="robot: urr5\ndefaults: {rpy: [pi, 0, 0]}"))
+    with pytest.raises(UnknownNameError, match="unknown robot 'urr5'.*valid: ur5"):
+        pp.load_robot(picks.robot)
+
+
+def test_home_goes_by_joint_name() -> None:
+    picks = pp.Picks((), home={"b": 2.0, "a": 1.0})
+    assert picks.home_configuration(["a", "b"], np.zeros(2)) == [1.0, 2.0]
+    with pytest.raises(InputError, match="lacks c"):
+        picks.home_configuration(["a", "b", "c"], np.zeros(3))
+    with pytest.raises(InputError, match="names b"):
+        picks.home_configuration(["a"], np.zeros(1))
+    assert pp.Picks(()).home_configuration(["a"], np.array([0.5])) == [0.5]
+
+
+def test_picks_are_kept_when_given_by_a_generator() -> None:
+    picks = pp.Picks(pp.Pick(name, pp.pose()) for name in "ab")
+    assert [pick.name for pick in picks] == ["a", "b"]
+    with pytest.raises(InputError, match="a stand more than once"):
+        pp.Picks(pp.Pick("a", pp.pose()) for _ in range(2))
+
+
+def test_approach_and_retreat_are_measured_from_the_grasp() -> None:
+    pick = pp.Pick("a", pp.pose((1, 2, 3), (np.pi / 2, 0, 0)), approach=0.2, retreat=0.3, retreat_direction=(0, 0, 9))
+    np.testing.assert_allclose(pick.approach_pose().translation, [1, 2.2, 3], atol=1e-15)  # its z is -y of the root
+    np.testing.assert_allclose(pick.retreat_pose().translation, [1, 2, 3.3], atol=1e-15)
+    for pose in (pick.approach_pose(), pick.retreat_pose()):
+        np.testing.assert_array_equal(pose.rotation, pick.pose.rotation)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,6 +11,7 @@ from typing import Any
 
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 from pinproof.picks import PickReport
 from pinproof.picks.report import COLUMNS
@@ -30,8 +32,8 @@ def complain(text: str) -> None:
 
 
 def print_json(value: dict[str, Any]) -> None:
-    """A value for machines, to stdout."""
-    json.dump(value, sys.stdout, indent=2)
+    """A value for machines, to stdout; numbers that JSON does not know (infinite, undefined) become null."""
+    json.dump(_finite(value), sys.stdout, indent=2, allow_nan=False)
     sys.stdout.write("\n")
 
 
@@ -49,14 +51,21 @@ def working(text: str) -> Iterator[None]:
 def print_report(report: PickReport) -> None:
     """The verdict table and its summary, to stdout."""
     console = Console(highlight=False)
-    table = Table(title=f"Picks of {report.robot}", title_justify="left")
+    table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left")
     for column in COLUMNS:
         table.add_column(column, overflow="fold")
     for row in report.rows():
-        table.add_row(row[0], f"[{_STYLES.get(row[1], '')}]{row[1]}[/]", *(_plain(cell) for cell in row[2:]))
+        # Texts, not strings: what stands between brackets in a name would be taken for a style.
+        table.add_row(*(Text(cell, _STYLES.get(cell, "") if k == 1 else "") for k, cell in enumerate(row)))
     console.print(table)
-    console.print(report.summary)
+    say(report.summary)
+    for note in report.notes:
+        say(f"not covered: {note}")
 
 
-def _plain(cell: str) -> str:
-    return cell.replace("[", "\\[")
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(part) for key, part in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
 
 from pinproof import __version__
 from pinproof.cli.console import complain
+from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
+from pinproof.cli.info import info
+from pinproof.cli.kinematics import fk, ik
+from pinproof.cli.motion import certify_motion, check, plan, view
 from pinproof.cli.pick import pick
 from pinproof.errors import NoAnswer, PinproofError
 
@@ -29,8 +34,21 @@ app = typer.Typer(
     add_completion=True,
     pretty_exceptions_enable=False,
 )
-app.command()(demo)
-app.command()(pick)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "demo": demo,
+    "pick": pick,
+    "info": info,
+    "fk": fk,
+    "ik": ik,
+    "check": check,
+    "plan": plan,
+    "certify": certify_motion,
+    "view": view,
+    "dh2urdf": dh2urdf,
+    "urdf2dh": urdf2dh,
+}
+for name, command in COMMANDS.items():
+    app.command(name)(command)
 
 
 def _version(wanted: bool) -> None:

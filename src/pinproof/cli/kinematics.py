@@ -1,0 +1,117 @@
+"""``pinproof fk`` and ``pinproof ik``: where the tcp is, and how it gets somewhere."""
+
+from __future__ import annotations
+
+from enum import Enum
+from typing import Annotated
+
+import typer
+
+from pinproof.cli.console import print_json, say
+from pinproof.cli.options import (
+    Base,
+    Group,
+    Json,
+    Margin,
+    PackageDirs,
+    Robot,
+    SceneFile,
+    Seed,
+    SrdfFile,
+    Tcp,
+    load_arm,
+    load_scene,
+    numbers,
+    parse_configuration,
+)
+from pinproof.collision import CollisionChecker
+from pinproof.errors import InputError
+from pinproof.ik import Clik
+from pinproof.spatial import matrix, pose, xyz_rpy
+
+__all__ = ["fk", "ik"]
+
+Configuration = Annotated[str | None, typer.Option(help='Joint values in rad or m: "0 -pi/2 pi/2 ...", or home.')]
+
+
+class TaskOption(str, Enum):
+    """What of the target is to be met."""
+
+    POSE = "pose"
+    POSITION = "position"
+    ORIENTATION = "orientation"
+
+
+def fk(
+    robot: Robot,
+    q: Configuration = None,
+    frame: Annotated[str | None, typer.Option(help="A link to locate instead of the tcp.")] = None,
+    tcp: Tcp = None,
+    base: Base = None,
+    group: Group = None,
+    srdf: SrdfFile = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+) -> None:
+    """Print where the tcp (or another frame) is at a configuration.
+
+    Example: pinproof fk ur5 --q "0 -pi/2 pi/2 -pi/2 -pi/2 0"
+    """
+    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
+    configuration = parse_configuration(q, arm, "--q")
+    placement = arm.frame_placement(configuration, frame or arm.tcp)
+    vector = xyz_rpy(placement)
+    if as_json:
+        named = dict(zip(arm.joint_names, configuration.tolist(), strict=True))
+        place = {"xyz": vector[:3].tolist(), "rpy": vector[3:].tolist(), "matrix": matrix(placement).tolist()}
+        print_json({"base": arm.base, "frame": frame or arm.tcp, "q": named, **place})
+        return
+    say(f"{arm.base} -> {frame or arm.tcp}")
+    say("xyz [m]   " + " ".join(f"{value: .6f}" for value in vector[:3]))
+    say("rpy [rad] " + " ".join(f"{value: .6f}" for value in vector[3:]))
+
+
+def ik(
+    robot: Robot,
+    xyz: Annotated[str, typer.Option(help='Where the tcp shall be, in metres: "0.4 0.1 0.3".')] = "",
+    rpy: Annotated[str, typer.Option(help='How it shall be turned, in radians: "pi 0 0".')] = "0 0 0",
+    task: Annotated[TaskOption, typer.Option(help="What of the target is to be met.")] = TaskOption.POSE,
+    q0: Annotated[str | None, typer.Option(help="Where to start; by default home.")] = None,
+    scene: SceneFile = None,
+    margin: Margin = 0.0,
+    seed: Seed = 0,
+    tcp: Tcp = None,
+    base: Base = None,
+    group: Group = None,
+    srdf: SrdfFile = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+) -> None:
+    """Find joint values for a pose of the tcp; with a scene, free of contact. Exit code 1 if none is found.
+
+    Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
+    """
+    if not xyz and task is not TaskOption.ORIENTATION:
+        raise InputError('--xyz is missing: say where the tcp shall be, such as --xyz "0.4 0.1 0.3"')
+    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
+    target = pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
+    accept = None if scene is None else CollisionChecker(arm, load_scene(scene), margin=margin).is_free
+    start = parse_configuration(q0, arm, "--q0")
+    found = Clik().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    if as_json:
+        print_json(
+            {
+                "ok": found.ok,
+                "status": found.status.name,
+                "q": dict(zip(arm.joint_names, found.q.tolist(), strict=True)),
+                "position_error": found.position_error,
+                "orientation_error": found.orientation_error,
+                "message": found.message,
+            }
+        )
+    else:
+        for name, value in zip(arm.joint_names, found.q, strict=True):
+            say(f"{name:30s} {value: .6f}")
+        say(found.message)
+    if not found.ok:
+        raise typer.Exit(1)

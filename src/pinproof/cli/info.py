@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 from pinproof.cli.console import print_json, say
 from pinproof.cli.options import Base, Group, Json, PackageDirs, Robot, SrdfFile, Tcp, load_arm
 from pinproof.collision import CollisionChecker
@@ -61,13 +56,11 @@ def info(
 
 
 def _joints(told: RobotInfo) -> None:
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1), pad_edge=False)
-    for column in ("joint", "type", "limits", "speed", "accel.", "role"):
-        table.add_column(column, no_wrap=True, overflow="ignore")
-    for joint in told.joints:
-        if joint.role != "fixed":
-            table.add_row(*(Text(cell) for cell in _row(joint)))
-    Console(highlight=False, soft_wrap=True).print(table)
+    heads = ("joint", "type", "limits", "speed", "accel.", "role")
+    rows = [heads, *(_row(joint) for joint in told.joints if joint.role != "fixed")]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 def _row(joint: JointInfo) -> tuple[str, ...]:

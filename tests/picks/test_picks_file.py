@@ -165,7 +165,7 @@ def test_a_robot_file_is_relative_to_the_picks_file(write, stated: str, read: st
 
 def test_a_robot_nobody_knows_is_refused_with_the_nearest_names(write) -> None:
     picks = pp.read_picks(write(GOOD_ROW, shared="robot: urr5\ndefaults: {rpy: [pi, 0, 0]}"))
-    with pytest.raises(UnknownNameError, match="unknown robot 'urr5'.*valid: ur5"):
+    with pytest.raises(UnknownNameError, match=r"unknown robot 'urr5'.*valid: ur5"):
         pp.load_robot(picks.robot)
 
 

@@ -1,0 +1,85 @@
+"""Arms to pick with, their reports, and an independent second look at what is called good."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description import robots_folder
+
+ROBOTS = ("ur5", "generic_6dof", "panda")
+
+
+@pytest.fixture(scope="session")
+def arms() -> dict[str, pp.Arm]:
+    return {name: pp.load_robot(name).arm() for name in ROBOTS}
+
+
+@pytest.fixture(scope="session")
+def cells() -> dict[str, tuple[pp.Scene, pp.Picks]]:
+    """The cells that come with the package."""
+    folder = robots_folder()
+    return {
+        name: (pp.Scene.load(folder / name / "scene.yaml"), pp.read_picks(folder / name / "picks.yaml"))
+        for name in ROBOTS
+    }
+
+
+@pytest.fixture(scope="session")
+def reports(arms, cells) -> dict[str, pp.PickReport]:
+    return {name: pp.validate_picks(arms[name], *cells[name]) for name in ROBOTS}
+
+
+def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, home=None) -> None:
+    """What a good verdict claims, by other means than the judge's: FK, the limits, a fresh checker, dense samples."""
+    pick, motion, time = verdict.pick, verdict.trajectory, verdict.grasp_time
+    home = arm.home if home is None else home
+    assert verdict.failed is None
+    assert all(stage.ok for stage in verdict.stages)
+    assert motion.joint_names == arm.joint_names
+    np.testing.assert_array_equal(motion.start, home)
+
+    def root_from_tip(q):
+        return arm.root_from_base * arm.forward_kinematics(q) * picks.tip
+
+    def off(q, pose) -> tuple[float, float]:
+        gap = pose.actInv(root_from_tip(q))
+        return float(np.linalg.norm(gap.translation)), float(np.linalg.norm(gap.rotation - np.eye(3)))
+
+    assert max(off(motion(time), pick.pose)) < 2e-6
+    assert off(motion(time), pick.pose)[0] < 1e-6
+    np.testing.assert_allclose(motion(time), verdict.q_grasp, atol=1e-9)
+    np.testing.assert_allclose(motion.velocity(time), 0.0, atol=1e-9)
+    assert max(off(motion.end, pick.retreat_pose())) < 2e-5
+    # The tip goes straight, and does not turn, from the last rest before the grasp and from the grasp to the end.
+    rests = motion.times[~motion.velocities.any(axis=1)]
+    begin = time if pick.approach == 0 else float(rests[rests < time - 1e-6][-1])
+    assert max(off(motion(begin), pick.approach_pose())) < 2e-5
+    for first, last, target in ((begin, time, pick.approach_pose()), (time, motion.duration, pick.retreat_pose())):
+        way = target.translation - pick.pose.translation
+        for q in motion(np.linspace(first, last, 100)):
+            at = root_from_tip(q)
+            gone = at.translation - pick.pose.translation
+            share = np.clip(gone @ way / max(way @ way, 1e-12), 0, 1)
+            assert np.linalg.norm(gone - share * way) < 1.01e-3
+            assert np.linalg.norm(at.rotation - pick.pose.rotation) < 5e-3
+
+    low, high = motion.range()
+    assert (low >= arm.limits.lower - 1e-9).all()
+    assert (high <= arm.limits.upper + 1e-9).all()
+    assert (motion.max_velocity() <= arm.limits.velocity * (1 + 1e-6)).all()
+    assert (motion.max_acceleration() <= arm.limits.acceleration * (1 + 1e-6)).all()
+
+    certificate = verdict.certificate
+    assert certificate.status is pp.CertificateStatus.FREE
+    assert certificate.matches(motion, arm, scene, picks.tool)
+    assert certificate.margin == picks.margin < certificate.clearance <= certificate.observed
+    checker = pp.CollisionChecker(arm, scene, margin=picks.margin, attached=picks.tool)
+    seen = min(checker.clearance(q) for q in motion(np.linspace(0.0, motion.duration, 400)))
+    assert seen >= certificate.clearance - 1e-6
+
+
+@pytest.fixture(scope="session")
+def recheck():
+    return _recheck

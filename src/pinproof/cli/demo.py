@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -50,4 +51,5 @@ def demo(
             open_browser=True,
         ) as view:
             say(f"live view at {view.url} (Ctrl-C ends it)")
-            view.wait()
+            with suppress(KeyboardInterrupt):
+                view.wait()

@@ -8,11 +8,12 @@ from typing import Annotated
 import typer
 
 from pinproof.cli.console import print_json, print_report, say, working
-from pinproof.cli.outputs import write_motion
+from pinproof.cli.outputs import file_stems, make_folder, write_motion
 from pinproof.collision import Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.picks import PickReport, Picks, read_picks, validate_picks
+from pinproof.picks.report import SUFFIXES
 
 __all__ = ["judge_file", "pick"]
 
@@ -35,6 +36,8 @@ def pick(
 
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
+    if output is not None:
+        _check_output(output)
     with working(f"judging {file}"):
         arm, world, picks, report = judge_file(file, robot, tcp, scene, seed)
     if as_json:
@@ -63,16 +66,27 @@ def judge_file(
     return arm, world, picks, validate_picks(arm, world, picks, rng=seed)
 
 
+def _is_folder(output: Path) -> bool:
+    return output.is_dir() or output.suffix.lower() not in SUFFIXES
+
+
+def _check_output(output: Path) -> None:
+    """Refuse a place that cannot be written to before the work, not after it."""
+    if _is_folder(output):
+        if output.suffix and not output.is_dir():
+            raise InputError(f"{output}: a report ends in {' or '.join(SUFFIXES)}; for a folder, give one that exists")
+        make_folder(output)
+    elif not output.parent.is_dir():
+        raise InputError(f"{output}: there is no folder {output.parent}")
+
+
 def _write(output: Path, arm: Arm, scene: Scene, picks: Picks, report: PickReport) -> list[Path]:
-    if output.suffix:
+    if not _is_folder(output):
         report.save(output)
         return [output]
-    output.mkdir(parents=True, exist_ok=True)
-    report.save(output / "report.json")
-    report.save(output / "report.md")
     written = [output / "report.json", output / "report.md"]
-    for verdict in report.good:
-        written += write_motion(
-            verdict, arm, scene, picks, output / f"{verdict.pick.name}.html", output / f"{verdict.pick.name}.json"
-        )
+    for path in written:
+        report.save(path)
+    for verdict, stem in zip(report.good, file_stems(v.pick.name for v in report.good), strict=True):
+        written += write_motion(verdict, arm, scene, picks, output / f"{stem}.html", output / f"{stem}.json")
     return written

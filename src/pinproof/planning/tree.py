@@ -11,17 +11,24 @@ Array = npt.NDArray[np.float64]
 
 
 class Tree:
-    """Configurations (m, n) with their parents; roots are their own parent, ``label`` is the index of a node's root."""
+    """Configurations with their parents; the roots come first and are their own parents.
+
+    A node that was cut is at infinity: it keeps its index and is never the nearest to anything.
+
+    Parameters
+    ----------
+    roots
+        (k, n) configurations, k >= 1.
+    """
 
     def __init__(self, roots: Array) -> None:
         count, dof = roots.shape
         self.q = np.empty((max(64, 2 * count), dof))
         self.q[:count] = roots
         self.parent = list(range(count))
-        self.alive = np.ones(len(self.q), dtype=bool)
-        self.proven = [True] * count  # the edge to the parent; a root has none
 
     def __len__(self) -> int:
+        """The number of nodes that were ever added."""
         return len(self.parent)
 
     def add(self, q: Array, parent: int) -> int:
@@ -29,19 +36,14 @@ class Tree:
         index = len(self.parent)
         if index == len(self.q):
             self.q = np.concatenate([self.q, np.empty_like(self.q)])
-            self.alive = np.concatenate([self.alive, np.ones(index, dtype=bool)])
-        self.q[index], self.alive[index] = q, True
+        self.q[index] = q
         self.parent.append(parent)
-        self.proven.append(False)
         return index
 
     def nearest(self, q: Array) -> int:
-        """The living node nearest to q (n,), by the Euclidean distance in joint space."""
-        count = len(self.parent)
-        gaps = self.q[:count] - q
-        squared = np.einsum("ij,ij->i", gaps, gaps)
-        squared[~self.alive[:count]] = np.inf
-        return int(squared.argmin())
+        """The living node nearest to q (n,), by the Euclidean distance in joint space; the oldest of equals."""
+        gaps = self.q[: len(self.parent)] - q
+        return int(np.einsum("ij,ij->i", gaps, gaps).argmin())
 
     def branch(self, index: int) -> list[int]:
         """Node indices from ``index`` up to its root."""
@@ -51,8 +53,14 @@ class Tree:
         return way
 
     def cut(self, index: int) -> None:
-        """Take a node and all that hangs on it out of the tree."""
-        self.alive[index] = False
+        """Take a node that is no root, and all that hangs on it, out of the tree."""
+        dead = {index}
         for child in range(index + 1, len(self.parent)):  # children come after their parents
-            if not self.alive[self.parent[child]]:
-                self.alive[child] = False
+            if self.parent[child] in dead:
+                dead.add(child)
+        self.q[list(dead)] = np.inf
+
+    def living(self) -> Array:
+        """(m, n) the configurations that were not cut."""
+        q = self.q[: len(self.parent)]
+        return q[np.isfinite(q[:, 0])]

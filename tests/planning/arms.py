@@ -1,0 +1,35 @@
+"""Small arms, and a look at paths that is independent of any proof."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import pinproof as pp
+from pinproof.model.robot import load_robot_from_text
+
+
+def ball_arm(kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0)) -> pp.Arm:
+    """A ball of 5 cm moved by a chain: ``"x"``, ``"y"`` slide along an axis; ``"turn"`` swings it, 1 m out, about z."""
+    low, high = limits
+    parts = ['<robot name="ball"><link name="l0"/>']
+    for i, kind in enumerate(kinds, 1):
+        joint, axis = {"x": ("prismatic", "1 0 0"), "y": ("prismatic", "0 1 0"), "turn": ("continuous", "0 0 1")}[kind]
+        parts.append(
+            f'<link name="l{i}">'
+            + ('<collision><geometry><sphere radius="0.05"/></geometry>' if i == len(kinds) and kind != "turn" else "")
+            + ('<collision><origin xyz="1 0 0"/><geometry><sphere radius="0.05"/></geometry>' if kind == "turn" else "")
+            + ("</collision>" if i == len(kinds) or kind == "turn" else "")
+            + f'</link><joint name="{kind}" type="{joint}"><parent link="l{i - 1}"/><child link="l{i}"/>'
+            f'<axis xyz="{axis}"/><limit lower="{low}" upper="{high}" velocity="1" effort="1"/></joint>'
+        )
+    return load_robot_from_text("".join([*parts, "</robot>"])).arm(tcp=f"l{len(kinds)}")
+
+
+def assert_free(path: pp.JointPath | pp.CubicPath, checker: pp.CollisionChecker, step: float = 0.01) -> None:
+    """Independent of any proof: a dense sample of the path is free and inside the limits."""
+    first, last = path.domain
+    rough = path(np.linspace(first, last, 200))
+    count = int(np.abs(np.diff(rough, axis=0)).sum() / step) + 2
+    for q in path(np.linspace(first, last, count)):
+        assert checker.is_free(q)
+        assert checker.arm.limits.contains(q, 1e-9)

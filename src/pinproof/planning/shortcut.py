@@ -52,14 +52,20 @@ def shortcut(
         raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.arm.joint_names}")
     if attempts < 0:
         raise InputError(f"attempts = {attempts}; it is 0 or more")
-    edges = Edges(checker, resolution)
-    q = _skip_waypoints(np.array(path.q), edges)
+    edges = Edges(checker, resolution, path.q[[0, -1]])
+    q = _skip_waypoints(_without_repeats(np.array(path.q)), edges)
     generator = np.random.default_rng(rng)
     for _ in range(attempts):
         if len(q) < 3:
             break
         q = _random_shortcut(q, edges, generator)
     return JointPath(q, path.joint_names)
+
+
+def _without_repeats(q: Array) -> Array:
+    """The waypoints without those that equal their predecessor: a segment of no length has no point to cut at."""
+    moves = (np.diff(q, axis=0) != 0).any(axis=1)
+    return q[np.concatenate([[True], moves])]
 
 
 def _skip_waypoints(q: Array, edges: Edges) -> Array:
@@ -83,10 +89,9 @@ def _random_shortcut(q: Array, edges: Edges, rng: np.random.Generator) -> Array:
     lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
     at = np.concatenate([[0.0], np.cumsum(lengths)])
     first, last = np.sort(rng.uniform(0.0, at[-1], 2))
-    i, k = (int(np.searchsorted(at, s, side="right")) - 1 for s in (first, last))
-    if i == k:
+    i, k = (min(int(np.searchsorted(at, s, side="right")) - 1, len(lengths) - 1) for s in (first, last))
+    if i == k or not lengths[i] > 0 or not lengths[k] > 0:
         return q
-    k = min(k, len(lengths) - 1)
     a = q[i] + (q[i + 1] - q[i]) * ((first - at[i]) / lengths[i])
     b = q[k] + (q[k + 1] - q[k]) * ((last - at[k]) / lengths[k])
     if (last - first) - float(np.linalg.norm(b - a)) <= WORTH_IT or not _free(edges, a, b):

@@ -1,6 +1,7 @@
 """Planning: RRT-Connect, shortcuts and straight lines; every answer carries its certificate."""
 
-from pinproof.planning.linear import LinearMove, LinearStatus, plan_linear
+from pinproof.planning.linear import plan_linear
+from pinproof.planning.linear_move import LinearMove, LinearStatus
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.shortcut import shortcut

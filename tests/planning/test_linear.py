@@ -1,0 +1,233 @@
+"""Straight moves: on the line, on the branch, inside limits, proven free; or where they stop and why."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.planning import LinearStatus
+from pinproof.spatial import interpolate, twist_size
+
+from .arms import assert_free, ball_arm
+
+READY = np.array([0.0, -1.3, 1.9, -2.17, -1.57, 0.0])
+"""A UR5 with its tool above the table, pointing down."""
+
+
+@pytest.fixture(scope="module")
+def free(ur5: pp.Arm) -> pp.CollisionChecker:
+    return pp.CollisionChecker(ur5)
+
+
+def _moved(arm: pp.Arm, q: np.ndarray, xyz: tuple[float, ...] = (0, 0, 0), rpy: tuple[float, ...] = (0, 0, 0)):
+    """The tcp's pose at q, shifted in the base's axes and turned in its own."""
+    here = arm.forward_kinematics(q)
+    turned = here * pp.pose((0, 0, 0), rpy)
+    turned.translation = here.translation + np.array(xyz)
+    return turned
+
+
+def _assert_follows(
+    move: pp.LinearMove, checker: pp.CollisionChecker, start: np.ndarray, target, metres: float, radians: float
+) -> None:
+    arm, path = checker.arm, move.or_raise().path
+    first = arm.forward_kinematics(start)
+    assert np.array_equal(path.start, start)
+    assert max(twist_size(arm.forward_kinematics(path.end), target)) < 2e-6
+    assert move.fraction == 1.0
+    assert move.certificate.matches(path, arm, checker.scene)
+    assert_free(path, checker)
+    off = np.array(
+        [twist_size(interpolate(first, target, s), arm.forward_kinematics(path(s))) for s in np.linspace(0, 1, 997)]
+    )
+    assert off[:, 0].max() <= metres
+    assert off[:, 1].max() <= radians
+    assert move.deviation <= metres
+    assert move.rotation_deviation <= radians
+
+
+@pytest.mark.parametrize("xyz", [(0, 0, 0.15), (0.1, -0.1, -0.05), (-0.15, 0.2, 0.0)])
+def test_a_translation(ur5: pp.Arm, free: pp.CollisionChecker, xyz: tuple[float, ...]) -> None:
+    target = _moved(ur5, READY, xyz)
+    _assert_follows(pp.plan_linear(free, READY, target), free, READY, target, 1e-3, 1e-2)
+
+
+@pytest.mark.parametrize("rpy", [(0, 0, 1.0), (0.4, 0, 0), (0.2, -0.3, 0.5)])
+def test_a_pure_rotation_keeps_the_point(ur5: pp.Arm, free: pp.CollisionChecker, rpy: tuple[float, ...]) -> None:
+    target = _moved(ur5, READY, rpy=rpy)
+    move = pp.plan_linear(free, READY, target)
+    _assert_follows(move, free, READY, target, 1e-3, 1e-2)
+    here = ur5.forward_kinematics(READY).translation
+    for s in np.linspace(0, 1, 101):
+        assert np.linalg.norm(ur5.forward_kinematics(move.path(s)).translation - here) < 1e-3
+
+
+def test_half_a_turn(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, rpy=(0, 0, np.pi))
+    move = pp.plan_linear(free, READY, target)
+    _assert_follows(move, free, READY, target, 1e-3, 1e-2)
+    assert abs(move.path.end - move.path.start).max() == pytest.approx(np.pi, abs=1e-5)
+
+
+def test_a_tighter_deviation_holds(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, (0.1, 0.15, 0.1), (0, 0, 0.5))
+    loose = pp.plan_linear(free, READY, target, translation_step=0.2, rotation_step=1.0, deviation=1e-2)
+    tight = pp.plan_linear(free, READY, target, translation_step=0.2, rotation_step=1.0, deviation=2e-6)
+    assert len(tight.path.knots) > len(loose.path.knots)
+    _assert_follows(tight, free, READY, target, 2.5e-6, 1e-2)
+
+
+def test_start_is_target(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    move = pp.plan_linear(free, READY, ur5.forward_kinematics(READY)).or_raise()
+    assert move.status is LinearStatus.COMPLETE
+    assert move.fraction == 1.0
+    assert np.abs(move.path(np.linspace(0, 1, 50)) - READY).max() < 1e-6
+
+
+def test_panda(panda: pp.Arm) -> None:
+    checker = pp.CollisionChecker(panda)
+    target = _moved(panda, panda.home, (0.1, 0.1, -0.2))
+    _assert_follows(pp.plan_linear(checker, panda.home, target), checker, panda.home, target, 1e-3, 1e-2)
+
+
+def test_out_of_reach_says_how_far_and_why(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    move = pp.plan_linear(free, READY, _moved(ur5, READY, (1.0, 0, 0)))
+    assert move.status is LinearStatus.UNREACHABLE
+    assert not move.ok
+    assert move.path is None
+    assert 0.2 < move.fraction < 0.6
+    assert "mm" in move.message
+    assert "short" in move.message
+    assert "singular value" in move.message
+    with pytest.raises(pp.PlanFailed, match="of the line"):
+        move.or_raise()
+
+
+def test_a_stretched_arm_asked_to_move_further_out(generic: pp.Arm) -> None:
+    stretched = np.zeros(6)
+    stretched[4] = 0.7  # the wrist bent, shoulder and elbow in one line
+    checker = pp.CollisionChecker(generic)
+    move = pp.plan_linear(checker, stretched, _moved(generic, stretched, (0.1, 0, 0)))
+    assert move.status is LinearStatus.UNREACHABLE
+    assert move.fraction == 0.0
+    assert "stops at 0 %" in move.message
+
+
+def test_a_joint_at_its_limit_is_named() -> None:
+    arm = ball_arm(("x", "y"))
+    target = pp.pose((0.5, 1.4, 0.0))
+    move = pp.plan_linear(pp.CollisionChecker(arm), (0.5, 0.0), target)
+    assert move.status is LinearStatus.UNREACHABLE
+    assert move.fraction == pytest.approx(1.0 / 1.4, abs=0.02)
+    assert "y at the limit" in move.message
+
+
+def test_a_joint_that_would_have_to_go_round_is_at_its_limit(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    # One joint more than this it may not turn; the same pose is reached a whole turn back.
+    start = READY.copy()
+    start[5] = ur5.limits.upper[5] - 0.3
+    move = pp.plan_linear(free, start, _moved(ur5, start, rpy=(0, 0, 1.0)))
+    assert move.status is LinearStatus.UNREACHABLE
+    assert 0.1 < move.fraction < 0.31
+    assert "wrist_3_joint" in move.message
+    assert "limit" in move.message
+
+
+def test_the_curve_keeps_the_limits_between_the_solved_poses() -> None:
+    # Tangents at the limit would carry a spline through few points beyond it.
+    arm = ball_arm(("turn", "x"), limits=(-1.0, 1.0))
+    checker = pp.CollisionChecker(arm)
+    start = np.array([0.0, 1.0])
+    move = pp.plan_linear(checker, start, arm.forward_kinematics(np.array([0.0, -1.0])))
+    _, control = move.or_raise().path.bezier()
+    assert control[..., 1].max() <= 1.0 + 1e-9
+    assert control[..., 1].min() >= -1.0 - 1e-9
+
+
+def test_a_start_outside_its_limits() -> None:
+    arm = ball_arm(("x", "y"))
+    move = pp.plan_linear(pp.CollisionChecker(arm), (1.5, 0.0), pp.pose((0.5, 0.0, 0.0)))
+    assert move.status is LinearStatus.UNREACHABLE
+    assert move.fraction == 0.0
+    assert "x = 1.5" in move.message
+
+
+def test_a_contact_on_the_way_is_named_and_placed() -> None:
+    arm = ball_arm(("x", "y"))
+    wall = pp.Obstacle("wall", pp.Box(0.1, 1.0, 1.0), pp.pose((0.407, 0.0, 0.0)))
+    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (-0.6, 0.0), pp.pose((0.9, 0.0, 0.0)))
+    assert move.status is LinearStatus.CONTACT
+    assert move.path is None
+    assert "wall" in move.message
+    assert move.fraction == pytest.approx((0.6 + 0.407 - 0.05 - 0.05) / 1.5, abs=1e-3)  # the ball's face at the wall's
+    assert move.fraction <= (0.6 + 0.307) / 1.5
+    assert move.certificate.status is pp.CertificateStatus.COLLIDING
+
+
+def test_a_contact_before_the_limit_is_what_stops_it() -> None:
+    arm = ball_arm(("x", "y"))
+    wall = pp.Obstacle("wall", pp.Box(1.0, 0.1, 1.0), pp.pose((0.0, 0.507, 0.0)))
+    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (0.0, 0.0), pp.pose((0.0, 1.4, 0.0)))
+    assert move.status is LinearStatus.CONTACT
+    assert "wall" in move.message
+    assert move.fraction == pytest.approx(0.407 / 1.4, abs=1e-3)
+
+
+def test_a_start_in_contact() -> None:
+    arm = ball_arm(("x", "y"))
+    wall = pp.Obstacle("wall", pp.Box(0.1, 1.0, 1.0), pp.pose((0.4, 0.0, 0.0)))
+    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (0.4, 0.0), pp.pose((-0.9, 0.0, 0.0)))
+    assert move.status is LinearStatus.CONTACT
+    assert move.fraction == 0.0
+
+
+def test_a_thin_plate_across_the_line_is_not_missed() -> None:
+    arm = ball_arm(("x", "y"))
+    plate = pp.Obstacle("plate", pp.Box(0.0005, 1.0, 1.0), pp.pose((0.013, 0.0, 0.0)))
+    move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([plate])), (-0.6, 0.0), pp.pose((0.9, 0.0, 0.0)))
+    assert move.status is LinearStatus.CONTACT
+
+
+@pytest.mark.parametrize("bound", [0.05, 0.3])
+def test_joint_steps_between_solved_poses_are_bounded(ur5: pp.Arm, free: pp.CollisionChecker, bound: float) -> None:
+    target = _moved(ur5, READY, (0.1, 0.25, 0.1))
+    move = pp.plan_linear(free, READY, target, max_joint_step=bound).or_raise()
+    assert np.abs(np.diff(move.path.q, axis=0)).max() <= bound
+
+
+def test_past_the_shoulder_axis_without_a_jump(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(
+        ur5, READY, (-0.75, 0.05, 0.0)
+    )  # the wrist passes outside the shoulder's offset: pan turns by 3 rad
+    move = pp.plan_linear(free, READY, target)
+    _assert_follows(move, free, READY, target, 1e-3, 1e-2)
+    assert np.abs(np.diff(move.path(np.linspace(0, 1, 20_001)), axis=0)).max() < 1e-3
+
+
+def test_through_the_shoulder_axis_is_an_honest_no(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    # The wrist cannot come nearer to the shoulder's axis than the arm's offset: the line ends at a singularity.
+    move = pp.plan_linear(free, READY, _moved(ur5, READY, (-0.75, -0.2, 0.2)))
+    assert move.status is LinearStatus.UNREACHABLE
+    assert 0.5 < move.fraction < 0.6
+    assert "singular value" in move.message
+
+
+def test_same_question_same_answer(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, (0.1, -0.1, -0.05))
+    one, other = (pp.plan_linear(free, READY, target) for _ in range(2))
+    assert one.path.q.tobytes() == other.path.q.tobytes()
+
+
+@pytest.mark.parametrize(
+    "name", ["deviation", "rotation_deviation", "translation_step", "rotation_step", "max_joint_step"]
+)
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
+def test_settings_that_make_no_sense(ur5: pp.Arm, free: pp.CollisionChecker, name: str, value: float) -> None:
+    with pytest.raises(pp.InputError, match=name):
+        pp.plan_linear(free, READY, ur5.forward_kinematics(READY), **{name: value})
+
+
+def test_a_target_that_is_not_rigid(free: pp.CollisionChecker) -> None:
+    with pytest.raises(pp.InputError, match="target"):
+        pp.plan_linear(free, READY, np.zeros((4, 4)))

@@ -78,6 +78,15 @@ def test_a_tighter_deviation_holds(ur5: pp.Arm, free: pp.CollisionChecker) -> No
     _assert_follows(tight, free, READY, target, 2.5e-6, 1e-2)
 
 
+def test_a_tighter_rotation_deviation_holds(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, (0.1, 0.15, 0.1), (0.2, -0.3, 0.5))
+    coarse = {"translation_step": 1.0, "rotation_step": 1.0, "deviation": 1.0, "max_joint_step": 1.0}
+    loose = pp.plan_linear(free, READY, target, **coarse, rotation_deviation=1.0)
+    tight = pp.plan_linear(free, READY, target, **coarse, rotation_deviation=1e-4)
+    assert loose.or_raise().rotation_deviation > 1e-3
+    _assert_follows(tight, free, READY, target, 1.0, 1.2e-4 + 1e-6)
+
+
 def test_start_is_target(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     move = pp.plan_linear(free, READY, ur5.forward_kinematics(READY)).or_raise()
     assert move.status is LinearStatus.COMPLETE
@@ -134,15 +143,18 @@ def test_a_joint_that_would_have_to_go_round_is_at_its_limit(ur5: pp.Arm, free: 
     assert "limit" in move.message
 
 
-def test_the_curve_keeps_the_limits_between_the_solved_poses() -> None:
-    # Tangents at the limit would carry a spline through few points beyond it.
-    arm = ball_arm(("turn", "x"), limits=(-1.0, 1.0))
-    checker = pp.CollisionChecker(arm)
-    start = np.array([0.0, 1.0])
-    move = pp.plan_linear(checker, start, arm.forward_kinematics(np.array([0.0, -1.0])))
-    _, control = move.or_raise().path.bezier()
-    assert control[..., 1].max() <= 1.0 + 1e-9
-    assert control[..., 1].min() >= -1.0 - 1e-9
+def test_the_curve_keeps_the_limits_between_the_solved_poses(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target, coarse = _moved(ur5, READY, (0.0, -0.5, 0.0)), {"translation_step": 1.0, "deviation": 0.2}
+    path = pp.plan_linear(free, READY, target, **coarse, max_joint_step=2.0).or_raise().path
+    seen, between = path.q.max(axis=0), path(np.linspace(0, 1, 1001)).max(axis=0)
+    joint = int((between - seen).argmax())
+    assert between[joint] > seen[joint] + 1e-3  # the joint turns back between two solved poses
+    upper = (between[joint] + seen[joint]) / 2
+    limits = ur5.limits.replace(ur5.joint_names, {ur5.joint_names[joint]: (ur5.limits.lower[joint], upper)})
+    checker = pp.CollisionChecker(ur5.with_limits(limits))
+    move = pp.plan_linear(checker, READY, target, **coarse, max_joint_step=2.0)
+    assert move.status is LinearStatus.UNREACHABLE
+    assert ur5.joint_names[joint] in move.message
 
 
 def test_a_start_outside_its_limits() -> None:
@@ -197,9 +209,8 @@ def test_joint_steps_between_solved_poses_are_bounded(ur5: pp.Arm, free: pp.Coll
 
 
 def test_past_the_shoulder_axis_without_a_jump(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
-    target = _moved(
-        ur5, READY, (-0.75, 0.05, 0.0)
-    )  # the wrist passes outside the shoulder's offset: pan turns by 3 rad
+    # The wrist passes outside the shoulder's offset.
+    target = _moved(ur5, READY, (-0.75, 0.05, 0.0))
     move = pp.plan_linear(free, READY, target)
     _assert_follows(move, free, READY, target, 1e-3, 1e-2)
     assert np.abs(np.diff(move.path(np.linspace(0, 1, 20_001)), axis=0)).max() < 1e-3

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -65,16 +67,35 @@ def test_through_a_narrow_slot(gantry: pp.Arm, slotted: pp.Scene) -> None:
     assert (np.abs(at_wall - 0.6) < 0.01).all()
 
 
-def test_out_of_a_tight_pocket(gantry: pp.Arm) -> None:
-    # Free space about the start is 2 cm wide; whole steps never fit.
+def test_a_tree_grows_where_no_whole_step_fits(gantry: pp.Arm) -> None:
+    # A box with 6 cm of room on every side of the ball, and no way out.
     walls = [
-        pp.Obstacle("left", pp.Box(0.1, 1.0, 1.0), pp.pose((-0.11, 0.0, 0.0))),
-        pp.Obstacle("right", pp.Box(0.1, 1.0, 1.0), pp.pose((0.11, 0.0, 0.0))),
-        pp.Obstacle("floor", pp.Box(0.4, 0.1, 1.0), pp.pose((0.0, -0.55, 0.0))),
+        pp.Obstacle(f"wall{i}", pp.Box(0.4 if y else 0.1, 0.4 if x else 0.1, 1.0), pp.pose((x, y, 0.0)))
+        for i, (x, y) in enumerate(((-0.16, 0.0), (0.16, 0.0), (0.0, -0.16), (0.0, 0.16)))
     ]
-    checker = pp.CollisionChecker(gantry, pp.Scene(walls))
-    start, goal = np.array([0.0, -0.44]), np.array([0.8, -0.8])
-    _assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
+    planner = pp.RrtConnect(step=0.5, max_samples=300, time_limit=600.0)
+    plan = planner.plan(pp.CollisionChecker(gantry, pp.Scene(walls)), (0.0, 0.0), (0.8, 0.8))
+    reached = re.search(r"x stayed in \[(.*), (.*)\] from the start", plan.message)
+    assert float(reached[1]) <= -0.03
+    assert float(reached[2]) >= 0.03
+
+
+def test_the_search_keeps_off_the_margin_so_that_proofs_succeed(gantry: pp.Arm) -> None:
+    wall = pp.Obstacle("wall", pp.Box(0.2, 0.2, 1.0))
+    checker = pp.CollisionChecker(gantry, pp.Scene([wall]), margin=0.005)
+    for beyond, looks_free in ((3e-4, False), (1e-3, True)):
+        y = 0.1 + 0.05 + checker.margin + beyond
+        a, b = np.array([-0.9, y]), np.array([0.9, y])
+        assert Edges(checker, 0.01, np.array([[-0.9, -0.9]])).looks_free(a, b) is looks_free
+
+
+def test_between_ends_that_are_tight_themselves_it_keeps_off_less(gantry: pp.Arm) -> None:
+    # 0.2 mm beyond the margin on both sides, all the way.
+    half = 0.05 + 0.005 + 0.0002
+    walls = [pp.Obstacle(f"w{s:+}", pp.Box(2.4, 0.1, 1.0), pp.pose((0.0, s * (half + 0.05), 0.0))) for s in (-1, 1)]
+    checker = pp.CollisionChecker(gantry, pp.Scene(walls), margin=0.005)
+    start, goal = np.array([-0.5, 0.0]), np.array([0.5, 0.0])
+    _assert_solves(pp.RrtConnect(max_samples=100).plan(checker, start, goal), checker, start, goal)
 
 
 def test_same_rng_same_path_to_the_last_bit(gantry: pp.Arm, slotted: pp.Scene) -> None:

@@ -1,0 +1,130 @@
+"""What the commands answer: figures that are right, and exit codes that keep a "no" apart from a mistake."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cli.main import main
+
+Q = (0.3, -1.2, 1.4, -0.5, 0.7, 0.2)
+TEXT = " ".join(map(str, Q))
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run a command line in this process: exit code, stdout, stderr."""
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+def test_fk_prints_what_the_arm_says(run: Run) -> None:
+    code, out, _ = run("fk", "ur5", "--q", TEXT, "--json")
+    assert code == 0
+    expected = pp.load_robot("ur5").arm().forward_kinematics(Q)
+    np.testing.assert_allclose(json.loads(out)["matrix"], expected.homogeneous, atol=1e-15)
+
+
+def test_ik_finds_a_configuration_that_fk_confirms(run: Run) -> None:
+    code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--json")
+    assert code == 0
+    q = list(json.loads(out)["q"].values())
+    reached = pp.load_robot("ur5").arm().forward_kinematics(q)
+    np.testing.assert_allclose(reached.translation, [0.4, 0.1, 0.3], atol=1e-6)
+
+
+def test_ik_out_of_reach_is_an_honest_no(run: Run) -> None:
+    code, out, _ = run("ik", "ur5", "--xyz", "2 0 0", "--json")
+    assert code == 1
+    assert json.loads(out)["ok"] is False
+
+
+def test_check_names_what_touches(run: Run, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    pp.Scene([pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose((0.49, 0.11, 0.5)))]).save(scene)
+    code, out, _ = run("check", "ur5", "--scene", str(scene), "--json")
+    assert code == 1
+    assert any("post" in contact["bodies"] for contact in json.loads(out)["contacts"])
+
+
+def test_check_outside_the_limits_is_a_no(run: Run) -> None:
+    code, out, _ = run("check", "ur5", "--q", "0 -1.5 3.3 0 0 0")
+    assert code == 1
+    assert "elbow_joint = 3.3 is outside" in out
+
+
+def test_plan_into_an_obstacle_says_with_what(run: Run, tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    pp.Scene([pp.Obstacle("floor", pp.Box(3, 3, 0.1), pp.pose((0, 0, -0.06)))], allowed=[("base_link", "floor")]).save(
+        scene
+    )
+    code, out, _ = run("plan", "ur5", "--goal", "0 0.5 0 0 0 0", "--scene", str(scene))
+    assert code == 1
+    assert "floor" in out
+
+
+def test_certify_tells_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -> None:
+    arm = pp.load_robot("ur5").arm()
+    motion, scene = tmp_path / "motion.csv", tmp_path / "scene.yaml"
+    turned = arm.home + np.array([np.pi / 2, 0, 0, 0, 0, 0])
+    pp.time_parametrise(pp.JointPath([arm.home, turned], arm.joint_names), arm.limits).save(motion)
+    pp.Scene([pp.Obstacle("thin", pp.Box(0.5, 0.001, 0.5), pp.pose((0.6, 0.3, 0.4)))]).save(scene)
+    code, out, _ = run("certify", "ur5", str(motion), "--scene", str(scene), "--json")
+    verdict = json.loads(out)
+    assert code == 1
+    assert verdict["status"] == "COLLIDING"
+    assert "thin" in verdict["first_contact"]["bodies"]
+
+
+def test_a_recovered_table_becomes_the_same_arm(run: Run, tmp_path: Path) -> None:
+    table, urdf = tmp_path / "ur5.yaml", tmp_path / "ur5.urdf"
+    assert run("urdf2dh", "ur5", "-o", str(table))[0] == 0
+    assert run("dh2urdf", str(table), "-o", str(urdf))[0] == 0
+    ours = pp.load_robot(urdf).arm("tool0").forward_kinematics(Q)
+    theirs = pp.load_robot("ur5").arm().forward_kinematics(Q)
+    np.testing.assert_allclose(ours.homogeneous, theirs.homogeneous, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("fk", "ur55"), "ur5"),
+        (("fk", "ur5", "--q", "0 1"), "shoulder_pan_joint"),
+        (("fk", "ur5", "--q", "0 0 0 0 0 x"), "--q"),
+        (("fk", "ur5", "--frame", "tol0"), "tool0"),
+        (("fk", "nowhere.urdf"), "nowhere.urdf"),
+        (("ik", "ur5"), "--xyz"),
+        (("check", "ur5", "--scene", "nowhere.yaml"), "nowhere.yaml"),
+        (("certify", "ur5", "nowhere.json"), "nowhere.json"),
+        (("dh2urdf", "nowhere.csv", "-o", "x.urdf"), "nowhere.csv"),
+    ],
+)
+def test_a_mistake_is_one_readable_line_and_exit_code_2(run: Run, words: tuple[str, ...], said: str) -> None:
+    code, out, err = run(*words)
+    assert code == 2
+    assert out == ""
+    assert said in err
+    assert "Traceback" not in err
+
+
+def test_what_is_not_known_about_a_robot_is_said(run: Run) -> None:
+    code, out, _ = run("info", "ur5", "--json")
+    told = json.loads(out)
+    assert code == 0
+    assert told["dof"] == 6
+    assert told["pairs"]["checked"] > 0
+    assert any("acceleration" in sentence for sentence in told["missing"])

@@ -20,6 +20,7 @@ from pinproof.model import load_robot, load_robot_from_text
 from pinproof.spatial import pose
 
 GENERIC = Path(__file__).parents[2] / "robots" / "generic_6dof"
+HALF = math.pi / 2
 QUARTERS = [0.0, math.pi / 2, -math.pi / 2, math.pi, math.pi / 2 + 1e-9, math.pi / 2 - 1e-6]
 
 angles = st.one_of(st.sampled_from(QUARTERS), st.floats(-7, 7))
@@ -112,12 +113,31 @@ def test_a_prismatic_rows_theta_lies_behind_its_joint():
     np.testing.assert_allclose(model.jointPlacements[2].homogeneous, expected.homogeneous, atol=1e-15)
 
 
-def test_modified_rows_hold_the_lengths_before_their_joint():
+def test_modified_rows_hold_a_and_alpha_before_their_joint_and_the_column_behind_it():
     rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4), DhRow("j2", 0.6, 0.1, 0.7, 0.9)]
     model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="modified")))
-    for row, placement in zip(rows, model.jointPlacements[1:], strict=True):
-        expected = pose((row.a, 0, 0), (row.alpha, 0, 0)) * pose((0, 0, row.d), (0, 0, row.theta))
+    columns = [pose(), pose((0, 0, rows[0].d))]  # what the row before leaves behind its joint
+    for row, column, placement in zip(rows, columns, model.jointPlacements[1:], strict=True):
+        expected = column * pose((row.a, 0, 0), (row.alpha, 0, 0)) * pose(rpy=(0, 0, row.theta))
         np.testing.assert_allclose(placement.homogeneous, expected.homogeneous, atol=1e-15)
+
+
+def test_a_sliding_modified_row_lies_before_its_joint_altogether():
+    rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4, "prismatic", 0, 1), DhRow("j2", 0, 0, 0, 0)]
+    model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="modified")))
+    expected = pose((0.2, 0, 0), (0.4, 0, 0)) * pose((0, 0, 0.5), (0, 0, 0.3))
+    np.testing.assert_allclose(model.jointPlacements[1].homogeneous, expected.homogeneous, atol=1e-15)
+    np.testing.assert_allclose(model.jointPlacements[2].homogeneous, np.eye(4), atol=1e-15)
+
+
+def test_joints_of_a_shoulder_share_one_place_in_both_conventions():
+    """Where axes meet, so do the joints; only then may the links on both sides of a link without a body touch."""
+    standard = [DhRow("j1", 0, 0.3, 0, -HALF), DhRow("j2", 0, 0, 0, HALF), DhRow("j3", 0, 0.4, 0, 0)]
+    modified = [DhRow("j1", 0, 0.3, 0, 0), DhRow("j2", 0, 0, 0, -HALF), DhRow("j3", 0, 0.4, 0, HALF)]
+    for rows, convention in ((standard, "standard"), (modified, "modified")):
+        model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention=convention)))
+        np.testing.assert_allclose(model.jointPlacements[2].translation, [0, 0, 0.3], atol=1e-15)
+        np.testing.assert_allclose(model.jointPlacements[3].translation, 0, atol=1e-15)
 
 
 def test_the_same_table_gives_the_same_bytes(generic, tmp_path):

@@ -135,8 +135,8 @@ def _next(
 
     if sine > PARALLEL:
         apart = after.point - before.point
-        on_before = float(np.linalg.det([apart, after.direction, normal])) / sine**2
-        on_after = float(np.linalg.det([apart, z, normal])) / sine**2
+        on_before = float(np.cross(apart, after.direction) @ normal) / sine**2
+        on_after = float(np.cross(apart, z) @ normal) / sine**2
         away = max(abs(on_before), abs(on_after))
         if not away <= FARTHEST:  # NaN is refused too
             first, second = (before.name, after.name) if sense > 0 else (after.name, before.name)

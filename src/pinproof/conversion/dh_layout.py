@@ -8,10 +8,12 @@ row                       ahead                                behind
 ========================  ===================================  ===============================
 standard, revolute        Rz(theta)                            Tz(d) Tx(a) Rx(alpha)
 standard, prismatic       1                                    Rz(theta) Tz(d) Tx(a) Rx(alpha)
-modified                  Rx(alpha) Tx(a) Rz(theta) Tz(d)      1
+modified, revolute        Rx(alpha) Tx(a) Rz(theta)            Tz(d)
+modified, prismatic       Rx(alpha) Tx(a) Rz(theta) Tz(d)      1
 ========================  ===================================  ===============================
 
-(rotations about z and moves along z commute, so the offsets may stand on either side of the motion). The origin of
+(rotations about z and moves along z commute, so the offsets may stand on either side of the motion). A turning joint
+stands where its column d begins, as on real arms, so that joints of a shoulder or wrist share one place. The origin of
 joint i+1 in link i is ``behind_i ahead_(i+1)``, and the frame dh_i stands at ``behind_i`` in link i.
 """
 
@@ -33,7 +35,7 @@ Array = npt.NDArray[np.float64]
 def ahead(row: DhRow, convention: str) -> Array:
     """The (4, 4) part of a row before its motion."""
     if convention == "modified":
-        return row_transform(row, convention, 0.0)
+        return row_transform(row if row.is_prismatic else replace(row, d=0.0), convention, 0.0)
     if row.is_prismatic:
         return np.eye(4)
     return row_transform(replace(row, d=0.0, a=0.0, alpha=0.0), convention, 0.0)
@@ -42,8 +44,12 @@ def ahead(row: DhRow, convention: str) -> Array:
 def behind(row: DhRow, convention: str) -> Array:
     """The (4, 4) part of a row after its motion: link_i_from_dh_i."""
     if convention == "modified":
-        return np.eye(4)
+        return row_transform(_only_d(row), convention, 0.0)
     return row_transform(row if row.is_prismatic else replace(row, theta=0.0), convention, 0.0)
+
+
+def _only_d(row: DhRow) -> DhRow:
+    return replace(row, theta=0.0, d=0.0 if row.is_prismatic else row.d, a=0.0, alpha=0.0)
 
 
 def joint_origins(table: DhTable) -> list[Array]:

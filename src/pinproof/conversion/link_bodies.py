@@ -5,9 +5,10 @@ A table knows lengths and no shapes, so bodies are made by rule:
 - A row's d and a become capsule-like arms, along z and along x: a cylinder with a ball at each end. A prismatic row's
   arm is a rod that reaches back to its joint at full stretch, and slides out behind it otherwise.
 - Radius of a link: 4 % of the table's total length, but at most 30 % of its own length and of the nearest links with
-  length on either side. The ends of two links that are one link apart then keep 40 % of that link's length between
-  their balls. It is a rule of thumb and no proof: a table that folds back on itself (d = 0.1, then d = -0.1) collides,
-  and an offset elbow such as the Panda's does so when it is nearly straight.
+  length on either side, and never more than that of a link before it, for arms taper. The ends of two links that are
+  one link apart then keep 40 % of that link's length between their balls. It is a rule of thumb and no proof: a table
+  that folds back on itself (d = 0.1, then d = -0.1) collides, and an offset elbow such as the Panda's does so when it
+  is nearly straight.
 - Each link with length has a housing about its joint's axis: a cylinder of 1.1 radii, 2.2 radii long.
 - A row shorter than 2 % of the total length (or 1 mm) gets no body; the balls of its neighbours close the gap.
 - The arm's foot and tip are trimmed: the first column stands on a flat foot 5 mm above dh_0, so that a table top at
@@ -37,7 +38,7 @@ Array = npt.NDArray[np.float64]
 
 DENSITY = 1500.0
 """kg/m^3: aluminium housings, motors and gears, with the air between them. The generic arm comes to 13.4 kg;
-where short wrist links keep the radii small, arms come out light (a UR5's table: 4.6 kg, the arm itself 18 kg)."""
+where short wrist links keep the radii small, arms come out light (a UR5's table: 3.8 kg, the arm itself 18 kg)."""
 RADIUS_OF_TOTAL = 0.04
 RADIUS_OF_LENGTH = 0.3
 HOUSING = 1.1
@@ -125,10 +126,11 @@ def _arms(table: DhTable, i: int) -> list[_Arm]:
         corner = np.array([0.0, 0.0, row.d])
         points = [np.zeros(3), corner, corner + row.a * np.array([math.cos(yaw), math.sin(yaw), 0.0])]
     else:
-        # Frame dh_i is link i's own; the row's d ends in it, and the next row's a and alpha belong to this link.
+        # The row's d leads up to dh_i, and from there the next row's a and alpha belong to this link.
         d = table.rows[i - 1].d if i > 0 else 0.0
         a = table.rows[i].a if i < len(table) else 0.0
-        points = [np.array([0.0, 0.0, -d]), np.zeros(3), np.array([a, 0.0, 0.0])]
+        start = -d if i > 0 and table.rows[i - 1].is_prismatic else 0.0  # a sliding link's own frame is dh_i
+        points = [np.array([x, 0.0, start + z]) for x, z in ((0.0, 0.0), (0.0, d), (a, d))]
     if i > 0 and table.rows[i - 1].is_prismatic:
         # The joint stands at z = (start of d) - q; the rod must reach it at both ends of its stroke.
         row, first, bend = table.rows[i - 1], float(points[0][2]), float(points[1][2])
@@ -147,11 +149,12 @@ def _span(link: Sequence[_Arm]) -> float:
 
 def _radii(lengths: Sequence[float], total: float) -> list[float]:
     """Radius of each link; 0 for a link without length."""
-    radii = []
+    radii: list[float] = []
     for i, length in enumerate(lengths):
         before = next((x for x in reversed(lengths[:i]) if x > 0), math.inf)
         after = next((x for x in lengths[i + 1 :] if x > 0), math.inf)
-        radii.append(min(RADIUS_OF_TOTAL * total, RADIUS_OF_LENGTH * min(length, before, after)))
+        thinnest = min((r for r in radii if r > 0), default=math.inf)
+        radii.append(min(RADIUS_OF_TOTAL * total, RADIUS_OF_LENGTH * min(length, before, after), thinnest))
     return radii
 
 

@@ -1,0 +1,147 @@
+"""The arms in robots/: made from their tables, equal to the models others publish, and free to move."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from pinproof.collision import CollisionChecker, Scene
+from pinproof.conversion import dh_to_urdf
+from pinproof.description import DhTable
+from pinproof.description.dh_files import parse_number
+from pinproof.description.packages import example_robot_data
+from pinproof.model import Arm, load_robot
+
+ROBOTS = Path(__file__).parents[2] / "robots"
+HALF = math.pi / 2
+UR_HOME = (0, -HALF, HALF, -HALF, -HALF, 0)
+# Tool down in front of the arm, elbow up; SOURCE.md of each arm states the same.
+HOMES = {
+    "generic_6dof": (0, math.pi / 3, -2 * math.pi / 3, -math.pi / 6, HALF, 0),
+    "puma560": (0, math.pi / 3, -5 * math.pi / 6, 0, -HALF, 0),
+    "stanford": (0, HALF, 0.5, HALF, HALF, 0),
+    "scara": (-math.pi / 4, HALF, 0, 0),
+    "ur3": UR_HOME,
+    "ur5": UR_HOME,
+    "ur10": UR_HOME,
+    "panda": (0, -math.pi / 4, 0, -3 * math.pi / 4, 0, HALF, math.pi / 4),
+    "iiwa14": (0, math.pi / 6, 0, -HALF, 0, math.pi / 3, 0),
+    "irb120": (0, 0, 0, 0, HALF, 0),
+}
+EVERY_ARM = pytest.mark.parametrize("name", HOMES)
+
+
+def table_of(name: str) -> DhTable:
+    return DhTable.load(ROBOTS / name / "dh.yaml")
+
+
+def arm_of(name: str) -> Arm:
+    return load_robot(ROBOTS / name / f"{name}.urdf").arm(tcp="tool0")
+
+
+def test_every_folder_with_a_table_is_on_this_list():
+    assert {path.parent.name for path in ROBOTS.glob("*/dh.yaml")} == set(HOMES)
+
+
+@EVERY_ARM
+def test_the_urdf_is_made_from_the_table(name):
+    assert (ROBOTS / name / f"{name}.urdf").read_text(encoding="utf-8") == dh_to_urdf(table_of(name))
+
+
+@EVERY_ARM
+def test_the_table_bears_its_folders_name_and_states_every_limit(name):
+    assert table_of(name).name == name
+    for row in yaml.safe_load((ROBOTS / name / "dh.yaml").read_text(encoding="utf-8"))["rows"]:
+        assert parse_number(row["lower"]) < parse_number(row["upper"])
+        assert parse_number(row["velocity"]) > 0
+
+
+@EVERY_ARM
+def test_source_md_names_every_number_of_the_table(name):
+    """Each length of the table stands in SOURCE.md, so that none can change there alone."""
+    text = (ROBOTS / name / "SOURCE.md").read_text(encoding="utf-8")
+    for row in yaml.safe_load((ROBOTS / name / "dh.yaml").read_text(encoding="utf-8"))["rows"]:
+        for column in ("d", "a"):
+            if row[column]:
+                assert f"{abs(row[column]):.10g}" in text, f"{name}, {row['name']}, {column}"
+
+
+@EVERY_ARM
+def test_home_is_inside_the_limits_free_and_not_singular(name):
+    arm, home = arm_of(name), np.array(HOMES[name], dtype=float)
+    assert arm.limits.contains(home)
+    assert CollisionChecker(arm, margin=0.002).check(home).contacts == ()
+    assert arm.singularity(home).smallest > 0.1
+    down = [0, 0, -1]
+    np.testing.assert_allclose(arm.forward_kinematics(home).rotation[:, 2], down, atol=1e-12)
+
+
+@EVERY_ARM
+def test_most_configurations_are_free_of_self_collision(name):
+    arm = arm_of(name)
+    checker = CollisionChecker(arm)
+    random = np.random.default_rng(0).uniform(arm.limits.lower, arm.limits.upper, (200, arm.dof))
+    assert np.mean([checker.is_free(q) for q in random]) > 0.65
+
+
+# What example-robot-data has too: its file and the frame there that is our tool0. Its UR files round pi/2 to
+# 1.57079632679 (5e-12 off); over four joints and a reach of 1.3 m that is all the difference there is.
+COMMON = {
+    "ur3": ("ur_description/urdf/ur3_robot.urdf", "tool0", 1e-11, 2e-11),
+    "ur5": ("ur_description/urdf/ur5_robot.urdf", "tool0", 1e-11, 2e-11),
+    "ur10": ("ur_description/urdf/ur10_robot.urdf", "tool0", 1e-11, 2e-11),
+    "panda": ("panda_description/urdf/panda.urdf", "panda_link8", 1e-14, 1e-14),
+}
+
+
+@pytest.mark.parametrize("name", COMMON)
+def test_our_arm_is_the_one_of_example_robot_data(name):
+    """The same joint names, the same zero, the same base and tool: no offset of any kind is allowed for."""
+    file, tcp, metres, radians = COMMON[name]
+    share = example_robot_data()
+    if share is None:
+        pytest.skip("example-robot-data is not installed")
+    theirs, ours = load_robot(share / "example-robot-data" / "robots" / file).arm(tcp=tcp), arm_of(name)
+    assert ours.joint_names == theirs.joint_names
+    np.testing.assert_allclose(ours.limits.lower, theirs.limits.lower, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(ours.limits.upper, theirs.limits.upper, rtol=0, atol=1e-12)
+    for q in np.random.default_rng(0).uniform(-np.pi, np.pi, (200, ours.dof)):
+        a, b = ours.forward_kinematics(q), theirs.forward_kinematics(q)
+        assert np.linalg.norm(a.translation - b.translation) < metres
+        assert np.linalg.norm(a.rotation - b.rotation) / math.sqrt(2) < radians
+
+
+# Poses that follow from the makers' drawings by hand: sums of lengths along the axes.
+DRAWN = {
+    "puma560": ((0, 0, 0, 0, 0, 0), (0.4318 + 0.0203, -0.15005, 0.672 + 0.4318 + 0.05625)),
+    "stanford": ((0, 0, 0.5, 0, 0, 0), (0, 0.154, 0.412 + 0.5 + 0.263)),
+    "scara": ((0, 0, 0.1, 0), (0.325 + 0.275, 0, 0.387 - 0.1)),
+    "ur5": ((0, -HALF, 0, -HALF, 0, 0), (0, 0.10915 + 0.0823, 0.089159 + 0.425 + 0.39225 + 0.09465)),
+    "panda": ((0, 0, 0, 0, 0, HALF, 0), (0.107, 0, 0.333 + 0.316 + 0.384 + 0.088)),
+    "iiwa14": ((0, 0, 0, 0, 0, 0, 0), (0, 0, 0.36 + 0.42 + 0.4 + 0.126)),
+    "irb120": ((0, 0, 0, 0, 0, 0), (0.302 + 0.072, 0, 0.290 + 0.270 + 0.070)),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_the_arm_stands_as_drawn(name):
+    q, point = DRAWN[name]
+    np.testing.assert_allclose(arm_of(name).forward_kinematics(q).translation, point, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["generic_6dof", "panda", "ur5"])
+def test_scenes_leave_the_catalogues_home_free(name):
+    arm = load_robot(name).arm()
+    checker = CollisionChecker(arm, Scene.load(ROBOTS / name / "scene.yaml"), margin=0.002)
+    assert checker.check(arm.home).contacts == ()
+
+
+@pytest.mark.parametrize("name", ["puma560", "stanford", "scara", "iiwa14", "irb120"])
+def test_the_catalogue_knows_our_arms_with_this_home(name):
+    arm = load_robot(name).arm()
+    assert (arm.tcp, arm.robot.urdf.path) == ("tool0", ROBOTS / name / f"{name}.urdf")
+    np.testing.assert_allclose(arm.home, HOMES[name], rtol=0, atol=1e-12)

@@ -83,6 +83,16 @@ def test_a_graze_is_never_judged_wrongly(slider, gap, margin, path):
             certificate.or_raise()
 
 
+def test_a_contact_that_begins_exactly_at_a_knot_is_told(slider):
+    """The proof creeps up to the wall from the left; it must not stop there, undecided, without a look behind."""
+    wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.1 + 0.01 + 0.05, 0, 0)))])
+    certificate = certify(JointPath([[0.0], [0.1], [0.3]], slider.joint_names), CollisionChecker(slider, wall))
+    assert certificate.status is COLLIDING
+    assert certificate.first_contact.bodies == ("ball", "wall")
+    assert certificate.first_contact.time == pytest.approx(1.0, abs=0.02)
+    assert certificate.first_contact.proven_free_until <= certificate.first_contact.time
+
+
 def test_a_smaller_tolerance_decides_a_graze(slider, path):
     beside = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 2e-5, 0)))])
     checker = CollisionChecker(slider, beside)

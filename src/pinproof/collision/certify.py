@@ -43,6 +43,10 @@ SHARE = 0.5
 """A pair is settled once this share of the clearance seen so far is proven, so that the proven bound says something."""
 
 
+LOOK_AHEAD = 200
+"""Intervals: how far behind a span that stays undecided a contact is looked for, to say COLLIDING where that is so."""
+
+
 @dataclass(frozen=True, eq=False)
 class _Interval:
     """One piece of the curve over [start, end] and the pairs not settled on it."""
@@ -126,6 +130,7 @@ class _Proof:
             _Interval(float(knots[i]), float(knots[i + 1]), control[i], everything[~still])
             for i in reversed(range(len(control)))
         ]
+        open_span: UndecidedSpan | None = None
         while stack:
             interval = stack.pop()
             self._intervals += 1
@@ -144,17 +149,22 @@ class _Proof:
                 if weakest.proven > self._margin:  # less than the share that was hoped for, but proven
                     self._proven = min(self._proven, weakest.proven)
                     continue
-                if found is not None:
-                    return self._colliding(*found, proven_free_until=interval.start)
-                return self._undecided(
-                    UndecidedSpan(interval.start, interval.end, self._names(weakest.pair), weakest.distance)
-                )
+                if open_span is None:
+                    span = interval.start, interval.end
+                    open_span = UndecidedSpan(*span, self._names(weakest.pair), weakest.distance)
+                    last = self._intervals + LOOK_AHEAD
+                # A contact that begins right here is met at the end of the interval, or soon behind it.
+                if found is None and (contact := self._touching(interval.control[-1], pairs)) is not None:
+                    found, stack = (interval.end, interval.control[-1].copy(), contact), []
+                if found is not None or self._intervals >= min(last, self._max_intervals):
+                    break
+                continue
             if contact is None:
                 stack.append(_Interval(middle, interval.end, right, pairs))
             stack.append(_Interval(interval.start, middle, left, pairs))
         if found is not None:
-            return self._colliding(*found, proven_free_until=found[0])
-        return self._free()
+            return self._colliding(*found, proven_free_until=found[0] if open_span is None else open_span.start)
+        return self._free() if open_span is None else self._undecided(open_span)
 
     def _unsettled(
         self, interval: _Interval, q: Array, delta: Array, space: Placed

@@ -1,0 +1,206 @@
+"""Lists of picks: homes that cannot be, workers that change nothing, what a yes does not cover, and more."""
+
+from __future__ import annotations
+
+import multiprocessing
+import pickle
+from concurrent.futures import ProcessPoolExecutor
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.errors import InputError
+from pinproof.ik import Clik
+from pinproof.model import load_robot_from_text
+from pinproof.picks import Stage
+from pinproof.picks import judge as judging
+from pinproof.picks.pick import PickProblem
+
+
+def part(arm: pp.Arm, angle: float = 0.5, name: str = "part") -> pp.Pick:
+    pose = pp.pose(rpy=(0, 0, angle)) * arm.root_from_base * arm.forward_kinematics(arm.home)
+    return pp.Pick(name, pose, approach=0.02, retreat=0.02)
+
+
+@pytest.fixture(scope="module")
+def arm(arms) -> pp.Arm:
+    return arms["generic_6dof"]
+
+
+def without_digits(report: pp.PickReport) -> dict[str, object]:
+    """A report without the clearances as numbers.
+
+    Coal inflates boxes by 1e-10 or not for the life of a process, as its first query of a box has it: the last digits
+    of distances may differ from process to process.
+    """
+    told = report.to_dict()
+    for pick in told["picks"]:
+        del pick["clearance_proven"], pick["clearance_observed"]
+    return told
+
+
+def test_workers_change_nothing(arms, cells, reports) -> None:
+    # spawn: a forked child of a process that has used OpenMP hangs.
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:
+        for name in ("generic_6dof", "ur5"):
+            report = pp.validate_picks(arms[name], *cells[name], executor=executor)
+            assert without_digits(report) == without_digits(reports[name])
+            scene, picks = cells[name]
+            for one, other in zip(report.good, reports[name].good, strict=True):
+                assert one.trajectory.q.tobytes() == other.trajectory.q.tobytes()
+                assert one.certificate.matches(other.trajectory, arms[name], scene, picks.tool)
+                assert one.certificate.clearance == pytest.approx(other.certificate.clearance, abs=1e-9)
+                assert one.certificate.intervals == other.certificate.intervals
+
+
+def test_a_report_survives_pickling(reports) -> None:
+    again = pickle.loads(pickle.dumps(reports["panda"]))
+    assert again.to_dict() == reports["panda"].to_dict()
+
+
+def test_a_home_in_contact_is_refused_with_what_it_touches(arm) -> None:
+    at = arm.forward_kinematics(arm.home).translation
+    scene = pp.Scene([pp.Obstacle("rock", pp.Sphere(0.05), pp.pose(at))])
+    with pytest.raises(InputError, match=r"home cannot be a start: link_6 penetrates rock"):
+        pp.validate_picks(arm, scene, pp.Picks((part(arm),)))
+
+
+def test_a_home_nearer_than_the_margin_is_refused(arm) -> None:
+    clearance = pp.CollisionChecker(arm).clearance(arm.home)
+    picks = pp.Picks((part(arm),), margin=clearance + 1e-3)
+    with pytest.raises(InputError, match=r"home cannot be a start: .* is near "):
+        pp.validate_picks(arm, pp.Scene(), picks)
+
+
+def test_a_home_outside_the_limits_is_refused_with_the_joint(arm) -> None:
+    home = arm.home + np.eye(6)[5] * 7.0
+    with pytest.raises(InputError, match="joint_6 = 7 is outside"):
+        pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), home=home)
+
+
+@pytest.mark.parametrize("home", [[0.0] * 5, [np.nan] * 6, "home"])
+def test_a_home_that_is_none_is_refused(arm, home) -> None:
+    with pytest.raises(InputError, match="home"):
+        pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), home=home)
+
+
+def test_home_is_the_argument_then_the_list_then_the_arm(arm) -> None:
+    stated = dict(zip(arm.joint_names, (arm.home + 0.1).tolist(), strict=True))
+    picks = pp.Picks((part(arm),), home=stated)
+    for given, start in ((None, arm.home + 0.1), (arm.home + 0.2, arm.home + 0.2)):
+        (verdict,) = pp.validate_picks(arm, pp.Scene(), picks, home=given).verdicts
+        np.testing.assert_allclose(verdict.trajectory.start, start, atol=1e-15)
+    (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),))).verdicts
+    np.testing.assert_array_equal(verdict.trajectory.start, arm.home)
+
+
+def test_an_unreadable_row_makes_the_report_a_no(arm) -> None:
+    problem = PickProblem(2, "torn | page", "xyz holds nan\nat index 1")
+    report = pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),), (problem,)))
+    assert len(report.good) == 1
+    assert not report.ok
+    assert report.summary == "1 of 2 picks good; failed: 1 at input"
+    assert report.rows()[-1][:3] == ("torn | page", "unreadable", "input")
+    (row,) = (line for line in report.to_markdown().splitlines() if "torn" in line)
+    assert row.replace("\\|", "").count("|") == 7
+    assert report.to_dict()["problems"] == [{"row": 2, "name": problem.name, "reason": problem.reason}]
+
+
+def test_all_good_is_a_yes_and_nothing_at_all_is_not(arm) -> None:
+    assert pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),))).ok
+    empty = pp.validate_picks(arm, pp.Scene(), pp.Picks(()))
+    assert not empty.ok
+    assert empty.summary == "0 of 0 picks good"
+
+
+def test_a_joint_without_velocity_is_refused_before_the_work(arm) -> None:
+    velocity = arm.limits.velocity.copy()
+    velocity[2] = np.nan
+    untimed = arm.with_limits(pp.JointLimits(arm.limits.lower, arm.limits.upper, velocity))
+    with pytest.raises(InputError, match="joint_3 states no velocity"):
+        pp.validate_picks(untimed, pp.Scene(), pp.Picks((part(arm),)))
+
+
+def notes_of(arm: pp.Arm, *obstacles: pp.Obstacle) -> str:
+    return "\n".join(pp.validate_picks(arm, pp.Scene(obstacles), pp.Picks(())).notes)
+
+
+def test_what_a_yes_does_not_cover_is_said(arm, tmp_path) -> None:
+    assert "there is no obstacle" in notes_of(arm)
+    aside = pp.pose((2, 2, 0))
+    assert "there is no obstacle" not in notes_of(arm, pp.Obstacle("block", pp.Box(1, 1, 1), aside))
+    (tmp_path / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
+    sheet = pp.Obstacle("sheet", pp.Mesh(tmp_path / "open.obj", hull=False), aside)
+    assert "not watertight, so being wholly inside is not seen: sheet" in notes_of(arm, sheet)
+
+
+GHOST = """<robot name="ghost"><link name="a">{0}</link><link name="b">{1}</link>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+BALL = "<{0}><geometry><sphere radius='0.1'/></geometry></{0}>"
+
+
+def test_links_that_are_drawn_but_touch_nothing_are_named() -> None:
+    drawn, solid = BALL.format("visual"), BALL.format("visual") + BALL.format("collision")
+    ghost = load_robot_from_text(GHOST.format(solid, drawn)).arm(tcp="b")
+    assert "drawn but have no collision geometry: b" in notes_of(ghost)
+    bodiless = load_robot_from_text(GHOST.format(drawn, drawn)).arm(tcp="b")
+    assert "the robot has no collision geometry" in notes_of(bodiless)
+    whole = load_robot_from_text(GHOST.format(solid, solid)).arm(tcp="b")
+    assert "collision geometry" not in notes_of(whole)
+
+
+def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
+    drawn = BALL.format("visual")
+    arm = load_robot_from_text(GHOST.format(drawn, drawn)).arm(tcp="b")
+    pick = pp.Pick("turn", pp.pose(rpy=(0, 0, 0.5)), approach=0, retreat=0)
+    stone = pp.Obstacle("stone", pp.Sphere(0.1))
+    report = pp.validate_picks(arm, pp.Scene([stone]), pp.Picks((pick,)))
+    assert report.verdicts[0].ok
+    told = report.to_dict()["picks"][0]
+    assert (told["clearance_proven"], told["pairs_proven"]) == (None, 0)
+    assert "unbounded (nothing to touch)" in report.to_markdown()
+
+
+def test_a_solution_a_whole_turn_away_is_no_limit() -> None:
+    # From outside its limits, whole turns bring a joint back where they can, and leave it where they cannot.
+    arm = pp.load_robot("generic_6dof").arm()
+    q = arm.home + 2 * np.pi * np.array([1, 0, 0, 0, -1, 0])
+    np.testing.assert_allclose(judging._turned_inside(arm, q), arm.home, atol=1e-12)
+    outside = arm.home + np.eye(6)[0] * 3.0  # 3.0 is outside +-2.967, and so is 3.0 - 2 pi
+    np.testing.assert_array_equal(judging._turned_inside(arm, outside), outside)
+
+
+def test_a_solution_that_only_the_wider_search_meets_is_still_a_solution(arm, monkeypatch) -> None:
+    real = Clik.solve_many
+
+    def unlucky(self, limited, *args, **settings):
+        found = real(self, limited, *args, **settings)
+        narrow = np.array_equal(limited.limits.upper, arm.limits.upper)
+        return real(self, limited, *args, **{**settings, "accept": lambda q: False}) if narrow else found
+
+    monkeypatch.setattr(Clik, "solve_many", unlucky)
+    (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),))).verdicts
+    assert verdict.ok
+    missed = pp.IkResult(pp.IkStatus.NOT_FOUND, arm.home, 0.1, 0.1, 1, 0, "pinocchio", "missed")
+    monkeypatch.setattr(Clik, "solve", lambda *args, **settings: missed)
+    direct = pp.Pick("part", part(arm).pose, approach=0, retreat=0)  # straight moves solve by Clik.solve
+    (verdict,) = pp.validate_picks(arm, pp.Scene(), pp.Picks((direct,))).verdicts
+    assert verdict.ok
+
+
+def test_the_stage_says_how_far_the_best_configuration_came(arms) -> None:
+    # Some configurations meet the stone at the grasp, others only the post on the retreat: the verdict tells of those.
+    arm = arms["generic_6dof"]
+    pick = part(arm, 0.8)
+    found = Clik().solve_many(arm, arm.root_from_base.actInv(pick.pose), arm.home, rng=1)
+    aside = pick.pose.rotation[:, 0]
+    post = pp.Obstacle("post", pp.Sphere(0.05), pp.pose(pick.pose.translation + 0.16 * aside))
+    elbows = [arm.frame_placement(q, "dh_2").translation for q in found.q]
+    cells = (pp.Scene([post, pp.Obstacle("stone", pp.Sphere(0.03), pp.pose(elbow))]) for elbow in elbows)
+    cell, checker = next((c, k) for c in cells if (k := pp.CollisionChecker(arm, c, margin=0.002)).is_free(arm.home))
+    assert {checker.is_free(q) for q in found.q} == {True, False}
+    blocked = pp.Pick("part", pick.pose, approach=0.02, retreat=0.16, retreat_direction=tuple(aside))
+    (verdict,) = pp.validate_picks(arm, cell, pp.Picks((blocked,), margin=0.002)).verdicts
+    assert verdict.failed is Stage.RETREAT

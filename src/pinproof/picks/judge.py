@@ -18,10 +18,11 @@ from pinproof.collision.certificate import proven_millimetres
 from pinproof.errors import TimingError
 from pinproof.ik import Clik
 from pinproof.model import Arm, JointLimits
-from pinproof.motion import Trajectory, time_parametrise
+from pinproof.motion import CubicPath, Trajectory, time_parametrise
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.verdict import PickStatus, PickVerdict, Stage, StageResult
 from pinproof.planning import LinearMove, RrtConnect, plan_linear, shortcut
+from pinproof.planning.goals import with_turns
 from pinproof.spatial import SE3
 
 __all__ = ["judge"]
@@ -46,8 +47,28 @@ class _Way:
 
     q: Array
     stages: tuple[StageResult, ...]
-    approach: LinearMove | None = None
-    retreat: LinearMove | None = None
+    approach: CubicPath | None = None  # from the grasp outwards
+    retreat: CubicPath | None = None
+
+    @property
+    def entrance(self) -> Array:
+        """(n,) where the transit ends: the beginning of the approach, or the grasp without one."""
+        return self.q if self.approach is None else self.approach.end
+
+    def shifted(self, by: Array) -> _Way:
+        """The way with its joints moved by (n,): whole turns, so that nothing else changes."""
+        if not by.any():
+            return self
+        approach, retreat = (
+            None if path is None else CubicPath(path.q + by, path.tangents, path.knots, path.joint_names)
+            for path in (self.approach, self.retreat)
+        )
+        return _Way(self.q + by, self.stages, approach, retreat)
+
+    def extremes(self) -> list[Array]:
+        """Configurations (n,) that bound every joint along approach and retreat: Bezier control points."""
+        paths = [path for path in (self.approach, self.retreat) if path is not None]
+        return [self.q, *(point for path in paths for point in path.bezier()[1].reshape(-1, len(self.q)))]
 
     @property
     def passed(self) -> bool:
@@ -133,7 +154,7 @@ def _along(pick: Pick, picks: Picks, checker: CollisionChecker, q: Array, stages
         return _Way(q, (*stages, StageResult(Stage.GRASP, False, str(result))))
     clearance = proven_millimetres(checker.clearance(q))
     stages = (*stages, StageResult(Stage.GRASP, True, f"free, {clearance} clearance"))
-    moves: list[LinearMove | None] = []
+    moves: list[CubicPath | None] = []
     for stage, length, end in (
         (Stage.APPROACH, pick.approach, pick.approach_pose()),
         (Stage.RETREAT, pick.retreat, pick.retreat_pose()),
@@ -147,17 +168,28 @@ def _along(pick: Pick, picks: Picks, checker: CollisionChecker, q: Array, stages
         if not move.ok:
             where = f"of {length * 1e3:.0f} mm, seen from the grasp, "
             return _Way(q, (*stages, StageResult(stage, False, where + move.message)))
-        moves.append(move)
+        moves.append(move.path)
         stages = (*stages, StageResult(stage, True, f"{length * 1e3:.0f} mm straight, {_proven(move)}"))
     return _Way(q, stages, *moves)
+
+
+def _turned(arm: Arm, home: Array, ways: list[_Way]) -> list[_Way]:
+    """The ways, and the same poses with joints whole turns away wherever all of the way stays inside the limits."""
+    entrances, index_of = with_turns(arm, home, np.array([way.entrance for way in ways]))
+    every = []
+    for entrance, index in zip(entrances, index_of, strict=True):
+        way = ways[index].shifted(entrance - ways[index].entrance)
+        if way is ways[index] or all(arm.limits.contains(extreme) for extreme in way.extremes()):
+            every.append(way)
+    return every
 
 
 def _with_transit(
     pick: Pick, ways: list[_Way], checker: CollisionChecker, home: Array, seeds: list[int], tried: int
 ) -> PickVerdict:
     """The first way that home leads to, as one certified motion."""
-    starts = [way.q if way.approach is None else way.approach.path.end for way in ways]  # type: ignore[union-attr]
-    plan = TRANSIT.plan(checker, home, np.array(starts), rng=seeds[0])
+    ways = _turned(checker.arm, home, ways)
+    plan = TRANSIT.plan(checker, home, np.array([way.entrance for way in ways]), rng=seeds[0])
     if plan.path is None or plan.goal is None:
         failed = StageResult(Stage.TRANSIT, False, f"from home: {plan.message}")
         return PickVerdict(pick, PickStatus.NOT_FOUND, (*ways[0].stages, failed), tried)
@@ -167,12 +199,12 @@ def _with_transit(
     limits = checker.arm.limits
     try:
         parts = [time_parametrise(path, limits)]
-        if way.approach is not None and way.approach.path is not None:
-            parts.append(time_parametrise(way.approach.path.reversed(), limits))
+        if way.approach is not None:
+            parts.append(time_parametrise(way.approach.reversed(), limits))
         # Joined, not summed: the clock counts nanoseconds, and the grasp shall be a time that the motion has.
         grasp_time = Trajectory.join(*parts).duration
-        if way.retreat is not None and way.retreat.path is not None:
-            parts.append(time_parametrise(way.retreat.path, limits))
+        if way.retreat is not None:
+            parts.append(time_parametrise(way.retreat, limits))
         trajectory = Trajectory.join(*parts)
     except TimingError as error:
         failed = StageResult(Stage.MOTION, False, str(error))

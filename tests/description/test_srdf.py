@@ -6,6 +6,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import find_robot, read_srdf
+from pinproof.description.packages import example_robot_data
 
 TEXT = """<robot name="r">
   <group name="arm"><chain base_link="base" tip_link="tip"/></group>
@@ -26,10 +27,10 @@ def read(tmp_path, text):
 
 def test_srdf_is_kept_as_written(tmp_path):
     srdf = read(tmp_path, TEXT)
-    assert srdf.groups["arm"].chain == ("base", "tip")
+    assert srdf.groups["arm"].chains == (("base", "tip"),)
     assert srdf.groups["all"].joints == ("track", "finger")
-    assert srdf.groups["all"].chain == ("base", "tip")
-    assert srdf.states == {"ready": {"j1": 0.5}}
+    assert srdf.groups["all"].chains == (("base", "tip"),)
+    assert [(s.name, s.group, s.joints) for s in srdf.states] == [("ready", "arm", {"j1": (0.5,)})]
     assert [(e.parent_link, e.group) for e in srdf.end_effectors] == [("tip", "arm")]
     assert [(p.links, p.reason) for p in srdf.disabled] == [(("a", "b"), "Never"), (("a", "c"), "")]
 
@@ -38,7 +39,6 @@ def test_srdf_is_kept_as_written(tmp_path):
     ("text", "message"),
     [
         ("<robot><group/></robot>", "line 1.*name"),
-        ('<robot><group name="a"><group name="b"/></group></robot>', "unknown group 'b'"),
         (
             '<robot><group name="a"><group name="b"/></group><group name="b"><group name="a"/></group></robot>',
             "a -> b -> a",
@@ -54,6 +54,12 @@ def test_what_makes_no_sense_is_refused(tmp_path, text, message):
         read(tmp_path, text)
 
 
+def test_group_that_is_not_there_spoils_only_the_groups_that_hold_it(tmp_path):
+    text = '<robot><group name="a"><group name="b"/></group><group name="c"><joint name="j"/></group></robot>'
+    groups = read(tmp_path, text).groups
+    assert (groups["a"].missing, groups["c"].missing, groups["c"].joints) == (("b",), (), ("j",))
+
+
 def test_names_are_trimmed(tmp_path):
     assert set(read(tmp_path, '<robot><group name=" arm "><joint name="j"/></group></robot>').groups) == {"arm"}
 
@@ -66,3 +72,41 @@ def test_panda_group_gives_base_and_tcp():
     assert (arm.base, arm.tcp, arm.dof) == ("panda_link0", "panda_hand_tcp", 7)
     with pytest.raises(pp.UnknownNameError, match="valid: arm"):
         robot.arm(group="am")
+
+
+def test_a_name_of_two_groups_keeps_both_states(tmp_path):
+    text = """<robot name="r">
+      <group_state name="home" group="arm"><joint name="j" value="1"/></group_state>
+      <group_state name="home" group="hand"><joint name="f" value="2"/></group_state></robot>"""
+    assert [(s.group, dict(s.joints)) for s in read(tmp_path, text).states] == [
+        ("arm", {"j": (1.0,)}),
+        ("hand", {"f": (2.0,)}),
+    ]
+
+
+def test_joint_of_several_numbers_is_read(tmp_path):
+    text = '<robot name="r"><group_state name="s"><joint name="root" value=" 0 0 1  0 0 0 1."/></group_state></robot>'
+    assert read(tmp_path, text).states[0].joints["root"] == (0, 0, 1, 0, 0, 0, 1)
+
+
+def test_pair_that_is_enabled_by_name_is_not_disabled(tmp_path):
+    text = """<robot name="r"><disable_default_collisions link="c"/>
+      <disable_collisions link1="a" link2="b"/><disable_collisions link1="a" link2="c"/>
+      <enable_collisions link1="b" link2="a"/></robot>"""
+    srdf = read(tmp_path, text)
+    assert [pair.links for pair in srdf.disabled] == [("a", "c")]
+    assert srdf.disabled_links == ("c",)
+
+
+def test_subgroups_of_subgroups_of_subgroups_cost_nothing(tmp_path):
+    levels = [
+        f'<group name="g{i}">' + (f'<group name="g{i + 1}"/>' * 2 if i < 60 else '<joint name="j"/>') + "</group>"
+        for i in range(61)
+    ]
+    assert read(tmp_path, f'<robot name="r">{"".join(levels)}</robot>').groups["g0"].joints == ("j",)
+
+
+@pytest.mark.parametrize("file", sorted(example_robot_data().rglob("*.srdf")), ids=lambda file: file.stem)
+def test_every_srdf_of_example_robot_data_is_read(file):
+    srdf = read_srdf(file)
+    assert srdf.groups or srdf.disabled

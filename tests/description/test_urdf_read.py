@@ -91,6 +91,20 @@ def test_origin_turns_about_fixed_axes():
         ({"more": '<joint name="k" type="fixed"><parent link="base"/></joint>'}, "line 5.*<child>"),
         ({"more": '<joint name="k" type="fixed"><parent link="base"/><child link="tp"/></joint>'}, "'tp'.*valid: tip"),
         ({"more": '<joint name="k" type="fixed"><parent link="tip"/><child link="base"/></joint>'}, "ring"),
+        ({"link": "<collison><geometry/></collison>"}, "line 3.*<collison>; is <collision> meant"),
+        ({"link": "<Collision/>"}, "line 3.*<Collision>; is <collision> meant"),
+        ({"link": "<collision><orgin/><geometry><sphere radius='1'/></geometry></collision>"}, "is <origin> meant"),
+        ({"joint": '<orign xyz="0 0 1"/>'}, "line 4.*is <origin> meant"),
+        ({"joint": '<mimc joint="k"/>'}, "line 4.*is <mimic> meant"),
+        ({"joint": '<origin xzy="0 0 1"/>'}, "line 4.*'xzy'; known ones: xyz, rpy"),
+        ({"joint": '<origin xyz="0 0 1" quat_xyzw="0 0 0 1"/>'}, "line 4.*'quat_xyzw'; known"),
+        ({"joint": '<axis xyz="0 0 1" rpy="0 0 1"/>'}, "line 4.*'rpy'; known"),
+        ({"limit": '<limit lower="-1" uper="1" velocity="1"/>'}, "line 4.*'uper'; is 'upper' meant"),
+        ({"joint": '<origin xyz="1e300 0 0"/>'}, "line 4.*more than 10000 m away"),
+        ({"link": shape('<box size="1e300 1 1"/>')}, "line 3.*at most 10000 m"),
+        ({"joint": '<mimic joint="k" multiplier="1e308"/>'}, "line 4.*at most 10000 makes sense"),
+        ({"joint": '<origin xyz="٣ 0 0"/>'}, "line 4.*not numeric"),
+        ({"joint": '<origin xyz="1e400 0 0"/>'}, "line 4.*finite"),
     ],
 )
 def test_what_makes_no_sense_is_refused_with_its_line(parts, message):
@@ -127,9 +141,12 @@ def test_robot_of_5000_joints_is_refused_before_it_crashes_the_parser():
         load_robot_from_text(chain(5001))
 
 
-def test_robot_of_the_most_links_moves():
-    arm = load_robot_from_text(chain(MAX_LINKS)).arm(tcp=f"l{MAX_LINKS - 1}")
-    assert arm.dof == MAX_LINKS - 1
+def test_robot_of_the_most_links_moves_part_by_part():
+    robot = load_robot_from_text(chain(MAX_LINKS))
+    tip = f"l{MAX_LINKS - 1}"
+    assert robot.arm(tcp=tip, base=f"l{MAX_LINKS - 201}").dof == 200
+    with pytest.raises(pp.InputError, match=rf"{MAX_LINKS - 1} joints move.*at most"):
+        robot.arm(tcp=tip)
 
 
 def test_doctype_is_refused():
@@ -162,3 +179,26 @@ def test_missing_file_is_named(tmp_path):
 def test_other_xml_is_no_urdf():
     with pytest.raises(pp.UrdfError, match="<sdf>, not <robot>"):
         read_urdf_text("<sdf/>")
+
+
+def test_robot_without_links_is_refused():
+    with pytest.raises(pp.UrdfError, match="holds no link"):
+        read_urdf_text('<robot name="r"/>')
+
+
+def test_axis_of_any_length_is_a_direction():
+    robot = load_robot_from_text(urdf(joint='<axis xyz="3e200 0 4e200"/>'))
+    twist = robot.arm(tcp="tip").jacobian([0.2])[:, 0]
+    assert twist == pytest.approx([0, 0, 0, 0.6, 0, 0.8], abs=1e-15)
+
+
+def test_limit_beyond_all_use_is_none():
+    joint = read_urdf_text(urdf(limit='<limit lower="-1e16" upper="1e16" velocity="1e308"/>')).joints["j"]
+    assert (joint.lower, joint.upper, joint.velocity) == (None, None, None)
+
+
+@pytest.mark.parametrize("mass", ["nan", "abc", "", "1e400"])
+def test_broken_inertia_costs_nothing_and_prints_nothing(mass, capfd):
+    inertial = f'<inertial><mass value="{mass}"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    assert load_robot_from_text(urdf(link=inertial)).arm(tcp="tip").dof == 1
+    assert capfd.readouterr() == ("", "")

@@ -3,6 +3,7 @@
 from pinproof.description.catalogue import CatalogueEntry, catalogue_names, find_robot, robots_folder
 from pinproof.description.dh_table import DhRow, DhTable
 from pinproof.description.geometry import LinkGeometry
+from pinproof.description.sources import read_description
 from pinproof.description.srdf import Srdf, read_srdf
 from pinproof.description.urdf import Urdf, UrdfJoint, read_urdf, read_urdf_text
 
@@ -16,6 +17,7 @@ __all__ = [
     "UrdfJoint",
     "catalogue_names",
     "find_robot",
+    "read_description",
     "read_srdf",
     "read_urdf",
     "read_urdf_text",

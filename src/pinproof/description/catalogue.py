@@ -1,11 +1,15 @@
-"""Robots known by name: where their files lie, which frame is their tcp, and a home configuration."""
+"""Robots known by name: where their files lie, which frame is their tcp, and a home configuration.
+
+The tables themselves are ``catalogue.yaml`` and ``catalogue_overlaps.yaml`` beside this file.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import pi
+from functools import cache
 from pathlib import Path
+from typing import Any
 
 from pinproof.description.packages import example_robot_data
 from pinproof.errors import InputError, UnknownNameError
@@ -26,7 +30,11 @@ class CatalogueEntry:
     tcp
         The frame meant when ``robot.arm()`` names none.
     home
-        A comfortable configuration, joint name to value (rad or m).
+        A comfortable configuration, joint name to value (rad or m), free of self-collision.
+    base
+        The link meant when ``robot.arm()`` names none and the tcp hangs on it; None for the root.
+    overlaps
+        Pairs of links whose collision geometry overlaps in every sampled configuration (scripts/catalogue_overlaps.py).
     """
 
     name: str
@@ -34,40 +42,13 @@ class CatalogueEntry:
     srdf: Path | None
     tcp: str
     home: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
-class _Shipped:
-    """Paths inside the folder of robots that comes with an installation, or inside example-robot-data."""
-
-    urdf: str
-    tcp: str
-    home: Mapping[str, float]
-    srdf: str | None = None
-    ours: bool = False
-
-
-_UR = ("shoulder_pan_joint", "shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_2_joint", "wrist_3_joint")
-_UR_HOME = dict(zip(_UR, (0.0, -pi / 2, pi / 2, -pi / 2, -pi / 2, 0.0), strict=True))
-_PANDA_HOME = {f"panda_joint{i + 1}": q for i, q in enumerate((0, -pi / 4, 0, -3 * pi / 4, 0, pi / 2, pi / 4))}
-
-_ROBOTS = {
-    "generic_6dof": _Shipped(
-        "generic_6dof/generic_6dof.urdf",
-        "tool0",
-        dict(zip((f"joint_{i}" for i in range(1, 7)), (0.0, pi / 3, -2 * pi / 3, -pi / 6, pi / 2, 0.0), strict=True)),
-        ours=True,
-    ),
-    "panda": _Shipped(
-        "panda_description/urdf/panda.urdf", "panda_hand_tcp", _PANDA_HOME, "panda_description/srdf/panda.srdf"
-    ),
-    "ur5": _Shipped("ur_description/urdf/ur5_robot.urdf", "tool0", _UR_HOME, "ur_description/srdf/ur5.srdf"),
-}
+    base: str | None = None
+    overlaps: tuple[tuple[str, str], ...] = ()
 
 
 def catalogue_names() -> tuple[str, ...]:
     """The names that :func:`find_robot` knows, sorted."""
-    return tuple(sorted(_ROBOTS))
+    return tuple(sorted(_table("catalogue.yaml")))
 
 
 def find_robot(name: str) -> CatalogueEntry:
@@ -80,18 +61,15 @@ def find_robot(name: str) -> CatalogueEntry:
     InputError
         If the robot's files are not installed.
     """
-    if name not in _ROBOTS:
-        raise UnknownNameError("robot", name, _ROBOTS, "the catalogue (a path must end in .urdf)")
-    shipped = _ROBOTS[name]
-    if shipped.ours:
-        folder = robots_folder()
-    else:
-        share = example_robot_data()
-        if share is None:
-            raise InputError(f"robot {name!r} comes with example-robot-data, which is not installed here")
-        folder = share / "example-robot-data" / "robots"
-    srdf = None if shipped.srdf is None else folder / shipped.srdf
-    return CatalogueEntry(name, folder / shipped.urdf, srdf, shipped.tcp, shipped.home)
+    robots = _table("catalogue.yaml")
+    if name not in robots:
+        raise UnknownNameError("robot", name, robots, "the catalogue (a path must end in .urdf, .xacro or .xml)")
+    words = robots[name]
+    srdf = None if words.get("srdf") is None else _file(name, words["srdf"])
+    overlaps = tuple((first, second) for first, second in _table("catalogue_overlaps.yaml").get(words["urdf"], ()))
+    return CatalogueEntry(
+        name, _file(name, words["urdf"]), srdf, words["tcp"], words.get("home", {}), words.get("base"), overlaps
+    )
 
 
 def robots_folder() -> Path:
@@ -101,3 +79,20 @@ def robots_folder() -> Path:
         if folder.is_dir():
             return folder
     raise InputError(f"the folder robots/ is neither in {package} nor in {package.parents[1]}: reinstall pinproof")
+
+
+@cache
+def _table(file: str) -> dict[str, Any]:
+    import yaml
+
+    return dict(yaml.safe_load(Path(__file__).with_name(file).read_text(encoding="utf-8")))
+
+
+def _file(name: str, path: str) -> Path:
+    """``robots/...`` is ours; anything else lies in example-robot-data."""
+    if path.startswith("robots/"):
+        return robots_folder() / path.removeprefix("robots/")
+    share = example_robot_data()
+    if share is None:
+        raise InputError(f"robot {name!r} comes with example-robot-data, which is not installed here")
+    return share / "example-robot-data" / "robots" / path

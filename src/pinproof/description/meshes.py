@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pinproof.description.packages import MeshFile
 from pinproof.errors import MeshError
 
-__all__ = ["MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved"]
+__all__ = ["MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
 
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
 
@@ -32,9 +32,10 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
     Parameters
     ----------
     path
-        STL, OBJ, DAE, PLY or GLB. A COLLADA file's unit is applied; its up axis is not, as in ROS tools.
+        STL, OBJ, DAE, PLY, GLB or glTF. A COLLADA file's unit is applied, its up axis is not; glTF is turned from its y
+        up to z up (:func:`z_up`).
     scale
-        Factor for x, y, z. A negative product mirrors the mesh; its triangles are turned round then.
+        Factor for x, y, z, after that. A negative product mirrors the mesh; its triangles are turned round then.
 
     Raises
     ------
@@ -47,7 +48,8 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
     if not path.is_file():
         raise MeshError(path, "no such file")
     loaded = _load(path)
-    vertices = np.array(loaded.vertices, dtype=float).reshape(-1, 3) * np.asarray(scale) * collada_unit(path)
+    vertices = np.array(loaded.vertices, dtype=float).reshape(-1, 3) @ z_up(path).T
+    vertices *= np.asarray(scale) * collada_unit(path)
     triangles = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
     if len(triangles) == 0:
         raise MeshError(path, "holds no triangle")
@@ -75,7 +77,26 @@ def collada_unit(path: Path) -> float:
     if path.suffix.lower() != ".dae":
         return 1.0
     match = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", path.read_bytes()[:100_000])
-    return float(match.group(1)) if match else 1.0
+    try:
+        unit = float(match.group(1)) if match else 1.0
+    except ValueError:
+        unit = 0.0
+    if not 0.0 < unit < float("inf"):
+        raise MeshError(path, "states a unit that is no positive number of metres")
+    return unit
+
+
+def z_up(path: Path) -> npt.NDArray[np.float64]:
+    """The rotation (3, 3) that takes the numbers of a mesh file to the axes of the link that bears it.
+
+    glTF is y up by its standard (Khronos glTF 2.0, section 3.4), and what reads it for a z-up world turns it by a
+    quarter about x: Drake, Blender, RViz (ros2/rviz, pull request 1482). COLLADA states its up axis, and there RViz,
+    MoveIt's geometric_shapes (pull request 52) and Gazebo (issue 1305) take the numbers as they stand: so many robots
+    state a wrong one that obeying would turn their links over. STL, OBJ and PLY state none.
+    """
+    if path.suffix.lower() in (".glb", ".gltf"):
+        return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+    return np.eye(3)
 
 
 def _load(path: Path) -> Any:

@@ -1,13 +1,18 @@
-"""Where a mesh URI of a URDF lies on this machine."""
+"""Where a mesh URI of a URDF lies on this machine: ROS package paths, and what other tools read from them."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-__all__ = ["MeshFile", "example_robot_data", "locate"]
+__all__ = ["MeshFile", "climbs_out", "example_robot_data", "find_package", "locate"]
+
+WORKSPACE_DEPTH = 4
+"""How deep packages are looked for below an entry of ROS_PACKAGE_PATH (workspace/src/repository/stack/package)."""
 
 
 @dataclass(frozen=True)
@@ -20,26 +25,54 @@ class MeshFile:
 
 
 def locate(uri: str, urdf_folder: Path | None, package_dirs: Sequence[Path]) -> MeshFile:
-    """Find the file behind ``package://``, ``file://``, absolute and relative URIs.
+    """Find the file behind ``package://``, ``model://``, ``file://``, absolute and relative URIs.
 
-    ``package://P/rest`` is looked for as ``D/P/rest`` in each package folder D, in each parent of the URDF, and then in
-    example-robot-data; a relative path beside the URDF and in each package folder.
+    ``package://P/rest`` is looked for as ``D/P/rest`` in each package folder D, in each parent of the URDF, in
+    ``ROS_PACKAGE_PATH`` (D/P, or D itself where it is the package P, or a package P below it), in ``PREFIX/share`` of
+    each prefix of ``AMENT_PREFIX_PATH``, and then in example-robot-data; a relative path beside the URDF and in each
+    package folder.
     """
-    parents = [] if urdf_folder is None else [urdf_folder, *urdf_folder.parents]
-    if uri.startswith("package://"):
-        rest = unquote(uri.removeprefix("package://"))
-        roots = [*package_dirs, *parents, *_shared_folder()]
-        candidates = [root / rest for root in roots]
-    elif uri.startswith("file://"):
-        candidates = [Path(unquote(uri.removeprefix("file://")))]
+    scheme, _, rest = uri.partition("://")
+    if scheme in ("package", "model"):
+        # package:///P/rest is written too, and other tools read it so; as it stands it would be an absolute path.
+        package, _, inside = unquote(rest).lstrip("/").partition("/")
+        candidates = [folder / inside for folder in _package_folders(package, urdf_folder, package_dirs)]
+    elif scheme == "file" and rest:
+        candidates = [Path(unquote(rest))]
     elif Path(uri).is_absolute():
         candidates = [Path(uri)]
     else:
-        candidates = [root / uri for root in [*parents[:1], *package_dirs]]
+        candidates = [root / uri for root in [*([] if urdf_folder is None else [urdf_folder]), *package_dirs]]
     for candidate in candidates:
         if candidate.is_file():
             return MeshFile(uri, candidate, tuple(candidates))
+    if scheme in ("package", "model"):
+        for folder in _workspace_packages(package):
+            candidates.append(folder / inside)
+            if candidates[-1].is_file():
+                return MeshFile(uri, candidates[-1], tuple(candidates))
     return MeshFile(uri, None, tuple(candidates))
+
+
+def find_package(package: str, near: Path | None, package_dirs: Sequence[Path]) -> Path | None:
+    """The folder of a ROS package, looked for as :func:`locate` does; None when it is nowhere."""
+    for folder in _package_folders(package, near, package_dirs):
+        if folder.is_dir():
+            return folder
+    return next(_workspace_packages(package), None)
+
+
+def climbs_out(uri: str) -> bool:
+    """Whether a ``package://`` URI leads out of its package by way of ``..``: then it names no file of that package."""
+    scheme, _, rest = uri.partition("://")
+    if scheme not in ("package", "model"):
+        return False
+    depth = 0
+    for part in unquote(rest).lstrip("/").split("/")[1:]:
+        depth += -1 if part == ".." else part not in ("", ".")
+        if depth < 0:
+            return True
+    return False
 
 
 def example_robot_data() -> Path | None:
@@ -53,6 +86,40 @@ def example_robot_data() -> Path | None:
     return share if share.is_dir() else None
 
 
-def _shared_folder() -> list[Path]:
+def _package_folders(package: str, near: Path | None, package_dirs: Sequence[Path]) -> list[Path]:
+    """Where a package may lie, best first, without searching any folder."""
+    roots = [*package_dirs, *([] if near is None else [near, *near.parents])]
+    folders = [root / package for root in roots]
+    if near is not None:  # a package cloned under another name than its own
+        folders += [parent for parent in (near, *near.parents) if _is_package(parent, package)]
+    for entry in _paths("ROS_PACKAGE_PATH"):
+        folders += [entry / package, *([entry] if entry.name == package or _is_package(entry, package) else [])]
+    folders += [prefix / "share" / package for prefix in _paths("AMENT_PREFIX_PATH")]
     share = example_robot_data()
-    return [] if share is None else [share]
+    return [*folders, *([] if share is None else [share / package])]
+
+
+def _workspace_packages(package: str) -> Iterator[Path]:
+    """The folders below ROS_PACKAGE_PATH that hold this package; packages do not nest."""
+    for entry in _paths("ROS_PACKAGE_PATH"):
+        for folder, below, files in os.walk(entry):
+            if "package.xml" in files:
+                below.clear()
+                if _is_package(Path(folder), package):
+                    yield Path(folder)
+            elif len(Path(folder).relative_to(entry).parts) >= WORKSPACE_DEPTH:
+                below.clear()
+            else:
+                below[:] = sorted(name for name in below if not name.startswith("."))
+
+
+def _is_package(folder: Path, package: str) -> bool:
+    try:
+        manifest = (folder / "package.xml").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+    return re.search(rf"<name>\s*{re.escape(package)}\s*</name>", manifest) is not None
+
+
+def _paths(variable: str) -> list[Path]:
+    return [Path(entry) for entry in os.environ.get(variable, "").split(os.pathsep) if entry]

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
-from pinproof.description.xml_reader import Element, number, parse_file, place, required
-from pinproof.errors import UnknownNameError, UrdfError
+from pinproof.description.xml_reader import Element, numbers, parse_file, place, required
+from pinproof.errors import UrdfError
 
-__all__ = ["DisabledPair", "EndEffector", "Group", "Srdf", "read_srdf"]
+__all__ = ["DisabledPair", "EndEffector", "Group", "GroupState", "Srdf", "read_srdf", "srdf_of"]
+
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -22,11 +26,25 @@ class DisabledPair:
 
 @dataclass(frozen=True)
 class Group:
-    """A planning group: its joints by name, or a chain from a base link to a tip link."""
+    """A planning group, its subgroups joined in: joints and links by name, chains from a base link to a tip link.
+
+    ``missing`` are the subgroups that the file names and does not hold: the group cannot be used.
+    """
 
     name: str
     joints: tuple[str, ...] = ()
-    chain: tuple[str, str] | None = None
+    chains: tuple[tuple[str, str], ...] = ()
+    links: tuple[str, ...] = ()
+    missing: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class GroupState:
+    """A named state of a group: joint name to its numbers, one for a joint with one degree of freedom."""
+
+    name: str
+    group: str
+    joints: Mapping[str, tuple[float, ...]]
 
 
 @dataclass(frozen=True)
@@ -40,13 +58,18 @@ class EndEffector:
 
 @dataclass(frozen=True)
 class Srdf:
-    """The parts of an SRDF that planning needs."""
+    """The parts of an SRDF that planning needs.
+
+    A pair that it enables by name is in no ``disabled`` one. ``disabled_links`` are the links whose every pair it
+    disables by default; these pairs are checked all the same, unless ``disabled`` names them too.
+    """
 
     path: Path | None = None
     disabled: tuple[DisabledPair, ...] = ()
     groups: Mapping[str, Group] = field(default_factory=dict)
-    states: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    states: tuple[GroupState, ...] = ()
     end_effectors: tuple[EndEffector, ...] = ()
+    disabled_links: tuple[str, ...] = ()
 
 
 def read_srdf(path: str | Path) -> Srdf:
@@ -58,46 +81,80 @@ def read_srdf(path: str | Path) -> Srdf:
         If the file is missing, is no XML, or lacks a name or number where one must stand; names file and line.
     """
     path = Path(path)
-    root = parse_file(path)
+    return srdf_of(parse_file(path), path)
+
+
+def srdf_of(root: Element, path: Path) -> Srdf:
+    """The SRDF that stands in an XML element; ``path`` is named in errors."""
     if root.tag != "robot":
         raise UrdfError(path, f"the root element is <{root.tag}>, not <robot>: this is no SRDF", place(root))
+    enabled = {frozenset(_pair(e, path)) for e in root.findall("enable_collisions")}
     disabled = [
-        DisabledPair((required(e, "link1", path), required(e, "link2", path)), e.get("reason", ""))
+        DisabledPair(_pair(e, path), e.get("reason", ""))
         for e in root.findall("disable_collisions")
+        if frozenset(_pair(e, path)) not in enabled
     ]
-    groups = {required(e, "name", path): _group(e, path) for e in root.findall("group")}
-    states: dict[str, Mapping[str, float]] = {}
-    for e in root.findall("group_state"):
-        joints = {required(j, "name", path): number(j, "value", path) for j in e.findall("joint")}
-        states[required(e, "name", path)] = joints
+    elements: dict[str, list[Element]] = {}
+    for e in root.findall("group"):
+        elements.setdefault(required(e, "name", path), []).append(e)
+    groups: dict[str, Group] = {}
+    for name in elements:
+        _join(name, elements, groups, path, ())
     effectors = [
         EndEffector(
             required(e, "name", path), required(e, "parent_link", path), e.get("parent_group", e.get("group", ""))
         )
         for e in root.findall("end_effector")
     ]
-    flat = {name: _flatten(name, groups, root, path, ()) for name in groups}
-    return Srdf(path, tuple(disabled), flat, states, tuple(effectors))
+    return Srdf(
+        path,
+        tuple(disabled),
+        groups,
+        tuple(_state(e, path) for e in root.findall("group_state")),
+        tuple(effectors),
+        tuple(required(e, "link", path) for e in root.findall("disable_default_collisions")),
+    )
 
 
-def _group(element: Element, path: Path) -> Group:
-    joints = tuple(required(j, "name", path) for j in element.findall("joint"))
-    chains = element.findall("chain")
-    chain = (required(chains[0], "base_link", path), required(chains[0], "tip_link", path)) if chains else None
-    return Group(required(element, "name", path), joints, chain)
+def _pair(element: Element, path: Path) -> tuple[str, str]:
+    return required(element, "link1", path), required(element, "link2", path)
 
 
-def _flatten(name: str, groups: Mapping[str, Group], root: Element, path: Path, seen: tuple[str, ...]) -> Group:
-    """Join the joints of subgroups into their group."""
-    if name in seen:
-        raise UrdfError(path, f"the groups {' -> '.join((*seen, name))} contain each other")
-    if name not in groups:
-        raise UrdfError(path, str(UnknownNameError("group", name, groups)))
-    group = groups[name]
-    element = next(e for e in root.findall("group") if required(e, "name", path) == name)
-    joints, chain = list(group.joints), group.chain
-    for sub in element.findall("group"):
-        part = _flatten(required(sub, "name", path), groups, root, path, (*seen, name))
-        joints += [j for j in part.joints if j not in joints]
-        chain = chain or part.chain
-    return Group(name, tuple(joints), chain)
+def _state(element: Element, path: Path) -> GroupState:
+    joints = {
+        required(j, "name", path): numbers(j, "value", len(j.get("value", "0").split()) or 1, path)
+        for j in element.findall("joint")
+    }
+    return GroupState(required(element, "name", path), element.get("group", "").strip(), joints)
+
+
+def _join(
+    name: str, elements: Mapping[str, Sequence[Element]], groups: dict[str, Group], path: Path, within: tuple[str, ...]
+) -> Group:
+    """Enter a group into ``groups``, with all that its subgroups hold; one that is written twice holds both lists."""
+    if name in groups:
+        return groups[name]
+    if name in within:
+        raise UrdfError(path, f"the groups {' -> '.join((*within, name))} contain each other")
+    if name not in elements:
+        return Group(name, missing=(name,))
+    joints: list[str] = []
+    links: list[str] = []
+    missing: list[str] = []
+    chains: list[tuple[str, str]] = []
+    for element in elements[name]:
+        joints += [required(j, "name", path) for j in element.findall("joint")]
+        links += [required(part, "name", path) for part in element.findall("link")]
+        chains += [(required(c, "base_link", path), required(c, "tip_link", path)) for c in element.findall("chain")]
+        for sub in element.findall("group"):
+            part = _join(required(sub, "name", path), elements, groups, path, (*within, name))
+            joints += part.joints
+            links += part.links
+            chains += part.chains
+            missing += part.missing
+    groups[name] = Group(name, _once(joints), _once(chains), _once(links), _once(missing))
+    return groups[name]
+
+
+def _once(names: Sequence[T]) -> tuple[T, ...]:
+    return tuple(dict.fromkeys(names))

@@ -10,50 +10,20 @@ from __future__ import annotations
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast, get_args
 
 import numpy as np
 
 from pinproof.description.geometry import LinkGeometry
+from pinproof.description.urdf_joints import JointType, Mimic, UrdfJoint, check_mimics, read_joint
 from pinproof.description.urdf_links import read_links
+from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import Element, number, numbers, parse_file, parse_text, place, required
-from pinproof.errors import UnknownNameError, UrdfError
+from pinproof.errors import InputError, UrdfError
 
 __all__ = ["MAX_LINKS", "JointType", "Mimic", "Urdf", "UrdfJoint", "read_urdf", "read_urdf_text"]
 
 MAX_LINKS = 1000
 """Longer robots are refused: urdfdom recurses once a link and ends the interpreter at about 5,000."""
-
-SMALLEST_AXIS = 1e-6
-"""An axis vector shorter than this has no direction worth the name."""
-
-JointType = Literal["revolute", "continuous", "prismatic", "fixed", "floating", "planar"]
-
-
-@dataclass(frozen=True)
-class Mimic:
-    """A follower's rule: q = multiplier * q_leader + offset."""
-
-    leader: str
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class UrdfJoint:
-    """A joint as the file states it; None where the file states nothing usable.
-
-    ``velocity`` is None too where the file says 0: no joint with a use has that limit, it means "not known".
-    """
-
-    name: str
-    type: JointType
-    parent: str
-    child: str
-    lower: float | None
-    upper: float | None
-    velocity: float | None
-    mimic: Mimic | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,15 +52,19 @@ class Urdf:
         return next((joint for joint in self.joints.values() if joint.child == link), None)
 
 
-def read_urdf(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> Urdf:
-    """Read and check a URDF file.
+def read_urdf(
+    path: str | Path, *, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
+) -> Urdf:
+    """Read and check a URDF file, or a xacro file that expands to one.
 
     Parameters
     ----------
     path
-        The file.
+        The file; a name that ends in ``.xacro`` is expanded first (the extra ``xacro``).
     package_dirs
         Folders that hold ROS packages, searched first for ``package://`` meshes.
+    xacro_args
+        What a xacro file is told for its ``<xacro:arg>``.
 
     Raises
     ------
@@ -98,7 +72,13 @@ def read_urdf(path: str | Path, *, package_dirs: Sequence[str | Path] = ()) -> U
         With the line, for anything that would be misread or dropped.
     """
     path = Path(path)
-    return _read(parse_file(path), path, path.resolve().parent, package_dirs)
+    if path.suffix == ".xacro":
+        name = f"{path} (expanded)"
+        root = parse_text(expand_xacro(path, xacro_args or {}, [Path(d) for d in package_dirs]), name)
+        return _read(root, name, path, package_dirs)
+    if xacro_args:
+        raise InputError(f"{path} is no .xacro file, so it takes no xacro_args")
+    return _read(parse_file(path), path, path, package_dirs)
 
 
 def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Urdf:
@@ -106,13 +86,15 @@ def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence
     return _read(parse_text(text, name), name, None, package_dirs)
 
 
-def _read(root: Element, source: str | Path, folder: Path | None, package_dirs: Sequence[str | Path]) -> Urdf:
+def _read(root: Element, source: str | Path, path: Path | None, package_dirs: Sequence[str | Path]) -> Urdf:
     if root.tag != "robot":
         raise UrdfError(source, f"the root element is <{root.tag}>, not <robot>: this is no URDF", place(root))
     macro = next((e for e in root.iter() if "xacro" in e.tag.rpartition("}")[0]), None)
     if macro is not None:
         raise UrdfError(source, "holds xacro macros, which would be dropped; expand it to a plain URDF", place(macro))
     link_elements = root.findall("link")
+    if not link_elements:
+        raise UrdfError(source, "holds no link: it describes no robot", place(root))
     if len(link_elements) > MAX_LINKS:
         raise UrdfError(source, f"has {len(link_elements)} links; more than {MAX_LINKS} are refused")
     links = _unique(link_elements, source)
@@ -120,12 +102,13 @@ def _read(root: Element, source: str | Path, folder: Path | None, package_dirs: 
         raise UrdfError(
             source, "has a link named 'universe', a name Pinocchio keeps for itself", place(links["universe"])
         )
-    joints = {name: _joint(e, links, source) for name, e in _unique(root.findall("joint"), source).items()}
-    _check_mimics(joints, source)
+    joints = {name: read_joint(e, links, source) for name, e in _unique(root.findall("joint"), source).items()}
+    check_mimics(joints, source)
+    folder = None if path is None else path.resolve().parent
     visuals, collisions = read_links(root, source, folder, [Path(d) for d in package_dirs])
     return Urdf(
         name=root.get("name") or "robot",
-        path=source if isinstance(source, Path) else None,
+        path=path,
         root=_root_link(links, joints, source),
         links=tuple(links),
         joints=joints,
@@ -143,77 +126,6 @@ def _unique(elements: Sequence[Element], source: str | Path) -> dict[str, Elemen
             raise UrdfError(source, f"a second <{element.tag}> is named {name!r}", place(element))
         named[name] = element
     return named
-
-
-def _joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
-    name, kind = required(element, "name", source), required(element, "type", source)
-    where = place(element)
-    if kind not in get_args(JointType):
-        raise UrdfError(
-            source, str(UnknownNameError("joint type", kind, get_args(JointType), f"joint {name!r}")), where
-        )
-    ends = []
-    for tag in ("parent", "child"):
-        end = element.find(tag)
-        if end is None:
-            raise UrdfError(source, f"joint {name!r} has no <{tag}>", where)
-        link = required(end, "link", source)
-        if link not in links:
-            raise UrdfError(source, str(UnknownNameError("link", link, links, f"joint {name!r}")), place(end))
-        ends.append(link)
-    origin = element.find("origin")
-    if origin is not None:
-        numbers(origin, "xyz", 3, source, "0 0 0")
-        numbers(origin, "rpy", 3, source, "0 0 0")
-    axis = element.find("axis")
-    if axis is not None and kind != "fixed":
-        vector = numbers(axis, "xyz", 3, source)
-        if np.linalg.norm(vector) < SMALLEST_AXIS:
-            raise UrdfError(source, f"joint {name!r} has the axis {list(vector)}, which has no direction", place(axis))
-    lower, upper, velocity = _limits(element, name, kind, source)
-    mimic = element.find("mimic")
-    rule = None
-    if mimic is not None and kind != "fixed":
-        leader = required(mimic, "joint", source)
-        rule = Mimic(leader, number(mimic, "multiplier", source, "1"), number(mimic, "offset", source, "0"))
-    return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule)
-
-
-def _limits(
-    element: Element, name: str, kind: str, source: str | Path
-) -> tuple[float | None, float | None, float | None]:
-    """Lower, upper, velocity; a bound that is not written is None, never the 0 that the URDF specification fills in."""
-    limit = element.find("limit")
-    if limit is None or kind == "fixed":
-        return None, None, None
-    lower = number(limit, "lower", source) if limit.get("lower") is not None else None
-    upper = number(limit, "upper", source) if limit.get("upper") is not None else None
-    if lower is not None and upper is not None and lower > upper:
-        raise UrdfError(source, f"joint {name!r} has lower = {lower} above upper = {upper}", place(limit))
-    velocity = number(limit, "velocity", source) if limit.get("velocity") is not None else None
-    if velocity is not None and velocity < 0:
-        raise UrdfError(source, f"joint {name!r} has the negative velocity limit {velocity}", place(limit))
-    if kind == "continuous":
-        lower = upper = None
-    return lower, upper, velocity or None
-
-
-def _check_mimics(joints: Mapping[str, UrdfJoint], source: str | Path) -> None:
-    for joint in joints.values():
-        if joint.mimic is None:
-            continue
-        if joint.type in ("floating", "planar"):
-            raise UrdfError(source, f"joint {joint.name!r} mimics another, which a {joint.type} joint cannot")
-        leader = joints.get(joint.mimic.leader)
-        if leader is None:
-            raise UrdfError(
-                source, str(UnknownNameError("joint", joint.mimic.leader, joints, f"mimic of {joint.name!r}"))
-            )
-        if leader.mimic is not None or leader.type not in ("revolute", "continuous", "prismatic"):
-            what = "itself mimics" if leader.mimic is not None else f"is {leader.type}"
-            raise UrdfError(
-                source, f"joint {joint.name!r} mimics {leader.name!r}, which {what}; it must move by itself"
-            )
 
 
 def _root_link(links: Mapping[str, Element], joints: Mapping[str, UrdfJoint], source: str | Path) -> str:
@@ -257,11 +169,12 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
         copy = etree.SubElement(robot, "joint", name=_model_joint(joint.name, links), type=kind)
         etree.SubElement(copy, "parent", link=joint.parent)
         etree.SubElement(copy, "child", link=joint.child)
-        origin, axis = element.find("origin"), element.find("axis")
-        if origin is not None:
-            etree.SubElement(copy, "origin", {a: origin.get(a) for a in ("xyz", "rpy") if origin.get(a) is not None})
+        where, axis = element.find("origin"), element.find("axis")
+        if where is not None:
+            etree.SubElement(copy, "origin", {a: where.get(a) for a in ("xyz", "rpy") if where.get(a) is not None})
         if axis is not None and joint.type != "fixed":
             vector = np.array([float(part) for part in axis.get("xyz").split()])
+            vector /= np.abs(vector).max()  # so that no square overflows
             unit = vector / np.linalg.norm(vector)
             etree.SubElement(copy, "axis", xyz=" ".join(repr(float(v)) for v in unit))
         if kind in ("revolute", "prismatic"):
@@ -275,10 +188,22 @@ def _model_joint(joint: str, links: Container[str]) -> str:
 
 
 def _inertial(link: Element) -> list[Element]:
-    """A copy of the link's inertial element, if it is complete."""
+    """A copy of the link's inertial element, if it is complete and numeric; nothing here depends on inertias."""
     from copy import deepcopy
 
     inertial = link.find("inertial")
-    if inertial is None or inertial.find("mass") is None or inertial.find("inertia") is None:
+    if inertial is None:
         return []
+    mass, inertia, where = inertial.find("mass"), inertial.find("inertia"), inertial.find("origin")
+    if mass is None or inertia is None:
+        return []
+    try:
+        number(mass, "value", "")
+        for moment in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
+            number(inertia, moment, "")
+        if where is not None:
+            numbers(where, "xyz", 3, "", "0 0 0")
+            numbers(where, "rpy", 3, "", "0 0 0")
+    except UrdfError:
+        return []  # urdfdom would print its complaint and drop it too
     return [deepcopy(inertial)]

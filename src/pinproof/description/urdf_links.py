@@ -11,11 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.description.geometry import LinkGeometry
-from pinproof.description.packages import locate
-from pinproof.description.xml_reader import Element, number, numbers, place, required
+from pinproof.description.packages import climbs_out, locate
+from pinproof.description.xml_reader import Element, number, numbers, only, place, required, spelt
 from pinproof.errors import UnknownNameError, UrdfError
 
-__all__ = ["read_links", "rpy_matrix"]
+__all__ = ["origin", "read_links", "rpy_matrix"]
+
+FARTHEST = 1e4
+"""Metres. An origin or a size beyond this is a mistake of units; far beyond it, sums of squares overflow."""
 
 SHAPES = ("box", "capsule", "cylinder", "mesh", "sphere")
 
@@ -27,6 +30,7 @@ def read_links(
     colours = {m.get("name"): _rgba(m, source) for m in root.findall("material") if m.get("name")}
     found: dict[str, list[LinkGeometry]] = {"visual": [], "collision": []}
     for link in root.findall("link"):
+        spelt(link, ("collision", "inertial", "visual"), source)
         for tag, collected in found.items():
             for index, element in enumerate(link.findall(tag)):
                 name = f"{link.get('name').strip()}_{index}"
@@ -55,6 +59,7 @@ def _geometry(
     package_dirs: Sequence[Path],
 ) -> LinkGeometry:
     link = name.rpartition("_")[0]
+    spelt(element, ("geometry", "material", "name", "origin"), source)
     shapes = [] if (geometry := element.find("geometry")) is None else list(geometry)
     if len(shapes) != 1:
         raise UrdfError(
@@ -66,8 +71,16 @@ def _geometry(
     rgba = None
     if material is not None:
         rgba = _rgba(material, source) or colours.get(material.get("name"))
-    mesh = locate(required(shape, "filename", source), folder, package_dirs) if kind == "mesh" else None
-    return LinkGeometry(name, link, kind, size, _origin(element, source), mesh, rgba)
+    mesh = None
+    if kind == "mesh":
+        uri = required(shape, "filename", source)
+        if climbs_out(uri):
+            raise UrdfError(source, f"{uri} climbs out of its package by way of '..'", place(shape))
+        mesh = locate(uri, folder, package_dirs)
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = origin(element, source)
+    placement.setflags(write=False)
+    return LinkGeometry(name, link, kind, size, placement, mesh, rgba)
 
 
 def _shape(
@@ -90,19 +103,25 @@ def _shape(
         size = (number(shape, "radius", source), number(shape, "length", source))
     else:
         raise UrdfError(source, str(UnknownNameError("geometry", tag, SHAPES, f"link {link!r}")), place(shape))
-    if min(size) <= 0:
-        raise UrdfError(source, f"a {tag} of link {link!r} has the size {list(size)}; sizes are above 0", place(shape))
+    if min(size) <= 0 or max(size) > FARTHEST:
+        raise UrdfError(
+            source,
+            f"a {tag} of link {link!r} has the size {list(size)}; sizes are above 0 and at most {FARTHEST:g} m",
+            place(shape),
+        )
     return kind, size
 
 
-def _origin(element: Element, source: str | Path) -> npt.NDArray[np.float64]:
-    origin = element.find("origin")
-    placement = np.eye(4)
-    if origin is not None:
-        placement[:3, 3] = numbers(origin, "xyz", 3, source, "0 0 0")
-        placement[:3, :3] = rpy_matrix(*numbers(origin, "rpy", 3, source, "0 0 0"))
-    placement.setflags(write=False)
-    return placement
+def origin(element: Element, source: str | Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The rotation (3, 3) and the translation (3,) in metres of an element's ``<origin>``."""
+    found = element.find("origin")
+    if found is None:
+        return np.eye(3), np.zeros(3)
+    only(found, ("xyz", "rpy"), source)
+    xyz = np.array(numbers(found, "xyz", 3, source, "0 0 0"))
+    if np.abs(xyz).max() > FARTHEST:
+        raise UrdfError(source, f"<origin xyz={found.get('xyz')!r}> is more than {FARTHEST:g} m away", place(found))
+    return rpy_matrix(*numbers(found, "rpy", 3, source, "0 0 0")), xyz
 
 
 def _rgba(material: Element, source: str | Path) -> tuple[float, float, float, float] | None:

@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import difflib
 import math
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
 from pinproof.errors import UrdfError
 
-__all__ = ["Element", "number", "numbers", "parse_file", "parse_text", "place", "required"]
+__all__ = [
+    "Element",
+    "number",
+    "numbers",
+    "only",
+    "parse_file",
+    "parse_text",
+    "place",
+    "required",
+    "spelt",
+    "spelt_attributes",
+]
+
+NEAR = 0.8
+"""Likeness (difflib's ratio) above which an unknown tag is taken for a misspelt one; 'collison' has 0.94."""
 
 Element = Any  # lxml.etree._Element; lxml is typed only by its private names
 
@@ -49,6 +65,28 @@ def place(element: Element) -> str:
     return f"line {element.sourceline}"
 
 
+def spelt(element: Element, known: Collection[str], path: str | Path) -> None:
+    """Refuse a child element that is nearly a known one, such as ``<collison>``: it would be skipped in silence."""
+    for child in element:
+        if child.tag not in known and (near := difflib.get_close_matches(str(child.tag).lower(), known, 1, NEAR)):
+            raise UrdfError(path, f"<{element.tag}> holds <{child.tag}>; is <{near[0]}> meant?", place(child))
+
+
+def spelt_attributes(element: Element, known: Collection[str], path: str | Path) -> None:
+    """The same for attributes, such as ``uper``."""
+    for name in element.attrib:
+        if name not in known and (near := difflib.get_close_matches(str(name).lower(), known, 1, NEAR)):
+            raise UrdfError(path, f"<{element.tag}> has the attribute {name!r}; is {near[0]!r} meant?", place(element))
+
+
+def only(element: Element, known: Collection[str], path: str | Path) -> None:
+    """Refuse attributes that are not known: what they say would be lost."""
+    for attribute in element.attrib:
+        if attribute not in known:
+            what = f"<{element.tag}> has the attribute {attribute!r}; known ones: {', '.join(known)}"
+            raise UrdfError(path, what, place(element))
+
+
 def required(element: Element, attribute: str, path: str | Path) -> str:
     """The text of an attribute that must be there and not be empty."""
     value = element.get(attribute)
@@ -65,7 +103,7 @@ def numbers(
     if text is None:
         raise UrdfError(path, f"<{element.tag}> needs the attribute {attribute!r}", place(element))
     try:
-        if "_" in text:  # which Python alone would read as a digit separator
+        if "_" in text or not text.isascii():  # digit separators and other scripts' digits: Python alone reads them
             raise ValueError(text)
         values = tuple(float(part) for part in text.split())
     except ValueError as error:

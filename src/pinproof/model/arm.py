@@ -87,6 +87,22 @@ class Arm:
         middle = dict(zip(self.joint_names, (lower + upper) / 2, strict=True))
         return self.limits.clip(np.array([self.robot.home.get(name, middle[name]) for name in self.joint_names]))
 
+    def state(self, name: str, *, group: str | None = None) -> Array:
+        """(n,) a named state of the robot's SRDF (:meth:`pinproof.Robot.state`), in the order of :attr:`joint_names`.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such state.
+        InputError
+            If the state leaves one of the arm's joints open.
+        """
+        values = self.robot.state(name, group=group)
+        missing = [joint for joint in self.joint_names if joint not in values]
+        if missing:
+            raise InputError(f"state {name!r} says nothing about the joints {', '.join(missing)} of the arm")
+        return np.array([values[joint] for joint in self.joint_names])
+
     def forward_kinematics(self, q: npt.ArrayLike) -> pin.SE3:
         """``base_from_tcp`` at the configuration q (n,)."""
         return self._placement(self.configuration(q), self._tcp_id)

@@ -25,6 +25,9 @@ __all__ = ["Chain", "find_chain", "link_path"]
 
 Array = npt.NDArray[np.float64]
 
+MAX_JOINTS = 250
+"""An arm of more joints is refused: Pinocchio's workspace takes 1 s to build at 250 of them, and 100 s at 900."""
+
 MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -74,7 +77,7 @@ def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
     Raises
     ------
     InputError
-        If no joint moves between them, or one is floating or planar.
+        If no joint moves between them, more than :data:`MAX_JOINTS` do, or one is floating or planar.
     """
     path = link_path(urdf, base, tip)
     names: list[str] = []
@@ -90,6 +93,8 @@ def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
             names.append(leader)
     if not names:
         raise InputError(f"no joint moves between {base!r} and {tip!r}; is the tcp on the arm?")
+    if len(names) > MAX_JOINTS:
+        raise InputError(f"{len(names)} joints move between {base!r} and {tip!r}; an arm has at most {MAX_JOINTS}")
     followers = tuple(j.name for j in urdf.joints.values() if j.mimic is not None and j.mimic.leader in names)
     angular = np.array([urdf.joints[name].type != "prismatic" for name in names])
     angular.setflags(write=False)
@@ -124,8 +129,10 @@ def periodic(urdf: Urdf, chain: Chain) -> npt.NDArray[np.bool_]:
     return unchanged
 
 
-def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float]) -> dict[str, float]:
-    """A value for every one-number joint outside the arm: as told, else 0 or the bound nearest to it; followers follow.
+def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mapping[str, float]) -> dict[str, float]:
+    """A value for every one-number joint outside the arm: as told, else home's, else 0 or the bound nearest to it.
+
+    Followers follow.
 
     Raises
     ------
@@ -139,6 +146,8 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float]) -> dict[str
     for name, value in held.items():
         if name in chain.joint_names:
             raise InputError(f"joint {name!r} is one of the arm's own; it is set by q, not held")
+        if name in urdf.joints and urdf.joints[name].type in ("floating", "planar"):
+            raise InputError(f"joint {name!r} is {urdf.joints[name].type}; it stands at its neutral place")
         if name not in free:
             raise UnknownNameError("joint", name, free, "the joints outside the arm that can be held")
         if not isinstance(value, Real) or not np.isfinite(float(value)):
@@ -148,7 +157,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float]) -> dict[str
         if joint.mimic is None:
             low = -np.inf if joint.lower is None else joint.lower
             high = np.inf if joint.upper is None else joint.upper
-            values[joint.name] = float(held.get(joint.name, min(max(0.0, low), high)))
+            values[joint.name] = float(held.get(joint.name, home.get(joint.name, min(max(0.0, low), high))))
     for joint in outside:
         if joint.mimic is not None:
             values[joint.name] = joint.mimic.multiplier * values[joint.mimic.leader] + joint.mimic.offset

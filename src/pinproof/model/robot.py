@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import pinocchio as pin
 
-from pinproof.description import CatalogueEntry, Srdf, Urdf, find_robot, read_srdf, read_urdf, read_urdf_text
+from pinproof.description import CatalogueEntry, Srdf, Urdf, find_robot, read_description, read_srdf, read_urdf_text
+from pinproof.description.notes import notes
+from pinproof.description.srdf import DisabledPair
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.arm import Arm
-from pinproof.model.chain import find_chain, held_values
+from pinproof.model.chain import find_chain, held_values, link_path
+from pinproof.model.groups import group_ends
 from pinproof.model.limits import JointLimits
 
 __all__ = ["Robot", "load_robot", "load_robot_from_text"]
 
-URDF_SUFFIXES = (".urdf", ".xml")
+DH_FRAME = re.compile(r"dh_\d+")
+SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +40,8 @@ class Robot:
         The frame meant when :meth:`arm` names none.
     home
         A comfortable configuration, joint name to rad or m; may be empty.
+    default_base
+        The link meant as base when :meth:`arm` names none and the tcp hangs on it.
     """
 
     urdf: Urdf
@@ -42,6 +49,12 @@ class Robot:
     model: Any
     default_tcp: str | None = None
     home: Mapping[str, float] = field(default_factory=dict)
+    default_base: str | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the description, in sentences: meshes not found, names in the SRDF that do not exist."""
+        return notes(self.urdf, self.srdf)
 
     @property
     def name(self) -> str:
@@ -66,13 +79,14 @@ class Robot:
             when that hangs on a fixed joint.
         base
             A link between the root and the tcp; poses of the tcp are given in it. By default the group's, else the
-            root.
+            catalogue's where the tcp hangs on it, else the root.
         group
             A group of the SRDF, which names base and tcp.
         limits
             New limits of all joints, or new (lower, upper) by joint name, to tighten or extend those of the URDF.
         held
-            Values (rad or m) of joints outside the arm; by default 0, or the bound nearest to it.
+            Values (rad or m) of joints outside the arm; by default those of :attr:`home`, else 0 or the bound nearest
+            to it. A floating or planar joint stands at its neutral place.
 
         Raises
         ------
@@ -82,12 +96,12 @@ class Robot:
             If no tcp is declared and more than one is possible, or a joint of the chain has no limits.
         """
         if group is not None:
-            group_base, group_tcp = self._group_ends(group)
+            group_base, group_tcp = group_ends(self.urdf, self.srdf, group)
             base, tcp = base or group_base, tcp or group_tcp
-        base, tcp = base or self.urdf.root, tcp or self._declared_tcp()
-        for name in (base, tcp):
-            if name not in self.urdf.links:
-                raise UnknownNameError("frame", name, self.urdf.links, f"robot {self.name!r}")
+        tcp = tcp or self._declared_tcp()
+        self._known_frame(tcp)
+        base = base or self._base_of(tcp)
+        self._known_frame(base)
         chain = find_chain(self.urdf, base, tcp)
         if isinstance(limits, JointLimits):
             if len(limits) != len(chain.joint_names):
@@ -105,22 +119,50 @@ class Robot:
                         f"{joint.type} joint {name!r} states no lower and upper limit; "
                         f"pass limits={{{name!r}: (lower, upper)}}"
                     )
-        return Arm(self, base, tcp, chain, new_limits, held_values(self.urdf, chain, held or {}))
+        return Arm(self, base, tcp, chain, new_limits, held_values(self.urdf, chain, held or {}, self.home))
 
-    def _group_ends(self, name: str) -> tuple[str | None, str]:
-        """Base and tcp link of an SRDF group; an end effector declared for the group wins over the chain's tip."""
-        group = self.srdf.groups.get(name)
-        if group is None:
-            raise UnknownNameError("group", name, self.srdf.groups, f"the SRDF of robot {self.name!r}")
-        declared = next((e.parent_link for e in self.srdf.end_effectors if e.group == name), None)
-        if group.chain is not None:
-            return group.chain[0], declared or group.chain[1]
-        unknown = [j for j in group.joints if j not in self.urdf.joints]
-        if unknown:
-            raise UnknownNameError("joint", unknown[0], self.urdf.joints, f"group {name!r}")
-        if not group.joints:
-            raise InputError(f"group {name!r} names neither a chain nor joints; give tcp=")
-        return self.urdf.joints[group.joints[0]].parent, declared or self.urdf.joints[group.joints[-1]].child
+    def state(self, name: str, *, group: str | None = None) -> dict[str, float]:
+        """A named state of the SRDF, joint name to rad or m; of all groups that have one of that name, or of one group.
+
+        Joints of the state that the robot does not have are left out (:attr:`notes` names them), and so is a virtual
+        joint that places the robot in the world.
+
+        Raises
+        ------
+        UnknownNameError
+            If there is no such state; names those that exist.
+        InputError
+            If groups give one joint different values under this name, or a joint several numbers.
+        """
+        found = [s for s in self.srdf.states if s.name == name and group in (None, s.group)]
+        if not found:
+            names = {s.name for s in self.srdf.states if group in (None, s.group)}
+            raise UnknownNameError("state", name, names, f"the SRDF of robot {self.name!r}")
+        values: dict[str, float] = {}
+        for state in found:
+            for joint, numbers in state.joints.items():
+                if joint not in self.urdf.joints:
+                    continue
+                if len(numbers) != 1:
+                    raise InputError(
+                        f"state {name!r} gives joint {joint!r} {len(numbers)} numbers; an arm joint has one"
+                    )
+                if values.setdefault(joint, numbers[0]) != numbers[0]:
+                    raise InputError(f"state {name!r} gives joint {joint!r} different values; name its group=")
+        return values
+
+    def _known_frame(self, name: str) -> None:
+        if name not in self.urdf.links:
+            raise UnknownNameError("frame", name, self.urdf.links, f"robot {self.name!r}")
+
+    def _base_of(self, tcp: str) -> str:
+        if self.default_base is not None and self.default_base != tcp:
+            try:
+                link_path(self.urdf, self.default_base, tcp)
+            except InputError:
+                return self.urdf.root
+            return self.default_base
+        return self.urdf.root
 
     def _declared_tcp(self) -> str:
         if self.default_tcp is not None:
@@ -130,6 +172,8 @@ class Robot:
             return declared[0]
         parents = {joint.parent for joint in self.urdf.joints.values()}
         leaves = [link for link in self.urdf.links if link not in parents]
+        # The frames of a DH table, as our own URDFs bear them, mark places; what else hangs there is the tool.
+        leaves = [link for link in leaves if not DH_FRAME.fullmatch(link)] or leaves
         if not declared and len(leaves) == 1:
             joint = self.urdf.parent_joint(leaves[0])
             if joint is not None and joint.type == "fixed":
@@ -140,17 +184,25 @@ class Robot:
         )
 
 
-def load_robot(source: str | Path, *, srdf: str | Path | None = None, package_dirs: Sequence[str | Path] = ()) -> Robot:
-    """A robot by catalogue name or from a URDF file.
+def load_robot(
+    source: str | Path,
+    *,
+    srdf: str | Path | None = None,
+    package_dirs: Sequence[str | Path] = (),
+    xacro_args: Mapping[str, str] | None = None,
+) -> Robot:
+    """A robot by catalogue name or from a URDF, xacro or MJCF file.
 
     Parameters
     ----------
     source
-        A name such as ``"ur5"``, or a path that ends in ``.urdf``.
+        A name such as ``"ur5"``, or a path that ends in ``.urdf``, ``.xacro``, ``.xml`` or ``.mjcf``.
     srdf
         An SRDF file; by default the catalogue's, for a path none.
     package_dirs
-        Folders searched first for ``package://`` meshes.
+        Folders searched first for ``package://`` meshes and for ``$(find ...)`` in xacro.
+    xacro_args
+        What a xacro file is told for its ``<xacro:arg>``.
 
     Raises
     ------
@@ -158,16 +210,22 @@ def load_robot(source: str | Path, *, srdf: str | Path | None = None, package_di
         For a name that is not in the catalogue.
     UrdfError
         For a file that cannot be used, with its line.
+    InputError
+        For a xacro file where the extra ``xacro`` is not installed.
     """
     entry: CatalogueEntry | None = None
-    if isinstance(source, str) and not source.endswith(URDF_SUFFIXES) and "/" not in source:
+    if isinstance(source, str) and not source.endswith(SUFFIXES) and "/" not in source:
         entry = find_robot(source)
         source, srdf = entry.urdf, srdf or entry.srdf
     path = Path(source)
-    if path.suffix not in URDF_SUFFIXES:
-        raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(URDF_SUFFIXES)}")
-    urdf = read_urdf(path, package_dirs=package_dirs)
-    words = Srdf() if srdf is None else read_srdf(srdf)
+    if path.suffix not in SUFFIXES:
+        raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(SUFFIXES)}")
+    urdf, words = read_description(path, package_dirs=package_dirs, xacro_args=xacro_args)
+    if srdf is not None:
+        words = read_srdf(srdf)
+    if entry is not None:
+        overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
+        words = replace(words, disabled=(*words.disabled, *overlaps))
     return _robot(urdf, words, entry)
 
 
@@ -186,4 +244,4 @@ def _robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None) -> Robot:
         raise UrdfError(urdf.path or urdf.name, f"Pinocchio dropped the links {missing}")
     if entry is None:
         return Robot(urdf, srdf, model)
-    return Robot(urdf, srdf, model, entry.tcp, entry.home)
+    return Robot(urdf, srdf, model, entry.tcp, entry.home, entry.base)

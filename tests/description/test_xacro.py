@@ -1,0 +1,76 @@
+"""xacro files: expanded with their arguments and packages, refused with xacro's own reason."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+import pinproof as pp
+
+XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:arg name="length" default="0.3"/>
+  <xacro:property name="l" value="$(arg length)"/>
+  <xacro:include filename="$(find pkg)/limits.xacro"/>
+  <link name="a"/><link name="b"/><link name="tip"/>
+  <joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/><xacro:limits/></joint>
+  <joint name="end" type="fixed"><parent link="b"/><child link="tip"/><origin xyz="0 0 ${2 * l}"/></joint>
+</robot>"""
+LIMITS = """<robot xmlns:xacro="http://www.ros.org/wiki/xacro">
+  <xacro:macro name="limits"><limit lower="${-pi / 2}" upper="${pi / 2}" velocity="1" effort="1"/></xacro:macro>
+</robot>"""
+
+
+@pytest.fixture
+def file(tmp_path):
+    pytest.importorskip("xacro")
+    (tmp_path / "packages" / "pkg").mkdir(parents=True)
+    (tmp_path / "packages" / "pkg" / "limits.xacro").write_text(LIMITS)
+    (tmp_path / "r.urdf.xacro").write_text(XACRO)
+    return tmp_path / "r.urdf.xacro"
+
+
+def test_xacro_is_expanded(file, tmp_path):
+    robot = pp.load_robot(file, package_dirs=[tmp_path / "packages"], xacro_args={"length": "0.5"})
+    arm = robot.arm()
+    assert arm.forward_kinematics([0.4]).translation[2] == 1.0
+    assert arm.limits.upper[0] == pytest.approx(1.5707963)
+
+
+def test_defaults_of_arguments_hold(file, tmp_path):
+    arm = pp.load_robot(str(file), package_dirs=[tmp_path / "packages"]).arm()
+    assert arm.forward_kinematics([0.0]).translation[2] == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "message"),
+    [
+        ("$(find pkg)", "$(find nowhere)", "'nowhere' was not found"),
+        ("<xacro:limits/>", "<xacro:nix/>", "unknown macro name: xacro:nix"),
+        ("${2 * l}", "${2 * m}", "m"),
+        ("</robot>", "", "no element found"),
+        ('link name="tip"', 'link name="tap"', r"expanded.*unknown link 'tip'"),
+    ],
+)
+def test_what_cannot_be_expanded_is_refused(file, tmp_path, before, after, message):
+    file.write_text(XACRO.replace(before, after))
+    with pytest.raises(pp.UrdfError, match=message):
+        pp.load_robot(file, package_dirs=[tmp_path / "packages"])
+
+
+def test_arguments_for_a_plain_urdf_are_refused(tmp_path):
+    (tmp_path / "r.urdf").write_text('<robot name="r"><link name="a"/></robot>')
+    with pytest.raises(pp.InputError, match=r"no \.xacro file"):
+        pp.load_robot(tmp_path / "r.urdf", xacro_args={"a": "b"})
+
+
+def test_missing_xacro_names_the_extra(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "xacro", None)
+    with pytest.raises(pp.InputError, match=r"pinproof\[xacro\]"):
+        pp.load_robot(tmp_path / "r.xacro")
+
+
+def test_missing_file_is_named(tmp_path):
+    pytest.importorskip("xacro")
+    with pytest.raises(pp.UrdfError, match="no such file"):
+        pp.load_robot(tmp_path / "r.xacro")

@@ -1,0 +1,80 @@
+"""Every robot of the catalogue: it loads, its arm is the one meant, its home is safe, and dual arms share a body."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description import catalogue_names, find_robot
+from pinproof.description.packages import example_robot_data
+
+NAMED = {
+    "generic_6dof", "ur3", "ur5", "ur10", "panda", "iiwa14", "puma560", "stanford", "scara", "irb120", "xarm7",
+    "kinova", "z1", "so100", "so101", "baxter_left", "baxter_right", "tiago", "tiago_dual_left", "tiago_pro_right",
+    "pr2_left", "talos_left",
+}  # fmt: skip
+
+
+def test_the_promised_names_are_there():
+    assert set(catalogue_names()) >= NAMED
+
+
+@pytest.mark.parametrize("name", catalogue_names())
+def test_robot_is_whole_and_its_home_is_safe(name):
+    entry, robot = find_robot(name), pp.load_robot(name)
+    arm = robot.arm()
+    assert arm.tcp == entry.tcp
+    assert arm.base == (entry.base or robot.urdf.root)
+    assert set(arm.joint_names) <= set(entry.home) <= set(robot.urdf.joints)
+    assert arm.limits.contains(np.array([entry.home[joint] for joint in arm.joint_names]))
+    for joint, value in arm.held.items():
+        lower, upper = robot.urdf.joints[joint].lower, robot.urdf.joints[joint].upper
+        assert (-np.inf if lower is None else lower) <= value <= (np.inf if upper is None else upper), joint
+    assert pp.CollisionChecker(arm).check(arm.home).contacts == ()
+    assert not [note for note in robot.notes if "not found" in note]
+
+
+@pytest.mark.parametrize("name", catalogue_names())
+def test_overlaps_are_links_of_the_robot(name):
+    links = pp.load_robot(name).urdf.links
+    assert all(link in links for pair in find_robot(name).overlaps for link in pair)
+
+
+@pytest.mark.parametrize("family", ["alex", "baxter", "g1", "pr2", "romeo", "talos", "tiago_dual", "tiago_pro"])
+def test_arms_of_a_dual_arm_robot_hold_each_other(family):
+    left, right = (pp.load_robot(f"{family}_{side}").arm() for side in ("left", "right"))
+    assert not set(left.joint_names) & set(right.joint_names)
+    assert [left.held[joint] for joint in right.joint_names] == right.home.tolist()
+    told = dict(zip(right.joint_names, right.limits.clip(right.home + 0.1), strict=True))
+    moved = left.robot.arm(held=told)
+    assert [moved.held[joint] for joint in right.joint_names] == list(told.values())
+    before, after = (arm.frame_placement(left.home, right.tcp) for arm in (left, moved))
+    assert not before.isApprox(after, 1e-3)
+    assert left.frame_placement(left.home, left.tcp).isApprox(moved.forward_kinematics(left.home), 1e-12)
+
+
+def test_default_base_gives_way_to_a_tcp_that_does_not_hang_on_it():
+    robot = pp.load_robot("tiago")
+    assert robot.arm().base == "torso_lift_link"
+    assert robot.arm("torso_lift_link").base == "base_footprint"
+    assert robot.arm(base="base_link").dof == 8
+
+
+def test_robots_of_others_are_asked_for_by_their_package(monkeypatch):
+    monkeypatch.setattr("pinproof.description.catalogue.example_robot_data", lambda: None)
+    with pytest.raises(pp.InputError, match="'ur5' comes with example-robot-data, which is not installed"):
+        pp.load_robot("ur5")
+
+
+def test_meshes_named_with_three_slashes_are_found():
+    file = example_robot_data() / "example-robot-data/robots/talos_data/robots/talos_full_v2.urdf"
+    assert pp.load_robot(file).notes == ()
+
+
+@pytest.mark.parametrize("name", [name for name in catalogue_names() if find_robot(name).overlaps])
+def test_overlaps_are_contacts_that_the_srdf_does_not_disable(name):
+    entry = find_robot(name)
+    arm = pp.load_robot(entry.urdf, srdf=entry.srdf).arm(entry.tcp, base=entry.base)
+    touching = {frozenset(contact.bodies) for contact in pp.CollisionChecker(arm).check(arm.home).contacts}
+    assert {frozenset(pair) for pair in entry.overlaps} <= touching

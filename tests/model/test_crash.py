@@ -1,0 +1,63 @@
+"""Input that ends the interpreter in the libraries below: each in a process of its own, which must end well."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+CHILD = """
+import sys
+import numpy as np
+import pinproof as pp
+from pinproof.model import describe, load_robot_from_text
+try:
+    robot = load_robot_from_text(sys.stdin.read())
+    arm = robot.arm(robot.urdf.links[-1])
+    assert np.isfinite(arm.forward_kinematics(arm.home).homogeneous).all()
+    assert np.isfinite(arm.jacobian(arm.home)).all()
+    describe(robot, arm).to_dict()
+    pp.CollisionChecker(arm).check(arm.home)
+    print("works")
+except pp.PinproofError as error:
+    print("refused")
+"""
+
+
+def chain(count, body="", fork=False):
+    links = [f'<link name="l{i}">{body}</link>' for i in range(count + 1)]
+    joints = [
+        f'<joint name="j{i}" type="revolute"><parent link="l{0 if fork else i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0 0 0.01"/><axis xyz="0 {i % 2} {1 - i % 2}"/><limit lower="-1" upper="1"/></joint>'
+        for i in range(count)
+    ]
+    return f'<robot name="r">{"".join(links)}{"".join(joints)}</robot>'
+
+
+def shape(text):
+    return f"<collision><geometry>{text}</geometry></collision>"
+
+
+@pytest.mark.parametrize(
+    ("text", "outcome"),
+    [
+        (chain(200), "works"),
+        (chain(900), "refused"),
+        (chain(5000), "refused"),
+        (chain(900, fork=True), "works"),
+        (chain(1, shape('<sphere radius="1e-9"/>')), "refused"),
+        (chain(1, shape('<box size="1e-8 1 1"/>')), "refused"),
+        (chain(1).replace('xyz="0 0 1"', 'xyz="0 0 0"'), "refused"),
+        (chain(2).replace('child link="l2"', 'child link="l1"'), "refused"),
+        (chain(2).replace('child link="l2"', 'child link="l0"'), "refused"),
+        (chain(2).replace('name="j1"', 'name="j0"'), "refused"),
+        (chain(1).replace("l1", "é" * 50_000), "works"),
+        ("<robot>" + "<link>" * 100_000, "refused"),
+        ('<robot name="r">' + '<link name="' + "x" * 20_000_000 + '"/></robot>', "refused"),
+    ],
+    ids=range(13),
+)
+def test_interpreter_survives(text, outcome):
+    done = subprocess.run([sys.executable, "-c", CHILD], input=text.encode(), capture_output=True, check=False)
+    assert (done.returncode, done.stdout.decode().strip()) == (0, outcome), done.stderr.decode()[-2000:]

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, urdf_to_dh
-from pinproof.conversion.dh_frames import FARTHEST, PARALLEL, Axis, frame_on
+from pinproof.conversion.dh_frames import COINCIDENT, FARTHEST, PARALLEL, Axis, frame_on
 from pinproof.conversion.proof import prove_table_equals_arm
 from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
@@ -22,10 +22,10 @@ HALF = math.pi / 2
 ROBOTS = Path(__file__).parents[2] / "robots"
 BOTH = pytest.mark.parametrize("convention", ["standard", "modified"])
 
-# Right angles and parallels, and anything that is clearly neither; what lies between has tests of its own below.
+# Right angles and parallels, meeting axes, and what is clearly neither; what lies between has tests of its own below.
 twists = st.one_of(st.sampled_from([0.0, HALF, -HALF, math.pi]), st.floats(0.05, 3.09), st.floats(-3.09, -0.05))
 turns = st.one_of(st.sampled_from([0.0, HALF, -HALF, math.pi]), st.floats(-3.1, 3.1))
-lengths = st.one_of(st.just(0.0), st.floats(-1, 1))
+lengths = st.one_of(st.just(0.0), st.floats(1e-6, 1), st.floats(-1, -1e-6))
 placements = st.builds(pose, st.tuples(lengths, lengths, lengths), st.tuples(turns, turns, turns))
 
 
@@ -164,6 +164,14 @@ def test_axes_a_hair_off_parallel_whose_normal_is_near_are_no_trouble(tilt, conv
     table = urdf_to_dh(arm, convention=convention)
     assert max(abs(row.d) for row in table.rows) < 1
     assert difference(table, arm) < 1e-12
+
+
+@BOTH
+@pytest.mark.parametrize("x", [1e-13, 1e-11, 0.9e-10, 1.1e-10, 1e-6])
+def test_parallel_axes_that_nearly_coincide_hold_the_tolerance(x, convention):
+    text = TWO.format(tilt=0.0, y=0.0, kind="revolute", extra="").replace('xyz="0.3 0.0 0.1"', f'xyz="{x!r} 0.0 0.1"')
+    arm = load_robot_from_text(text).arm(tcp="tip")
+    assert difference(urdf_to_dh(arm, convention=convention), arm) <= (x if x < COINCIDENT else 1e-15) + 1e-15
 
 
 @BOTH

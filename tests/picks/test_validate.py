@@ -62,8 +62,9 @@ def test_a_report_survives_pickling(reports) -> None:
 def test_a_home_in_contact_is_refused_with_what_it_touches(arm) -> None:
     at = arm.forward_kinematics(arm.home).translation
     scene = pp.Scene([pp.Obstacle("rock", pp.Sphere(0.05), pp.pose(at))])
-    with pytest.raises(InputError, match=r"home cannot be a start: link_6 penetrates rock"):
+    with pytest.raises(InputError, match=r"home cannot be a start: link_6 penetrates rock") as caught:
         pp.validate_picks(arm, scene, pp.Picks((part(arm),)))
+    assert str(caught.value).count("link_6") == 1  # it has several bodies; the deepest contact says it
 
 
 def test_a_home_nearer_than_the_margin_is_refused(arm) -> None:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, certify
 from pinproof.collision.certificate import proven_millimetres
+from pinproof.collision.contact import CheckResult
 from pinproof.errors import TimingError
 from pinproof.ik import Clik
 from pinproof.model import Arm, JointLimits
@@ -25,7 +26,7 @@ from pinproof.planning import LinearMove, RrtConnect, plan_linear, shortcut
 from pinproof.planning.goals import with_turns
 from pinproof.spatial import SE3
 
-__all__ = ["judge"]
+__all__ = ["contact_words", "judge"]
 
 Array = npt.NDArray[np.float64]
 
@@ -151,7 +152,7 @@ def _along(pick: Pick, picks: Picks, checker: CollisionChecker, q: Array, stages
     """A configuration judged at the grasp, on the approach and on the retreat."""
     result = checker.check(q)
     if not result.free:
-        return _Way(q, (*stages, StageResult(Stage.GRASP, False, str(result))))
+        return _Way(q, (*stages, StageResult(Stage.GRASP, False, "; ".join(contact_words(result)))))
     clearance = proven_millimetres(checker.clearance(q))
     stages = (*stages, StageResult(Stage.GRASP, True, f"free, {clearance} clearance"))
     moves: list[CubicPath | None] = []
@@ -171,6 +172,12 @@ def _along(pick: Pick, picks: Picks, checker: CollisionChecker, q: Array, stages
         moves.append(move.path)
         stages = (*stages, StageResult(stage, True, f"{length * 1e3:.0f} mm straight, {_proven(move)}"))
     return _Way(q, stages, *moves)
+
+
+def contact_words(result: CheckResult) -> list[str]:
+    """One sentence for each two that touch, the deepest first: links have several bodies, and one contact says it."""
+    deepest = {contact.bodies: contact for contact in reversed(result.contacts)}
+    return [str(contact) for contact in result.contacts if deepest[contact.bodies] is contact]
 
 
 def _turned(arm: Arm, home: Array, ways: list[_Way]) -> list[_Way]:

@@ -12,7 +12,7 @@ from pinproof.collision import CollisionChecker, Scene
 from pinproof.errors import InputError
 from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
-from pinproof.picks.judge import judge
+from pinproof.picks.judge import contact_words, judge
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.report import PickReport
 from pinproof.picks.verdict import PickVerdict
@@ -58,8 +58,7 @@ def validate_picks(
     _timed_joints(arm)
     checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.tool)
     start = arm.configuration(picks.home_configuration(arm.joint_names, arm.home) if home is None else home, "home")
-    contacts = checker.check(start)
-    trouble = [*arm.limits.violations(start, arm.joint_names), *(str(contact) for contact in contacts.contacts)]
+    trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
     if trouble:
         raise InputError(f"home cannot be a start: {'; '.join(trouble)}")
     streams = seed_sequence(rng).spawn(len(picks))

@@ -1,0 +1,128 @@
+"""``pinproof demo``, as a user runs it, and what its pages show."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cli.main import main
+from pinproof.description import robots_folder
+
+from ..viewer.browser import Browser, find_browser
+
+RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main; main()"
+SMALLEST_LINK = 40
+"""Pixels of 1280 x 720 in which a link can still be made out."""
+
+
+@pytest.fixture(scope="module")
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """The folder the demo ran in, and what it said."""
+    folder = tmp_path_factory.mktemp("demo")
+    ran = subprocess.run(
+        [sys.executable, "-c", RUN_CLI, "demo"], cwd=folder, capture_output=True, text=True, check=False
+    )
+    return folder, ran
+
+
+def test_the_demo_prints_its_verdicts_and_writes_page_and_motion(demo) -> None:
+    folder, ran = demo
+    assert (ran.returncode, ran.stderr) == (0, "")
+    assert all(f"bolt_{k}" in ran.stdout for k in range(1, 8))
+    assert "4 of 7 picks good; failed: 2 at grasp, 1 at reach" in ran.stdout
+    assert "bolt_1: FREE: no contact anywhere: clearance proven " in ran.stdout
+    assert {path.name for path in folder.iterdir()} == {"pick.html", "pick.json"}
+
+
+def test_the_motion_written_is_the_one_that_was_certified(demo) -> None:
+    folder, _ = demo
+    arm = pp.load_robot("ur5").arm("tool0")
+    motion = pp.Trajectory.load(folder / "pick.json", arm.joint_names)
+    scene = pp.Scene.load(robots_folder() / "ur5" / "scene.yaml")
+    picks = pp.read_picks(robots_folder() / "ur5" / "picks.yaml")
+    checker = pp.CollisionChecker(arm, scene, margin=picks.margin, attached=picks.tool)
+    assert pp.certify(motion, checker).status is pp.CertificateStatus.FREE
+    np.testing.assert_array_equal(motion.start, arm.home)
+    # Somewhere it rests with the picker's tip on the head of bolt_1.
+    rests = motion.q[~motion.velocities.any(axis=1)]
+    tips = [(arm.root_from_base * arm.forward_kinematics(q) * picks.tip).translation for q in rests]
+    assert min(np.linalg.norm(tip - [0.46, 0.15, 0.035]) for tip in tips) < 1e-6
+
+
+@pytest.mark.parametrize("told", ["html", "json"])
+def test_a_place_that_cannot_be_written_to_is_2(
+    told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["pinproof", "demo", f"--{told}", f"no/pick.{told}"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    err = capsys.readouterr().err
+    assert f"no/pick.{told}" in err
+    assert "cannot be written" in err
+
+
+def test_the_page_goes_where_it_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.argv", ["pinproof", "demo", "--html", "shown.html", "--json", "sent.json", "--seed", "3"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    assert "wrote shown.html and sent.json" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"shown.html", "sent.json"}
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    executable = find_browser()
+    if executable is None:
+        pytest.skip("no Chromium: none of chromium, chromium-browser, google-chrome is on PATH and CHROMIUM is not set")
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        started = Browser(executable, Path(profile))
+        try:
+            yield started
+        finally:
+            started.close()
+
+
+def check_page(browser: Browser, path: Path, seconds: float) -> None:
+    """The robot covers 15 to 60 % of the canvas, every link can be seen, FREE is said and nothing is complained of."""
+    page = browser.open(f"{path.as_uri()}#t={seconds}")
+    try:
+        assert page.text("#verdict") == "FREE"
+        assert "Proven clearance" in page.text("#caption")
+        picture = page.canvas()
+        assert picture.std() > 10
+        pixels = page.link_pixels()
+        assert {name: count for name, count in pixels.items() if count < SMALLEST_LINK} == {}
+        assert 0.15 <= sum(pixels.values()) / picture[..., 0].size <= 0.60
+        assert page.complaints == []
+        assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+    finally:
+        page.close()
+
+
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
+def test_the_page_of_the_demo_shows_the_robot_from_start_to_end(demo, browser: Browser, share: float) -> None:
+    folder, _ = demo
+    duration = pp.Trajectory.load(folder / "pick.json").duration
+    check_page(browser, folder / "pick.html", share * duration)
+
+
+@pytest.mark.parametrize("name", ["generic_6dof", "panda"])
+def test_the_page_of_every_shipped_cell_shows_its_robot(name: str, browser: Browser, tmp_path: Path) -> None:
+    picks = pp.read_picks(robots_folder() / name / "picks.yaml")
+    arm, scene = pp.load_robot(name).arm(), pp.Scene.load(picks.scene)
+    first = pp.Picks(picks.picks[:1], tip=picks.tip, tool=picks.tool, margin=picks.margin)
+    (verdict,) = pp.validate_picks(arm, scene, first).verdicts
+    path = tmp_path / f"{name}.html"
+    pp.write_html(path, arm, scene, verdict.trajectory, certificate=verdict.certificate, attached=picks.tool)
+    check_page(browser, path, verdict.grasp_time)

@@ -1,0 +1,187 @@
+"""``pinproof pick``: exit codes, files, and mistakes told in a line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+import pinproof as pp
+from pinproof.cli.main import main
+from pinproof.cli.outputs import file_stems
+from pinproof.description import robots_folder
+
+ROOT = Path(__file__).parents[2]
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run a command line in this process, in an empty folder: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+@pytest.fixture
+def write(tmp_path: Path) -> Callable[..., str]:
+    """A picks file of the generic arm beside its scene; its path."""
+    shutil.copy(robots_folder() / "generic_6dof" / "scene.yaml", tmp_path)
+
+    def write(*rows: str, robot: str = "generic_6dof", scene: str = "scene.yaml") -> str:
+        shared = f"robot: {robot}\nscene: {scene}\nmargin: 0.002\ntip: {{xyz: [0, 0, 0.005]}}\n"
+        defaults = "defaults: {rpy: [pi, 0, 0], approach: 0.02, retreat: 0.02}\npicks:\n"
+        path = tmp_path / "picks.yaml"
+        path.write_text(shared + defaults + "".join(f"  - {row}\n" for row in rows))
+        return str(path)
+
+    return write
+
+
+GOOD, FAR = "{name: pin, xyz: [0.4, -0.15, 0.035]}", "{name: far, xyz: [2, 0, 0]}"
+
+
+def test_all_good_is_0(run: Run, write) -> None:
+    code, out, err = run("pick", write(GOOD))
+    assert (code, err) == (0, "")
+    assert "1 of 1 picks good" in out
+    assert "not covered: what is picked is not carried" in out
+
+
+def test_one_that_is_not_good_is_1(run: Run, write) -> None:
+    code, out, err = run("pick", write(GOOD, FAR))
+    assert (code, err) == (1, "")
+    assert "1 of 2 picks good; failed: 1 at reach" in out
+
+
+def test_an_unreadable_row_is_1_and_the_others_are_judged(run: Run, write) -> None:
+    code, out, _ = run("pick", write(GOOD, "{name: torn, xyz: [0, .nan, 0]}"))
+    assert code == 1
+    assert "1 of 2 picks good; failed: 1 at input" in out
+    assert "unreadable" in out
+
+
+def test_json_is_all_that_stands_on_stdout(run: Run, write) -> None:
+    code, out, err = run("pick", write(GOOD, FAR), "--json", "-o", "report.json")
+    assert (code, err) == (1, "")
+    told = json.loads(out)
+    assert [pick["verdict"] for pick in told["picks"]] == ["good", "not found"]
+    assert told == json.loads(Path("report.json").read_text())
+
+
+def test_a_report_in_markdown(run: Run, write) -> None:
+    assert run("pick", write(GOOD), "-o", "report.md")[0] == 0
+    assert Path("report.md").read_text().startswith("**generic_6dof**: 1 of 1 picks good")
+
+
+def test_a_folder_gets_the_report_and_every_good_motion(run: Run, write) -> None:
+    rows = (GOOD.replace("pin", name) for name in ("pin", "'../out'", "report", "'[/red] a'"))
+    code, out, _ = run("pick", write(*rows, FAR), "-o", "made/out")
+    assert code == 1
+    assert "[/red] a" in out
+    names = {path.name for path in Path("made/out").iterdir()}
+    stems = ("pin", "_out", "report_2", "_red_a")
+    assert names == {"report.json", "report.md"} | {f"{s}.{end}" for s in stems for end in ("html", "json")}
+    arm = pp.load_robot("generic_6dof").arm()
+    for stem in stems:
+        motion = pp.Trajectory.load(Path("made/out") / f"{stem}.json", arm.joint_names)
+        assert motion.duration > 0
+    assert len(json.loads(Path("made/out/report.json").read_text())["picks"]) == 5
+    assert list(Path().glob("out*")) == []
+
+
+def test_file_names_differ_and_stay_in_their_folder() -> None:
+    names = ["a", "A", "a/b", "a b", "..", "", "report", "Schraube_ö", "a_2"]
+    assert file_stems(names) == ["a", "A_2", "a_b", "a_b_2", "pick", "pick_2", "report_2", "Schraube_ö", "a_2_2"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("nowhere.yaml",), "nowhere.yaml: cannot be read"),
+        (("{good}", "--robot", "generic_6doff"), "unknown robot 'generic_6doff' in the catalogue"),
+        (("{good}", "--robot", "generic_6doff"), "valid: generic_6dof"),
+        (("{good}", "--robot", "nowhere.urdf"), "nowhere.urdf"),
+        (("{good}", "--tcp", "tol0"), "unknown frame 'tol0' in robot 'generic_6dof'; valid: tool0"),
+        (("{good}", "--scene", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
+        (("{good}", "-o", "report.html"), ".json or .md"),
+        (("{good}", "-o", "no/report.json"), "there is no folder no"),
+        (("{typo}",), "line"),
+        (("{other}",), "unknown robot 'ur55' in the catalogue"),
+        (("{sceneless}",), "gone.yaml: cannot be read"),
+    ],
+)
+def test_a_mistake_is_one_readable_line_and_2(run: Run, write, tmp_path: Path, words, said: str) -> None:
+    typo = tmp_path / "typo.yaml"
+    typo.write_text("robot: ur5\nmargn: 1\npicks: [\n")
+    variants = {"{good}": {}, "{other}": {"robot": "ur55"}, "{sceneless}": {"scene": "gone.yaml"}}
+    given = [write(GOOD, **variants[w]) if w in variants else str(typo) if w == "{typo}" else w for w in words]
+    code, out, err = run("pick", *given)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert err.startswith("pinproof: ")
+    assert err.count("\n") == 1
+    assert list(tmp_path.glob("report*")) == []
+
+
+@pytest.mark.parametrize("words", [("pick",), ("pick", "x.yaml", "--sed", "1"), ("pik",), ("demo", "--seed", "-1")])
+def test_wrong_usage_is_2(run: Run, words: tuple[str, ...]) -> None:
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert "Traceback" not in err
+    assert "Usage" in err
+
+
+def test_an_internal_error_is_3_and_its_traceback_is_shown_when_asked_for(run: Run, write, monkeypatch) -> None:
+    def broken(*args: object, **settings: object) -> None:
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr("pinproof.cli.pick.validate_picks", broken)
+    code, out, err = run("pick", write(GOOD))
+    assert (code, out) == (3, "")
+    assert "internal error: ZeroDivisionError: oops" in err
+    assert "Traceback" not in err
+    code, _, err = run("--verbose", "pick", write(GOOD))
+    assert code == 3
+    assert "Traceback" in err
+
+
+def test_ctrl_c_is_no_answer(run: Run, write, monkeypatch) -> None:
+    def interrupted(*args: object, **settings: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinproof.cli.pick.validate_picks", interrupted)
+    code, out, err = run("pick", write(GOOD))
+    assert (code, out) == (130, "")
+    assert "Traceback" not in err
+
+
+def test_the_version_is_that_of_the_package(run: Run) -> None:
+    assert run("--version") == (0, f"pinproof {pp.__version__}\n", "")
+
+
+def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
+    program = ROOT / "scripts" / "validate_picks.py"
+    assert len(program.read_text().splitlines()) < 40
+    picks = robots_folder() / "generic_6dof" / "picks.yaml"
+    ran = subprocess.run(
+        [sys.executable, str(program), str(picks), str(tmp_path / "out")], capture_output=True, text=True, check=False
+    )
+    assert (ran.returncode, ran.stderr) == (1, "")
+    assert "**generic_6dof**: 2 of 4 picks good" in ran.stdout
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "report.json",
+        *(f"pin_{k}.{end}" for k in (1, 2) for end in ("csv", "html")),
+    }

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from pinproof.description.mjcf import mjcf_of
 from pinproof.description.srdf import Srdf
 from pinproof.description.urdf import Urdf, read_urdf
+from pinproof.description.xml_reader import parse_file
 
 __all__ = ["read_description"]
 
@@ -23,4 +25,8 @@ def read_description(
     InputError
         For a xacro file where the extra ``xacro`` is not installed.
     """
+    if path.suffix in (".xml", ".mjcf"):
+        root = parse_file(path)
+        if root.tag == "mujoco":
+            return mjcf_of(root, path)
     return read_urdf(path, package_dirs=package_dirs, xacro_args=xacro_args), Srdf()

@@ -20,7 +20,7 @@ from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import Element, number, numbers, parse_file, parse_text, place, required
 from pinproof.errors import InputError, UrdfError
 
-__all__ = ["MAX_LINKS", "JointType", "Mimic", "Urdf", "UrdfJoint", "read_urdf", "read_urdf_text"]
+__all__ = ["MAX_LINKS", "JointType", "Mimic", "Urdf", "UrdfJoint", "read_urdf", "read_urdf_text", "urdf_of"]
 
 MAX_LINKS = 1000
 """Longer robots are refused: urdfdom recurses once a link and ends the interpreter at about 5,000."""
@@ -75,18 +75,19 @@ def read_urdf(
     if path.suffix == ".xacro":
         name = f"{path} (expanded)"
         root = parse_text(expand_xacro(path, xacro_args or {}, [Path(d) for d in package_dirs]), name)
-        return _read(root, name, path, package_dirs)
+        return urdf_of(root, name, path, package_dirs)
     if xacro_args:
         raise InputError(f"{path} is no .xacro file, so it takes no xacro_args")
-    return _read(parse_file(path), path, path, package_dirs)
+    return urdf_of(parse_file(path), path, path, package_dirs)
 
 
 def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Urdf:
     """Read and check URDF text; ``name`` stands for the file in errors."""
-    return _read(parse_text(text, name), name, None, package_dirs)
+    return urdf_of(parse_text(text, name), name, None, package_dirs)
 
 
-def _read(root: Element, source: str | Path, path: Path | None, package_dirs: Sequence[str | Path]) -> Urdf:
+def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: Sequence[str | Path] = ()) -> Urdf:
+    """The URDF in an XML element: ``source`` is named in errors, meshes are looked for from the folder of ``path``."""
     if root.tag != "robot":
         raise UrdfError(source, f"the root element is <{root.tag}>, not <robot>: this is no URDF", place(root))
     macro = next((e for e in root.iter() if "xacro" in e.tag.rpartition("}")[0]), None)

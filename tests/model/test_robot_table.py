@@ -1,0 +1,33 @@
+"""docs/robots.md: its tables say what the readers do today, and its example runs."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs" / "robots.md"
+
+
+def test_tables_are_what_the_script_writes():
+    text = PAGE.read_text(encoding="utf-8")
+    written_with = re.search(r"^example-robot-data (\S+):$", text, re.MULTILINE)
+    assert written_with is not None
+    if written_with.group(1) != version("example-robot-data"):
+        pytest.skip(f"the tables are of example-robot-data {written_with.group(1)}")
+    spec = importlib.util.spec_from_file_location("robot_table", ROOT / "scripts" / "robot_table.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    assert script.page(text) == text, "run scripts/robot_table.py"
+
+
+def test_example_runs():
+    (block,) = re.findall(r"```python\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
+    names: dict[str, object] = {}
+    exec(block, names)
+    assert names["left"].held["right_s0"] == -1.0
+    assert names["arm"].dof == 7

@@ -49,7 +49,8 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], package_dirs: Sequenc
 
     parts: Any = substitution_args
     with _ONE_AT_A_TIME:
-        before, parts._eval_find = parts._eval_find, find
+        # xacro asks ament_index_python, a part of ROS, where packages lie; it has no other seam for that.
+        before, parts._eval_find = getattr(parts, "_eval_find", None), find
         try:
             document = xacro.process_file(str(path), mappings={k: str(v) for k, v in arguments.items()})
             return str(document.toprettyxml(indent="  "))

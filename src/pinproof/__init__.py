@@ -30,7 +30,7 @@ _HOME = {
     ),
     "pinproof.spatial": ("pose", "xyz_rpy"),
     "pinproof.description": ("DhRow", "DhTable"),
-    "pinproof.model": ("Arm", "JointLimits", "Robot", "load_robot"),
+    "pinproof.model": ("Arm", "JointLimits", "Robot", "RobotInfo", "describe", "load_robot"),
     "pinproof.conversion": ("dh_to_urdf", "urdf_to_dh", "write_urdf"),
     "pinproof.motion": ("CubicPath", "JointPath", "Trajectory", "time_parametrise"),
     "pinproof.ik": ("Clik", "IkBatch", "IkResult", "IkStatus"),

@@ -293,6 +293,19 @@ def test_a_spent_budget_is_undecided_and_says_so(ur5, path):
     assert "budget" in certificate.message
 
 
+def test_an_arm_without_any_body_is_free_at_any_distance(arm_from_links, path):
+    links = {"root": "", "carried": "", "tip": ""}
+    slide, end = (
+        ("slide", "prismatic", "root", "carried", "0 0 0", "1 0 0"),
+        ("end", "fixed", "carried", "tip", "0 0 0", "1 0 0"),
+    )
+    arm = arm_from_links(links, [slide, end]).arm(tcp="tip")
+    certificate = certify(path(arm, [0.0], [0.5]), CollisionChecker(arm))
+    assert certificate.status is FREE
+    assert certificate.clearance == np.inf
+    assert certificate.pairs == 0
+
+
 def test_nothing_to_check_is_free_at_any_distance(slider, path):
     certificate = certify(path(slider, [0.0], [1.0]), CollisionChecker(slider))
     assert certificate.status is FREE

@@ -12,8 +12,10 @@ import pytest
 import trimesh
 
 from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, MeshError, Obstacle, Scene, Sphere, pose
-from pinproof.collision.bodies import bvh, shape_body
+from pinproof.collision.bodies import bvh, link_body, shape_body
 from pinproof.collision.placed import GJK_SLACK, GJK_TOLERANCE
+from pinproof.description import read_urdf
+from pinproof.description.packages import example_robot_data
 
 
 def overlap(a, at_a, b, at_b) -> bool:
@@ -236,3 +238,16 @@ def _surface(shape, rng):
     angle = rng.uniform(0, 2 * np.pi, 2000)
     z = rng.choice([-0.5, 0.5], 2000) * shape.length
     return np.stack([shape.radius * np.cos(angle), shape.radius * np.sin(angle), z], axis=1)
+
+
+def test_a_mesh_on_which_qhull_gives_up_is_refused_by_name():
+    """Some meshes of this humanoid have no hull that coal can use; each is refused as a mesh."""
+    robots = example_robot_data() / "example-robot-data" / "robots"
+    refused = []
+    for geometry in read_urdf(robots / "centauro_description" / "urdf" / "centauro.urdf").collisions:
+        try:
+            link_body(geometry, exact=False)
+        except MeshError as error:
+            refused.append(str(error))
+    assert refused
+    assert all("exact mesh" in said for said in refused)

@@ -4,7 +4,6 @@ import http.client
 import socket
 import subprocess
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -92,8 +91,7 @@ def test_an_open_page_follows_the_arm_and_says_when_the_view_is_closed(browser: 
         page.wait_for("window.pinproof && pinproof.settings.duration === 2")
         view.move_to([0.0, 0.0])  # a still picture again
         page.wait_for("window.pinproof && pinproof.settings.duration === 0")
-        page.wait_for("true")
-        time.sleep(0.2)  # the new page's events must be connected before the view says goodbye
+        page.wait_for("pinproof.events.readyState === EventSource.OPEN")  # before the view says goodbye
     finally:
         view.close()
     page.wait_for("document.getElementById('reason').textContent.startsWith('The live view was closed')")

@@ -5,6 +5,7 @@ import pytest
 import trimesh
 
 from pinproof.collision import Capsule, Mesh, Obstacle, Scene
+from pinproof.description.meshes import read_mesh
 from pinproof.errors import InputError, ViewerError
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix, pose
@@ -75,6 +76,17 @@ def test_a_mesh_obstacle_is_scaled(tmp_path) -> None:
     trimesh.creation.box(extents=(1, 1, 1)).export(tmp_path / "cube.stl")
     stage = set_stage(small_arm(), Scene([Obstacle("cube", Mesh(tmp_path / "cube.stl", scale=(0.1, 0.2, 0.3)))]))
     assert np.allclose(extents(stage.obstacles[0].surfaces), (0.1, 0.2, 0.3))
+
+
+def test_a_gltf_mesh_is_drawn_as_it_collides_with_z_up(tmp_path) -> None:
+    box = trimesh.creation.box(extents=(0.1, 0.2, 0.3))  # y is up in glTF
+    box.visual = trimesh.visual.TextureVisuals(
+        material=trimesh.visual.material.PBRMaterial(baseColorFactor=[1, 0, 0, 1])
+    )
+    box.export(tmp_path / "box.glb")
+    stage = set_stage(small_arm(), Scene([Obstacle("box", Mesh(tmp_path / "box.glb"))]))
+    assert np.allclose(extents(stage.obstacles[0].surfaces), (0.1, 0.3, 0.2))
+    assert np.allclose(np.ptp(read_mesh(tmp_path / "box.glb").vertices, axis=0), (0.1, 0.3, 0.2))
 
 
 def test_an_obstacle_whose_mesh_is_missing_is_named(tmp_path) -> None:

@@ -141,7 +141,10 @@ def _mesh_body(name: str, owner: str, link: str | None, shape: Mesh, link_from_b
             shape.path, f"is flat ({thinnest:.1g} m thick), so it has no hull; use the exact mesh, or give it thickness"
         )
     # buildConvexRepresentation would only re-label the mesh as convex and miss collisions; this is the hull (Qhull).
-    surface.buildConvexHull(True, "Qt")
+    try:
+        surface.buildConvexHull(True, "Qt")
+    except RuntimeError as error:
+        raise MeshError(shape.path, f"has no hull that coal can use ({error}); use the exact mesh") from error
     hull = surface.convex
     return Body(name, owner, link, hull, link_from_body.copy(), box, Support(np.array(hull.points(), dtype=float)))
 

@@ -66,8 +66,8 @@ class MotionBounds:
         columns = data.J.reshape(6, -1)  # a single joint's column comes as a flat (6,)
         linear, angular = columns[:3].T, columns[3:].T  # (m, 3) each: spatial, about the root's origin
         placements = [space.placement(i) for i in range(len(self._centre))]
-        rotation = np.array([p.rotation for p in placements])
-        translation = np.array([p.translation for p in placements])
+        rotation = np.array([p.rotation for p in placements]).reshape(-1, 3, 3)
+        translation = np.array([p.translation for p in placements]).reshape(-1, 3)
         corners = self._corners @ rotation.transpose(0, 2, 1) + translation[:, None, :]
         # |v + w x|, corner by corner and for every joint: with the roles exchanged, also of joints that do not carry it
         w, x = angular[None, None], corners[:, :, None]

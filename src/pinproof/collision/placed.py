@@ -27,6 +27,22 @@ GJK_SLACK = 2e-6
 """Metres. "Free" is only said beyond it: what GJK's distances may be off, at any size a robot cell has, with room."""
 
 
+def _settle_boxes() -> None:
+    """Ask coal once for a support point of a box, along a direction without zeros.
+
+    Its support function of boxes decides in the first call of a process, and for good, whether boxes are 1e-10 larger
+    than they are: they are if that first direction has a zero in it. Distances would differ between processes.
+    """
+    request = coal.DistanceRequest()
+    request.gjk_initial_guess = coal.GJKInitialGuess.CachedGuess
+    request.cached_gjk_guess = np.array([1.0, 2.0, 3.0])
+    box, apart = coal.Box(1.0, 1.0, 1.0), coal.Transform3s(np.eye(3), np.array([3.0, 4.0, 5.0]))
+    coal.distance(box, coal.Transform3s.Identity(), box, apart, request, coal.DistanceResult())
+
+
+_settle_boxes()
+
+
 class Placed:
     """The bodies of a checker at one configuration; one a thread, since threads may not share workspaces."""
 

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
 from pinproof.description import LinkGeometry
-from pinproof.description.meshes import collada_unit, read_mesh, resolved
+from pinproof.description.meshes import collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import MeshError
 from pinproof.viewer.surfaces import Rgba, Surface, merge_by_colour, shade
 
@@ -142,7 +142,8 @@ def _mesh(
         part = scene.geometry[name]
         if not isinstance(part, trimesh.Trimesh) or len(part.faces) == 0:
             continue
-        vertices = (np.asarray(part.vertices) @ scene_from_node[:3, :3].T + scene_from_node[:3, 3]) * factor
+        vertices = np.asarray(part.vertices) @ scene_from_node[:3, :3].T + scene_from_node[:3, 3]
+        vertices = vertices @ z_up(path).T * factor
         colour = _own_colour(part, linear=path.suffix.lower() == ".dae") or told or default
         surfaces.append(shade(vertices, np.array(part.faces, dtype=np.int64)[:, ::turn], colour))
     return merge_by_colour(surfaces)

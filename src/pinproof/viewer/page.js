@@ -108,8 +108,9 @@
   }
 
   // --- live: the server this page came from sends further commands ---
+  let source = null;
   if (settings.live) {
-    const source = new EventSource("events");
+    source = new EventSource("events");
     source.onmessage = (event) => { for (const command of JSON.parse(event.data)) viewer.handle_command(command); };
     source.addEventListener("reload", () => location.reload());
     source.addEventListener("closed", () => {
@@ -118,5 +119,5 @@
     });
   }
 
-  window.pinproof = { viewer, seek, settings, ready: true };
+  window.pinproof = { viewer, seek, settings, events: source, ready: true };
 })();

@@ -92,10 +92,6 @@ def test_the_generic_arm_by_name_stands_where_the_textbook_says(generic):
     assert arm.joint_names == generic.joint_names
 
 
-def test_the_urdf_in_the_repository_is_made_from_its_table(generic):
-    assert (GENERIC / "generic_6dof.urdf").read_text(encoding="utf-8") == dh_to_urdf(generic)
-
-
 def test_standard_lengths_lie_behind_their_joint_and_offsets_in_front():
     rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4), DhRow("j2", 0.6, 0.1, 0.7, 0.9)]
     model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="standard")))

@@ -361,6 +361,32 @@ def test_other_joints_and_settings_that_make_no_sense_are_refused(ur5, slider, p
             certify(path(ur5, ur5.home), checker, **setting)
 
 
+def test_what_overflows_is_not_proven_by_the_pair_after_it(arm_from_links, path):
+    # Three of the four pairs get NaN for a bound, the last one a number; bodies of the first pair touch on the way.
+    cube = '<box size="0.2 0.2 0.2"/>'
+    arm = arm_from_links(
+        {
+            "root": "",
+            "one": f"{cube}@3 0 0;{cube}@0.2 0 0",
+            "two": f"{cube}@0.3 0 20",
+            "three": f"{cube}@3 0 0;{cube}@0.2 0 1.26",
+            "tip": "",
+        },
+        [
+            ("turn", "continuous", "root", "one", "0 0 0", "0 0 1"),
+            ("across", "prismatic", "one", "two", "0 0 0", "0 1 0"),
+            ("along", "prismatic", "two", "three", "0 0 0", "0 1 0"),
+            ("end", "fixed", "three", "tip", "0 0 0", "1 0 0"),
+        ],
+    ).arm(tcp="tip")
+    move = path(arm, [-1.7e308, 0.0, -0.5], [1.7e308, 0.0, 1.5])
+    checker = CollisionChecker(arm)
+    assert not checker.is_free(move(0.25))
+    with np.errstate(over="ignore", invalid="ignore"):
+        assert certify(move, checker, max_intervals=1).status is UNDECIDED
+        assert certify(move, checker).status is COLLIDING
+
+
 def test_the_same_question_gets_the_same_certificate(panda, path):
     scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.5, 0, 0.3)))])
     move = path(panda, panda.home, panda.home + 0.3)

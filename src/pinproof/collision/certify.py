@@ -188,8 +188,8 @@ class _Proof:
                 self._proven = min(self._proven, proven)
                 continue
             open_pairs.append(k)
-            if not proven >= weakest.proven:  # a NaN is the weakest of all
-                weakest = _Weakest(k, distance, proven)
+            if not proven >= weakest.proven:
+                weakest = _Weakest(k, distance, -np.inf if np.isnan(proven) else proven)  # NaN proves nothing
         return np.array(open_pairs, dtype=np.int64), weakest, contact
 
     def _goal(self) -> float:

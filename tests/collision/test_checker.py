@@ -229,6 +229,23 @@ def test_adjacency_does_not_reach_along_a_link_without_geometry_that_has_length(
     assert checked(CollisionChecker(robot.arm(tcp="tip"))) == {frozenset("ab")}
 
 
+@pytest.mark.parametrize("kinds", [("prismatic", "revolute"), ("revolute", "prismatic")])
+def test_adjacency_does_not_reach_across_an_empty_link_that_a_joint_slides(arm_from_links, kinds):
+    robot = arm_from_links(
+        {"rail": '<sphere radius="0.05"/>@1.3 0 0', "empty": "", "bar": '<box size="0.5 0.02 0.02"/>', "tip": ""},
+        [
+            ("j1", kinds[0], "rail", "empty", "0 0 0", "1 0 0"),
+            ("j2", kinds[1], "empty", "bar", "0 0 0", "1 0 0"),
+            ("end", "fixed", "bar", "tip", "0 0 0", "1 0 0"),
+        ],
+    )
+    checker = CollisionChecker(robot.arm(tcp="tip"))
+    assert checked(checker) == {frozenset(("rail", "bar"))}
+    out = np.array([1.2 if kind == "prismatic" else 0.0 for kind in kinds])
+    assert checker.is_free(np.zeros(2))
+    assert not checker.is_free(out)
+
+
 def test_adjacency_does_not_reach_from_finger_to_finger_across_an_empty_palm(arm_from_links):
     ball = '<sphere radius="0.01"/>'
     robot = arm_from_links(

@@ -115,7 +115,12 @@ class _Neighbours:
         return f"adjacent: across {', '.join(between)} without geometry"
 
     def _in_one_place(self, line: list[UrdfJoint]) -> bool:
-        """Whether each joint of a line of descent, listed from below, sits within a housing of the one above."""
+        """Whether each joint of a line of descent, listed from below, sits within a housing of the one above.
+
+        A joint that slides carries what is below it out of the housing.
+        """
+        if any(joint.type == "prismatic" for joint in line):
+            return False
         model, urdf = self._robot.model, self._robot.urdf
         placements = [model.jointPlacements[model.getJointId(urdf.model_joint(joint.name))] for joint in line[:-1]]
         return all(float(np.linalg.norm(placement.translation)) <= HOUSING for placement in placements)

@@ -11,6 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.cli.main import main
+from pinproof.description import robots_folder
 
 Q = (0.3, -1.2, 1.4, -0.5, 0.7, 0.2)
 TEXT = " ".join(map(str, Q))
@@ -128,3 +129,42 @@ def test_what_is_not_known_about_a_robot_is_said(run: Run) -> None:
     assert told["dof"] == 6
     assert told["pairs"]["checked"] > 0
     assert any("acceleration" in sentence for sentence in told["missing"])
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("dh2urdf", "dh.yaml", "-o", "dh.yaml"),
+        ("view", "arm.urdf", "--html", "arm.urdf"),
+        ("view", "arm.urdf", "--html", "link_to_arm"),
+        ("view", "arm.urdf", "--motion", "motion.json", "--html", "motion.json"),
+        ("certify", "arm.urdf", "motion.json", "--html", "motion.json"),
+        ("certify", "arm.urdf", "motion.json", "--scene", "scene.yaml", "--html", "scene.yaml"),
+        ("plan", "arm.urdf", "--goal", "home", "--scene", "scene.yaml", "--html", "scene.yaml"),
+        ("plan", "arm.urdf", "--goal", "home", "-o", "new.json", "--html", "new.json"),
+        ("plan", "arm.urdf", "--goal", "home", "-o", "new.json", "--html", "nowhere/new.html"),
+        ("plan", "arm.urdf", "--goal", "home", "-o", "new.json", "--html", "folder"),
+        ("demo", "--json", "new.json", "--html", "nowhere/new.html"),
+    ],
+    ids=" ".join,
+)
+def test_no_command_writes_over_what_it_reads_nor_half_of_its_files(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "folder").mkdir()
+    files = {
+        "dh.yaml": (robots_folder() / "generic_6dof" / "dh.yaml").read_bytes(),
+        "arm.urdf": (robots_folder() / "generic_6dof" / "generic_6dof.urdf").read_bytes(),
+        "motion.json": b"{}",
+        "scene.yaml": b"obstacles: []",
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+    (tmp_path / "link_to_arm").symlink_to("arm.urdf")
+    code, _, said = run(*words)
+    assert code == 2
+    assert said.startswith(f"pinproof: {words[-1]}: ")
+    assert said.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == {*files, "folder", "link_to_arm"}
+    assert {name: (tmp_path / name).read_bytes() for name in files} == files

@@ -10,6 +10,7 @@ import typer
 
 from pinproof.cli.console import print_json, say
 from pinproof.cli.options import Base, Group, Json, PackageDirs, Robot, SrdfFile, Tcp, load_arm
+from pinproof.cli.outputs import check_outputs
 from pinproof.conversion import urdf_to_dh, write_urdf
 from pinproof.description import DhTable
 
@@ -32,6 +33,7 @@ def dh2urdf(
 
     Example: pinproof dh2urdf robots/generic_6dof/dh.yaml -o generic_6dof.urdf
     """
+    check_outputs([output], [table])
     rows = DhTable.load(table)
     write_urdf(rows, output)
     if as_json:
@@ -55,6 +57,7 @@ def urdf2dh(
 
     Example: pinproof urdf2dh ur5 -o ur5.yaml
     """
+    check_outputs([output], [robot, srdf])
     arm = load_arm(robot, tcp, base, group, srdf, package_dir)
     rows = urdf_to_dh(arm, convention=convention.value)
     rows.save(output)

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from pinproof.cli.console import complain, print_report, say, working
-from pinproof.cli.outputs import write_motion
+from pinproof.cli.outputs import check_outputs, write_motion
 from pinproof.cli.pick import judge_file
 from pinproof.description import robots_folder
 from pinproof.viewer import show
@@ -29,6 +29,7 @@ def demo(
 
     Example: pinproof demo --html pick.html
     """
+    check_outputs([html, json])
     with working("judging the picks of robots/ur5/picks.yaml"):
         arm, scene, picks, report = judge_file(robots_folder() / "ur5" / "picks.yaml", seed=seed)
     print_report(report)

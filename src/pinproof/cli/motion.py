@@ -23,6 +23,7 @@ from pinproof.cli.options import (
     load_scene,
     parse_configuration,
 )
+from pinproof.cli.outputs import check_outputs
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import RrtConnect, shortcut
@@ -87,6 +88,7 @@ def plan(
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
+    check_outputs([output, html], [robot, scene, srdf])
     arm = load_arm(robot, tcp, base, group, srdf, package_dir)
     world = load_scene(scene)
     checker = CollisionChecker(arm, world, margin=margin)
@@ -138,6 +140,7 @@ def certify_motion(
 
     Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml
     """
+    check_outputs([html], [robot, motion, scene, srdf])
     arm = load_arm(robot, tcp, base, group, srdf, package_dir)
     world = load_scene(scene)
     trajectory = Trajectory.load(motion, arm.joint_names)
@@ -176,6 +179,7 @@ def view(
 
     Example: pinproof view ur5 --html ur5.html
     """
+    check_outputs([html], [robot, motion, scene, srdf])
     arm = load_arm(robot, tcp, base, group, srdf, package_dir)
     world = load_scene(scene)
     trajectory = None if motion is None else Trajectory.load(motion, arm.joint_names)

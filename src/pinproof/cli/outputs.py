@@ -1,7 +1,8 @@
-"""A good pick as files: the page and the motion."""
+"""Files that commands write: where they may stand, and a good pick as its page and its motion."""
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -12,7 +13,35 @@ from pinproof.model import Arm
 from pinproof.picks import Picks, PickVerdict
 from pinproof.viewer import write_html
 
-__all__ = ["file_stems", "make_folder", "write_motion"]
+__all__ = ["check_outputs", "file_stems", "make_folder", "write_motion"]
+
+
+def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[str | Path | None] = ()) -> None:
+    """Refuse, before the work and not after it, a file that cannot be written or that this command needs otherwise.
+
+    Raises
+    ------
+    InputError
+        If an output is also an input, or is named twice.
+    FileError
+        If there is no folder for it, or it is a folder itself.
+    """
+    taken = {os.path.realpath(path): "read" for path in inputs if path is not None}
+    for path in outputs:
+        if path is None:
+            continue
+        place = os.path.realpath(path)
+        if place in taken:
+            raise InputError(f"{path}: is {taken[place]} by this same command; name another file to write to")
+        try:
+            is_folder, has_folder = Path(place).is_dir(), Path(place).parent.is_dir()
+        except OSError as error:
+            raise FileError(path, f"cannot be written: {error.strerror or error}") from error
+        if is_folder:
+            raise FileError(path, "cannot be written: it is a folder")
+        if not has_folder:
+            raise FileError(path, f"cannot be written: there is no folder {path.parent}")
+        taken[place] = "written to"
 
 
 def write_motion(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks, html: Path, json: Path) -> list[Path]:

@@ -54,6 +54,11 @@ def test_what_makes_no_sense_is_refused(tmp_path, text, message):
         read(tmp_path, text)
 
 
+def test_urdf_in_place_of_an_srdf_is_refused():
+    with pytest.raises(pp.UrdfError, match=r"line \d+: holds links: this is a URDF, not an SRDF"):
+        read_srdf(find_robot("ur5").urdf)
+
+
 def test_group_that_is_not_there_spoils_only_the_groups_that_hold_it(tmp_path):
     text = '<robot><group name="a"><group name="b"/></group><group name="c"><joint name="j"/></group></robot>'
     groups = read(tmp_path, text).groups

@@ -96,3 +96,8 @@ def test_unknown_robot_names_the_catalogue():
 def test_file_of_another_kind_is_refused(tmp_path):
     with pytest.raises(pp.UrdfError, match="must end in"):
         pp.load_robot(tmp_path / "robot.sdf")
+
+
+def test_package_folder_that_is_not_there_is_refused(tmp_path):
+    with pytest.raises(pp.FileError, match="pakages: is no folder"):
+        pp.load_robot("ur5", package_dirs=[tmp_path / "pakages"])

@@ -78,10 +78,15 @@ def read_srdf(path: str | Path) -> Srdf:
     Raises
     ------
     UrdfError
-        If the file is missing, is no XML, or lacks a name or number where one must stand; names file and line.
+        If the file is missing, is no XML, is a URDF, or lacks a name or number where one must stand; names file and
+        line.
     """
     path = Path(path)
-    return srdf_of(parse_file(path), path)
+    root = parse_file(path)
+    link = root.find("link")
+    if link is not None:  # a URDF has the same root element; read as an SRDF it would silently say nothing
+        raise UrdfError(path, "holds links: this is a URDF, not an SRDF", place(link))
+    return srdf_of(root, path)
 
 
 def srdf_of(root: Element, path: Path) -> Srdf:

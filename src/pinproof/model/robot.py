@@ -13,7 +13,7 @@ import pinocchio as pin
 from pinproof.description import CatalogueEntry, Srdf, Urdf, find_robot, read_description, read_srdf, read_urdf_text
 from pinproof.description.notes import notes
 from pinproof.description.srdf import DisabledPair
-from pinproof.errors import InputError, UnknownNameError, UrdfError
+from pinproof.errors import FileError, InputError, UnknownNameError, UrdfError
 from pinproof.model.arm import Arm
 from pinproof.model.chain import find_chain, held_values, link_path
 from pinproof.model.groups import group_ends
@@ -210,6 +210,8 @@ def load_robot(
         For a name that is not in the catalogue.
     UrdfError
         For a file that cannot be used, with its line.
+    FileError
+        For one of ``package_dirs`` that is no folder.
     InputError
         For a xacro file where the extra ``xacro`` is not installed.
     """
@@ -220,6 +222,9 @@ def load_robot(
     path = Path(source)
     if path.suffix not in SUFFIXES:
         raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(SUFFIXES)}")
+    for folder in package_dirs:
+        if not Path(folder).is_dir():
+            raise FileError(folder, "is no folder; package_dirs holds folders with ROS packages in them")
     urdf, words = read_description(path, package_dirs=package_dirs, xacro_args=xacro_args)
     if srdf is not None:
         words = read_srdf(srdf)

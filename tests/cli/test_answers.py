@@ -48,6 +48,12 @@ def test_ik_finds_a_configuration_that_fk_confirms(run: Run) -> None:
     np.testing.assert_allclose(reached.translation, [0.4, 0.1, 0.3], atol=1e-6)
 
 
+def test_ik_keeps_a_margin_without_a_scene_too(run: Run) -> None:
+    code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--margin", "5", "--json")
+    assert code == 1
+    assert json.loads(out)["ok"] is False
+
+
 def test_ik_out_of_reach_is_an_honest_no(run: Run) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "2 0 0", "--json")
     assert code == 1

@@ -87,7 +87,7 @@ def ik(
     package_dir: PackageDirs = None,
     as_json: Json = False,
 ) -> None:
-    """Find joint values for a pose of the tcp; with a scene, free of contact. Exit code 1 if none is found.
+    """Find joint values for a pose of the tcp; with a scene or a margin, free of contact. Exit code 1 if none is found.
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """
@@ -95,7 +95,8 @@ def ik(
         raise InputError('--xyz is missing: say where the tcp shall be, such as --xyz "0.4 0.1 0.3"')
     arm = load_arm(robot, tcp, base, group, srdf, package_dir)
     target = pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
-    accept = None if scene is None else CollisionChecker(arm, load_scene(scene), margin=margin).is_free
+    judged = scene is not None or margin > 0.0  # a margin alone is kept between the bodies of the robot
+    accept = None if not judged else CollisionChecker(arm, load_scene(scene), margin=margin).is_free
     start = parse_configuration(q0, arm, "--q0")
     found = Clik().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
     if as_json:

@@ -97,6 +97,22 @@ def test_certify_tells_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -
     assert "thin" in verdict["first_contact"]["bodies"]
 
 
+def test_a_free_motion_that_the_arm_cannot_make_is_a_no(run: Run, tmp_path: Path) -> None:
+    arm, motion = pp.load_robot("ur5").arm(), tmp_path / "motion.json"
+    fast = arm.home + np.array([0.5, 0, 0, 0, 0, 0])
+    pp.Trajectory([0.0, 0.01], [arm.home, fast], np.zeros((2, 6)), arm.joint_names).save(motion)
+    code, out, _ = run("certify", "ur5", str(motion), "--json")
+    told = json.loads(out)
+    assert code == 1
+    assert told["status"] == "FREE"
+    assert told["outside_limits"][0].startswith("shoulder_pan_joint reaches 75 per second")
+    turned = arm.home + np.array([0, 0, np.pi, 0, 0, 0])
+    pp.Trajectory([0.0, 9.0], [arm.home, turned], np.zeros((2, 6)), arm.joint_names).save(motion)
+    code, out, _ = run("certify", "ur5", str(motion))
+    assert code == 1
+    assert "outside the limits: elbow_joint moves in" in out
+
+
 def test_a_recovered_table_becomes_the_same_arm(run: Run, tmp_path: Path) -> None:
     table, urdf = tmp_path / "ur5.yaml", tmp_path / "ur5.urdf"
     assert run("urdf2dh", "ur5", "-o", str(table))[0] == 0

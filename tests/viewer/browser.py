@@ -146,10 +146,18 @@ class Page:
 
     def wait_for(self, condition: str, seconds: float = PATIENCE) -> None:
         end = time.monotonic() + seconds
-        while not self.evaluate(f"Boolean({condition})"):
+        while not self._holds(condition):
             if time.monotonic() > end:
                 raise TimeoutError(f"{condition} did not come true; the page says {self.complaints}")
             time.sleep(0.02)
+
+    def _holds(self, condition: str) -> bool:
+        try:
+            return bool(self.evaluate(f"Boolean({condition})"))
+        except RuntimeError as error:
+            if "navigated" in str(error):  # the page is being loaded anew: not yet
+                return False
+            raise
 
     def text(self, selector: str) -> str:
         found: str = self.evaluate(f"document.querySelector({json.dumps(selector)}).innerText")

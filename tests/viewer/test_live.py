@@ -91,7 +91,9 @@ def test_an_open_page_follows_the_arm_and_says_when_the_view_is_closed(browser: 
         page.wait_for("window.pinproof && pinproof.settings.duration === 2")
         view.move_to([0.0, 0.0])  # a still picture again
         page.wait_for("window.pinproof && pinproof.settings.duration === 0")
-        page.wait_for("pinproof.events.readyState === EventSource.OPEN")  # before the view says goodbye
+        page.wait_for(
+            "window.pinproof && pinproof.events.readyState === EventSource.OPEN"
+        )  # before the view says goodbye
     finally:
         view.close()
     page.wait_for("document.getElementById('reason').textContent.startsWith('The live view was closed')")

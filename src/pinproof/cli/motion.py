@@ -25,11 +25,15 @@ from pinproof.cli.options import (
 )
 from pinproof.cli.outputs import check_outputs
 from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.model import Arm
 from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import RrtConnect, shortcut
 from pinproof.viewer import show, write_html
 
 __all__ = ["certify_motion", "check", "plan", "view"]
+
+ROUNDING = 1e-6
+"""Rad or m, and relative for speeds: motions written by others state their limits to about so many digits."""
 
 Configuration = Annotated[str | None, typer.Option(help='Joint values in rad or m: "0 -pi/2 pi/2 ...", or home.')]
 Html = Annotated[Path | None, typer.Option("--html", help="Write a page that shows it.")]
@@ -136,7 +140,7 @@ def certify_motion(
     package_dir: PackageDirs = None,
     as_json: Json = False,
 ) -> None:
-    """Prove that a motion touches nothing, between its points too. Exit code 1 unless it is FREE.
+    """Prove that a motion touches nothing, between its points too. Exit code 1 unless it is FREE and inside the limits.
 
     Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml
     """
@@ -148,13 +152,16 @@ def certify_motion(
         certificate = certify(trajectory, CollisionChecker(arm, world, margin=margin))
     if html is not None:
         write_html(html, arm, world, trajectory, certificate=certificate)
+    beyond = _beyond_limits(trajectory, arm)
     if as_json:
-        print_json(_verdict(certificate))
+        print_json({**_verdict(certificate), "outside_limits": beyond})
     else:
         say(str(certificate))
+        for sentence in beyond:
+            say(f"outside the limits: {sentence}")
         for pair in certificate.excluded:
             say(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
-    if not certificate.free:
+    if beyond or not certificate.free:
         raise typer.Exit(1)
 
 
@@ -192,6 +199,21 @@ def view(
     with show(arm, world, trajectory, certificate=certificate, q=still, port=port, open_browser=browser) as shown:
         print_json({"url": shown.url}) if as_json else say(f"{shown.url} (Ctrl-C ends it)")
         shown.wait()
+
+
+def _beyond_limits(trajectory: Trajectory, arm: Arm) -> list[str]:
+    """Where a motion leaves the limits of position and speed, between its points too; rounding is let pass."""
+    limits, said = arm.limits, []
+    low, high = trajectory.range()
+    speeds = trajectory.max_velocity()
+    for i, name in enumerate(arm.joint_names):
+        if low[i] < limits.lower[i] - ROUNDING or high[i] > limits.upper[i] + ROUNDING:
+            said.append(
+                f"{name} moves in [{low[i]:.6g}, {high[i]:.6g}], not [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}]"
+            )
+        if speeds[i] > limits.velocity[i] * (1 + ROUNDING):
+            said.append(f"{name} reaches {speeds[i]:.6g} per second, above {limits.velocity[i]:.6g}")
+    return said
 
 
 def _verdict(certificate: Certificate) -> dict[str, Any]:

@@ -145,8 +145,8 @@ def test_a_scene_that_cannot_be_written_says_so_and_leaves_nothing(tmp_path):
 
 
 @given(
-    sides=st.tuples(*[st.floats(1e-6, 1e6)] * 3),
-    xyz=st.tuples(*[st.floats(-1e6, 1e6)] * 3),
+    sides=st.tuples(*[st.floats(1e-6, 1e4)] * 3),
+    xyz=st.tuples(*[st.floats(-1e4, 1e4)] * 3),
     rpy=st.tuples(*[st.floats(-7, 7)] * 3),
     name=st.text(st.characters(codec="utf-8", categories=["L", "N", "P", "S", "Zs"]), min_size=1),
 )
@@ -169,3 +169,13 @@ def test_the_scene_of_the_ur5_is_what_its_comments_say():
         assert bolt.pose.translation[2] - bolt.shape.length / 2 == pytest.approx(top, abs=1e-12)
     assert math.hypot(*scene["bolt_6"].pose.translation[:2]) > 0.95  # out of the UR5's reach
     assert {link for link, _ in scene.allowed} <= set(load_robot("ur5").urdf.links)
+
+
+@pytest.mark.parametrize(
+    "line", ["{name: far, sphere: {radius: 1}, xyz: [1e300, 0, 0]}", "{name: far, box: [1, 1e300, 1]}"]
+)
+def test_a_number_no_cell_can_hold_is_refused(tmp_path, line):
+    path = tmp_path / "scene.yaml"
+    path.write_text(f"obstacles:\n  - {line}\n")
+    with pytest.raises(SceneError, match=r"far.*10000 m"):
+        Scene.load(path)

@@ -85,6 +85,11 @@ class Body:
     support: Support | None
     solid: Solid | None = None
 
+    @property
+    def reach(self) -> float:
+        """How far (m) its origin lies from that of its link, or of the root for an obstacle."""
+        return float(np.linalg.norm(self.link_from_body.translation))
+
 
 def link_body(geometry: LinkGeometry, *, exact: bool) -> Body:
     """The body of a link's collision geometry; meshes as their hull, or exact."""

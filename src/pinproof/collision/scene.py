@@ -6,9 +6,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pinocchio as pin
 
-from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from pinproof.collision.shapes import LARGEST_SIZE, Box, Capsule, Cylinder, Mesh, Shape, Sphere
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.spatial import matrix, rigid
 
@@ -44,6 +45,9 @@ class Obstacle:
                 f"obstacle {self.name!r} has no shape but {self.shape!r}; use Box, Sphere, Cylinder, Capsule, Mesh"
             )
         placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
+        if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
+            where = placement.translation.tolist()
+            raise InputError(f"obstacle {self.name!r} stands at {where}; places are within {LARGEST_SIZE:g} m")
         object.__setattr__(self, "pose", placement)
 
 

@@ -128,10 +128,9 @@ def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
     try:
         shape = _shape(path, kinds[0], stated[kinds[0]], where)
         placement = pose(**{key: numbers_of(key, stated[key]) for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
-        rgba = _rgba(stated["rgba"]) if "rgba" in stated else None
+        return Obstacle(name, shape, placement, _rgba(stated["rgba"]) if "rgba" in stated else None)
     except InputError as error:
         raise SceneError(path, str(error), where) from error
-    return Obstacle(name, shape, placement, rgba)
 
 
 def _shape(path: Path, kind: str, stated: object, where: str) -> Shape:

@@ -14,6 +14,10 @@ SMALLEST_SIZE = 1e-6
 """Metres. A side below this is refused: coal's hulls break down near 1e-8, and no real thing is thinner."""
 
 
+LARGEST_SIZE = 1e4
+"""Metres. Beyond it a number is a mistake (a unit, a slip), and distances lose the digits that proofs are made of."""
+
+
 class _Sized:
     """Checks that every number of a shape is finite and not below :data:`SMALLEST_SIZE`; coal takes NaN and -1."""
 
@@ -24,10 +28,9 @@ class _Sized:
                 number = float(value)
             except (TypeError, ValueError):
                 raise InputError(f"{type(self).__name__}.{field.name} must be a number, not {value!r}") from None
-            if not math.isfinite(number) or number < SMALLEST_SIZE:
-                raise InputError(
-                    f"{type(self).__name__}.{field.name} = {number:g}; sizes are finite, at least {SMALLEST_SIZE:g} m"
-                )
+            if not SMALLEST_SIZE <= number <= LARGEST_SIZE:
+                wanted = f"sizes are finite, from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m"
+                raise InputError(f"{type(self).__name__}.{field.name} = {number:g}; {wanted}")
             object.__setattr__(self, field.name, number)
 
 

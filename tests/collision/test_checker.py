@@ -158,7 +158,7 @@ def test_another_setting_is_another_fingerprint(ur5):
     variants = [
         CollisionChecker(ur5, scene),
         CollisionChecker(ur5, scene, margin=1e-3),
-        CollisionChecker(ur5, scene, link_meshes="exact"),
+        CollisionChecker(ur5, scene, link_meshes="mesh"),
         CollisionChecker(ur5, scene, trust_never=True),
         CollisionChecker(ur5, scene, allowed=[("base_link", "ball")]),
         CollisionChecker(ur5, scene, attached=[Obstacle("tool", Sphere(0.01))]),

@@ -12,7 +12,8 @@ import pytest
 import trimesh
 
 from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, MeshError, Obstacle, Scene, Sphere, pose
-from pinproof.collision.bodies import bvh, link_body, shape_body
+from pinproof.collision.bodies import bvh, shape_body
+from pinproof.collision.links import link_bodies
 from pinproof.collision.placed import GJK_SLACK, GJK_TOLERANCE
 from pinproof.description import read_urdf
 from pinproof.description.packages import example_robot_data
@@ -246,7 +247,7 @@ def test_a_mesh_on_which_qhull_gives_up_is_refused_by_name():
     refused = []
     for geometry in read_urdf(robots / "centauro_description" / "urdf" / "centauro.urdf").collisions:
         try:
-            link_body(geometry, exact=False)
+            link_bodies(geometry, "hull")
         except MeshError as error:
             refused.append(str(error))
     assert refused

@@ -15,13 +15,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from pinproof.collision.shapes import Box, Cylinder, Mesh, Shape, Sphere
 from pinproof.collision.solid import Solid
-from pinproof.description import LinkGeometry
-from pinproof.description.meshes import read_mesh, resolved
+from pinproof.description.meshes import read_mesh
 from pinproof.errors import MeshError
 
-__all__ = ["Body", "Support", "link_body", "shape_body"]
+__all__ = ["Body", "Support", "boxes", "bvh", "shape_body"]
 
 Array = npt.NDArray[np.float64]
 
@@ -36,20 +35,32 @@ FLAT_SHARE = 1e-7
 class Support:
     """The support function of a convex body: how far it reaches in a direction.
 
-    The body is the hull of ``points`` (V, 3), grown by ``radius``, and, for a cylinder, of two discs of ``disc_radius``
-    about z at these points. So it covers spheres (one point), capsules (two), boxes, hulls and cylinders exactly.
+    The body is the hull of ``points`` (V, 3), each with a flat disc of ``disc_radii`` (V,) about z, grown by a ball of
+    ``radius`` and by an ellipsoid of ``semi_axes`` (3,) along x, y, z (Minkowski sums; metres). So it covers spheres
+    (one point), capsules (two), ellipsoids (one), cylinders (two discs), cones (a disc and a point), boxes and hulls
+    exactly.
     """
 
     points: Array
     radius: float = 0.0
-    disc_radius: float = 0.0
+    disc_radii: Array = None  # type: ignore[assignment]  # zeros
+    semi_axes: Array = None  # type: ignore[assignment]  # zeros
+
+    def __post_init__(self) -> None:
+        if self.disc_radii is None:
+            object.__setattr__(self, "disc_radii", np.zeros(len(self.points)))
+        if self.semi_axes is None:
+            object.__setattr__(self, "semi_axes", np.zeros(3))
 
     def reach(self, direction: Array) -> float:
-        """The largest ``direction . x`` over the body, for a unit direction (3,) in the body's own frame."""
-        reach = float((self.points @ direction).max()) + self.radius
-        if self.disc_radius:
-            reach += self.disc_radius * float(np.hypot(direction[0], direction[1]))
-        return reach
+        """The largest ``direction . x`` over the body, for a unit direction (3,) in the body's own frame.
+
+        max_v (p_v . d + disc_v hypot(d_x, d_y)) + radius + |semi_axes * d|: supports of Minkowski sums add up (R. T.
+        Rockafellar, 1970, "Convex analysis", corollary 16.4.1), that of a hull of unions is their maximum.
+        """
+        flat = float(np.hypot(direction[0], direction[1]))
+        reach = float((self.points @ direction + self.disc_radii * flat).max()) + self.radius
+        return reach + float(np.linalg.norm(self.semi_axes * direction))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +84,7 @@ class Body:
     support
         Its support function; None for an exact mesh.
     solid
-        For an exact mesh: its closed surface, or None in it where the mesh is not watertight (then it is hollow).
+        The surface whose inside counts as contact too: that of an exact mesh. None for what is convex.
     """
 
     name: str
@@ -91,24 +102,6 @@ class Body:
         return float(np.linalg.norm(self.link_from_body.translation))
 
 
-def link_body(geometry: LinkGeometry, *, exact: bool) -> Body:
-    """The body of a link's collision geometry; meshes as their hull, or exact."""
-    shape: Shape
-    if geometry.kind == "mesh":
-        if geometry.mesh is None:
-            raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} has no file")
-        shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size, hull=not exact)  # type: ignore[arg-type]
-    elif geometry.kind == "box":
-        shape = Box(*geometry.size)
-    elif geometry.kind == "sphere":
-        shape = Sphere(*geometry.size)
-    elif geometry.kind == "cylinder":
-        shape = Cylinder(*geometry.size)
-    else:
-        shape = Capsule(*geometry.size)
-    return shape_body(geometry.name, geometry.link, geometry.link, shape, pin.SE3(np.array(geometry.origin)))
-
-
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
     """A body of any shape."""
     if isinstance(shape, Mesh):
@@ -123,7 +116,7 @@ def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_
     elif isinstance(shape, Cylinder):
         half = np.array([shape.radius, shape.radius, shape.length / 2])
         geometry = coal.Cylinder(shape.radius, shape.length)
-        support = Support(np.array([[0, 0, -half[2]], [0, 0, half[2]]]), disc_radius=shape.radius)
+        support = Support(np.array([[0, 0, -half[2]], [0, 0, half[2]]]), disc_radii=np.full(2, shape.radius))
     else:
         half = np.array([shape.radius, shape.radius, shape.length / 2 + shape.radius])
         geometry = coal.Capsule(shape.radius, shape.length)

@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Iterable, Sequence
-from typing import Any, Literal
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.bodies import Body, link_body, shape_body
+from pinproof.collision.bodies import Body, shape_body
 from pinproof.collision.contact import CheckResult, Contact
+from pinproof.collision.links import LinkMeshes, link_bodies, meshes_of
 from pinproof.collision.pairs import choose_pairs
 from pinproof.collision.placed import GJK_SLACK, Placed
 from pinproof.collision.scene import Obstacle, Scene
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import matrix
 
 __all__ = ["CollisionChecker"]
 
 Array = npt.NDArray[np.float64]
-
-LinkMeshes = Literal["hull", "exact"]
 
 
 class CollisionChecker:
@@ -42,8 +41,9 @@ class CollisionChecker:
     margin
         Metres that must stay between any two checked bodies; contact is a distance of ``margin`` or less.
     link_meshes
-        ``"hull"``: the links' meshes are collided with as their convex hulls, which hold all of the mesh. ``"exact"``:
-        as their triangles, solid where watertight.
+        ``"hull"``: the links' meshes are collided with as their convex hulls, which hold all of the mesh. ``"mesh"``:
+        as their triangles, solid where watertight. ``"decomposed"``: as several hulls, which together hold all of it.
+        One word for all links, or a mapping of links to words; ``"*"`` is the others.
     attached
         Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``.
     allowed
@@ -68,20 +68,19 @@ class CollisionChecker:
         scene: Scene | None = None,
         *,
         margin: float = 0.0,
-        link_meshes: LinkMeshes = "hull",
+        link_meshes: LinkMeshes | Mapping[str, LinkMeshes] = "hull",
         attached: Sequence[Obstacle] = (),
         allowed: Iterable[Sequence[str]] = (),
         trust_never: bool = False,
     ) -> None:
         if not np.isfinite(margin) or margin < 0:
             raise InputError(f"margin = {margin}; it is a distance in metres, 0 or more")
-        if link_meshes not in ("hull", "exact"):
-            raise UnknownNameError("kind of link meshes", link_meshes, ("hull", "exact"))
         self.arm, self.scene, self.margin = arm, scene or Scene(), float(margin)
         self.attached = tuple(attached)
         urdf = arm.robot.urdf
+        meshes = meshes_of(urdf.links, link_meshes)
         self.bodies: tuple[Body, ...] = (
-            *(link_body(geometry, exact=link_meshes == "exact") for geometry in urdf.collisions),
+            *(body for geometry in urdf.collisions for body in link_bodies(geometry, meshes[geometry.link])),
             *(shape_body(o.name, o.name, arm.tcp, o.shape, o.pose) for o in self.attached),
             *(shape_body(o.name, o.name, None, o.shape, o.pose) for o in self.scene.obstacles),
         )
@@ -91,9 +90,9 @@ class CollisionChecker:
         )
         self.geometry_model = _geometry_model(arm.model, self.bodies, self.pairs)
         self.body_joints = np.array([o.parentJoint for o in self.geometry_model.geometryObjects], dtype=np.int64)
-        self._convex = [body.support is not None for body in self.bodies]
-        self._exact_pairs = [k for k, (i, j) in enumerate(self.pairs) if not (self._convex[i] and self._convex[j])]
-        self._settings = (link_meshes, trust_never, self.excluded)
+        solid = [body.solid is not None for body in self.bodies]
+        self._exact_pairs = [k for k, (i, j) in enumerate(self.pairs) if solid[i] or solid[j]]
+        self._settings = (sorted(meshes.items()), trust_never, self.excluded)
         self._threads = threading.local()
 
     def is_free(self, q: npt.ArrayLike) -> bool:
@@ -141,6 +140,9 @@ class CollisionChecker:
             shape = body.support or body.solid
             points = shape.points if body.support is not None else body.solid.vertices  # type: ignore[union-attr]
             digest.update(type(shape).__name__.encode() + points.tobytes() + body.box.tobytes())
+            if body.support is not None:
+                s = body.support
+                digest.update(repr(s.radius).encode() + s.disc_radii.tobytes() + s.semi_axes.tobytes())
             if body.solid is not None:
                 digest.update(body.solid.triangles.tobytes())
         return digest.hexdigest()

@@ -53,7 +53,8 @@ class Placed:
         # Made after the last geometry was added: adding one later corrupts memory.
         self.geometry_data = self.geometry_model.createData()
         self._set_requests(checker.margin)
-        self._inside = [not (self._convex(i) and self._convex(j)) for i, j in checker.pairs]
+        solid = [body.solid is not None for body in checker.bodies]
+        self._inside = [solid[i] or solid[j] for i, j in checker.pairs]
 
     def move(self, q: Array) -> None:
         """Place every body at q (n,)."""
@@ -131,6 +132,3 @@ class Placed:
         for k in range(len(self._pairs)):
             self.geometry_data.collisionRequests[k] = collision
             self.geometry_data.distanceRequests[k] = distance
-
-    def _convex(self, i: int) -> bool:
-        return self._bodies[i].support is not None

@@ -15,6 +15,7 @@ import pinocchio as pin
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import Chain, affine, periodic
 from pinproof.model.limits import JointLimits
+from pinproof.model.packed import pack_chain
 from pinproof.spatial import finite
 
 if TYPE_CHECKING:
@@ -74,6 +75,7 @@ class Arm:
                 f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another"
             )
         self.root_from_base: pin.SE3 = base_frame.placement.copy()
+        self.packed: Array = pack_chain(self)
 
     @property
     def dof(self) -> int:

@@ -1,0 +1,101 @@
+"""The one way a kernel is compiled: at its first call, kept on disk, without the GIL, and not without a word.
+
+Numba's cache notices edits of the file of a kernel, but not of the kernels it calls. So the folder of the cache carries
+a hash of all sources of this room: an edit anywhere begins a new folder.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numba
+from numba.core import event
+
+__all__ = ["cache_folder", "compiled"]
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+logger = logging.getLogger("pinproof")
+
+
+def _fingerprint() -> str:
+    digest = hashlib.sha256()
+    for source in sorted(Path(__file__).parent.glob("*.py")):
+        digest.update(source.name.encode() + source.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _writable(folder: Path) -> bool:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def cache_folder() -> Path | None:
+    """Where compiled kernels are kept; None where nothing can be written to.
+
+    Under ``NUMBA_CACHE_DIR`` where that is set, else in the user's cache, else in the temporary folder.
+    """
+    name = f"kernels-{_fingerprint()}"
+    own = f"pinproof-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    places = [
+        Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser()) / "pinproof",
+        Path(tempfile.gettempdir()) / own,
+    ]
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        places.insert(0, Path(os.environ["NUMBA_CACHE_DIR"]) / "pinproof")
+    return next((place / name for place in places if _writable(place / name)), None)
+
+
+CACHE = cache_folder()
+
+
+def compiled(function: Function) -> Function:
+    """Compile a kernel at its first call and keep it in :func:`cache_folder`.
+
+    It runs without the GIL. Products and sums may be fused, which only ever rounds less; nothing else of floating point
+    is relaxed: NaN stays NaN.
+    """
+    before = numba.config.CACHE_DIR
+    # Read by numba while it decorates, and only then: the caller's own functions keep their own folder.
+    numba.config.CACHE_DIR = str(CACHE or "")
+    try:
+        kernel: Function = numba.njit(cache=CACHE is not None, nogil=True, error_model="numpy", fastmath={"contract"})(
+            function
+        )
+    finally:
+        numba.config.CACHE_DIR = before
+    return kernel
+
+
+class _Notice(event.Listener):
+    """Says which kernel is being compiled. Of kernels that call each other, the one that was asked for."""
+
+    def __init__(self) -> None:
+        self._depth = 0
+
+    def on_start(self, event: Any) -> None:
+        function = event.data["dispatcher"].py_func
+        if not function.__module__.startswith(__package__):
+            return
+        self._depth += 1
+        if self._depth == 1:
+            kept = "once" if CACHE is not None else "for this process only, as no cache folder can be written to"
+            room = function.__module__.removeprefix(f"{__package__}.")
+            logger.warning("pinproof: compiling %s.%s for this machine, %s ...", room, function.__name__, kept)
+
+    def on_end(self, event: Any) -> None:
+        if event.data["dispatcher"].py_func.__module__.startswith(__package__):
+            self._depth -= 1
+
+
+event.register("numba:compile", _Notice())

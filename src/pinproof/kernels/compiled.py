@@ -77,7 +77,7 @@ def compiled(function: Function) -> Function:
     return kernel
 
 
-class _Notice(event.Listener):
+class _Notice(event.Listener):  # type: ignore[misc]  # numba is untyped here
     """Says which kernel is being compiled. Of kernels that call each other, the one that was asked for."""
 
     def __init__(self) -> None:

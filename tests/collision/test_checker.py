@@ -159,7 +159,7 @@ def test_another_setting_is_another_fingerprint(ur5):
         CollisionChecker(ur5, scene),
         CollisionChecker(ur5, scene, margin=1e-3),
         CollisionChecker(ur5, scene, link_meshes="mesh"),
-        CollisionChecker(ur5, scene, trust_never=True),
+        CollisionChecker(ur5, scene, trust_disabled=True),
         CollisionChecker(ur5, scene, allowed=[("base_link", "ball")]),
         CollisionChecker(ur5, scene, attached=[Obstacle("tool", Sphere(0.01))]),
         CollisionChecker(ur5, Scene([Obstacle("ball", Sphere(0.21), pose((0.5, 0, 0.4)))])),
@@ -173,7 +173,7 @@ def test_another_setting_is_another_fingerprint(ur5):
 def test_never_pairs_are_checked_unless_trusted(panda):
     never = {frozenset(pair.links) for pair in panda.robot.srdf.disabled if pair.reason == "Never"}
     other = {frozenset(pair.links): pair.reason for pair in panda.robot.srdf.disabled if pair.reason != "Never"}
-    careful, trusting = CollisionChecker(panda), CollisionChecker(panda, trust_never=True)
+    careful, trusting = CollisionChecker(panda), CollisionChecker(panda, trust_disabled=True)
     solid = {body.owner for body in careful.bodies}
     never = {pair for pair in never if pair <= solid}
     assert len(never) > 10
@@ -184,6 +184,35 @@ def test_never_pairs_are_checked_unless_trusted(panda):
         if pair <= solid:
             assert reasons(careful)[pair] == f"SRDF: {reason}"
             assert pair not in checked(careful)
+
+
+def test_pairs_disabled_without_a_reason_are_checked_unless_trusted(ur5):
+    """The SRDF of the UR5 disables the forearm against the wrist, which do meet."""
+    pair = frozenset(("forearm_link", "wrist_3_link"))
+    assert pair in {frozenset(disabled.links) for disabled in ur5.robot.srdf.disabled if not disabled.reason}
+    careful, trusting = CollisionChecker(ur5, link_meshes="mesh"), CollisionChecker(ur5, trust_disabled=True)
+    assert pair in checked(careful)
+    assert reasons(trusting)[pair] == "SRDF: disabled without a reason"
+    found = set()
+    for q in np.random.default_rng(0).uniform(*ur5.limits.sampling_range(), size=(60, 6)):
+        found |= {frozenset(contact.bodies) for contact in careful.check(q).contacts}
+    assert pair in found
+
+
+def test_a_matrix_of_a_scene_is_trusted_only_when_told(ur5):
+    pair = ("base_link", "wrist_3_link")
+    scene = Scene(disabled=[pair])
+    assert frozenset(pair) in checked(CollisionChecker(ur5, scene))
+    trusting = CollisionChecker(ur5, scene, trust_disabled=True)
+    assert reasons(trusting)[frozenset(pair)] == "scene: disabled without a reason"
+
+
+def test_a_body_allowed_to_touch_itself_is_refused(ur5):
+    scene = Scene([Obstacle("ball", Sphere(0.1))])
+    with pytest.raises(InputError, match="'ball' twice"):
+        CollisionChecker(ur5, scene, allowed=[("ball", "ball")])
+    with pytest.raises(InputError, match="'ball' stands there twice"):
+        Scene(scene.obstacles, allowed=[("ball", "ball")])
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])

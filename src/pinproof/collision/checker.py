@@ -48,9 +48,9 @@ class CollisionChecker:
         Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``.
     allowed
         Pairs of names (links, attached objects, obstacles) that may touch.
-    trust_never
-        Leave out the pairs an SRDF marks ``Never`` too; they were found by sampling, so this gives up the proof for
-        them.
+    trust_disabled
+        Leave out every pair that the SRDF or the scene's matrix disables, not only those that touch by build: what is
+        marked ``Never`` or has no reason was sampled at best, so this gives up the proof for it.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class CollisionChecker:
         link_meshes: LinkMeshes | Mapping[str, LinkMeshes] = "hull",
         attached: Sequence[Obstacle] = (),
         allowed: Iterable[Sequence[str]] = (),
-        trust_never: bool = False,
+        trust_disabled: bool = False,
     ) -> None:
         if not np.isfinite(margin) or margin < 0:
             raise InputError(f"margin = {margin}; it is a distance in metres, 0 or more")
@@ -86,13 +86,13 @@ class CollisionChecker:
         )
         _check_names(self.bodies, urdf.links)
         self.pairs, self.excluded = choose_pairs(
-            self.bodies, arm.robot, self.scene, allowed=allowed, trust_never=trust_never
+            self.bodies, arm.robot, self.scene, allowed=allowed, trust_disabled=trust_disabled
         )
         self.geometry_model = _geometry_model(arm.model, self.bodies, self.pairs)
         self.body_joints = np.array([o.parentJoint for o in self.geometry_model.geometryObjects], dtype=np.int64)
         solid = [body.solid is not None for body in self.bodies]
         self._exact_pairs = [k for k, (i, j) in enumerate(self.pairs) if solid[i] or solid[j]]
-        self._settings = (sorted(meshes.items()), trust_never, self.excluded)
+        self._settings = (sorted(meshes.items()), trust_disabled, self.excluded)
         self._threads = threading.local()
 
     def is_free(self, q: npt.ArrayLike) -> bool:

@@ -1,8 +1,10 @@
 """Which bodies are checked against each other, and why the others are not.
 
-Links that are joined by one joint, or by several in one place, touch by design; the pairs an SRDF disables are the word
-of somebody who looked; and a scene may name contacts that are meant to be. Pairs that an SRDF marks ``Never`` were only
-sampled: they are checked all the same unless the caller trusts them. Nothing is left out without its reason.
+Links that are joined by one joint, or by several in one place, touch by design, and so do the pairs that an SRDF
+disables as touching (:data:`TOUCHING`); a scene or a caller may name contacts that are meant to be. Other pairs that an
+SRDF or a planning scene disables, as ``Never`` in contact or without a reason, were sampled at best, and some do touch
+(a UR5's forearm and wrist_3 at one configuration in thirteen): they are checked all the same unless the caller trusts
+them. Nothing is left out without its reason.
 """
 
 from __future__ import annotations
@@ -16,13 +18,18 @@ import numpy as np
 from pinproof.collision.bodies import Body
 from pinproof.collision.scene import Scene
 from pinproof.description import Srdf, UrdfJoint
-from pinproof.errors import UnknownNameError
+from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Robot
 
 __all__ = ["ExcludedPair", "choose_pairs"]
 
 HOUSING = 0.05
 """Metres. Joints nearer than this share a housing: the links on both sides of a link without geometry meet there."""
+
+
+TOUCHING = ("adjacent", "always", "default", "user", "overlaps in every sampled configuration")
+"""Reasons, in lower case, why an SRDF says that two links touch and are meant to: what MoveIt's Setup Assistant writes
+(``Default``: they overlap where every joint stands at its default; ``User``: somebody decided), and the catalogue's."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +46,7 @@ def choose_pairs(
     scene: Scene,
     *,
     allowed: Iterable[Sequence[str]] = (),
-    trust_never: bool = False,
+    trust_disabled: bool = False,
 ) -> tuple[list[tuple[int, int]], list[ExcludedPair]]:
     """The index pairs of bodies to check, and the pairs of owners left out.
 
@@ -47,8 +54,10 @@ def choose_pairs(
     ------
     UnknownNameError
         If an allowed contact of the scene or of the caller names nothing that is there.
+    InputError
+        If it names the same body twice.
     """
-    reasons = _reasons(bodies, robot.srdf, scene, allowed, trust_never)
+    reasons = _reasons(bodies, robot.srdf, scene, allowed, trust_disabled)
     neighbours = _Neighbours(robot, {body.link for body in bodies if body.link is not None and body.owner == body.link})
     chosen: list[tuple[int, int]] = []
     excluded: dict[frozenset[str], ExcludedPair] = {}
@@ -68,18 +77,22 @@ def choose_pairs(
 
 
 def _reasons(
-    bodies: Sequence[Body], srdf: Srdf, scene: Scene, allowed: Iterable[Sequence[str]], trust_never: bool
+    bodies: Sequence[Body], srdf: Srdf, scene: Scene, allowed: Iterable[Sequence[str]], trust_disabled: bool
 ) -> dict[frozenset[str], str]:
     owners = {body.owner for body in bodies}
     reasons: dict[frozenset[str], str] = {}
+    if trust_disabled:
+        reasons.update({frozenset(pair): "scene: disabled without a reason" for pair in scene.disabled})
     for pair in srdf.disabled:
-        if pair.reason.lower() != "never" or trust_never:
+        if trust_disabled or pair.reason.lower() in TOUCHING:
             reasons[frozenset(pair.links)] = f"SRDF: {pair.reason or 'disabled without a reason'}"
     for source, pairs in (("scene", scene.allowed), ("caller", tuple(allowed))):
         for first, second in pairs:
             for name in (first, second):
                 if name not in owners:
                     raise UnknownNameError("body", name, owners, f"the contacts allowed by the {source}")
+            if first == second:
+                raise InputError(f"the contacts allowed by the {source} name {first!r} twice; a pair is two bodies")
             reasons[frozenset((first, second))] = f"allowed by the {source}"
     return reasons
 

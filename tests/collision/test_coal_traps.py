@@ -12,7 +12,8 @@ import pytest
 import trimesh
 
 from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, MeshError, Obstacle, Scene, Sphere, pose
-from pinproof.collision.bodies import bvh, shape_body
+from pinproof.collision.bodies import shape_body
+from pinproof.collision.hulls import bvh
 from pinproof.collision.links import link_bodies
 from pinproof.collision.placed import GJK_SLACK, GJK_TOLERANCE
 from pinproof.description import read_urdf
@@ -81,10 +82,13 @@ def test_a_cavity_between_walls_is_free_space(slider, mesh_file):
     assert checker.hollow == ()
 
 
-def test_a_mesh_with_a_hole_is_named_as_hollow(slider, mesh_file):
+def test_a_mesh_with_a_hole_is_refused_or_named_as_hollow(slider, mesh_file):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     open_box = trimesh.Trimesh(box.vertices, box.faces[1:], process=False)
-    checker = CollisionChecker(slider, Scene([Obstacle("open", Mesh(mesh_file(open_box), hull=False))]))
+    path = mesh_file(open_box)
+    with pytest.raises(MeshError, match="not watertight"):
+        CollisionChecker(slider, Scene([Obstacle("open", Mesh(path, hull=False))]))
+    checker = CollisionChecker(slider, Scene([Obstacle("open", Mesh(path, hull=False, hollow=True))]))
     assert checker.is_free([0.0])
     assert checker.hollow == ("open",)
 
@@ -121,7 +125,7 @@ def test_coal_crashes_on_the_hull_of_a_flat_mesh():
 
 def test_an_exact_flat_mesh_is_a_surface(slider, mesh_file):
     sheet = mesh_file(np.array([[0.2, -1, -1], [0.2, 1, -1], [0.2, 0, 1.0]]), np.array([[0, 1, 2]]))
-    checker = CollisionChecker(slider, Scene([Obstacle("sheet", Mesh(sheet, hull=False))]))
+    checker = CollisionChecker(slider, Scene([Obstacle("sheet", Mesh(sheet, hull=False, hollow=True))]))
     assert not checker.is_free([0.2])
     assert checker.clearance([0.1]) == pytest.approx(0.09, abs=1e-6)
 
@@ -251,4 +255,4 @@ def test_a_mesh_on_which_qhull_gives_up_is_refused_by_name():
         except MeshError as error:
             refused.append(str(error))
     assert refused
-    assert all("exact mesh" in said for said in refused)
+    assert all("hull=False" in said for said in refused)

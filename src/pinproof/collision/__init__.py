@@ -6,7 +6,20 @@ from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from pinproof.collision.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
 
 __all__ = [
     "Box",
@@ -15,12 +28,18 @@ __all__ = [
     "CertificateStatus",
     "CheckResult",
     "CollisionChecker",
+    "Cone",
     "Contact",
+    "ConvexHull",
     "Cylinder",
+    "Ellipsoid",
     "ExcludedPair",
     "FirstContact",
+    "HalfSpace",
+    "HeightMap",
     "Mesh",
     "Obstacle",
+    "PointCloud",
     "Scene",
     "Shape",
     "Sphere",

@@ -15,20 +15,31 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.shapes import Box, Cylinder, Mesh, Shape, Sphere
-from pinproof.collision.solid import Solid
-from pinproof.description.meshes import read_mesh
-from pinproof.errors import MeshError
+from pinproof.collision.height_map import Ground, ground_surface
+from pinproof.collision.hulls import bvh, convex_hull, hull_of_any
+from pinproof.collision.point_cloud import Cells, octree
+from pinproof.collision.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    Mesh,
+    PointCloud,
+    Shape,
+    Sphere,
+)
+from pinproof.collision.solid import Inside, Solid
+from pinproof.description.meshes import TriangleMesh, read_mesh
+from pinproof.errors import InputError, MeshError
+from pinproof.spatial import matrix
 
-__all__ = ["Body", "Support", "boxes", "bvh", "shape_body"]
+__all__ = ["Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
 
 Array = npt.NDArray[np.float64]
-
-FLAT = 1e-6
-"""Metres. Points thinner than this in some direction have no hull: Qhull ends the interpreter on them."""
-
-FLAT_SHARE = 1e-7
-"""The same as a share of the longest side: Qhull was seen to crash at 1e-8 of it (1 um of 100 m), to work at 1e-7."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +95,9 @@ class Body:
     support
         Its support function; None for an exact mesh.
     solid
-        The surface whose inside counts as contact too: that of an exact mesh. None for what is convex.
+        What it encloses, where coal alone would not see what lies wholly inside. None for what is convex.
+    remark
+        What was done with it that its maker may not expect, for people to read.
     """
 
     name: str
@@ -94,7 +107,26 @@ class Body:
     link_from_body: pin.SE3
     box: Array
     support: Support | None
-    solid: Solid | None = None
+    solid: Inside | None = None
+    remark: str = ""
+
+    @property
+    def witnesses(self) -> Array:
+        """(K, 3) points of it that all lie in a surface it lies in; none of a half-space, which fits into nothing."""
+        if self.solid is not None:
+            return self.solid.witnesses
+        return np.empty((0, 3)) if self.support is None else self.support.points[:1]
+
+    def content(self) -> bytes:
+        """All that its verdicts depend on, for a fingerprint; its name and its colour are no part of it."""
+        parts = [repr((type(self.geometry).__name__, self.owner, self.link)).encode(), self.box.tobytes()]
+        parts.append(matrix(self.link_from_body).tobytes())
+        if self.support is not None:
+            s = self.support
+            parts += [s.points.tobytes(), repr(s.radius).encode(), s.disc_radii.tobytes(), s.semi_axes.tobytes()]
+        if self.solid is not None:
+            parts.append(self.solid.content())
+        return b"|".join(parts)
 
     @property
     def reach(self) -> float:
@@ -103,9 +135,53 @@ class Body:
 
 
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
-    """A body of any shape."""
+    """A body of any shape.
+
+    Raises
+    ------
+    MeshError
+        If a mesh is unreadable, or cannot be what it is asked to be.
+    InputError
+        If points have no hull, or a half-space is to move with a link.
+    """
+    geometry, box, support, solid = _made(shape, owner, link)
+    return Body(name, owner, link, geometry, link_from_body.copy(), box, support, solid)
+
+
+def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, remark: str = "") -> Body:
+    """The body of a link that is a convex hull holding ``points`` (V, 3), which may be flat."""
+    geometry = hull_of_any(points)
+    corners = np.array(geometry.points(), dtype=float)
+    box = np.array([corners.min(axis=0), corners.max(axis=0)])
+    return Body(name, link, link, geometry, link_from_body.copy(), box, Support(corners), remark=remark)
+
+
+Made = tuple[Any, Array, Support | None, Inside | None]
+"""Coal shape, box (2, 3), support, inside."""
+
+
+def _made(shape: Shape, owner: str, link: str | None) -> Made:
     if isinstance(shape, Mesh):
-        return _mesh_body(name, owner, link, shape, link_from_body)
+        return _mesh(shape)
+    if isinstance(shape, ConvexHull):
+        return _hull(np.asarray(shape.points), f"the hull {owner!r}")
+    if isinstance(shape, PointCloud):
+        cells = shape.cells
+        box = np.array([cells.min(axis=0), cells.max(axis=0) + 1]) * shape.resolution
+        return octree(shape), box, None, Cells(cells, shape.resolution)
+    if isinstance(shape, HeightMap):
+        vertices, triangles = ground_surface(shape)
+        return bvh(vertices, triangles), _box_around(vertices), None, Ground(shape)
+    if isinstance(shape, HalfSpace):
+        if link is not None:
+            raise InputError(f"{owner!r} is a HalfSpace, which has no end and cannot move with {link!r}; attach a Box")
+        box = np.array([[-np.inf] * 3, [np.inf, np.inf, 0.0]])
+        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), box, None, None
+    return *_primitive(shape), None
+
+
+def _primitive(shape: Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid) -> tuple[Any, Array, Support]:
+    """Coal shape, box and support."""
     if isinstance(shape, Box):
         half = np.array([shape.x, shape.y, shape.z]) / 2
         corners = np.array(np.meshgrid(*zip(-half, half, strict=True))).reshape(3, 8).T
@@ -113,51 +189,68 @@ def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_
     elif isinstance(shape, Sphere):
         half = np.full(3, shape.radius)
         geometry, support = coal.Sphere(shape.radius), Support(np.zeros((1, 3)), shape.radius)
-    elif isinstance(shape, Cylinder):
-        half = np.array([shape.radius, shape.radius, shape.length / 2])
-        geometry = coal.Cylinder(shape.radius, shape.length)
-        support = Support(np.array([[0, 0, -half[2]], [0, 0, half[2]]]), disc_radii=np.full(2, shape.radius))
+    elif isinstance(shape, Ellipsoid):
+        half = np.array([shape.rx, shape.ry, shape.rz])
+        geometry, support = coal.Ellipsoid(shape.rx, shape.ry, shape.rz), Support(np.zeros((1, 3)), semi_axes=half)
     else:
-        half = np.array([shape.radius, shape.radius, shape.length / 2 + shape.radius])
-        geometry = coal.Capsule(shape.radius, shape.length)
-        ends = np.array([[0, 0, -shape.length / 2], [0, 0, shape.length / 2]])
-        support = Support(ends, shape.radius)
-    return Body(name, owner, link, geometry, link_from_body.copy(), np.array([-half, half]), support)
+        radius, length = shape.radius, shape.length
+        ends = np.array([[0, 0, -length / 2], [0, 0, length / 2]])
+        half = np.array([radius, radius, length / 2])
+        if isinstance(shape, Cylinder):
+            geometry, support = coal.Cylinder(radius, length), Support(ends, disc_radii=np.full(2, radius))
+        elif isinstance(shape, Cone):
+            geometry, support = coal.Cone(radius, length), Support(ends, disc_radii=np.array([radius, 0.0]))
+        else:
+            half[2] += radius
+            geometry, support = coal.Capsule(radius, length), Support(ends, radius)
+    return geometry, np.array([-half, half]), support
 
 
-def _mesh_body(name: str, owner: str, link: str | None, shape: Mesh, link_from_body: pin.SE3) -> Body:
-    mesh = read_mesh(shape.path, shape.scale)  # type: ignore[arg-type]  # made three numbers by Mesh
-    box = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-    surface = bvh(mesh.vertices, mesh.triangles)
-    if not shape.hull:
-        return Body(name, owner, link, surface, link_from_body.copy(), box, None, Solid(mesh.vertices, mesh.triangles))
-    centred = mesh.vertices - mesh.vertices.mean(axis=0)
-    sides = np.ptp(centred @ np.linalg.svd(centred, full_matrices=False)[2].T, axis=0)
-    thinnest = float(sides.min())
-    if len(mesh.vertices) < 4 or thinnest < max(FLAT, FLAT_SHARE * float(sides.max())):
+def _mesh(shape: Mesh) -> Made:
+    mesh = triangles_of(shape)
+    what = "a mesh of arrays" if shape.path is None else shape.path
+    if shape.hull:
+        try:
+            return _hull(mesh.vertices, "the mesh")
+        except InputError as error:
+            raise MeshError(what, f"{error}; collide with its triangles (hull=False), or give it thickness") from error
+    solid = Solid(mesh.vertices, mesh.triangles, shape.hollow)
+    if not solid.watertight and not shape.hollow:
         raise MeshError(
-            shape.path, f"is flat ({thinnest:.1g} m thick), so it has no hull; use the exact mesh, or give it thickness"
+            what,
+            "is not watertight, so it has no inside: take its hull (hull=True), close it, or take its bare triangles "
+            "(hull=False, hollow=True), within which nothing is seen",
         )
-    # buildConvexRepresentation would only re-label the mesh as convex and miss collisions; this is the hull (Qhull).
-    try:
-        surface.buildConvexHull(True, "Qt")
-    except RuntimeError as error:
-        raise MeshError(shape.path, f"has no hull that coal can use ({error}); use the exact mesh") from error
-    hull = surface.convex
-    return Body(name, owner, link, hull, link_from_body.copy(), box, Support(np.array(hull.points(), dtype=float)))
+    return bvh(mesh.vertices, mesh.triangles), _box_around(mesh.vertices), None, solid
 
 
-def bvh(vertices: Array, triangles: npt.NDArray[np.int64]) -> Any:
-    """A coal mesh of triangles."""
-    model = coal.BVHModelOBBRSS()
-    model.beginModel(len(triangles), len(vertices))
-    model.addVertices(np.ascontiguousarray(vertices))
-    model.addTriangles(np.ascontiguousarray(triangles, dtype=np.int64))
-    model.endModel()
-    return model
+def triangles_of(shape: Mesh) -> TriangleMesh:
+    """The triangles of a mesh, in metres.
+
+    Raises
+    ------
+    MeshError
+        If its file is missing or unreadable.
+    """
+    if shape.path is None:
+        return TriangleMesh(np.array(shape.vertices), np.array(shape.triangles))
+    return read_mesh(shape.path, shape.scale)  # type: ignore[arg-type]  # made three numbers by Mesh
+
+
+def _hull(points: Array, what: str) -> Made:
+    geometry = convex_hull(points, what)
+    return geometry, _box_around(points), Support(np.array(geometry.points(), dtype=float)), None
+
+
+def _box_around(points: Array) -> Array:
+    return np.array([points.min(axis=0), points.max(axis=0)])
 
 
 def boxes(bodies: Sequence[Body]) -> tuple[Array, Array]:
-    """Centres (B, 3) and half sides (B, 3) of the bodies' boxes, each in its body's frame."""
+    """Centres (B, 3) and half sides (B, 3) of the bodies' boxes, each in its body's frame.
+
+    Not finite for a body without an end.
+    """
     stacked = np.array([body.box for body in bodies]).reshape(-1, 2, 3)
-    return stacked.mean(axis=1), (stacked[:, 1] - stacked[:, 0]) / 2
+    with np.errstate(invalid="ignore"):
+        return stacked.mean(axis=1), (stacked[:, 1] - stacked[:, 0]) / 2

@@ -19,7 +19,6 @@ from pinproof.collision.placed import GJK_SLACK, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.spatial import matrix
 
 __all__ = ["CollisionChecker"]
 
@@ -135,16 +134,7 @@ class CollisionChecker:
         words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
         digest.update(repr((words, self.margin, self._settings)).encode())
         for body in self.bodies:
-            digest.update(repr((body.name, body.owner, body.link)).encode())
-            digest.update(matrix(body.link_from_body).tobytes())
-            shape = body.support or body.solid
-            points = shape.points if body.support is not None else body.solid.vertices  # type: ignore[union-attr]
-            digest.update(type(shape).__name__.encode() + points.tobytes() + body.box.tobytes())
-            if body.support is not None:
-                s = body.support
-                digest.update(repr(s.radius).encode() + s.disc_radii.tobytes() + s.semi_axes.tobytes())
-            if body.solid is not None:
-                digest.update(body.solid.triangles.tobytes())
+            digest.update(body.content())
         return digest.hexdigest()
 
     def placed(self, q: Array) -> Placed:

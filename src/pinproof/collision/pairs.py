@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
+import coal
 import numpy as np
 
 from pinproof.collision.bodies import Body
-from pinproof.collision.scene import Scene
-from pinproof.description import Srdf, UrdfJoint
+from pinproof.collision.scene import ANYTHING, Scene
+from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Robot
 
@@ -55,9 +56,12 @@ def choose_pairs(
     UnknownNameError
         If an allowed contact of the scene or of the caller names nothing that is there.
     InputError
-        If it names the same body twice.
+        If it names the same body twice, the scene belongs to a robot with another root, or coal knows no distance
+        between two bodies.
     """
-    reasons = _reasons(bodies, robot.srdf, scene, allowed, trust_disabled)
+    if scene.frame not in ("", robot.urdf.root):
+        raise InputError(f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}")
+    reasons = _reasons(bodies, robot, scene, allowed, trust_disabled)
     neighbours = _Neighbours(robot, {body.link for body in bodies if body.link is not None and body.owner == body.link})
     chosen: list[tuple[int, int]] = []
     excluded: dict[frozenset[str], ExcludedPair] = {}
@@ -72,28 +76,34 @@ def choose_pairs(
         if reason:
             excluded.setdefault(key, ExcludedPair((a.owner, b.owner), reason))
         else:
+            if isinstance(a.geometry, coal.Ellipsoid) and isinstance(b.geometry, coal.OcTree):
+                raise InputError(
+                    f"no distance is known from the ellipsoid {a.owner!r} to the cloud {b.owner!r}; take a hull"
+                )
             chosen.append((i, j))
     return chosen, list(excluded.values())
 
 
 def _reasons(
-    bodies: Sequence[Body], srdf: Srdf, scene: Scene, allowed: Iterable[Sequence[str]], trust_disabled: bool
+    bodies: Sequence[Body], robot: Robot, scene: Scene, allowed: Iterable[Sequence[str]], trust_disabled: bool
 ) -> dict[frozenset[str], str]:
     owners = {body.owner for body in bodies}
     reasons: dict[frozenset[str], str] = {}
     if trust_disabled:
         reasons.update({frozenset(pair): "scene: disabled without a reason" for pair in scene.disabled})
-    for pair in srdf.disabled:
+    for pair in robot.srdf.disabled:
         if trust_disabled or pair.reason.lower() in TOUCHING:
             reasons[frozenset(pair.links)] = f"SRDF: {pair.reason or 'disabled without a reason'}"
-    for source, pairs in (("scene", scene.allowed), ("caller", tuple(allowed))):
+    silent = set(robot.urdf.links) - owners  # links without geometry touch nothing
+    for source, where, pairs in (("scene", scene.where, scene.allowed), ("caller", "the caller", tuple(allowed))):
         for first, second in pairs:
             for name in (first, second):
-                if name not in owners:
-                    raise UnknownNameError("body", name, owners, f"the contacts allowed by the {source}")
+                if name not in owners and name not in silent and name != ANYTHING:
+                    raise UnknownNameError("body", name, owners, f"the contacts allowed by {where}")
             if first == second:
-                raise InputError(f"the contacts allowed by the {source} name {first!r} twice; a pair is two bodies")
-            reasons[frozenset((first, second))] = f"allowed by the {source}"
+                raise InputError(f"the contacts allowed by {where} name {first!r} twice; a pair is two bodies")
+            for one, other in product(*(owners if name == ANYTHING else (name,) for name in (first, second))):
+                reasons[frozenset((one, other))] = f"allowed by the {source}"
     return reasons
 
 

@@ -114,9 +114,8 @@ class Placed:
         solid, body = self._bodies[outer].solid, self._bodies[inner]
         if solid is None or not solid.watertight:
             return False
-        witnesses = body.solid.witnesses if body.solid is not None else body.support.points[:1]  # type: ignore[union-attr]
         outer_from_inner = self.placement(outer).actInv(self.placement(inner))
-        return solid.contains(witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
+        return solid.contains(body.witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
 
     def _set_requests(self, margin: float) -> None:
         """Tell coal how to answer: the same whatever was asked before.

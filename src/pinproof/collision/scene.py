@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.shapes import LARGEST_SIZE, Box, Capsule, Cylinder, Mesh, Shape, Sphere
+from pinproof.collision.shapes import Shape
+from pinproof.collision.sizes import LARGEST_SIZE
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.spatial import matrix, rigid
 
-__all__ = ["Obstacle", "Scene"]
+__all__ = ["ANYTHING", "Obstacle", "Scene"]
+
+ANYTHING = "*"
+"""In an allowed contact: any link, or attached object."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +46,9 @@ class Obstacle:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"an obstacle needs a name, not {self.name!r}")
-        if not isinstance(self.shape, (Box, Sphere, Cylinder, Capsule, Mesh)):
-            raise InputError(
-                f"obstacle {self.name!r} has no shape but {self.shape!r}; use Box, Sphere, Cylinder, Capsule, Mesh"
-            )
+        if not isinstance(self.shape, Shape):
+            kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
+            raise InputError(f"obstacle {self.name!r} has no shape but {self.shape!r}; use one of {kinds}")
         placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
         if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
             where = placement.translation.tolist()
@@ -62,15 +66,25 @@ class Scene:
         The obstacles; their names differ.
     allowed
         Pairs of (robot link, obstacle) that may touch, such as the base and the table it is bolted to. A certificate
-        lists them among what it left out.
+        lists them among what it left out. ``"*"`` as the link stands for all of the robot.
     disabled
         Pairs of robot links that a MoveIt matrix disables. Like an SRDF's pairs without a reason they are checked all
         the same, unless the checker is told to trust them.
+    frame
+        The name that the poses' frame has where they come from; a checker refuses a robot with another root link.
+        Empty: the root of whatever robot it is used with.
+    notes
+        What was made of a file that its writer may not expect.
+    source
+        The file it comes from, for messages.
     """
 
     obstacles: tuple[Obstacle, ...] = ()
     allowed: tuple[tuple[str, str], ...] = ()
     disabled: tuple[tuple[str, str], ...] = ()
+    frame: str = ""
+    notes: tuple[str, ...] = ()
+    source: Path | None = None
 
     def __init__(
         self,
@@ -78,6 +92,9 @@ class Scene:
         *,
         allowed: Iterable[Sequence[str]] = (),
         disabled: Iterable[Sequence[str]] = (),
+        frame: str = "",
+        notes: Iterable[str] = (),
+        source: str | Path | None = None,
     ) -> None:
         things = tuple(obstacles)
         names = [obstacle.name for obstacle in things]
@@ -91,6 +108,9 @@ class Scene:
         object.__setattr__(self, "obstacles", things)
         object.__setattr__(self, "allowed", pairs)
         object.__setattr__(self, "disabled", _pairs("disabled", disabled))
+        object.__setattr__(self, "frame", frame)
+        object.__setattr__(self, "notes", tuple(notes))
+        object.__setattr__(self, "source", None if source is None else Path(source))
 
     def __getitem__(self, name: str) -> Obstacle:
         for obstacle in self.obstacles:
@@ -121,13 +141,19 @@ class Scene:
         things = tuple(obstacles)
         gone = set(self.names) - {obstacle.name for obstacle in things}
         allowed = [pair for pair in self.allowed if not gone & set(pair)]
-        return Scene(things, allowed=allowed, disabled=self.disabled)
+        more = {name: getattr(self, name) for name in ("disabled", "frame", "notes", "source")}
+        return Scene(things, allowed=allowed, **more)
+
+    @property
+    def where(self) -> str:
+        """The scene in a message: by its file, where it has one."""
+        return "the scene" if self.source is None else f"the scene {self.source}"
 
     def is_close(self, other: Scene, tolerance: float = 1e-9) -> bool:
         """Whether both hold the same obstacles, at the same places within ``tolerance`` (metres and matrix entries)."""
         return (
             self.names == other.names
-            and (self.allowed, self.disabled) == (other.allowed, other.disabled)
+            and (self.allowed, self.disabled, self.frame) == (other.allowed, other.disabled, other.frame)
             and all(
                 a.shape == b.shape and bool((abs(matrix(a.pose) - matrix(b.pose)) <= tolerance).all())
                 for a, b in zip(self.obstacles, other.obstacles, strict=True)
@@ -136,7 +162,10 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Read a scene file (YAML); the keys are described in :mod:`pinproof.collision.scene_file`.
+        """Read a scene file (YAML) of ours or of MoveIt.
+
+        The keys are described in :mod:`pinproof.collision.scene_file`, what of a MoveIt planning scene is read in
+        :mod:`pinproof.collision.moveit_scene`.
 
         Raises
         ------

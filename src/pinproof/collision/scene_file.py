@@ -12,8 +12,16 @@
       - {name: bolt, cylinder: {radius: 0.008, length: 0.04}}
       - {name: pipe, capsule: {radius: 0.02, length: 0.3}}
       - {name: part, mesh: {path: part.stl, scale: 0.001, hull: true}}     # relative to the scene file
+      - {name: floor, half_space: {}, xyz: [0, 0, -0.1]}                   # solid below its z = 0
     allowed_contacts:
       - [base_link, table]                 # a robot link and an obstacle that are meant to touch
+
+    disabled_pairs: []                     # robot links that a MoveIt matrix disabled: checked unless trusted
+    frame: base_link                       # optional: the root link that the robot must have
+
+The other shapes (cone, ellipsoid, convex_hull, point_cloud, height_map, meshes with their numbers in the file) are in
+:mod:`pinproof.collision.shape_file`. A MoveIt planning scene is recognised by its ``world``, and read by
+:mod:`pinproof.collision.moveit_scene`.
 
 Lengths are metres, angles radians; poses are in the frame of the robot's root link. A number may be written as
 ``[-][k*]pi[/m]``. Whatever has no meaning here is refused with its line: a scene that is read wrongly is a collision.
@@ -21,8 +29,6 @@ Lengths are metres, angles radians; poses are in the frame of the robot's root l
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -30,21 +36,17 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
+from pinproof.collision.moveit_scene import is_moveit, moveit_scene
 from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Shape, Sphere
-from pinproof.description.dh_files import parse_number
+from pinproof.collision.shape_file import SHAPE_KEYS, numbers_of, read_shape, stated_shape
 from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.description.whole_file import write_text_whole
 from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import Array, finite, pose
 
-__all__ = ["OBSTACLE_KEYS", "numbers_of", "read_obstacle", "read_scene", "write_scene"]
+__all__ = ["OBSTACLE_KEYS", "read_obstacle", "read_scene", "write_scene"]
 
-SCENE_KEYS = ("obstacles", "allowed_contacts")
-Sized = type[Sphere] | type[Cylinder] | type[Capsule]
-SIZED: dict[str, Sized] = {"sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
-SHAPE_KEYS = ("box", *SIZED, "mesh")
-MESH_KEYS = ("path", "scale", "hull")
+SCENE_KEYS = ("obstacles", "allowed_contacts", "disabled_pairs", "frame")
 OBSTACLE_KEYS = ("name", *SHAPE_KEYS, "xyz", "rpy", "quat_xyzw", "rgba")
 
 
@@ -58,7 +60,8 @@ def read_scene(path: str | Path) -> Scene:
         and key.
     """
     path = Path(path)
-    return _scene(path, read_yaml(path, SCENE_KEYS, SceneError))
+    content = read_yaml(path, SCENE_KEYS, SceneError)
+    return moveit_scene(path, content) if is_moveit(content) else _scene(path, content)
 
 
 def write_scene(scene: Scene, path: str | Path) -> None:
@@ -76,8 +79,12 @@ def write_scene(scene: Scene, path: str | Path) -> None:
     if path.suffix.lower() not in YAML_SUFFIXES:
         raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
     content: dict[str, Any] = {"obstacles": [_stated(obstacle, path.resolve().parent) for obstacle in scene.obstacles]}
+    if scene.frame:
+        content["frame"] = scene.frame
     if scene.allowed:
         content["allowed_contacts"] = [list(pair) for pair in scene.allowed]
+    if scene.disabled:
+        content["disabled_pairs"] = [list(pair) for pair in scene.disabled]
     try:
         write_text_whole(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None))
     except FileError as error:
@@ -96,15 +103,23 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
         if any(obstacle.name == other.name for other in obstacles):
             raise SceneError(path, f"a second obstacle is named {obstacle.name!r}", f"line {stated.line}")
         obstacles.append(obstacle)
-    allowed = []
-    for pair in listed(SceneError, path, "allowed_contacts", content.get("allowed_contacts", [])):
-        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
-            raise SceneError(path, f"{pair!r} is no pair [robot link, obstacle]", "key allowed_contacts")
-        allowed.append(tuple(pair))
+    allowed = _pairs(path, content, "allowed_contacts", "[robot link, obstacle]")
+    disabled = _pairs(path, content, "disabled_pairs", "of robot links")
+    frame = content.get("frame", "")
+    if not isinstance(frame, str):
+        raise SceneError(path, f"holds {frame!r}, not the name of a link", "key frame")
     try:
-        return Scene(obstacles, allowed=allowed)
+        return Scene(obstacles, allowed=allowed, disabled=disabled, frame=frame, source=path)
     except InputError as error:
-        raise SceneError(path, str(error), "key allowed_contacts") from error
+        raise SceneError(path, str(error), "key allowed_contacts or disabled_pairs") from error
+
+
+def _pairs(path: Path, content: LinedMapping, key: str, what: str) -> list[tuple[str, str]]:
+    pairs = listed(SceneError, path, key, content.get(key, []))
+    for pair in pairs:
+        if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
+            raise SceneError(path, f"{pair!r} is no pair {what}", f"key {key}")
+    return [(first, second) for first, second in pairs]
 
 
 def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
@@ -126,41 +141,11 @@ def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
         what = " and ".join(kinds) or "no shape"
         raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPE_KEYS)}", where)
     try:
-        shape = _shape(path, kinds[0], stated[kinds[0]], where)
+        shape = read_shape(path, kinds[0], stated[kinds[0]], where)
         placement = pose(**{key: numbers_of(key, stated[key]) for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
         return Obstacle(name, shape, placement, _rgba(stated["rgba"]) if "rgba" in stated else None)
     except InputError as error:
         raise SceneError(path, str(error), where) from error
-
-
-def _shape(path: Path, kind: str, stated: object, where: str) -> Shape:
-    """The shape of an obstacle; InputError for sizes that make no sense."""
-    if kind == "box":
-        return Box(*finite("box", numbers_of("box", stated), (3,)))
-    keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(SIZED[kind]))
-    must = keys[:1] if kind == "mesh" else keys
-    if not isinstance(stated, dict):
-        raise InputError(f"{kind}: {stated!r} is no mapping of {', '.join(keys)}")
-    refuse_unknown(SceneError, path, f"key of {kind}", stated, keys, where)
-    missing = [key for key in must if key not in stated]
-    if missing:
-        raise InputError(f"{kind} does not state its {' and '.join(missing)}")
-    if kind != "mesh":
-        return SIZED[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
-    return _mesh(path, stated)
-
-
-def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
-    file, hull = stated["path"], stated.get("hull", True)
-    if not isinstance(file, str) or not file:
-        raise InputError(f"mesh.path: {file!r} is no file name")
-    if not isinstance(hull, bool):
-        raise InputError(f"mesh.hull: {hull!r} is neither true nor false")
-    full = path.parent / file
-    if not full.is_file():
-        raise InputError(f"mesh.path: there is no file {full}; paths are relative to the scene file")
-    scale = numbers_of("mesh.scale", stated.get("scale", 1.0))
-    return Mesh(full, tuple(scale) if isinstance(scale, list) else scale, hull)
 
 
 def _rgba(stated: object) -> tuple[float, float, float, float]:
@@ -170,27 +155,10 @@ def _rgba(stated: object) -> tuple[float, float, float, float]:
     return r, g, b, a
 
 
-def numbers_of(key: str, stated: object) -> Any:
-    """One number or a list of them, each written as in :func:`~pinproof.description.dh_files.parse_number`."""
-    try:
-        return [parse_number(part) for part in stated] if isinstance(stated, list) else parse_number(stated)
-    except ValueError as error:
-        raise InputError(f"{key}: {error}") from error
-
-
 def _stated(obstacle: Obstacle, folder: Path) -> dict[str, Any]:
     """An obstacle as a file states it."""
-    shape = obstacle.shape
-    stated: dict[str, Any] = {"name": obstacle.name}
-    if isinstance(shape, Box):
-        stated["box"] = [shape.x, shape.y, shape.z]
-    elif isinstance(shape, Mesh):
-        file = Path(shape.path).resolve()
-        inside = file.relative_to(folder) if file.is_relative_to(folder) else file
-        stated["mesh"] = {"path": inside.as_posix(), "scale": list(shape.scale), "hull": shape.hull}  # type: ignore[arg-type]
-    else:
-        kind = type(shape).__name__.lower()
-        stated[kind] = {field.name: getattr(shape, field.name) for field in fields(shape)}
+    kind, shape = stated_shape(obstacle.shape, folder)
+    stated: dict[str, Any] = {"name": obstacle.name, kind: shape}
     stated["xyz"] = obstacle.pose.translation.tolist()
     rotation: Array = obstacle.pose.rotation
     if not np.array_equal(rotation, np.eye(3)):

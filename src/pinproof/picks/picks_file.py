@@ -27,7 +27,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
-from pinproof.collision.scene_file import numbers_of, read_obstacle
+from pinproof.collision.scene_file import read_obstacle
+from pinproof.collision.shape_file import numbers_of
 from pinproof.description.lined_yaml import LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
 from pinproof.picks.pick import Pick, PickProblem, Picks

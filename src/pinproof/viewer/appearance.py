@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Box, Capsule, Cylinder, Mesh, Obstacle, Sphere
+from pinproof.collision import ConvexHull, Ellipsoid, HalfSpace, HeightMap, Mesh, Obstacle, PointCloud, Shape
+from pinproof.collision.bodies import triangles_of
+from pinproof.collision.height_map import ground_surface
+from pinproof.collision.point_cloud import cell_faces
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import MeshError
@@ -23,6 +27,9 @@ OBSTACLE_SAND: Rgba = (0.80, 0.70, 0.55, 1.0)
 COLOURED_SUFFIXES = (".dae", ".obj", ".ply", ".glb", ".gltf")
 SIDES = 48
 """Sides of a drawn circle."""
+
+HALF_SPACE, PLATE = 3.0, 0.002
+"""Metres: a half-space, which has no end, is drawn as a plate with this side and thickness, under its plane."""
 
 TUBE_SIDES = 10
 """Sides of a drawn line, which is thin."""
@@ -57,9 +64,10 @@ def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
         If its mesh is missing or unusable.
     """
     shape, rgba = obstacle.shape, obstacle.rgba
-    if isinstance(shape, Mesh):
+    if isinstance(shape, Mesh) and shape.path is not None:
         return _mesh(Path(shape.path), _three(shape.scale), rgba, OBSTACLE_SAND, own_colours=rgba is None)
-    return [_primitive(*_kind_and_size(shape), rgba or OBSTACLE_SAND)]
+    vertices, triangles = _triangles(shape)
+    return [shade(vertices, triangles, rgba or OBSTACLE_SAND)]
 
 
 def tube(points: Array, radius: float, rgba: Rgba) -> Surface | None:
@@ -99,15 +107,40 @@ def ball(centre: Array, radius: float, rgba: Rgba) -> Surface:
     return Surface(surface.vertices + centre, surface.normals, surface.triangles, rgba)
 
 
-def _kind_and_size(shape: Box | Sphere | Cylinder | Capsule) -> tuple[str, tuple[float, ...]]:
-    if isinstance(shape, Box):
-        return "box", (shape.x, shape.y, shape.z)
-    if isinstance(shape, Sphere):
-        return "sphere", (shape.radius,)
-    return ("cylinder" if isinstance(shape, Cylinder) else "capsule"), (shape.radius, shape.length)
+def _triangles(shape: Shape) -> tuple[Array, npt.NDArray[np.int64]]:
+    """What is drawn of a shape: vertices (V, 3) and triangles (F, 3)."""
+    if isinstance(shape, Mesh):
+        mesh = triangles_of(shape)
+        return mesh.vertices, mesh.triangles
+    if isinstance(shape, HeightMap):
+        return ground_surface(shape)
+    if isinstance(shape, PointCloud):
+        return cell_faces(shape)
+    if isinstance(shape, ConvexHull):
+        from scipy.spatial import ConvexHull as Hull
+
+        hull = Hull(shape.points)
+        inward = np.einsum("ij,ij->i", _cross(shape.points[hull.simplices]), hull.equations[:, :3]) < 0
+        return shape.points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
+    if isinstance(shape, HalfSpace):
+        vertices, triangles = _made("box", (HALF_SPACE, HALF_SPACE, PLATE))
+        return vertices - [0.0, 0.0, PLATE / 2], triangles
+    if isinstance(shape, Ellipsoid):
+        vertices, triangles = _made("sphere", (1.0,))
+        return vertices * [shape.rx, shape.ry, shape.rz], triangles
+    return _made(type(shape).__name__.lower(), tuple(getattr(shape, field.name) for field in fields(shape)))
+
+
+def _cross(corners: Array) -> Array:
+    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
 
 def _primitive(kind: str, size: tuple[float, ...], rgba: Rgba) -> Surface:
+    return shade(*_made(kind, size), rgba)
+
+
+def _made(kind: str, size: tuple[float, ...]) -> tuple[Array, npt.NDArray[np.int64]]:
+    """Vertices and triangles of a box, sphere, cylinder, cone or capsule about the origin."""
     from trimesh import creation
 
     made: Any
@@ -117,12 +150,14 @@ def _primitive(kind: str, size: tuple[float, ...], rgba: Rgba) -> Surface:
         made = creation.icosphere(subdivisions=3, radius=size[0])
     elif kind == "cylinder":
         made = creation.cylinder(radius=size[0], height=size[1], sections=SIDES)
+    elif kind == "cone":
+        made = creation.cone(radius=size[0], height=size[1], sections=SIDES)
     else:
         made = creation.capsule(radius=size[0], height=size[1], count=(SIDES, SIDES // 2))
     vertices = np.array(made.vertices, dtype=float)
-    # capsules have had their origin at an end and at the middle in different trimesh releases
+    # cones begin at their disc; capsules have had their origin at an end and at the middle in different releases
     vertices -= (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    return shade(vertices, np.array(made.faces, dtype=np.int64), rgba)
+    return vertices, np.array(made.faces, dtype=np.int64)
 
 
 def _mesh(

@@ -33,7 +33,16 @@ _HOME = {
     "pinproof.model": ("Arm", "JointLimits", "Robot", "RobotInfo", "describe", "load_robot"),
     "pinproof.conversion": ("dh_to_urdf", "urdf_to_dh", "write_urdf"),
     "pinproof.motion": ("CubicPath", "JointPath", "Trajectory", "time_parametrise"),
-    "pinproof.ik": ("Clik", "IkBatch", "IkResult", "IkStatus"),
+    "pinproof.ik": (
+        "Clik",
+        "DampedLeastSquares",
+        "IkBatch",
+        "IkGoal",
+        "IkResult",
+        "IkStatus",
+        "IkTask",
+        "PseudoInverse",
+    ),
     "pinproof.collision": (
         "Box",
         "Capsule",

@@ -25,6 +25,7 @@ __all__ = [
     "matrix",
     "pose",
     "rigid",
+    "rigid_many",
     "twist_size",
     "xyz_rpy",
 ]
@@ -135,6 +136,40 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
         u, _, vt = np.linalg.svd(rotation)
         rotation = u @ vt
     return pin.SE3(rotation, m[:3, 3])
+
+
+def rigid_many(name: str, values: npt.ArrayLike | Sequence[pin.SE3]) -> Array:
+    """Truly rigid copies (N, 4, 4) of N transforms, given as such an array or a sequence, checked as by :func:`rigid`.
+
+    Raises
+    ------
+    InputError
+        As :func:`rigid`, naming ``name[index]``.
+    """
+    shape = np.shape(values) if isinstance(values, np.ndarray) else None
+    if shape is not None and shape[1:] != (4, 4):
+        raise InputError(f"{name} must have the shape (N, 4, 4); it has {shape}")
+    if shape is None or values.dtype != np.float64:  # type: ignore[union-attr]
+        try:
+            sequence = list(values)  # type: ignore[arg-type]  # array-likes that cannot be walked are refused here
+        except TypeError as error:
+            raise InputError(f"{name} must be (N, 4, 4) or a sequence of poses, not {type(values).__name__}") from error
+        checked = [rigid(f"{name}[{index}]", value).homogeneous for index, value in enumerate(sequence)]
+        return np.array(checked, dtype=float).reshape(-1, 4, 4)
+    many = np.array(values)
+    rotations = many[:, :3, :3]
+    off = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2), initial=0.0)
+    mirrored = np.einsum("ni,ni->n", np.cross(rotations[:, :, 0], rotations[:, :, 1]), rotations[:, :, 2]) < 0
+    # Written so that NaN is among them: these are looked at one by one, and repaired or refused.
+    odd = (
+        ~(off <= 1e-14)
+        | mirrored
+        | (many[:, 3] != (0.0, 0.0, 0.0, 1.0)).any(axis=1)
+        | ~np.isfinite(many[:, :3, 3]).all(axis=1)
+    )
+    for index in np.flatnonzero(odd):
+        many[index] = rigid(f"{name}[{index}]", many[index]).homogeneous
+    return many
 
 
 def matrix(transform: pin.SE3) -> Array:

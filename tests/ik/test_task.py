@@ -4,47 +4,88 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.ik.task import make_task
+from pinproof.ik.task import IkTask, left_jacobian_inverse, make_task, rotation_vectors
 from pinproof.ik.verdict import judge
 
 HALF_STEP = 1e-6
+TASKS = ["pose", "position", "orientation", "spin_x", "spin_y", "spin_z", (1, 0, 1, 0, 1, 0)]
 
 
-@pytest.mark.parametrize("name", ["pose", "position", "orientation"])
-@given(seed=st.integers(0, 10**6))
-def test_jacobian_is_the_derivative_of_the_residual(panda, name, seed):
-    rng = np.random.default_rng(seed)
-    lower, upper = panda.limits.lower, panda.limits.upper
-    q = rng.uniform(lower, upper)
-    # Targets up to 2.5 rad away: at pi the logarithm itself jumps.
+def moved(arm, q, rng):
+    """A pose near that of q: up to 2.5 rad away, since at pi the rotation vector itself jumps."""
     off = rng.normal(size=3)
     off *= rng.uniform(0, 2.5) / np.linalg.norm(off)
     half, angle = off / 2, np.linalg.norm(off) / 2
     quaternion = [*(half / angle * np.sin(angle)), np.cos(angle)]
-    target = panda.forward_kinematics(q) * pp.pose(rng.uniform(-1, 1, 3), quat_xyzw=quaternion)
-    task = make_task(name, 1e-6, 1e-6)
+    return arm.forward_kinematics(q) * pp.pose(rng.uniform(-1, 1, 3), quat_xyzw=quaternion)
 
-    def residual(q):
-        return task.residual(target.actInv(panda.forward_kinematics(q)))
 
-    base_from_tcp, local = panda.local_jacobian(q)
-    analytic = task.jacobian(target.actInv(base_from_tcp), local)
+def evaluate(arm, task, target, q):
+    base_from_tcp, local = arm.local_jacobian(q)
+    seen = target.actInv(base_from_tcp)
+    turned = np.vstack([seen.rotation @ local[:3], seen.rotation @ local[3:]])
+    return task.residual(seen.homogeneous), task.jacobian(seen.homogeneous, turned)
+
+
+@pytest.mark.parametrize("name", TASKS, ids=str)
+@given(seed=st.integers(0, 10**6))
+def test_jacobian_is_the_derivative_of_the_residual(panda, name, seed):
+    """With all angles asked for up to Jl: the derivative times Jl, which keeps the residual's own direction."""
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(panda.limits.lower, panda.limits.upper)
+    target = moved(panda, q, rng)
+    task = make_task(name if isinstance(name, str) else [bool(one) for one in name], 1e-6, 1e-6)
+    residual, analytic = evaluate(panda, task, target, q)
     steps = HALF_STEP * np.eye(panda.dof)
-    numeric = np.stack([(residual(q + s) - residual(q - s)) / (2 * HALF_STEP) for s in steps], axis=1)
+    difference = [evaluate(panda, task, target, q + s)[0] - evaluate(panda, task, target, q - s)[0] for s in steps]
+    numeric = np.stack(difference, axis=1) / (2 * HALF_STEP)
+    if task.asked[3:].all():
+        inverse = left_jacobian_inverse(residual[3:])
+        assert inverse @ residual[3:] == pytest.approx(residual[3:], abs=1e-12)
+        analytic[3:] = inverse @ analytic[3:]
     assert np.abs(analytic - numeric).max() < 1e-7
 
 
-def test_pose_residual_is_the_negative_logarithm_of_the_way_to_the_target(ur5):
+def test_pose_residual_is_the_way_from_the_target(ur5):
     from pinproof.spatial import log6
 
     q = np.array([0.3, -1.0, 1.2, 0.4, 0.9, -0.2])
     base_from_tcp, target = ur5.forward_kinematics(q), pp.pose((0.3, 0.2, 0.5), (0.3, 0.2, 0.1))
-    residual = make_task("pose", 1e-6, 1e-6).residual(target.actInv(base_from_tcp))
-    assert residual == pytest.approx(-log6(base_from_tcp.actInv(target)), abs=1e-12)
+    seen = target.actInv(base_from_tcp)
+    residual = make_task("pose", 1e-6, 1e-6).residual(seen.homogeneous)
+    assert residual == pytest.approx([*seen.translation, *log6(seen)[3:]], abs=1e-12)
+
+
+@settings(deadline=None)
+@given(seed=st.integers(0, 10**6), near_pi=st.booleans())
+def test_compiled_residual_and_jacobian_are_the_same(panda, seed, near_pi):
+    from pinproof.kernels.task import error_jacobian, residual_of
+    from pinproof.kernels.workspace import ASKED, RESIDUAL
+
+    rng = np.random.default_rng(seed)
+    q = rng.uniform(panda.limits.lower, panda.limits.upper)
+    if near_pi:
+        axis = rng.normal(size=3) if rng.random() < 0.5 else np.eye(3)[rng.integers(3)]
+        spin = pp.pose(quat_xyzw=[*(axis / np.linalg.norm(axis)), rng.choice([0.0, 1e-9, 1e-4, -1e-3])])
+        target = panda.forward_kinematics(q) * spin
+    else:
+        target = moved(panda, q, rng)
+    task = make_task(IkTask(*[bool(one) for one in rng.random(5) < 0.7], True), 1e-6, 1e-6)
+    residual, jacobian = evaluate(panda, task, target, q)
+    base_from_tcp, local = panda.local_jacobian(q)
+    seen, errors = target.actInv(base_from_tcp), np.zeros((4, 6))
+    errors[ASKED] = task.asked
+    compiled = np.vstack([seen.rotation @ local[:3], seen.rotation @ local[3:]])
+    residual_of(seen.homogeneous[:3].copy(), errors)
+    error_jacobian(seen.homogeneous[:3].copy(), errors, compiled)
+    assert np.linalg.norm(errors[RESIDUAL]) == pytest.approx(np.linalg.norm(residual), abs=1e-12)
+    if abs(np.linalg.norm(rotation_vectors(seen.rotation[None])) - np.pi) > 1e-6:  # there the sign is rounding
+        assert errors[RESIDUAL] == pytest.approx(residual, abs=1e-9)
+        assert compiled == pytest.approx(jacobian, abs=1e-6)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-6, 0.5, 3.0, np.pi - 1e-9, np.pi])
@@ -53,11 +94,33 @@ def test_verdict_measures_angles_of_every_size(ur5, angle):
     target = ur5.forward_kinematics(q) * pp.pose(
         (3e-4, 4e-4, 0), quat_xyzw=[0, np.sin(angle / 2), 0, np.cos(angle / 2)]
     )
-    position_error, orientation_error = judge(ur5, target, make_task("pose", 1, 1), q, q).errors
+    position_error, orientation_error = judge(ur5, target.homogeneous, make_task("pose", 1, 1), q, q).errors
     assert position_error == pytest.approx(5e-4, abs=1e-15)
     assert orientation_error == pytest.approx(angle, rel=1e-9, abs=3e-16)
 
 
 def test_unknown_task_names_the_valid_ones(ur5):
-    with pytest.raises(pp.UnknownNameError, match=r"pose.*position.*orientation"):
+    with pytest.raises(pp.UnknownNameError, match=r"pose.*position.*orientation.*spin_z"):
         pp.Clik().solve(ur5, pp.pose(), task="posse")
+
+
+@pytest.mark.parametrize("task", [IkTask, [True] * 5, [1, 1, 1, 1, 1, 1], 7])
+def test_a_task_is_a_name_or_six_coordinates(ur5, task):
+    with pytest.raises(pp.InputError, match="six True or False"):
+        pp.Clik().solve(ur5, pp.pose(), task=task)
+
+
+def test_a_task_asks_for_something():
+    with pytest.raises(pp.InputError, match="fulfilled everywhere"):
+        IkTask(False, False, False, False, False, False)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_spin_about_an_axis_of_the_target_is_free(ur5, axis):
+    """The axis of the tcp is on that of the target, and its origin on the target's; the spin is whatever it is."""
+    target = pp.pose((0.4, 0.2, 0.3), (2.9, 0.3, 0.2))
+    found = pp.Clik().solve(ur5, target, task=f"spin_{'xyz'[axis]}").or_raise()
+    tcp = ur5.forward_kinematics(found.q)
+    assert tcp.translation == pytest.approx(target.translation, abs=1e-6)
+    assert tcp.rotation[:, axis] == pytest.approx(target.rotation[:, axis], abs=1.1e-6)
+    assert found.orientation_error <= 1e-6

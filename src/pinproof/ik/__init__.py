@@ -1,8 +1,25 @@
 """Inverse kinematics: which joint configuration brings the tcp to a target. One file a method, one loop for all."""
 
 from pinproof.ik.clik import Clik
+from pinproof.ik.damped_least_squares import DampedLeastSquares
+from pinproof.ik.goal import IkGoal
 from pinproof.ik.loop import IkStep, StepRule
+from pinproof.ik.pseudo_inverse import PseudoInverse
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.solver import IterativeIk
+from pinproof.ik.task import IkTask
 
-__all__ = ["Clik", "IkBatch", "IkResult", "IkSolutions", "IkStatus", "IkStep", "IterativeIk", "StepRule"]
+__all__ = [
+    "Clik",
+    "DampedLeastSquares",
+    "IkBatch",
+    "IkGoal",
+    "IkResult",
+    "IkSolutions",
+    "IkStatus",
+    "IkStep",
+    "IkTask",
+    "IterativeIk",
+    "PseudoInverse",
+    "StepRule",
+]

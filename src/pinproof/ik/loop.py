@@ -4,9 +4,13 @@ A method is its :class:`StepRule`, so that comparing methods compares methods an
 
     measure the residual r and its Jacobian A at q         -> reached? done
     tell the rule |r|^2, saturate r                        far targets pull no harder than near ones
-    step = rule(r, A), joints that meet a limit held there, the others asked again
+    z = what a goal wishes for besides                     followed as far as the task leaves it free
+    step = z + rule(r + A z, A), joints that meet a limit held there, the others asked again
     scale the step to max_step, move, turn whole-turn joints back inside
     no progress for PATIENCE steps                         -> stalled: give the next start a chance
+
+This is the loop on Pinocchio, for methods of one's own and for those who watch (``on_step``). The built-in methods run
+the same one compiled (:mod:`pinproof.kernels.descent`); tests hold the two equal, iterate by iterate.
 """
 
 from __future__ import annotations
@@ -18,10 +22,11 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.ik.goal import drift
 from pinproof.ik.task import Task
-from pinproof.ik.windings import TURN
+from pinproof.ik.windings import TURN, turning
 from pinproof.model import Arm
-from pinproof.spatial import SE3
+from pinproof.spatial import SE3, matrix
 
 __all__ = ["Descent", "IkStep", "StepRule", "descend"]
 
@@ -30,14 +35,15 @@ Array = npt.NDArray[np.float64]
 SATURATION = 1.0
 """Largest norm of the residual (m and rad together) that a step rule is shown; longer ones are shortened to it."""
 
-PATIENCE = 10
-"""Steps within which the squared residual must fall by PROGRESS; else the descent has stalled."""
-
-PROGRESS = 0.5
-"""A descent that converges more than halves its squared residual in PATIENCE steps, even at a singular target."""
+PROGRESS, PATIENCE = 0.5, 5
+"""The share of the squared residual that may remain after so many steps, lest a descent has stalled: one that converges
+more than halves it, even at a singular target."""
 
 SMALLEST_STEP = 1e-12
 """A step (rad or m) that no longer changes a pose: the descent stands still."""
+
+STILL = 1e-4
+"""A goal counts as followed to its end when no joint moves more than this (rad or m) for it."""
 
 
 class StepRule(Protocol):
@@ -47,9 +53,10 @@ class StepRule(Protocol):
         """Told once before each step what is still to go, unsaturated; for methods that learn from their steps."""
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
-        """The step (n,) that shall shrink ``residual`` (m,), whose Jacobian is (m, n).
+        """The step (n,) that shall shrink ``residual`` (6,), whose Jacobian is (6, n).
 
-        Columns of joints that are held at a limit are zero; what the rule answers for them is not used.
+        Rows that the task does not ask for are zero. So are the columns of joints that are held at a limit; what the
+        rule answers for them is not used.
         """
 
 
@@ -66,7 +73,7 @@ class IkStep:
     step
         (n,) how far each joint moves, in rad or m; never more than the solver's ``max_step``.
     residual
-        (m,) what is still to go at q: (6,) log6 for a pose, (3,) for a position or an orientation.
+        (6,) what is still to go at q: metres, then rotation vector, in the target's axes; zero where nothing is asked.
     """
 
     attempt: int
@@ -90,6 +97,7 @@ def descend(
     arm: Arm,
     target: SE3,
     task: Task,
+    goal: Array,
     q: Array,
     rule: StepRule,
     *,
@@ -97,44 +105,50 @@ def descend(
     max_step: float,
     attempt: int = 0,
     progress: float = PROGRESS,
+    patience: int = PATIENCE,
     on_step: Callable[[IkStep], None] | None = None,
 ) -> Descent:
     """Descend from q, inside the limits, to a configuration that fulfils the task, or to where progress ends.
 
-    ``progress`` is the part of the squared residual that may remain after PATIENCE steps without a stall being called.
+    ``goal`` is packed (:func:`pinproof.ik.goal.packed_goal`). The descent has stalled when more than the share
+    ``progress`` of the squared residual is left after ``patience`` steps.
     """
     box = _Box(arm)
-    best_q, best = q, np.inf
+    best_q, best, reached = q, np.inf, False
     mark, marked_at, iteration = np.inf, 0, 0
     while True:
         base_from_tcp, local = arm.local_jacobian(q)
-        target_from_tcp = target.actInv(base_from_tcp)
+        target_from_tcp = matrix(target.actInv(base_from_tcp))
         residual = task.residual(target_from_tcp)
         squared = float(residual.dot(residual))
-        if squared < best:
+        here = task.reached(residual)
+        if here or (not reached and squared < best):
             best_q, best = q, squared
-        if task.reached(residual):
-            return Descent(q, squared, True, iteration)
+        reached = reached or here
+        if here and goal[0, 0] == 0.0:
+            break
         if squared < progress * mark:
             mark, marked_at = squared, iteration
+        stalled = iteration - marked_at >= patience and not reached
         # Written so that a NaN ends the descent too.
-        if iteration - marked_at >= PATIENCE or iteration >= max_iterations or not squared < np.inf:
-            return Descent(best_q, best, False, iteration)
+        if stalled or iteration >= max_iterations or not squared < np.inf:
+            break
 
         rule.observe(squared)
+        rotation = target_from_tcp[:3, :3]
+        jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
         pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-        step = box.step(q, pull, task.jacobian(target_from_tcp, local), rule)
-        length = float(step.dot(step))
-        if length > max_step**2:  # the norm bounds the largest entry, and is cheaper
-            largest = float(np.abs(step).max())
-            if largest > max_step:
-                step = step * (max_step / largest)
-        if length <= SMALLEST_STEP**2:
-            return Descent(best_q, best, False, iteration)
+        step = box.step(q, pull, jacobian, drift(goal, arm, q), rule)
+        largest = float(np.abs(step).max())
+        if largest <= SMALLEST_STEP or (here and largest <= STILL):
+            break
+        if largest > max_step:
+            step = step * (max_step / largest)
         if on_step is not None:
             on_step(IkStep(attempt, iteration, q.copy(), step.copy(), residual.copy()))
         q = box.inside(q + step)
         iteration += 1
+    return Descent(best_q, best, reached, iteration)
 
 
 class _Box:
@@ -145,35 +159,30 @@ class _Box:
 
     def __init__(self, arm: Arm) -> None:
         limits = arm.limits
-        self._turning = arm.periodic & (limits.upper - limits.lower >= TURN)
+        self._turning = turning(arm)
         self._lower, self._upper = limits.lower, limits.upper
         self._low = np.where(self._turning, -np.inf, limits.lower)
         self._high = np.where(self._turning, np.inf, limits.upper)
 
-    def step(self, q: Array, residual: Array, jacobian: Array, rule: StepRule) -> Array:
-        """The rule's step within the limits (active set).
+    def step(self, q: Array, residual: Array, jacobian: Array, drift: Array, rule: StepRule) -> Array:
+        """The rule's step within the limits (active set), after a goal's drift.
 
         Joints that would leave their limits are moved to them and held; what that does to the residual is taken into
         account, and the rule is asked again for the joints that are left, until none of them leaves.
         """
-        step = rule(residual, jacobian)
-        held: npt.NDArray[np.bool_] | None = None
+        held = np.zeros(len(q), dtype=bool)
+        settled = drift
         while True:
+            asked = rule(residual + jacobian @ settled, np.where(held, 0.0, jacobian))
+            step = np.where(held, settled, settled + asked)
             moved = q + step
-            outside = (moved < self._low) | (moved > self._high)
-            if held is not None:
-                outside &= ~held
-            if not np.count_nonzero(outside):  # a sixth of the cost of .any()
-                return step
-            held = outside if held is None else held | outside
-            to_limit = np.where(held, np.clip(moved, self._low, self._high) - q, 0.0)
-            step = np.where(held, to_limit, rule(residual + jacobian @ to_limit, np.where(held, 0.0, jacobian)))
+            outside = ((moved < self._low) | (moved > self._high)) & ~held
+            if not outside.any():
+                return np.asarray(step)
+            held = held | outside
+            settled = np.where(outside, np.clip(moved, self._low, self._high) - q, settled)
 
     def inside(self, q: Array) -> Array:
         """Whole turns taken out, and rounding clipped: q (n,) inside the limits."""
-        clipped: Array = np.minimum(np.maximum(q, self._lower), self._upper)
-        if not np.count_nonzero(self._turning & (clipped != q)):
-            return clipped
-        turned = np.where(q > self._upper, q - TURN, q + TURN)
-        q = np.where(self._turning & (clipped != q), turned, q)
-        return np.minimum(np.maximum(q, self._lower), self._upper)
+        turned = np.where(q > self._upper, q - TURN, np.where(q < self._lower, q + TURN, q))
+        return np.clip(np.where(self._turning, turned, q), self._lower, self._upper)

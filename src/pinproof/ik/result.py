@@ -10,6 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import IkFailed
+from pinproof.ik.messages import found, not_found
+from pinproof.model import Arm
 
 __all__ = ["IkBatch", "IkResult", "IkSolutions", "IkStatus"]
 
@@ -40,13 +42,14 @@ class IkResult:
     position_error
         Distance in m from the tcp to the target at ``q``, by forward kinematics.
     orientation_error
-        Angle in rad of the rotation that is left between them. (A task that asks for only one of the two reports both.)
+        Angle in rad of the rotation that is left between them. (Of the
+        coordinates that the task asks for; a task that asks for only one of the two reports the other whole.)
     iterations
         Steps taken, over all attempts.
     restarts
         Attempts after the first.
     engine
-        What computed the kinematics: ``"pinocchio"``.
+        What computed the answer: ``"compiled"`` loops, or ``"pinocchio"``.
     message
         The answer in words; a "no" comes with what to do.
     """
@@ -81,6 +84,10 @@ class IkResult:
         return self
 
 
+STATUSES = tuple(IkStatus)
+"""The order in which batches number the statuses."""
+
+
 @dataclass(frozen=True, eq=False)
 class IkBatch:
     """The answers for N targets, in their order; indexing gives :class:`IkResult`.
@@ -89,67 +96,90 @@ class IkBatch:
     ----------
     q
         (N, n), as in :class:`IkResult`.
-    status
-        N statuses.
+    codes
+        (N,) the statuses, as places in ``IkStatus``; :attr:`status` are they themselves.
     position_error, orientation_error
         (N,) in m and rad.
     iterations, restarts
         (N,) whole numbers.
     engine
         What computed the kinematics.
-    messages
-        N answers in words.
+    arm
+        Whose answers these are; it names the joints in :attr:`messages`.
+    words
+        N messages where they are not just what the numbers say.
     """
 
     q: Array
-    status: tuple[IkStatus, ...]
+    codes: npt.NDArray[np.int8]
     position_error: Array
     orientation_error: Array
     iterations: npt.NDArray[np.int64]
     restarts: npt.NDArray[np.int64]
     engine: str
-    messages: tuple[str, ...]
+    arm: Arm
+    words: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
-        for name in ("q", "position_error", "orientation_error", "iterations", "restarts"):
+        for name in ("q", "codes", "position_error", "orientation_error", "iterations", "restarts"):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
 
     @classmethod
-    def of(cls, results: Sequence[IkResult], dof: int, engine: str) -> IkBatch:
-        """The batch of single results for an arm of ``dof`` joints; there may be none."""
+    def of(cls, results: Sequence[IkResult], arm: Arm, engine: str) -> IkBatch:
+        """The batch of single results for an arm; there may be none."""
         return cls(
-            q=np.array([result.q for result in results], dtype=float).reshape(len(results), dof),
-            status=tuple(result.status for result in results),
+            q=np.array([result.q for result in results], dtype=float).reshape(len(results), arm.dof),
+            codes=np.array([STATUSES.index(result.status) for result in results], dtype=np.int8),
             position_error=np.array([result.position_error for result in results], dtype=float),
             orientation_error=np.array([result.orientation_error for result in results], dtype=float),
             iterations=np.array([result.iterations for result in results], dtype=np.int64),
             restarts=np.array([result.restarts for result in results], dtype=np.int64),
             engine=engine,
-            messages=tuple(result.message for result in results),
+            arm=arm,
+            words=tuple(result.message for result in results),
         )
 
     @property
     def ok(self) -> npt.NDArray[np.bool_]:
         """(N,) which targets have a solution."""
-        return np.array([status is IkStatus.FOUND for status in self.status], dtype=bool)
+        return np.asarray(self.codes == STATUSES.index(IkStatus.FOUND))
+
+    @property
+    def status(self) -> tuple[IkStatus, ...]:
+        """N statuses."""
+        return tuple(STATUSES[code] for code in self.codes.tolist())
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """N answers in words."""
+        return tuple(self._message(index) for index in range(len(self)))
 
     def __len__(self) -> int:
         return len(self.q)
 
     def __getitem__(self, index: int) -> IkResult:
         return IkResult(
-            self.status[index],
+            STATUSES[int(self.codes[index])],
             self.q[index],
             float(self.position_error[index]),
             float(self.orientation_error[index]),
             int(self.iterations[index]),
             int(self.restarts[index]),
             self.engine,
-            self.messages[index],
+            self._message(index),
         )
 
     def __iter__(self) -> Iterator[IkResult]:
         return (self[index] for index in range(len(self)))
+
+    def _message(self, index: int) -> str:
+        if self.words is not None:
+            return self.words[index]
+        errors = float(self.position_error[index]), float(self.orientation_error[index])
+        iterations, restarts = int(self.iterations[index]), int(self.restarts[index])
+        if STATUSES[int(self.codes[index])] is IkStatus.FOUND:
+            return found(errors, iterations, restarts)
+        return not_found(self.arm, self.q[index], errors, iterations, restarts + 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,11 +15,12 @@ Rng = int | np.random.Generator
 """A seed, or a generator that is drawn from."""
 
 
-def positive(name: str, value: float, *, zero: bool = False) -> None:
-    """Refuse what is not a finite number above 0 (or, with ``zero``, not below)."""
+def positive(name: str, value: float, *, zero: bool = False, below: float = math.inf) -> None:
+    """Refuse what is not a finite number above 0 (or, with ``zero``, not below) and below ``below``."""
     number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    if not number or value < 0 or (value == 0 and not zero):
-        raise InputError(f"{name} must be a finite number {'of at least' if zero else 'above'} 0, not {value!r}")
+    if not number or value < 0 or (value == 0 and not zero) or value >= below:
+        end = "" if below == math.inf else f" and below {below:g}"
+        raise InputError(f"{name} must be a finite number {'of at least' if zero else 'above'} 0{end}, not {value!r}")
 
 
 def whole(name: str, value: int, smallest: int) -> None:

@@ -3,37 +3,39 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import ClassVar
+from itertools import pairwise
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.errors import InputError
-from pinproof.ik.loop import PROGRESS, Descent, IkStep, StepRule, descend
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.ik.engines import CompiledEngine, KernelRule, OnStep, PinocchioEngine, Query
+from pinproof.ik.goal import GoalName, IkGoal, packed_goal
+from pinproof.ik.loop import StepRule
 from pinproof.ik.messages import found, not_found, refused, sampled
-from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
-from pinproof.ik.settings import Rng, positive, random_generator, seed_sequence, whole
-from pinproof.ik.task import Task, TaskName, make_task
-from pinproof.ik.verdict import Candidate, judge
+from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkSolutions, IkStatus
+from pinproof.ik.seeds import seeds_of
+from pinproof.ik.settings import Rng, positive, whole
+from pinproof.ik.task import IkTask, Task, TaskName, make_task
+from pinproof.ik.verdict import Candidate, judge, judge_many
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, rigid
+from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
 
-__all__ = ["IterativeIk"]
+__all__ = ["IterativeIk", "KernelRule"]
 
 Array = npt.NDArray[np.float64]
 Accept = Callable[[Array], bool]
-OnStep = Callable[[IkStep], None]
+EngineName = Literal["auto", "compiled", "pinocchio"]
+TaskLike = TaskName | IkTask | Sequence[bool]
 
 SAME_SOLUTION = 1e-3
 """Two solutions whose joints all differ by less (rad or m) are one. At a singular target, poses within 1e-6 of it come
 from configurations up to about this far apart."""
-
-POLISH_PROGRESS = 1 - 1e-6
-"""A nearest miss is polished until its squared residual falls by less than a millionth in PATIENCE steps."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,10 +51,14 @@ class IterativeIk(ABC):
     max_iterations
         Steps of one attempt.
     restarts
-        Attempts after the first. With those from random starts, a pose that is solved by 4 attempts of 5 is missed
-        once in 5^51.
+        Attempts after the first. The first starts at q0; the second at the nearest in pose to the target among the
+        flips of where that one ended (elbow or wrist the other way round) and a low-discrepancy set inside the limits;
+        the others at the nearest of that set.
     max_step
         The most a joint moves in one step, in rad or m.
+    engine
+        ``"compiled"``; ``"pinocchio"``: the same iterates on Pinocchio's own kinematics, some hundred times slower;
+        ``"auto"``: compiled, except where ``on_step`` watches or the method has no compiled rule.
 
     Raises
     ------
@@ -65,18 +71,23 @@ class IterativeIk(ABC):
     max_iterations: int = 100
     restarts: int = 50
     max_step: float = 1.0
-
-    engine: ClassVar[str] = "pinocchio"
+    engine: EngineName = "auto"
 
     def __post_init__(self) -> None:
         for name in ("position_tolerance", "orientation_tolerance", "max_step"):
             positive(name, getattr(self, name))
         whole("max_iterations", self.max_iterations, 1)
         whole("restarts", self.restarts, 0)
+        if self.engine not in get_args(EngineName):
+            raise UnknownNameError("engine", self.engine, get_args(EngineName))
 
     @abstractmethod
-    def step_rule(self, dof: int) -> StepRule:
-        """A fresh step rule for one attempt with an arm of ``dof`` joints."""
+    def step_rule(self) -> StepRule:
+        """A fresh step rule for one attempt."""
+
+    def kernel_rule(self) -> KernelRule | None:
+        """The same rule compiled; None for a method that has none."""
+        return None
 
     def solve(
         self,
@@ -85,8 +96,9 @@ class IterativeIk(ABC):
         q0: npt.ArrayLike | None = None,
         *,
         rng: Rng = 0,
-        task: TaskName = "pose",
+        task: TaskLike = "pose",
         accept: Accept | None = None,
+        goal: GoalName | IkGoal | None = None,
         on_step: OnStep | None = None,
     ) -> IkResult:
         """A configuration of the arm that brings its tcp to the target.
@@ -102,21 +114,26 @@ class IterativeIk(ABC):
             whole turns away where it is an angle and they do it, else at the nearest limit. Of the whole turns that
             reach the same pose, solutions take the one nearest to q0.
         rng
-            Seed or Generator of the random starts of the others.
+            Seed or Generator that shifts the set of starts of the others.
         task
-            ``"pose"``, or only the ``"position"`` or ``"orientation"`` of the target.
+            ``"pose"``; only its ``"position"`` or ``"orientation"``; ``"spin_z"`` (or x, y), the pose but free to spin
+            about that axis of the target; or an :class:`IkTask` with any of its six coordinates.
         accept
             Called with a copy of each solution (n,): False refuses it, and the search goes on.
+        goal
+            What the joints shall do besides, where the task leaves them free: ``"centre"`` of their limits, ``"near"``
+            q0, or ``"manipulability"``; or an :class:`IkGoal`.
         on_step
             Called with every step, for plots and lessons.
 
         Raises
         ------
         InputError
-            For a target that is not rigid, a q0 of wrong shape, an unknown task, an rng that is none.
+            For a target that is not rigid, a q0 of wrong shape, an unknown task or goal, an rng that is none.
         """
-        query = _Query(arm, rigid("target", target), self._task(task), _start(arm, q0), accept)
-        return self._solve(query, random_generator(rng), on_step)
+        placement, start = rigid("target", target), _start(arm, q0)
+        engine = self._engine(on_step)
+        return self._solve(engine, self._query(arm, placement, start, rng, task, goal), accept)
 
     def solve_batch(
         self,
@@ -125,8 +142,9 @@ class IterativeIk(ABC):
         q0: npt.ArrayLike | None = None,
         *,
         rng: Rng = 0,
-        task: TaskName = "pose",
+        task: TaskLike = "pose",
         accept: Accept | None = None,
+        goal: GoalName | IkGoal | None = None,
         threads: int = 1,
     ) -> IkBatch:
         """:meth:`solve` for N targets.
@@ -137,11 +155,8 @@ class IterativeIk(ABC):
             (N, 4, 4) ``base_from_target``, or a sequence of ``pin.SE3``.
         q0
             (n,) for all targets, or (N, n).
-        rng
-            Each target draws from a stream of its own, spawned from this: its answer depends on its place in the
-            batch, not on the other targets nor on ``threads``.
         threads
-            Threads that share the work. (This engine runs under Python's lock and gains nothing from more than one.)
+            Threads that share the work; the answers do not depend on their number, nor on the other targets.
 
         The others are those of :meth:`solve`.
 
@@ -150,22 +165,35 @@ class IterativeIk(ABC):
         InputError
             As :meth:`solve`; names the target.
         """
-        goal = self._task(task)
         whole("threads", threads, 1)
-        placements = _placements(targets)
-        starts = _starts(arm, q0, len(placements))
-        streams = seed_sequence(rng).spawn(len(placements))
+        many = rigid_many("targets", targets)
+        starts = _starts(arm, q0, len(many))
+        engine = self._engine(None)
+        if accept is not None or not isinstance(engine, CompiledEngine):
 
-        def one(index: int) -> IkResult:
-            query = _Query(arm, placements[index], goal, starts[index], accept)
-            return self._solve(query, random_generator(streams[index]), None)
+            def one(index: int) -> IkResult:
+                query = self._query(arm, rigid("target", many[index]), starts[index], rng, task, goal)
+                return self._solve(engine, query, accept)
 
-        if threads == 1:
-            results = [one(index) for index in range(len(placements))]
-        else:
             with ThreadPoolExecutor(threads) as pool:
-                results = list(pool.map(one, range(len(placements))))
-        return IkBatch.of(results, arm.dof, self.engine)
+                return IkBatch.of(list(pool.map(one, range(len(many)))), arm, engine.name)
+
+        asked = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        wish, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
+        firsts = arm.limits.clip(nearest_winding(arm, starts, starts))
+
+        def share(rows: slice) -> tuple[npt.NDArray[np.generic], ...]:
+            q, iterations, attempts = engine.many(arm, many[rows], asked, wish, firsts[rows], seeds, self.restarts + 1)
+            return (*judge_many(arm, many[rows], asked, q, starts[rows]), iterations, attempts)
+
+        cuts = np.linspace(0, len(many), threads + 1).astype(int)
+        with ThreadPoolExecutor(threads) as pool:
+            shares = list(pool.map(share, [slice(a, b) for a, b in pairwise(cuts.tolist())]))
+        q, position, orientation, ok, iterations, attempts = (
+            np.concatenate(part) for part in zip(*shares, strict=True)
+        )
+        codes = np.where(ok, STATUSES.index(IkStatus.FOUND), STATUSES.index(IkStatus.NOT_FOUND)).astype(np.int8)
+        return IkBatch(q, codes, position, orientation, iterations, attempts - 1, engine.name, arm)
 
     def solve_many(
         self,
@@ -176,7 +204,7 @@ class IterativeIk(ABC):
         rng: Rng = 0,
         count: int = 8,
         attempts: int = 64,
-        task: TaskName = "pose",
+        task: TaskLike = "pose",
         accept: Accept | None = None,
     ) -> IkSolutions:
         """Several different solutions, such as elbow up and elbow down, nearest to q0 first.
@@ -196,20 +224,20 @@ class IterativeIk(ABC):
         """
         whole("count", count, 1)
         whole("attempts", attempts, 1)
-        query = _Query(arm, rigid("target", target), self._task(task), _start(arm, q0), accept)
+        query = self._query(arm, rigid("target", target), _start(arm, q0), rng, task, None)
+        engine = self._engine(None)
         kept: list[Candidate] = []
         tried = iterations = refusals = 0
-        for descent in self._descents(query, random_generator(rng), attempts, None):
-            tried, iterations = tried + 1, iterations + descent.iterations
-            candidate = query.judge(descent)
+        while tried < attempts and len(kept) < count:
+            ended = engine(query, first=tried, count=attempts, polish=False)
+            tried, iterations = ended.attempts, iterations + ended.iterations
+            candidate = judge(arm, matrix(query.target), query.task, ended.q, query.start)
             if not candidate.fulfils or any(_same(arm, candidate.q, other.q) for other in kept):
                 continue
-            if not query.accepts(candidate):
+            if not _accepts(accept, candidate):
                 refusals += 1
                 continue
             kept.append(candidate)
-            if len(kept) == count:
-                break
         kept.sort(key=lambda candidate: float(np.abs(candidate.q - query.start).max()))
         return IkSolutions(
             q=np.array([candidate.q for candidate in kept], dtype=float).reshape(len(kept), arm.dof),
@@ -217,117 +245,70 @@ class IterativeIk(ABC):
             orientation_error=np.array([candidate.errors[1] for candidate in kept], dtype=float),
             attempts=tried,
             iterations=iterations,
-            engine=self.engine,
+            engine=engine.name,
             message=sampled(len(kept), tried, refusals),
         )
 
-    def _task(self, name: str) -> Task:
-        return make_task(name, self.position_tolerance, self.orientation_tolerance)
+    def _engine(self, on_step: OnStep | None) -> CompiledEngine | PinocchioEngine:
+        rule = self.kernel_rule() if self.engine != "pinocchio" and on_step is None else None
+        if rule is None:
+            if self.engine == "compiled":
+                why = (
+                    "on_step watches the loop on Pinocchio"
+                    if on_step is not None
+                    else "this method has no compiled rule"
+                )
+                raise InputError(f"engine='compiled' cannot be had: {why}; use engine='auto'")
+            return PinocchioEngine(self.step_rule, self.max_iterations, self.max_step, on_step)
+        tolerances = self.position_tolerance, self.orientation_tolerance
+        return CompiledEngine(rule, tolerances, self.max_iterations, self.max_step)
 
-    def _solve(self, query: _Query, rng: np.random.Generator, on_step: OnStep | None) -> IkResult:
-        tried = iterations = refusals = 0
+    def _query(
+        self, arm: Arm, target: SE3, start: Array, rng: Rng, task: TaskLike, goal: GoalName | IkGoal | None
+    ) -> Query:
+        asked: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        first = arm.limits.clip(nearest_winding(arm, start, start))
+        return Query(arm, target, asked, packed_goal(goal, arm, start), start, first, seeds_of(arm, rng))
+
+    def _solve(self, engine: CompiledEngine | PinocchioEngine, query: Query, accept: Accept | None) -> IkResult:
+        count, tried, iterations, refusals = self.restarts + 1, 0, 0, 0
         first_refused: Candidate | None = None
-        nearest: Descent | None = None
+        target = matrix(query.target)
 
         def result(status: IkStatus, candidate: Candidate, message: str) -> IkResult:
-            return IkResult(status, candidate.q, *candidate.errors, iterations, tried - 1, self.engine, message)
+            return IkResult(status, candidate.q, *candidate.errors, iterations, tried - 1, engine.name, message)
 
-        for descent in self._descents(query, rng, self.restarts + 1, on_step):
-            tried, iterations = tried + 1, iterations + descent.iterations
-            if nearest is None or descent.squared_residual < nearest.squared_residual:
-                nearest = descent
-            if not descent.reached:
+        while True:
+            ended = engine(query, first=tried, count=count, polish=first_refused is None)
+            tried, iterations = ended.attempts, iterations + ended.iterations
+            candidate = judge(query.arm, target, query.task, ended.q, query.start)
+            if candidate.fulfils:
+                if _accepts(accept, candidate):
+                    return result(IkStatus.FOUND, candidate, found(candidate.errors, iterations, tried - 1))
+                refusals += 1
+                first_refused = first_refused or candidate
+            if tried < count:
                 continue
-            candidate = query.judge(descent)
-            if not candidate.fulfils:
-                continue
-            if query.accepts(candidate):
-                return result(IkStatus.FOUND, candidate, found(candidate.errors, iterations, tried - 1))
-            refusals += 1
-            first_refused = first_refused or candidate
-        if first_refused is not None:
-            return result(IkStatus.REFUSED, first_refused, refused(refusals, tried))
-
-        # Nothing was reached. The nearest miss stalled on its way; brought to its end, its errors mean something.
-        polished = self._descend(
-            query, query.start if nearest is None else nearest.q, tried - 1, POLISH_PROGRESS, on_step
-        )
-        iterations += polished.iterations
-        candidate = query.judge(polished)
-        if candidate.fulfils:
-            if query.accepts(candidate):
-                return result(IkStatus.FOUND, candidate, found(candidate.errors, iterations, tried - 1))
-            return result(IkStatus.REFUSED, candidate, refused(1, tried))
-        message = not_found(query.arm, candidate.q, candidate.errors, iterations, tried)
-        return result(IkStatus.NOT_FOUND, candidate, message)
-
-    def _descents(
-        self, query: _Query, rng: np.random.Generator, count: int, on_step: OnStep | None
-    ) -> Iterator[Descent]:
-        """``count`` descents: from the caller's start, then from uniform ones inside the limits."""
-        lower, upper = query.arm.limits.sampling_range()
-        for attempt in range(count):
-            q = query.first() if attempt == 0 else rng.uniform(lower, upper)
-            yield self._descend(query, q, attempt, PROGRESS, on_step)
-
-    def _descend(self, query: _Query, q: Array, attempt: int, progress: float, on_step: OnStep | None) -> Descent:
-        return descend(
-            query.arm,
-            query.target,
-            query.task,
-            q,
-            self.step_rule(query.arm.dof),
-            max_iterations=self.max_iterations,
-            max_step=self.max_step,
-            attempt=attempt,
-            progress=progress,
-            on_step=on_step,
-        )
+            if first_refused is not None:
+                return result(IkStatus.REFUSED, first_refused, refused(refusals, tried))
+            message = not_found(query.arm, candidate.q, candidate.errors, iterations, tried)
+            return result(IkStatus.NOT_FOUND, candidate, message)
 
 
-@dataclass(frozen=True, eq=False)
-class _Query:
-    """One question: which q of the arm brings the tcp to the target, counted from where it starts."""
-
-    arm: Arm
-    target: SE3
-    task: Task
-    start: Array
-    accept: Accept | None
-
-    def first(self) -> Array:
-        """The start inside the limits: by whole turns where they do it, else at the nearest limit."""
-        return self.arm.limits.clip(nearest_winding(self.arm, self.start, self.start))
-
-    def judge(self, descent: Descent) -> Candidate:
-        """What the end of a descent is worth."""
-        return judge(self.arm, self.target, self.task, descent.q, self.start)
-
-    def accepts(self, candidate: Candidate) -> bool:
-        """Whether the caller takes a solution; the callable gets a copy."""
-        return self.accept is None or bool(self.accept(candidate.q.copy()))
+def _accepts(accept: Accept | None, candidate: Candidate) -> bool:
+    """Whether the caller takes a solution; the callable gets a copy."""
+    return accept is None or bool(accept(candidate.q.copy()))
 
 
 def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:
     return arm.home if q0 is None else arm.configuration(q0, "q0")
 
 
-def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> list[Array]:
-    """A start for each of ``count`` targets: one for all, or a row each."""
+def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> Array:
+    """A start (count, n) for each target: one for all, or a row each."""
     if q0 is None or np.ndim(q0) <= 1:
-        return [_start(arm, q0)] * count
-    return list(finite("q0", q0, (count, arm.dof)))
-
-
-def _placements(targets: npt.ArrayLike | Sequence[SE3]) -> list[SE3]:
-    shape = np.shape(targets) if isinstance(targets, np.ndarray) else None
-    if shape is not None and shape[1:] != (4, 4):
-        raise InputError(f"targets must have the shape (N, 4, 4); it has {shape}")
-    try:
-        sequence = list(targets)  # type: ignore[arg-type]  # array-likes that cannot be walked are refused here
-    except TypeError as error:
-        raise InputError(f"targets must be (N, 4, 4) or a sequence of poses, not {type(targets).__name__}") from error
-    return [rigid(f"targets[{index}]", target) for index, target in enumerate(sequence)]
+        return np.tile(_start(arm, q0), (count, 1))
+    return finite("q0", q0, (count, arm.dof))
 
 
 def _same(arm: Arm, a: Array, b: Array) -> bool:

@@ -1,120 +1,182 @@
-"""What is asked of the tcp: a pose, a position or an orientation, as a residual, its Jacobian and a stopping test.
+"""What is asked of the tcp: which of the six coordinates of its pose, as a residual, a Jacobian and a verdict.
 
-All three are read off ``target_from_tcp = E``, the pose of the tcp seen from the target, which is the identity at a
-solution. If the joints move by dq, the tcp moves by the twist ``J dq`` seen in its own axes, so E becomes
-``E exp(J dq)``; with the right Jacobian of the logarithm, ``Jlog6``::
+All of it is read off ``target_from_tcp = E``, the pose of the tcp seen from the target, which is the identity at a
+solution of the whole pose::
 
-    pose         r = log6(E)                   dr/dq = Jlog6(E) J                 (6,), (6, n)
-    position     r = translation of E          dr/dq = (rotation of E) J_linear   (3,), (3, n)
-    orientation  r = angular part of log6(E)   dr/dq = Jlog3(E) J_angular         (3,), (3, n)
+    r = (translation of E, rotation vector of E),   rows that are not asked for are zero
+    dr/dq = (v, Jl^-1 w) with the tcp's Jacobian (v, w) in the axes of the target
 
-The other way round, ``log6(tcp_from_target) = -r``, with the same Jacobian up to its sign. ``Jlog3`` is the lower right
-block of ``Jlog6``, since the rotation of E moves regardless of its translation.
+``Jl`` is the left Jacobian of SO(3). It keeps the rotation vector e itself, Jl e = e, so where all three angles are
+asked for, the Newton step and the gradient of |r|^2 are the same without it, and it is left out.
 
-Sources: Sola, Deray, Atchuthan (2018), "A micro Lie theory for state estimation in robotics", eqs. 68, 163, 179.
+Source: Sola, Deray, Atchuthan (2018), "A micro Lie theory for state estimation in robotics", eqs. 132, 146.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.errors import UnknownNameError
-from pinproof.spatial import SE3, log6, log6_jacobian
+from pinproof.errors import InputError, UnknownNameError
 
-__all__ = ["Task", "TaskName", "make_task"]
+__all__ = ["IkTask", "Task", "TaskName", "make_task"]
 
 Array = npt.NDArray[np.float64]
-TaskName = Literal["pose", "position", "orientation"]
+TaskName = Literal["pose", "position", "orientation", "spin_x", "spin_y", "spin_z"]
 
-
-class Task(Protocol):
-    """What the tcp shall do at the target; residuals in m and rad, one metre weighed as one radian."""
-
-    def residual(self, target_from_tcp: SE3) -> Array:
-        """(m,) what is still to go; zero at a solution."""
-
-    def jacobian(self, target_from_tcp: SE3, local: Array) -> Array:
-        """(m, n) derivative of :meth:`residual` by q, from the tcp's Jacobian (6, n) in its own axes."""
-
-    def reached(self, residual: Array) -> bool:
-        """Whether a residual is within the tolerances."""
-
-    def fulfilled(self, position_error: float, orientation_error: float) -> bool:
-        """The same question for errors (m, rad) measured independently of the residual."""
+COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 @dataclass(frozen=True)
-class _Pose:
+class IkTask:
+    """Which coordinates of the target's pose are asked for, in the axes of the target.
+
+    ``x``, ``y``, ``z`` are its position, ``rx``, ``ry``, ``rz`` the rotation vector from target to tcp. So
+    ``IkTask(rz=False)``, also called ``"spin_z"``, asks for the pose but leaves the spin about the target's z free, and
+    ``IkTask(rx=False, ry=False, rz=False)`` is ``"position"``.
+    """
+
+    x: bool = True
+    y: bool = True
+    z: bool = True
+    rx: bool = True
+    ry: bool = True
+    rz: bool = True
+
+    def __post_init__(self) -> None:
+        asked = [getattr(self, name) for name in COORDINATES]
+        if not all(isinstance(one, (bool, np.bool_)) for one in asked):
+            raise InputError(f"an IkTask is made of six True or False, not {asked}")
+        if not any(asked):
+            raise InputError("an IkTask that asks for nothing is fulfilled everywhere; leave something True")
+
+
+TASKS: dict[str, IkTask] = {
+    "pose": IkTask(),
+    "position": IkTask(rx=False, ry=False, rz=False),
+    "orientation": IkTask(x=False, y=False, z=False),
+    "spin_x": IkTask(rx=False),
+    "spin_y": IkTask(ry=False),
+    "spin_z": IkTask(rz=False),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """A task with its tolerances; one metre is weighed as one radian.
+
+    Parameters
+    ----------
+    asked
+        (6,) of 1 and 0.
+    position_tolerance, orientation_tolerance
+        In m and rad.
+    """
+
+    asked: Array
     position_tolerance: float
     orientation_tolerance: float
 
-    def residual(self, target_from_tcp: SE3) -> Array:
-        return log6(target_from_tcp)
+    def residual(self, target_from_tcp: Array) -> Array:
+        """(6,) what is still to go at the pose E (4, 4); zero at a solution."""
+        e = np.concatenate([target_from_tcp[:3, 3], rotation_vectors(target_from_tcp[None, :3, :3])[0]])
+        return np.asarray(e * self.asked)
 
-    def jacobian(self, target_from_tcp: SE3, local: Array) -> Array:
-        return log6_jacobian(target_from_tcp) @ local
+    def jacobian(self, target_from_tcp: Array, in_target_axes: Array) -> Array:
+        """(6, n) derivative of :meth:`residual`, from the tcp's Jacobian (6, n) in the axes of the target."""
+        rows = in_target_axes * self.asked[:, None]
+        if 0 < self.asked[3:].sum() < 3:
+            inverse = left_jacobian_inverse(rotation_vectors(target_from_tcp[None, :3, :3])[0])
+            rows[3:] = (inverse @ in_target_axes[3:]) * self.asked[3:, None]
+        return np.asarray(rows)
 
     def reached(self, residual: Array) -> bool:
-        # The linear part of log6 is never shorter than the translation, so this is the stricter of the two tests.
+        """Whether a residual (6,) is within the tolerances."""
         linear, angular = residual[:3], residual[3:]
         return bool(
             linear.dot(linear) <= self.position_tolerance**2 and angular.dot(angular) <= self.orientation_tolerance**2
         )
 
-    def fulfilled(self, position_error: float, orientation_error: float) -> bool:
-        return position_error <= self.position_tolerance and orientation_error <= self.orientation_tolerance
+    def errors(self, target_from_tcp: Array) -> tuple[Array, Array]:
+        """Distances (N,) in m and angles (N,) in rad of the poses E (N, 4, 4).
+
+        Of the coordinates asked for; where a task asks for no position at all, or no orientation, of all three.
+        """
+        found = []
+        for asked, vectors in (
+            (self.asked[:3], target_from_tcp[:, :3, 3]),
+            (self.asked[3:], rotation_vectors(target_from_tcp[:, :3, :3])),
+        ):
+            counted = vectors[:, asked > 0] if asked.any() else vectors
+            found.append(np.sqrt(np.einsum("ni,ni->n", counted, counted)))
+        return found[0], found[1]
+
+    def fulfilled(self, position_error: Array, orientation_error: Array) -> npt.NDArray[np.bool_]:
+        """Whether :meth:`errors` (N,), measured apart from any loop, are within the tolerances."""
+        ok = np.ones(np.shape(position_error), dtype=bool)
+        if self.asked[:3].any():
+            ok &= position_error <= self.position_tolerance
+        if self.asked[3:].any():
+            ok &= orientation_error <= self.orientation_tolerance
+        return ok
 
 
-@dataclass(frozen=True)
-class _Position:
-    position_tolerance: float
-
-    def residual(self, target_from_tcp: SE3) -> Array:
-        return np.array(target_from_tcp.translation)
-
-    def jacobian(self, target_from_tcp: SE3, local: Array) -> Array:
-        return np.asarray(target_from_tcp.rotation @ local[:3])
-
-    def reached(self, residual: Array) -> bool:
-        return bool(residual.dot(residual) <= self.position_tolerance**2)
-
-    def fulfilled(self, position_error: float, orientation_error: float) -> bool:  # noqa: ARG002
-        return position_error <= self.position_tolerance
-
-
-@dataclass(frozen=True)
-class _Orientation:
-    orientation_tolerance: float
-
-    def residual(self, target_from_tcp: SE3) -> Array:
-        return log6(target_from_tcp)[3:]
-
-    def jacobian(self, target_from_tcp: SE3, local: Array) -> Array:
-        return log6_jacobian(target_from_tcp)[3:, 3:] @ local[3:]
-
-    def reached(self, residual: Array) -> bool:
-        return bool(residual.dot(residual) <= self.orientation_tolerance**2)
-
-    def fulfilled(self, position_error: float, orientation_error: float) -> bool:  # noqa: ARG002
-        return orientation_error <= self.orientation_tolerance
-
-
-def make_task(name: str, position_tolerance: float, orientation_tolerance: float) -> Task:
-    """The task of that name, with tolerances in m and rad.
+def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, orientation_tolerance: float) -> Task:
+    """A task by its name or coordinates, with tolerances in m and rad.
 
     Raises
     ------
     UnknownNameError
-        For a name other than ``pose``, ``position``, ``orientation``.
+        For an unknown name.
+    InputError
+        If it is not six True or False, or asks for nothing.
     """
-    if name == "pose":
-        return _Pose(position_tolerance, orientation_tolerance)
-    if name == "position":
-        return _Position(position_tolerance)
-    if name == "orientation":
-        return _Orientation(orientation_tolerance)
-    raise UnknownNameError("task", name, get_args(TaskName))
+    if isinstance(task, str):
+        if task not in TASKS:
+            raise UnknownNameError("task", task, get_args(TaskName))
+        task = TASKS[task]
+    elif not isinstance(task, IkTask):
+        try:
+            coordinates = list(task)
+        except TypeError:
+            coordinates = []
+        if len(coordinates) != len(COORDINATES):
+            raise InputError(
+                f"task is a name, an IkTask or six True or False for {', '.join(COORDINATES)}, not {task!r}"
+            )
+        task = IkTask(*coordinates)
+    asked = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
+    return Task(asked, position_tolerance, orientation_tolerance)
+
+
+def rotation_vectors(rotations: Array) -> Array:
+    """The rotation vectors (N, 3), axis times angle from 0 to pi, of rotations (N, 3, 3).
+
+    The angle is taken from sine and cosine together, which is exact to rounding for small angles and near pi alike; the
+    arccosine of the trace alone would lose everything below 1e-8. Near pi the axis is read off R + R^T.
+    """
+    r = rotations
+    twice = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
+    sine = np.sqrt(np.einsum("ni,ni->n", twice, twice)) / 2
+    cosine = (np.trace(r, axis1=1, axis2=2) - 1) / 2
+    angle = np.arctan2(sine, cosine)
+    vectors = twice / 2 * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-6)[:, None]
+    for i in np.flatnonzero(cosine < -0.99):
+        column = int(np.diag(r[i]).argmax())
+        axis = r[i, :, column] + r[i, column, :] - 2 * cosine[i] * np.eye(3)[column]
+        axis *= angle[i] / np.linalg.norm(axis)
+        vectors[i] = -axis if axis @ twice[i] < 0 else axis
+    return np.asarray(vectors)
+
+
+def left_jacobian_inverse(v: Array) -> Array:
+    """The inverse (3, 3) of the left Jacobian of SO(3) at a rotation vector (3,) shorter than 2 pi."""
+    square = float(v @ v)
+    angle = np.sqrt(square)
+    c = 1 / 12 if angle < 1e-3 else (1 - 0.5 * angle / np.tan(0.5 * angle)) / square
+    cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+    return np.asarray(np.eye(3) - 0.5 * cross + c * (cross @ cross))

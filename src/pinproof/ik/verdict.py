@@ -10,9 +10,8 @@ import numpy.typing as npt
 from pinproof.ik.task import Task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
-from pinproof.spatial import SE3
 
-__all__ = ["Candidate", "judge"]
+__all__ = ["Candidate", "judge", "judge_many"]
 
 Array = npt.NDArray[np.float64]
 
@@ -26,21 +25,33 @@ class Candidate:
     fulfils: bool
 
 
-def judge(arm: Arm, target: SE3, task: Task, q: Array, reference: Array) -> Candidate:
-    """What q (n,) is worth, with the whole turns nearest to ``reference`` (n,)."""
+def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Candidate:
+    """What q (n,) is worth for the target (4, 4), with the whole turns nearest to ``reference`` (n,), by Pinocchio."""
     q = nearest_winding(arm, q, reference)
-    errors = _errors(arm.forward_kinematics(q), target)
-    return Candidate(q, errors, task.fulfilled(*errors) and arm.limits.contains(q))
+    position, orientation = task.errors(_seen_from(target, arm.forward_kinematics(q).homogeneous)[None])
+    fulfils = bool(task.fulfilled(position, orientation)[0]) and arm.limits.contains(q)
+    return Candidate(q, (float(position[0]), float(orientation[0])), fulfils)
 
 
-def _errors(base_from_tcp: SE3, base_from_target: SE3) -> tuple[float, float]:
-    """Distance (m) and angle (rad) between two poses.
+def judge_many(
+    arm: Arm, targets: Array, task: Task, Q: Array, references: Array
+) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
+    """The same for N targets (N, 4, 4) by the compiled chain: Q, distances, angles, and which fulfil the task."""
+    from pinproof.kernels.chain import forward_many
 
-    The angle is taken from sine and cosine together, which is exact to rounding for small angles and near pi alike; the
-    arccosine of the trace alone would lose everything below 1e-8.
-    """
-    off = base_from_tcp.translation - base_from_target.translation
-    r = base_from_target.rotation.T @ base_from_tcp.rotation
-    two_sines = np.sqrt((r[2, 1] - r[1, 2]) ** 2 + (r[0, 2] - r[2, 0]) ** 2 + (r[1, 0] - r[0, 1]) ** 2)
-    angle = np.arctan2(two_sines, r[0, 0] + r[1, 1] + r[2, 2] - 1.0)
-    return float(np.sqrt(off.dot(off))), float(angle)
+    Q = np.ascontiguousarray(nearest_winding(arm, Q, references))
+    poses = np.empty((len(Q), 4, 4))
+    forward_many(arm.packed, Q, poses)
+    position, orientation = task.errors(_seen_from(targets, poses))
+    inside = ((arm.limits.lower <= Q) & (arm.limits.upper >= Q)).all(axis=1)
+    return Q, position, orientation, task.fulfilled(position, orientation) & inside
+
+
+def _seen_from(targets: Array, poses: Array) -> Array:
+    """target_from_tcp (..., 4, 4)."""
+    out = np.zeros(poses.shape)
+    turned = np.swapaxes(targets[..., :3, :3], -1, -2)
+    out[..., :3, :3] = turned @ poses[..., :3, :3]
+    out[..., :3, 3] = np.einsum("...ij,...j->...i", turned, poses[..., :3, 3] - targets[..., :3, 3])
+    out[..., 3, 3] = 1.0
+    return out

@@ -12,11 +12,19 @@ import numpy.typing as npt
 
 from pinproof.model import Arm
 
-__all__ = ["difference", "nearest_winding"]
+__all__ = ["difference", "nearest_winding", "turning"]
 
 Array = npt.NDArray[np.float64]
 
 TURN = 2 * np.pi
+
+WHOLE_TURN_GAP = 1e-3
+"""Rad. A range that lacks no more of a whole turn counts as one for a descent: files write pi as 3.1416 or 3.14159."""
+
+
+def turning(arm: Arm) -> npt.NDArray[np.bool_]:
+    """(n,) the joints that can make a whole turn: beyond one limit a descent goes on a turn away, at the same pose."""
+    return np.asarray(arm.periodic & (arm.limits.upper - arm.limits.lower >= TURN - WHOLE_TURN_GAP))
 
 
 def nearest_winding(arm: Arm, q: Array, reference: Array) -> Array:

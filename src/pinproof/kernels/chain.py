@@ -15,25 +15,32 @@ from typing import Any
 
 import numpy as np
 
-from pinproof.kernels.compiled import compiled
+from pinproof.kernels.compiled import compiled, inlined
 from pinproof.kernels.trigonometry import sincos
 
-__all__ = ["LEADER", "MULTIPLIER", "OFFSET", "SLIDES", "forward_many", "jacobian_of", "walk"]
+__all__ = ["LEADER", "MULTIPLIER", "OFFSET", "SLIDES", "forward_many", "jacobian_of", "walk", "whole_vectors"]
 
 SLIDES, LEADER, MULTIPLIER, OFFSET = 12, 13, 14, 15
 
 
 @compiled
+def whole_vectors(m: int) -> int:
+    """The width of an array for m numbers whose loops run on whole vector registers of 8."""
+    return (m + 7) // 8 * 8
+
+
+@inlined
 def walk(chain: Any, start: Any, q: Any, turns: Any, axes: Any, end: Any) -> None:
     """Follow the chain from ``start`` (3, 4) at q (n,).
 
     Writes each joint's origin and direction into ``axes`` (m, 6) and the pose of the tcp into ``end`` (3, 4);
-    ``turns`` (3, m) is scratch: values, sines and cosines of the joints.
+    ``turns`` (3, m or more) is scratch: values, sines and cosines of the joints. What it is wider, up to whole vectors
+    (:func:`whole_vectors`), saves time; it must have been made finite once.
     """
     m = chain.shape[0] - 1
     for k in range(m):
         turns[0, k] = chain[k, MULTIPLIER] * q[int(chain[k, LEADER])] + chain[k, OFFSET]
-    for k in range(m):  # a loop of its own, so that it runs on vectors
+    for k in range(turns.shape[1]):  # a loop of its own, so that it runs on vectors
         turns[1, k], turns[2, k] = sincos(turns[0, k])
     r00, r01, r02, p0 = start[0, 0], start[0, 1], start[0, 2], start[0, 3]
     r10, r11, r12, p1 = start[1, 0], start[1, 1], start[1, 2], start[1, 3]
@@ -69,7 +76,7 @@ def walk(chain: Any, start: Any, q: Any, turns: Any, axes: Any, end: Any) -> Non
     end[2, 0], end[2, 1], end[2, 2], end[2, 3] = r20, r21, r22, p2
 
 
-@compiled
+@inlined
 def jacobian_of(chain: Any, axes: Any, end: Any, jacobian: Any) -> None:
     """The tcp's twist per rate of q into ``jacobian`` (6, n), linear first, in the axes :func:`walk` started in."""
     jacobian[:] = 0.0
@@ -94,7 +101,7 @@ def jacobian_of(chain: Any, axes: Any, end: Any, jacobian: Any) -> None:
 def forward_many(chain: Any, Q: Any, out: Any) -> None:
     """base_from_tcp at each row of Q (N, n) into ``out`` (N, 4, 4)."""
     m = chain.shape[0] - 1
-    identity, turns, axes = np.zeros((3, 4)), np.empty((3, m)), np.empty((m, 6))
+    identity, turns, axes = np.zeros((3, 4)), np.zeros((3, whole_vectors(m))), np.empty((m, 6))
     identity[0, 0] = identity[1, 1] = identity[2, 2] = 1.0
     for i in range(Q.shape[0]):
         walk(chain, identity, Q[i], turns, axes, out[i])

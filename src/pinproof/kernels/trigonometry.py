@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from pinproof.kernels.compiled import compiled
+from pinproof.kernels.compiled import inlined
 
 __all__ = ["sincos"]
 
@@ -24,7 +24,7 @@ S3, S5, S7, S9, S11, S13, S15 = ((-1) ** (k // 2) / math.factorial(k) for k in r
 C2, C4, C6, C8, C10, C12, C14, C16 = ((-1) ** (k // 2) / math.factorial(k) for k in range(2, 17, 2))
 
 
-@compiled
+@inlined
 def sincos(angle: float) -> Any:
     """``(sin, cos)`` of an angle in rad."""
     quarters = np.rint(angle * PER_QUARTER)

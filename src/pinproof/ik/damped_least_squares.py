@@ -1,0 +1,75 @@
+"""The textbook's damped least squares, damped near singularities only."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.ik.loop import StepRule
+from pinproof.ik.settings import positive
+from pinproof.ik.solver import IterativeIk, KernelRule
+
+__all__ = ["DampedLeastSquares"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class DampedLeastSquares(IterativeIk):
+    """Inverse kinematics by damped least squares: step = -A^T (A A^T + lambda^2 I)^-1 r.
+
+    The damping adapts to how near a singularity is: with s the smallest singular value that A can have,
+    lambda^2 = damping^2 (1 - (s / region)^2) for s below ``region``, and none beyond.
+
+    Parameters
+    ----------
+    damping
+        The largest lambda, reached at the singularity; above 0.
+    region
+        The singular value (metres and radians mixed) at which the damping begins; above 0.
+
+    The other settings are those of :class:`~pinproof.ik.solver.IterativeIk`.
+
+    References
+    ----------
+    Wampler (1986), "Manipulator inverse kinematic solutions based on vector formulations and damped least-squares
+    methods"; Maciejewski, Klein (1988), "Numerical filtering for the operation of robotic manipulators through
+    kinematically singular configurations": the damping that follows the smallest singular value.
+    """
+
+    damping: float = 0.05
+    region: float = 0.1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("damping", self.damping)
+        positive("region", self.region)
+
+    def step_rule(self) -> StepRule:
+        """The step of damped least squares."""
+        return _DampedLeastSquaresStep(self.damping, self.region)
+
+    def kernel_rule(self) -> KernelRule:
+        """The same, compiled."""
+        from pinproof.kernels.descent import SINGULAR
+
+        return SINGULAR, (0.0, self.damping, self.region)
+
+
+class _DampedLeastSquaresStep:
+    def __init__(self, damping: float, region: float) -> None:
+        self._damping, self._region = damping, region
+
+    def observe(self, squared_residual: float) -> None:
+        """Nothing is learnt."""
+
+    def __call__(self, residual: Array, jacobian: Array) -> Array:
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        rank = min(jacobian.any(axis=1).sum(), jacobian.any(axis=0).sum())
+        smallest = values[rank - 1] if rank else 0.0
+        squared = self._damping**2 * (1 - (smallest / self._region) ** 2) if smallest < self._region else 0.0
+        kept = values > 0.0
+        shares = values[kept] / (values[kept] ** 2 + squared)
+        return np.asarray(-right[kept].T @ (shares * (left[:, kept].T @ residual)))

@@ -1,0 +1,185 @@
+"""What makes the attempts of a search: compiled loops, or the same loop on Pinocchio for those who watch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.ik.loop import Descent, IkStep, StepRule, descend
+from pinproof.ik.seeds import Seeds
+from pinproof.ik.task import Task
+from pinproof.ik.windings import turning
+from pinproof.model import Arm
+from pinproof.spatial import SE3, matrix
+
+__all__ = ["CompiledEngine", "Ended", "KernelRule", "PinocchioEngine", "Query"]
+
+Array = npt.NDArray[np.float64]
+OnStep = Callable[[IkStep], None]
+
+KernelRule = tuple[int, tuple[float, float, float]]
+"""A compiled method: its number in :mod:`pinproof.kernels.descent`, and its settings."""
+
+POLISH: dict[str, Any] = {"progress": 1 - 1e-6, "patience": 20}
+"""A nearest miss is polished until its squared residual falls by less than a millionth in so many steps."""
+
+
+@dataclass(frozen=True, eq=False)
+class Query:
+    """One question: which q of the arm brings the tcp to the target, from where, with which wish besides.
+
+    ``start`` (n,) is the caller's q0, in or outside the limits; ``first`` (n,) the same inside them.
+    """
+
+    arm: Arm
+    target: SE3
+    task: Task
+    goal: Array
+    start: Array
+    first: Array
+    seeds: Seeds
+
+
+class Ended(NamedTuple):
+    """How a run of attempts ended: at the first that reached the task, or with the nearest of all."""
+
+    q: Array
+    reached: bool
+    iterations: int
+    attempts: int
+
+
+class CompiledEngine:
+    """Attempts in :mod:`pinproof.kernels.search`."""
+
+    name = "compiled"
+
+    def __init__(self, rule: KernelRule, tolerances: tuple[float, float], max_iterations: int, max_step: float) -> None:
+        self._rule, self._settings = rule[0], np.array(rule[1], dtype=float)
+        self._tolerances = np.array(tolerances, dtype=float)
+        self._max_iterations, self._max_step = max_iterations, max_step
+
+    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> Ended:
+        """Attempts number ``first`` and on, ``count`` in all; the nearest is polished if none reaches the task.
+
+        ``attempts`` of the end counts those before ``first`` too.
+        """
+        from pinproof.kernels.search import search
+
+        q = query.first.copy()
+        reached, iterations, attempts = search(
+            *self._question(query.arm, query.task, query.goal, query.seeds, count, polish),
+            matrix(query.target),
+            q,
+            first,
+        )
+        return Ended(q, reached, iterations, attempts)
+
+    def many(
+        self, arm: Arm, targets: Array, task: Task, goal: Array, starts: Array, seeds: Seeds, count: int
+    ) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """N targets (N, 4, 4) from N starts (N, n): where each ended, the steps and the attempts it took."""
+        from pinproof.kernels.search import search_many
+
+        q, size = np.array(starts), len(starts)
+        reached, iterations, attempts = np.empty(size, bool), np.empty(size, np.int64), np.empty(size, np.int64)
+        question = self._question(arm, task, goal, seeds, count, True)
+        search_many(*question, np.ascontiguousarray(targets), q, reached, iterations, attempts)
+        return q, iterations, attempts
+
+    def _question(self, arm: Arm, task: Task, goal: Array, seeds: Seeds, count: int, polish: bool) -> tuple[Any, ...]:
+        limits = np.array([self._max_iterations, self._max_step, count, polish], dtype=float)
+        return (
+            self._rule,
+            self._settings,
+            arm.packed,
+            _box(arm),
+            self._tolerances,
+            task.asked,
+            goal,
+            limits,
+            seeds.q,
+            seeds.poses,
+            seeds.weights(task.asked),
+        )
+
+
+class PinocchioEngine:
+    """The same attempts in :mod:`pinproof.ik.loop`."""
+
+    name = "pinocchio"
+
+    def __init__(
+        self, rule: Callable[[], StepRule], max_iterations: int, max_step: float, on_step: OnStep | None = None
+    ) -> None:
+        self._rule, self._max_iterations, self._max_step, self._on_step = rule, max_iterations, max_step, on_step
+
+    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> Ended:
+        """As the compiled one."""
+        total, nearest, q = 0, None, query.first
+        order = query.seeds.nearest(matrix(query.target), query.task.asked).tolist()
+        for attempt in range(count):
+            if attempt == 1:
+                q = self._flip_or_seed(query, q, order)
+            elif attempt > 1:
+                q = query.seeds.q[order.pop(0)]
+            if 0 < attempt < first:
+                continue
+            watched = self._on_step if attempt >= first else None
+            descent = self._descend(query, q, attempt, watched)
+            q = descent.q
+            if attempt < first:  # made again, since the flips begin where it ended
+                continue
+            total += descent.iterations
+            if descent.reached:
+                return Ended(q, True, total, attempt + 1)
+            if nearest is None or descent.squared_residual < nearest.squared_residual:
+                nearest = descent
+        end = q if nearest is None else nearest.q
+        if not polish:
+            return Ended(end, False, total, count)
+        descent = self._descend(query, end, count - 1, self._on_step, **POLISH)
+        return Ended(descent.q, descent.reached, total + descent.iterations, count)
+
+    def _descend(self, query: Query, q: Array, attempt: int, on_step: OnStep | None, **stall: Any) -> Descent:
+        return descend(
+            query.arm,
+            query.target,
+            query.task,
+            query.goal,
+            q,
+            self._rule(),
+            max_iterations=self._max_iterations,
+            max_step=self._max_step,
+            attempt=attempt,
+            on_step=on_step,
+            **stall,
+        )
+
+    def _flip_or_seed(self, query: Query, q: Array, order: list[int]) -> Array:
+        """The nearest in pose of the flips of q and of the seeds; see :mod:`pinproof.kernels.search`."""
+        limits = query.arm.limits
+        with np.errstate(invalid="ignore"):
+            middle = np.where(np.isfinite(limits.upper - limits.lower), (limits.lower + limits.upper) / 2, 0.0)
+        flips = [np.where(np.arange(len(q)) == i, 2 * middle - q, q) for i in range(len(q))]
+        choice = [query.seeds.q[order[0]], *flips]
+        best = int(np.argmin([self._away(query, one) for one in choice]))
+        if best == 0:
+            order.pop(0)
+        return choice[best]
+
+    def _away(self, query: Query, q: Array) -> float:
+        distance, spin = query.seeds.weights(query.task.asked)
+        seen = query.target.actInv(query.arm.forward_kinematics(q))
+        return float(distance * seen.translation @ seen.translation - spin * np.trace(seen.rotation))
+
+
+def _box(arm: Arm) -> Array:
+    """The limits as kernels read them (5, n): see :mod:`pinproof.kernels.descent`."""
+    limits, turns = arm.limits, turning(arm)
+    stops = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
+    return np.array([limits.lower, limits.upper, *stops, turns], dtype=float)

@@ -1,0 +1,85 @@
+"""What the joints shall do besides the task: the drift that a goal of the null space wishes for.
+
+A goal is an array (3, n). Row 0: the kind in its first entry (:data:`NONE` and the others below), the gain in its
+second (row 0 has at least two). Of a posture: row 1 the configuration, row 2 the weight of each joint; ``NEAR`` is the
+posture that a search starts from.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pinproof.kernels.chain import jacobian_of, walk
+from pinproof.kernels.cholesky import factor, gram
+from pinproof.kernels.compiled import compiled
+from pinproof.kernels.workspace import DRIFT
+
+__all__ = ["MANIPULABILITY", "NEAR", "NONE", "POSTURE", "drift_of", "log_manipulability"]
+
+NONE, POSTURE, MANIPULABILITY, NEAR = 0.0, 1.0, 2.0, 3.0
+
+FINITE_STEP = 1e-5
+"""Rad or m, for central differences of the manipulability: errors of 1e-10 of it, truncation and rounding alike."""
+
+TINY = 1e-14
+"""Added to the squares of the singular values, so that the logarithm of a vanishing volume exists."""
+
+LONGEST_DRIFT = 0.2
+"""Rad or m: the most a goal moves a joint in one step, so that the task stays nearly fulfilled."""
+
+
+@compiled
+def drift_of(
+    goal: Any,
+    chain: Any,
+    q: Any,
+    start: Any,
+    turns: Any,
+    axes: Any,
+    end: Any,
+    jacobian: Any,
+    square: Any,
+    lower: Any,
+    joints: Any,
+) -> None:
+    """The step (n,) that the goal alone would take, into the row DRIFT of ``joints``; not yet in the null space.
+
+    ``axes`` and ``end`` are left as :func:`walk` makes them at q; ``jacobian`` is not.
+    """
+    kind, gain, n = goal[0, 0], goal[0, 1], q.shape[0]
+    largest = 0.0
+    for i in range(n):
+        if kind != MANIPULABILITY:
+            joints[DRIFT, i] = gain * goal[2, i] * (goal[1, i] - q[i])
+        else:
+            kept, change = q[i], 0.0
+            for side in (-1.0, 1.0):
+                q[i] = kept + side * FINITE_STEP
+                walk(chain, start, q, turns, axes, end)
+                jacobian_of(chain, axes, end, jacobian)
+                change += side * log_manipulability(jacobian, square, lower)
+            q[i] = kept
+            joints[DRIFT, i] = gain * change / (2.0 * FINITE_STEP)
+        largest = max(largest, abs(joints[DRIFT, i]))
+    if kind == MANIPULABILITY:
+        walk(chain, start, q, turns, axes, end)
+    if largest > LONGEST_DRIFT:
+        for i in range(n):
+            joints[DRIFT, i] *= LONGEST_DRIFT / largest
+
+
+@compiled
+def log_manipulability(jacobian: Any, square: Any, lower: Any) -> float:
+    """The logarithm of sqrt(det(J J^T + TINY I)) of a Jacobian (6, n).
+
+    With fewer than six joints the vanishing singular values only add a constant: the product of the others counts.
+    Source: Yoshikawa (1985), "Manipulability of robotic mechanisms".
+    """
+    gram(jacobian, square)
+    if not factor(square, TINY, lower):
+        return math.log(TINY)
+    total = 0.0
+    for i in range(6):
+        total -= math.log(lower[i, i])
+    return total

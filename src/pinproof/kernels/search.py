@@ -1,0 +1,238 @@
+"""Starts and restarts of a descent, for one target and for many; the twin of the search in :mod:`pinproof.ik.solver`.
+
+The first attempt starts where the caller says. The others take the nearest in pose to the target that has not been
+tried: once among the flips of where the first one ended (one joint mirrored about the middle of its range: the elbow
+or the wrist the other way round) and the seeds together, then among the seeds alone. Seeds are a low-discrepancy set of
+configurations (T, n) with the poses of their tcp (12, T), the rows of the (3, 4) matrix; a Newton-like descent that
+begins near its target mostly ends at it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pinproof.kernels.chain import walk
+from pinproof.kernels.compiled import compiled
+from pinproof.kernels.descent import LOWER, UPPER, descend
+from pinproof.kernels.goals import NEAR
+from pinproof.kernels.workspace import ASKED, ENDED, workspace
+
+__all__ = ["search", "search_many"]
+
+PROGRESS, PATIENCE = 0.5, 5
+"""The share of the squared residual that may remain after so many steps, lest a descent has stalled: one that converges
+more than halves it, even at a singular target."""
+
+POLISH_PROGRESS, POLISH_PATIENCE = 1 - 1e-6, 20
+"""A nearest miss is polished until its squared residual falls by less than a millionth in so many steps."""
+
+USED = np.float32(1e30)
+"""The distance of a seed that has been tried."""
+
+
+@compiled
+def search_many(
+    rule: int,
+    settings: Any,
+    chain: Any,
+    box: Any,
+    tolerances: Any,
+    asked: Any,
+    goal: Any,
+    limits: Any,
+    seeds: Any,
+    poses: Any,
+    weights: Any,
+    targets: Any,
+    q: Any,
+    reached: Any,
+    iterations: Any,
+    attempts: Any,
+) -> None:
+    """:func:`search` for the targets (N, 4, 4), from the starts q (N, n), which become the answers."""
+    n = q.shape[1]
+    work = workspace(chain.shape[0] - 1, n)
+    distances, start = np.empty(len(seeds), np.float32), np.empty(n)
+    goal = goal.copy()
+    for i in range(6):
+        work.errors[ASKED, i] = asked[i]
+    for row in range(len(targets)):
+        for i in range(n):
+            start[i] = q[row, i]
+            if goal[0, 0] == NEAR:
+                goal[1, i] = start[i]
+        reached[row], iterations[row], attempts[row] = _search(
+            rule, settings, chain, box, tolerances, goal, limits, seeds, poses, weights, targets[row], start, 0,
+            distances, work,
+        )  # fmt: skip
+        for i in range(n):
+            q[row, i] = start[i]
+
+
+@compiled
+def search(
+    rule: int,
+    settings: Any,
+    chain: Any,
+    box: Any,
+    tolerances: Any,
+    asked: Any,
+    goal: Any,
+    limits: Any,
+    seeds: Any,
+    poses: Any,
+    weights: Any,
+    target: Any,
+    q: Any,
+    first: int,
+) -> Any:
+    """The attempts from number ``first`` on, until one fulfils the task; q (n,) is the start and becomes the answer.
+
+    ``limits`` are the steps of an attempt, the longest step of a joint, the attempts in all, and whether the nearest
+    miss is polished if none fulfils it. Returns whether one does, the steps taken, and the attempts made in all.
+    """
+    work = workspace(chain.shape[0] - 1, q.shape[0])
+    for i in range(6):
+        work.errors[ASKED, i] = asked[i]
+    distances = np.empty(len(seeds), np.float32)
+    return _search(
+        rule, settings, chain, box, tolerances, goal, limits, seeds, poses, weights, target, q, first, distances, work
+    )
+
+
+@compiled
+def _search(
+    rule: int,
+    settings: Any,
+    chain: Any,
+    box: Any,
+    tolerances: Any,
+    goal: Any,
+    limits: Any,
+    seeds: Any,
+    poses: Any,
+    weights: Any,
+    target: Any,
+    q: Any,
+    first: int,
+    distances: Any,
+    work: Any,
+) -> Any:
+    n, total = q.shape[0], 0
+    most, longest, count = int(limits[0]), limits[1], int(limits[2])
+    _start_from_target(target, work.start)
+    joints, nearest_squared = work.joints, math.inf
+    for attempt in range(count):
+        if attempt == 1:
+            _measure_seeds(poses, weights, target, distances)
+            _flip_or_seed(chain, box, weights, seeds, distances, q, work.start, work.turns, work.axes, work.end)
+        elif attempt > 1:
+            _take_seed(seeds, distances, q)
+        if 0 < attempt < first:  # the first is made again, since the flips begin where it ended
+            continue
+        done, steps, squared = descend(
+            rule, settings, chain, box, tolerances, goal, most, longest, PROGRESS, PATIENCE, q, work
+        )  # fmt: skip
+        if attempt < first:
+            continue
+        total += steps
+        if done:
+            return True, total, attempt + 1
+        if squared < nearest_squared:
+            nearest_squared = squared
+            for i in range(n):
+                joints[ENDED, i] = q[i]
+    if nearest_squared < math.inf:
+        for i in range(n):
+            q[i] = joints[ENDED, i]
+    if limits[3] == 0.0:
+        return False, total, count
+    done, steps, squared = descend(
+        rule, settings, chain, box, tolerances, goal, most, longest, POLISH_PROGRESS, POLISH_PATIENCE, q, work
+    )  # fmt: skip
+    return done, total + steps, count
+
+
+@compiled
+def _start_from_target(target: Any, start: Any) -> None:
+    """The inverse of base_from_target into ``start`` (3, 4)."""
+    for i in range(3):
+        for j in range(3):
+            start[i, j] = target[j, i]
+        start[i, 3] = -(target[0, i] * target[0, 3] + target[1, i] * target[1, 3] + target[2, i] * target[2, 3])
+
+
+@compiled
+def _measure_seeds(poses: Any, weights: Any, target: Any, distances: Any) -> None:
+    """How far each seed's pose is from the target: weighted squares of distance and of the chord of the rotation."""
+    w, v = np.float32(weights[0]), np.float32(weights[1])
+    r00, r01, r02 = np.float32(target[0, 0]), np.float32(target[0, 1]), np.float32(target[0, 2])
+    r10, r11, r12 = np.float32(target[1, 0]), np.float32(target[1, 1]), np.float32(target[1, 2])
+    r20, r21, r22 = np.float32(target[2, 0]), np.float32(target[2, 1]), np.float32(target[2, 2])
+    x, y, z = np.float32(target[0, 3]), np.float32(target[1, 3]), np.float32(target[2, 3])
+    for k in range(poses.shape[1]):
+        dx, dy, dz = poses[3, k] - x, poses[7, k] - y, poses[11, k] - z
+        trace = (
+            poses[0, k] * r00 + poses[1, k] * r01 + poses[2, k] * r02
+            + poses[4, k] * r10 + poses[5, k] * r11 + poses[6, k] * r12
+            + poses[8, k] * r20 + poses[9, k] * r21 + poses[10, k] * r22
+        )  # fmt: skip
+        distances[k] = w * (dx * dx + dy * dy + dz * dz) - v * trace
+
+
+@compiled
+def _nearest(distances: Any) -> int:
+    best = 0
+    for k in range(1, len(distances)):
+        if distances[k] < distances[best]:
+            best = k
+    return best
+
+
+@compiled
+def _take_seed(seeds: Any, distances: Any, q: Any) -> None:
+    """The nearest seed that has not been tried, into q."""
+    best = _nearest(distances)
+    distances[best] = USED
+    for i in range(q.shape[0]):
+        q[i] = seeds[best, i]
+
+
+@compiled
+def _flip_or_seed(
+    chain: Any,
+    box: Any,
+    weights: Any,
+    seeds: Any,
+    distances: Any,
+    q: Any,
+    start: Any,
+    turns: Any,
+    axes: Any,
+    end: Any,
+) -> None:
+    """The nearest of the flips of q and of the seeds, into q; a joint without a range is mirrored about zero."""
+    best, least = -1, float(distances[_nearest(distances)])
+    for i in range(q.shape[0]):
+        kept = q[i]
+        q[i] = _mirrored(box, i, kept)
+        walk(chain, start, q, turns, axes, end)
+        square = end[0, 3] * end[0, 3] + end[1, 3] * end[1, 3] + end[2, 3] * end[2, 3]
+        distance = weights[0] * square - weights[1] * (end[0, 0] + end[1, 1] + end[2, 2])
+        if distance < least:
+            best, least = i, distance
+        q[i] = kept
+    if best < 0:
+        _take_seed(seeds, distances, q)
+    else:
+        q[best] = _mirrored(box, best, q[best])
+
+
+@compiled
+def _mirrored(box: Any, i: int, value: float) -> float:
+    if box[UPPER, i] - box[LOWER, i] < math.inf:
+        return box[LOWER, i] + box[UPPER, i] - value
+    return -value

@@ -19,8 +19,8 @@ __all__ = ["ConvexHull", "HeightMap", "Mesh", "PointCloud"]
 
 Array = npt.NDArray[np.float64]
 
-OCTREE_CELLS = 2**15
-"""Cells on either side of the origin along each axis: coal's octree has 16 levels and drops what lies beyond."""
+GRID_CELLS = 2**20
+"""Cells of a point cloud on either side of the origin along each axis: three such numbers fit into one of 63 bits."""
 
 BELOW_LOWEST = 0.01
 """Metres: how far below its lowest point a height map is solid unless told otherwise."""
@@ -133,7 +133,7 @@ class Mesh(_ByContent):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointCloud(_ByContent):
-    """Points of a sensor, as an octree: every cell of a grid that holds a point is solid.
+    """Points of a sensor, as the leaves of an octree: every cell of a grid that holds a point is solid.
 
     Parameters
     ----------
@@ -155,9 +155,9 @@ class PointCloud(_ByContent):
         resolution = checked_size("PointCloud.resolution", self.resolution)
         object.__setattr__(self, "points", points)
         object.__setattr__(self, "resolution", resolution)
-        if not (np.abs(self.cells) < OCTREE_CELLS - 1).all():
+        if not (np.abs(self.cells) < GRID_CELLS - 1).all():
             far = float(np.abs(points).max())
-            least = f"points {far:g} m from the origin need cells of {far / (OCTREE_CELLS - 2):.2g} m or more"
+            least = f"points {far:g} m from the origin need cells of {far / (GRID_CELLS - 2):.2g} m or more"
             raise InputError(f"PointCloud.resolution = {resolution:g}; {least}")
 
     @property

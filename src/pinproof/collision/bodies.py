@@ -17,7 +17,7 @@ import pinocchio as pin
 
 from pinproof.collision.height_map import Ground, ground_surface
 from pinproof.collision.hulls import bvh, convex_hull, hull_of_any
-from pinproof.collision.point_cloud import Cells, octree
+from pinproof.collision.point_cloud import Cells, cell_faces
 from pinproof.collision.shapes import (
     Box,
     Capsule,
@@ -166,12 +166,9 @@ def _made(shape: Shape, owner: str, link: str | None) -> Made:
     if isinstance(shape, ConvexHull):
         return _hull(np.asarray(shape.points), f"the hull {owner!r}")
     if isinstance(shape, PointCloud):
-        cells = shape.cells
-        box = np.array([cells.min(axis=0), cells.max(axis=0) + 1]) * shape.resolution
-        return octree(shape), box, None, Cells(cells, shape.resolution)
+        return *_surface(*cell_faces(shape)), Cells(shape.cells, shape.resolution)
     if isinstance(shape, HeightMap):
-        vertices, triangles = ground_surface(shape)
-        return bvh(vertices, triangles), _box_around(vertices), None, Ground(shape)
+        return *_surface(*ground_surface(shape)), Ground(shape)
     if isinstance(shape, HalfSpace):
         if link is not None:
             raise InputError(f"{owner!r} is a HalfSpace, which has no end and cannot move with {link!r}; attach a Box")
@@ -221,7 +218,12 @@ def _mesh(shape: Mesh) -> Made:
             "is not watertight, so it has no inside: take its hull (hull=True), close it, or take its bare triangles "
             "(hull=False, hollow=True), within which nothing is seen",
         )
-    return bvh(mesh.vertices, mesh.triangles), _box_around(mesh.vertices), None, solid
+    return *_surface(mesh.vertices, mesh.triangles), solid
+
+
+def _surface(vertices: Array, triangles: npt.NDArray[np.int64]) -> tuple[Any, Array, None]:
+    """Coal shape, box and no support."""
+    return bvh(vertices, triangles), _box_around(vertices), None
 
 
 def triangles_of(shape: Mesh) -> TriangleMesh:

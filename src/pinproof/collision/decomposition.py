@@ -9,6 +9,10 @@ Proof. S and C are closed and bounded, so S n C lies in the hull of its extreme 
 "Convex analysis", corollary 18.5.1). An extreme point x on the surface of S lies in a triangle cut to C. If x is not on
 the surface, a ball around x lies in S, so x is extreme in C too: a corner of C that lies in S. The whole triangles of
 the surface are covered all the more, since the cells cover space; this holds for meshes that are not closed, too.
+
+Where to cut is another matter, and decides only how closely the hulls fit. A cell is as bad as the space between its
+surface and its hull: the integral over the surface of the way from there to the hull along the outward normal. Unlike
+the hull's volume it falls with each wall that is cut off a hollow thing, long before the last cut saves any volume.
 """
 
 from __future__ import annotations
@@ -16,7 +20,7 @@ from __future__ import annotations
 import heapq
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import product
+from itertools import combinations, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,11 +36,23 @@ Array = npt.NDArray[np.float64]
 PIECES = 12
 """Hulls at most: with more, pairs grow faster than what they gain."""
 
+CELLS = 20
+"""Cells at most; some of their hulls are joined again."""
+
 WORTH = 0.02
-"""A cut must save this share of the volume of the mesh's hull."""
+"""A cut must save this much space between surface and hull, as a share of the volume of the box around the mesh."""
+
+IDLE = 0.01
+"""Hulls are joined where that adds less than this share of the volume of the whole hull."""
 
 SHARES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-"""Where cuts are tried along a cell; and at as many coordinates of vertices, where walls and steps stand."""
+"""Where cuts are tried along a cell; and along as many of the largest faces that stand across the axis."""
+
+ACROSS = 0.999
+"""A face stands across an axis if its unit normal has this much of it."""
+
+SAMPLES = 400
+"""Places on the surface at which the way to the hull is measured, spread evenly by area."""
 
 
 def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PIECES) -> list[Array]:
@@ -51,19 +67,46 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
     """
     flat = corners.reshape(-1, 3)
     whole = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), contains)
-    least = WORTH * whole.volume
-    order = 0
-    queue = [(-whole.best_cut[0], order, whole)]
-    while len(queue) < pieces:
-        saved, _, cell = queue[0]
-        if -saved <= least:
-            break
-        heapq.heappop(queue)
+    least = WORTH * float(np.prod(np.ptp(flat, axis=0)))
+    number = 0
+    queue = [(-whole.best_cut[0], number, whole)]
+    while len(queue) < max(CELLS, pieces) and -queue[0][0] > least:
+        cell = heapq.heappop(queue)[2]
         for half in cell.cut(*cell.best_cut[1:]):
             if len(half.corners) or len(half.inner):
-                order += 1
-                heapq.heappush(queue, (-half.best_cut[0], order, half))
-    return [cell.points for _, _, cell in sorted(queue, key=lambda entry: entry[1])]
+                number += 1
+                heapq.heappush(queue, (-half.best_cut[0], number, half))
+    return _joined([cell.points for _, _, cell in sorted(queue, key=lambda entry: entry[1])], pieces)
+
+
+def _joined(parts: list[Array], pieces: int) -> list[Array]:
+    """Fewer clusters: those joined whose common hull is hardly larger; the hull of both holds both."""
+    volumes = [_hull_volume(part) for part in parts]
+    idle = IDLE * _hull_volume(np.concatenate(parts))
+    added: dict[tuple[int, int], tuple[float, float]] = {}
+    alive = list(range(len(parts)))
+    while len(alive) > 1:
+        for i, j in combinations(alive, 2):
+            if (i, j) not in added:
+                both = _hull_volume(np.concatenate([parts[i], parts[j]]))
+                added[i, j] = both - volumes[i] - volumes[j], both
+        (i, j), (more, both) = min(((key, added[key]) for key in combinations(alive, 2)), key=lambda entry: entry[1][0])
+        if more > idle and len(alive) <= pieces:
+            break
+        parts.append(np.unique(np.concatenate([parts[i], parts[j]]), axis=0))
+        volumes.append(both)
+        alive = [k for k in alive if k not in (i, j)] + [len(parts) - 1]
+    return [parts[k] for k in alive]
+
+
+def _hull_volume(points: Array) -> float:
+    """The volume (m^3) of the hull, 0 where it is flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return float(ConvexHull(points).volume) if len(points) > 3 else 0.0
+    except QhullError:
+        return 0.0
 
 
 @dataclass
@@ -86,25 +129,41 @@ class _Cell:
         return np.unique(np.concatenate([self.corners.reshape(-1, 3), self.inner]), axis=0)
 
     @cached_property
-    def volume(self) -> float:
-        return _hull_volume(self.points)
-
-    @cached_property
     def best_cut(self) -> tuple[float, int, float]:
-        """The volume (m^3) that the best cut saves, and its axis and place."""
+        """The space (m^3) that the best cut saves, and its axis and place."""
         best = (0.0, 0, 0.0)
+        if len(self.corners) == 0:
+            return best
         for axis in range(3):
-            low, high = float(self.points[:, axis].min()), float(self.points[:, axis].max())
-            if high - low < 1e-6:
-                continue
-            steps = np.quantile(np.unique(self.points[:, axis]), SHARES, method="nearest")
-            places = {float(p) for p in (*(low + share * (high - low) for share in SHARES), *steps) if low < p < high}
-            for place in sorted(places):
-                halves = [half.points for half in self.cut(axis, place, quick=True)]
-                saved = self.volume - sum(_hull_volume(points) for points in halves)
+            for place in _places(self.corners, axis):
+                saved = self.space - sum(half.space for half in self.cut(axis, place, quick=True))
                 if saved > best[0] * (1 + 1e-9):
                     best = (saved, axis, place)
         return best
+
+    @cached_property
+    def space(self) -> float:
+        """The space (m^3) between surface and hull, as the module says; 0 where the hull is flat."""
+        from scipy.spatial import ConvexHull, QhullError
+
+        corners, normals, areas = _faces(self.corners)
+        # A face in a wall of the cell that looks into it is the skin of what lies in the next cell.
+        for axis in range(3):
+            low, high = ((corners[:, :, axis] == wall).all(axis=1) for wall in self.box[:, axis])
+            areas = np.where((low & (normals[:, axis] > 0)) | (high & (normals[:, axis] < 0)), 0.0, areas)
+        total = float(areas.sum())
+        if total == 0 or len(self.points) < 4:
+            return 0.0
+        try:
+            planes = ConvexHull(self.points).equations
+        except QhullError:
+            return 0.0
+        chosen = np.searchsorted(np.cumsum(areas), (np.arange(SAMPLES) + 0.5) * total / SAMPLES)
+        chosen, times = np.unique(np.minimum(chosen, len(areas) - 1), return_counts=True)
+        height = -(corners[chosen].mean(axis=1) @ planes[:, :3].T + planes[:, 3])
+        slope = normals[chosen] @ planes[:, :3].T
+        way = np.where(slope > 1e-9, np.maximum(height, 0.0) / np.maximum(slope, 1e-9), np.inf).min(axis=1)
+        return float(np.minimum(way, np.linalg.norm(np.ptp(self.points, axis=0))) @ times) * total / SAMPLES
 
     def cut(self, axis: int, place: float, *, quick: bool = False) -> tuple[_Cell, _Cell]:
         """The two cells on both sides of a plane; ``quick`` ones do not look for corners that lie in the body."""
@@ -115,16 +174,23 @@ class _Cell:
         return _Cell(lower, below, contains), _Cell(upper, above, contains)
 
 
-def _hull_volume(points: Array) -> float:
-    """The volume (m^3) of the hull, 0 where Qhull finds it flat."""
-    from scipy.spatial import ConvexHull, QhullError
+def _faces(corners: Array) -> tuple[Array, Array, Array]:
+    """The triangles (F, 3, 3) that have an area, their unit normals (F, 3) and areas (F,)."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice = np.linalg.norm(across, axis=1)
+    some = twice > 0
+    return corners[some], across[some] / twice[some, None], twice[some] / 2
 
-    if len(points) < 4:
-        return 0.0
-    try:
-        return float(ConvexHull(points).volume)
-    except QhullError:
-        return 0.0
+
+def _places(corners: Array, axis: int) -> list[float]:
+    """Where to try cutting along an axis."""
+    low, high = float(corners[:, :, axis].min()), float(corners[:, :, axis].max())
+    faces, normals, areas = _faces(corners)
+    across = np.abs(normals[:, axis]) > ACROSS
+    planes, index = np.unique(faces[across, 0, axis], return_inverse=True)
+    largest = np.argsort(-np.bincount(index.ravel(), areas[across], len(planes)), kind="stable")
+    tried = {*(low + share * (high - low) for share in SHARES), *planes[largest[: len(SHARES)]].tolist()}
+    return sorted(place for place in tried if low < place < high)
 
 
 def _split(corners: Array, axis: int, place: float) -> tuple[Array, Array]:

@@ -94,4 +94,4 @@ def _cover(path: Path, _changed: int, scale: tuple[float, float, float]) -> list
     """The clusters of a watertight mesh; finding them takes some tenths of a second."""
     mesh = read_mesh(path, scale)
     solid = Solid(mesh.vertices, mesh.triangles)
-    return clusters(mesh.vertices[mesh.triangles], solid.contains)
+    return clusters(solid.corners, solid.contains)

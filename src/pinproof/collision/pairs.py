@@ -13,7 +13,6 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 
-import coal
 import numpy as np
 
 from pinproof.collision.bodies import Body
@@ -56,8 +55,7 @@ def choose_pairs(
     UnknownNameError
         If an allowed contact of the scene or of the caller names nothing that is there.
     InputError
-        If it names the same body twice, the scene belongs to a robot with another root, or coal knows no distance
-        between two bodies.
+        If it names the same body twice, or the scene belongs to a robot with another root link.
     """
     if scene.frame not in ("", robot.urdf.root):
         raise InputError(f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}")
@@ -76,10 +74,6 @@ def choose_pairs(
         if reason:
             excluded.setdefault(key, ExcludedPair((a.owner, b.owner), reason))
         else:
-            if isinstance(a.geometry, coal.Ellipsoid) and isinstance(b.geometry, coal.OcTree):
-                raise InputError(
-                    f"no distance is known from the ellipsoid {a.owner!r} to the cloud {b.owner!r}; take a hull"
-                )
             chosen.append((i, j))
     return chosen, list(excluded.values())
 

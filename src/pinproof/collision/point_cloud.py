@@ -1,42 +1,49 @@
-"""Point clouds for coal: an octree of occupied cells, in which coal, unlike in meshes, sees what is wholly inside."""
+"""Point clouds: a grid of full cells, as the faces between full and empty, and what lies inside them.
+
+Coal's own octrees are of no use here: two of them are always in contact, however far apart; an ellipsoid cannot be
+asked against one; they do not pickle; and what lies beyond their sixteen levels is dropped. Triangles do none of that.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
 
-import coal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.array_shapes import OCTREE_CELLS, PointCloud
+from pinproof.collision.array_shapes import GRID_CELLS, PointCloud
 
-__all__ = ["Cells", "cell_faces", "octree"]
+__all__ = ["Cells", "cell_faces"]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
-def octree(cloud: PointCloud) -> Any:
-    """The coal shape of a cloud, made of the middles of its cells: no point is left to rounding at a cell's wall."""
-    return coal.makeOctree((cloud.cells + 0.5) * cloud.resolution, cloud.resolution)
+def cell_faces(cloud: PointCloud) -> tuple[Array, Indices]:
+    """The faces between full and empty cells: vertices (V, 3) and triangles (F, 3) that turn left seen from outside.
 
-
-def cell_faces(cloud: PointCloud) -> tuple[Array, npt.NDArray[np.int64]]:
-    """The surface of a cloud to be drawn: vertices (V, 3) and triangles (F, 3) of the faces between full and empty."""
+    Faces in a row are one, so that a wall is a few long strips.
+    """
     cells, keys = cloud.cells, np.sort(_keys(cloud.cells))
-    corners: list[Array] = []
+    quads: list[Array] = []
     for axis in range(3):
-        along, across = np.eye(3)[(axis + 1) % 3], np.eye(3)[(axis + 2) % 3]
-        square = np.array([np.zeros(3), along, along + across, across])
+        along, across = (axis + 1) % 3, (axis + 2) % 3
         for side in (0, 1):
             step = np.eye(3, dtype=np.int64)[axis] * (2 * side - 1)
             bare = cells[~np.isin(_keys(cells + step), keys)]
-            at = bare[:, None, :] + side * np.eye(3)[axis] + (square if side else square[::-1])
-            corners.append(at)
-    quads = np.concatenate(corners)
-    four = np.arange(4 * len(quads)).reshape(-1, 4)
+            bare = bare[np.lexsort((bare[:, along], bare[:, across], bare[:, axis]))]
+            gap = np.diff(bare, axis=0)
+            first = np.concatenate([[True], (gap[:, along] != 1) | (gap[:, axis] != 0) | (gap[:, across] != 0)])
+            start, last = bare[first], bare[np.concatenate([first[1:], [True]])]
+            quad = np.repeat(start[:, None, :], 4, axis=1)
+            quad[:, :, axis] += side
+            quad[:, 1:3, along] = last[:, None, along] + 1
+            quad[:, 2:, across] += 1
+            quads.append(quad if side else quad[:, ::-1])
+    corners = np.concatenate(quads)
+    four = np.arange(4 * len(corners)).reshape(-1, 4)
     triangles = np.concatenate([four[:, :3], four[:, [0, 2, 3]]])
-    return quads.reshape(-1, 3) * cloud.resolution, triangles
+    return corners.reshape(-1, 3) * cloud.resolution, triangles
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +60,10 @@ class Cells:
         (W, 3) the middle of one cell of each part that hangs together by faces.
     """
 
-    cells: npt.NDArray[np.int64]
+    cells: Indices
     resolution: float
     witnesses: Array = field(init=False)
-    _keys: npt.NDArray[np.int64] = field(init=False, repr=False)
+    _keys: Indices = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         keys = _keys(self.cells)
@@ -72,7 +79,7 @@ class Cells:
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3) lies in an occupied cell."""
         cells = np.floor(points / self.resolution)
-        cells = cells[(np.abs(cells) < OCTREE_CELLS).all(axis=1)].astype(np.int64)
+        cells = cells[(np.abs(cells) < GRID_CELLS).all(axis=1)].astype(np.int64)
         return bool(np.isin(_keys(cells), self._keys).any())
 
     def content(self) -> bytes:
@@ -80,13 +87,13 @@ class Cells:
         return self.cells.tobytes() + np.float64(self.resolution).tobytes()
 
 
-def _keys(cells: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _keys(cells: Indices) -> Indices:
     """One number for each cell."""
-    shifted = cells + 2 * OCTREE_CELLS  # neighbours of cells at the rim stay above 0
-    return np.asarray((shifted[:, 0] * 4 * OCTREE_CELLS + shifted[:, 1]) * 4 * OCTREE_CELLS + shifted[:, 2])
+    shifted = cells + GRID_CELLS
+    return np.asarray((shifted[:, 0] * 2 * GRID_CELLS + shifted[:, 1]) * 2 * GRID_CELLS + shifted[:, 2])
 
 
-def _first_of_each_part(cells: npt.NDArray[np.int64], keys: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+def _first_of_each_part(cells: Indices, keys: Indices) -> Indices:
     from scipy.sparse import coo_matrix
     from scipy.sparse.csgraph import connected_components
 

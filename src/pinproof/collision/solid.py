@@ -53,6 +53,8 @@ class Solid:
         Whether every edge joins exactly two triangles, once in each direction; if not, there is no inside.
     witnesses
         (K, 3) one vertex of each connected part.
+    corners
+        (F, 3, 3) the triangles that have three different corners; of a watertight mesh, solid parts turned outwards.
     """
 
     vertices: Array
@@ -60,7 +62,7 @@ class Solid:
     hollow: bool = False
     watertight: bool = field(init=False)
     witnesses: Array = field(init=False)
-    _corners: Array = field(init=False, repr=False)
+    corners: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         # Files such as STL repeat each corner for every triangle; equal corners are one vertex.
@@ -71,7 +73,7 @@ class Solid:
         closed = not self.hollow and _closed(faces, len(points))
         object.__setattr__(self, "watertight", closed)
         object.__setattr__(self, "witnesses", points[[faces[part[0], 0] for part in parts]])
-        object.__setattr__(self, "_corners", _oriented(points, faces, parts) if closed else points[faces])
+        object.__setattr__(self, "corners", _oriented(points, faces, parts) if closed else points[faces])
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3), in the mesh's frame, lies inside; never if the mesh is not watertight."""
@@ -79,7 +81,7 @@ class Solid:
             return False
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         near = points[np.all((points >= low) & (points <= high), axis=1)]
-        return any(abs(winding_number(point, self._corners)) > 0.5 for point in near)
+        return any(abs(winding_number(point, self.corners)) > 0.5 for point in near)
 
     def content(self) -> bytes:
         """The numbers it is made of."""

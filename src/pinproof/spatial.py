@@ -35,6 +35,8 @@ Array = npt.NDArray[np.float64]
 SE3 = pin.SE3
 """A rigid transform, for the annotations of rooms that do not import Pinocchio themselves."""
 
+IDENTITY, LAST_ROW = np.eye(3), np.array([0.0, 0.0, 0.0, 1.0])
+
 RIGID_TOLERANCE = 1e-6
 """How far R^T R may be from the identity (largest entry) before a matrix is refused; below, it is orthonormalised."""
 
@@ -126,11 +128,13 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
     if not np.isfinite(m).all():
         raise InputError(f"{name} holds numbers that are not finite:\n{m}")
     rotation = m[:3, :3]
-    error_size = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if error_size > RIGID_TOLERANCE or np.linalg.det(rotation) < 0:
-        what = "mirrors" if np.linalg.det(rotation) < 0 else f"is {error_size:.2g} off a rotation"
+    error_size = float(np.abs(rotation.T @ rotation - IDENTITY).max())
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    mirrors = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0  # the determinant
+    if error_size > RIGID_TOLERANCE or mirrors:
+        what = "mirrors" if mirrors else f"is {error_size:.2g} off a rotation"
         raise InputError(f"{name} is not a rigid transform: its upper left 3x3 block {what}")
-    if np.abs(m[3] - (0.0, 0.0, 0.0, 1.0)).max() > RIGID_TOLERANCE:
+    if np.abs(m[3] - LAST_ROW).max() > RIGID_TOLERANCE:
         raise InputError(f"{name} is not a rigid transform: its last row is {m[3].tolist()}, not [0, 0, 0, 1]")
     if error_size > 1e-14:
         u, _, vt = np.linalg.svd(rotation)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.ik.task import IkTask, left_jacobian_inverse, make_task, rotation_vectors
+from pinproof.ik.task import IkTask, left_jacobian_inverse, make_task, rotation_vector
 from pinproof.ik.verdict import judge
 
 HALF_STEP = 1e-6
@@ -83,7 +83,7 @@ def test_compiled_residual_and_jacobian_are_the_same(panda, seed, near_pi):
     residual_of(seen.homogeneous[:3].copy(), errors)
     error_jacobian(seen.homogeneous[:3].copy(), errors, compiled)
     assert np.linalg.norm(errors[RESIDUAL]) == pytest.approx(np.linalg.norm(residual), abs=1e-12)
-    if abs(np.linalg.norm(rotation_vectors(seen.rotation[None])) - np.pi) > 1e-6:  # there the sign is rounding
+    if abs(np.linalg.norm(rotation_vector(seen.rotation)) - np.pi) > 1e-6:  # there the sign is rounding
         assert errors[RESIDUAL] == pytest.approx(residual, abs=1e-9)
         assert compiled == pytest.approx(jacobian, abs=1e-6)
 

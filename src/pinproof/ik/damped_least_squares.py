@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik.loop import StepRule
+from pinproof.ik.loop import NOTHING, StepRule
 from pinproof.ik.settings import positive
 from pinproof.ik.solver import IterativeIk, KernelRule
 
@@ -67,9 +67,10 @@ class _DampedLeastSquaresStep:
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        rank = min(jacobian.any(axis=1).sum(), jacobian.any(axis=0).sum())
+        there = np.abs(jacobian) > NOTHING
+        rank = min(there.any(axis=1).sum(), there.any(axis=0).sum())
         smallest = values[rank - 1] if rank else 0.0
         squared = self._damping**2 * (1 - (smallest / self._region) ** 2) if smallest < self._region else 0.0
-        kept = values > 0.0
+        kept = values > NOTHING
         shares = values[kept] / (values[kept] ** 2 + squared)
         return np.asarray(-right[kept].T @ (shares * (left[:, kept].T @ residual)))

@@ -40,7 +40,7 @@ class IkGoal:
         ``"manipulability"``: away from singularities, up the logarithm of sqrt(det(J J^T)) (Yoshikawa 1985).
     gain
         The share of the way that each step goes, for a posture; for the manipulability the length of a step (rad or m)
-        per unit of its gradient.
+        per unit of its gradient. By default 1 and 0.2.
 
     References
     ----------
@@ -49,12 +49,14 @@ class IkGoal:
     """
 
     kind: GoalName
-    gain: float = 0.5
+    gain: float | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in get_args(GoalName):
             raise UnknownNameError("goal", self.kind, get_args(GoalName))
-        positive("gain", self.gain)
+        if self.gain is None:
+            object.__setattr__(self, "gain", 0.2 if self.kind == "manipulability" else 1.0)
+        positive("gain", self.gain)  # type: ignore[arg-type]  # set above
 
 
 def packed_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Array:
@@ -91,4 +93,5 @@ def drift(packed: Array, arm: Arm, q: Array) -> Array:
 
 def _log_manipulability(arm: Arm, q: Array) -> float:
     jacobian = arm.local_jacobian(q)[1]
-    return 0.5 * float(np.linalg.slogdet(jacobian @ jacobian.T + TINY * np.eye(6))[1])
+    square = jacobian.T @ jacobian if arm.dof < 6 else jacobian @ jacobian.T
+    return 0.5 * float(np.linalg.slogdet(square + TINY * np.eye(len(square)))[1])

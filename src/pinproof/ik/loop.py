@@ -2,9 +2,9 @@
 
 A method is its :class:`StepRule`, so that comparing methods compares methods and not loops. One descent::
 
-    measure the residual r and its Jacobian A at q         -> reached? done
+    measure the residual r and its Jacobian A at q         -> reached, and no goal? done
     tell the rule |r|^2, saturate r                        far targets pull no harder than near ones
-    z = what a goal wishes for besides                     followed as far as the task leaves it free
+    z = what a goal wishes for besides, once reached       followed as far as the task leaves it free
     step = z + rule(r + A z, A), joints that meet a limit held there, the others asked again
     scale the step to max_step, move, turn whole-turn joints back inside
     no progress for PATIENCE steps                         -> stalled: give the next start a chance
@@ -44,6 +44,14 @@ SMALLEST_STEP = 1e-12
 
 STILL = 1e-4
 """A goal counts as followed to its end when no joint moves more than this (rad or m) for it."""
+
+GOAL_STEPS = 300
+"""Steps that may follow a goal once the task is fulfilled. A goal is only followed from where it is: its steps leave
+the task by their square, and those between them lead back."""
+
+
+NOTHING = 1e-12
+"""An entry or a singular value of a Jacobian below this (m or rad) is rounding."""
 
 
 class StepRule(Protocol):
@@ -131,14 +139,14 @@ def descend(
             mark, marked_at = squared, iteration
         stalled = iteration - marked_at >= patience and not reached
         # Written so that a NaN ends the descent too.
-        if stalled or iteration >= max_iterations or not squared < np.inf:
+        if stalled or iteration >= (max_iterations + GOAL_STEPS if reached else max_iterations) or not squared < np.inf:
             break
 
         rule.observe(squared)
         rotation = target_from_tcp[:3, :3]
         jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
         pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-        step = box.step(q, pull, jacobian, drift(goal, arm, q), rule)
+        step = box.step(q, pull, jacobian, drift(goal, arm, q) if here else np.zeros(arm.dof), rule)
         largest = float(np.abs(step).max())
         if largest <= SMALLEST_STEP or (here and largest <= STILL):
             break

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik.loop import StepRule
+from pinproof.ik.loop import NOTHING, StepRule
 from pinproof.ik.settings import positive
 from pinproof.ik.solver import IterativeIk, KernelRule
 
@@ -63,5 +63,5 @@ class _PseudoInverseStep:
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         left, values, right = np.linalg.svd(jacobian, full_matrices=False)
-        kept = values > self._cutoff * values[0]
+        kept = values > max(self._cutoff * values[0], NOTHING)
         return np.asarray(-right[kept].T @ (left[:, kept].T @ residual / values[kept]))

@@ -48,7 +48,7 @@ class Seeds:
         return np.argsort(distance * away - spin * (p[:, :3] * t[:, :3, None]).sum(axis=(0, 1)), kind="stable")
 
 
-_KEPT: WeakKeyDictionary[Arm, dict[bytes, Seeds]] = WeakKeyDictionary()
+_KEPT: WeakKeyDictionary[Arm, dict[int, Seeds]] = WeakKeyDictionary()
 
 
 def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
@@ -57,14 +57,15 @@ def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
     Source: Roberts (2018), "The unreasonable effectiveness of quasirandom sequences": x_k = s + k a mod 1, a_j = g^-j
     with g the root of g^(n + 1) = g + 1; the shift is that of Cranley and Patterson (1976).
     """
-    shift = random_generator(rng).random(arm.dof)
     kept = _KEPT.setdefault(arm, {})
-    name = shift.tobytes()
-    if name not in kept:
+    if isinstance(rng, int) and rng in kept:
+        return kept[rng]
+    seeds = _made(arm, random_generator(rng).random(arm.dof))
+    if isinstance(rng, int) and not isinstance(rng, bool):
         while len(kept) >= SETS_KEPT:
             kept.pop(next(iter(kept)), None)
-        kept[name] = _made(arm, shift)
-    return kept[name]
+        kept[rng] = seeds
+    return seeds
 
 
 def _made(arm: Arm, shift: Array) -> Seeds:

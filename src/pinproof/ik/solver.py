@@ -189,11 +189,9 @@ class IterativeIk(ABC):
         cuts = np.linspace(0, len(many), threads + 1).astype(int)
         with ThreadPoolExecutor(threads) as pool:
             shares = list(pool.map(share, [slice(a, b) for a, b in pairwise(cuts.tolist())]))
-        q, position, orientation, ok, iterations, attempts = (
-            np.concatenate(part) for part in zip(*shares, strict=True)
-        )
+        q, errors, ok, iterations, attempts = (np.concatenate(part) for part in zip(*shares, strict=True))
         codes = np.where(ok, STATUSES.index(IkStatus.FOUND), STATUSES.index(IkStatus.NOT_FOUND)).astype(np.int8)
-        return IkBatch(q, codes, position, orientation, iterations, attempts - 1, engine.name, arm)
+        return IkBatch(q, codes, errors[:, 0], errors[:, 1], iterations, attempts - 1, engine.name, arm)
 
     def solve_many(
         self,

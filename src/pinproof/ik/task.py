@@ -83,14 +83,14 @@ class Task:
 
     def residual(self, target_from_tcp: Array) -> Array:
         """(6,) what is still to go at the pose E (4, 4); zero at a solution."""
-        e = np.concatenate([target_from_tcp[:3, 3], rotation_vectors(target_from_tcp[None, :3, :3])[0]])
+        e = np.concatenate([target_from_tcp[:3, 3], rotation_vector(target_from_tcp[:3, :3])])
         return np.asarray(e * self.asked)
 
     def jacobian(self, target_from_tcp: Array, in_target_axes: Array) -> Array:
         """(6, n) derivative of :meth:`residual`, from the tcp's Jacobian (6, n) in the axes of the target."""
         rows = in_target_axes * self.asked[:, None]
         if 0 < self.asked[3:].sum() < 3:
-            inverse = left_jacobian_inverse(rotation_vectors(target_from_tcp[None, :3, :3])[0])
+            inverse = left_jacobian_inverse(rotation_vector(target_from_tcp[:3, :3]))
             rows[3:] = (inverse @ in_target_axes[3:]) * self.asked[3:, None]
         return np.asarray(rows)
 
@@ -101,28 +101,10 @@ class Task:
             linear.dot(linear) <= self.position_tolerance**2 and angular.dot(angular) <= self.orientation_tolerance**2
         )
 
-    def errors(self, target_from_tcp: Array) -> tuple[Array, Array]:
-        """Distances (N,) in m and angles (N,) in rad of the poses E (N, 4, 4).
-
-        Of the coordinates asked for; where a task asks for no position at all, or no orientation, of all three.
-        """
-        found = []
-        for asked, vectors in (
-            (self.asked[:3], target_from_tcp[:, :3, 3]),
-            (self.asked[3:], rotation_vectors(target_from_tcp[:, :3, :3])),
-        ):
-            counted = vectors[:, asked > 0] if asked.any() else vectors
-            found.append(np.sqrt(np.einsum("ni,ni->n", counted, counted)))
-        return found[0], found[1]
-
-    def fulfilled(self, position_error: Array, orientation_error: Array) -> npt.NDArray[np.bool_]:
-        """Whether :meth:`errors` (N,), measured apart from any loop, are within the tolerances."""
-        ok = np.ones(np.shape(position_error), dtype=bool)
-        if self.asked[:3].any():
-            ok &= position_error <= self.position_tolerance
-        if self.asked[3:].any():
-            ok &= orientation_error <= self.orientation_tolerance
-        return ok
+    def fulfilled(self, errors: Array) -> npt.NDArray[np.bool_]:
+        """(N,) whether distances and angles (N, 2), measured apart from any loop, are within the tolerances."""
+        position = errors[:, 0] <= (self.position_tolerance if self.asked[:3].any() else np.inf)
+        return np.asarray(position & (errors[:, 1] <= (self.orientation_tolerance if self.asked[3:].any() else np.inf)))
 
 
 def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, orientation_tolerance: float) -> Task:
@@ -153,24 +135,21 @@ def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, or
     return Task(asked, position_tolerance, orientation_tolerance)
 
 
-def rotation_vectors(rotations: Array) -> Array:
-    """The rotation vectors (N, 3), axis times angle from 0 to pi, of rotations (N, 3, 3).
+def rotation_vector(r: Array) -> Array:
+    """The rotation vector (3,), axis times angle from 0 to pi, of a rotation (3, 3).
 
     The angle is taken from sine and cosine together, which is exact to rounding for small angles and near pi alike; the
     arccosine of the trace alone would lose everything below 1e-8. Near pi the axis is read off R + R^T.
     """
-    r = rotations
-    twice = np.stack([r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]], axis=1)
-    sine = np.sqrt(np.einsum("ni,ni->n", twice, twice)) / 2
-    cosine = (np.trace(r, axis1=1, axis2=2) - 1) / 2
+    twice = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
+    sine, cosine = float(np.linalg.norm(twice)) / 2, (float(np.trace(r)) - 1) / 2
     angle = np.arctan2(sine, cosine)
-    vectors = twice / 2 * np.divide(angle, sine, out=np.ones_like(sine), where=sine > 1e-6)[:, None]
-    for i in np.flatnonzero(cosine < -0.99):
-        column = int(np.diag(r[i]).argmax())
-        axis = r[i, :, column] + r[i, column, :] - 2 * cosine[i] * np.eye(3)[column]
-        axis *= angle[i] / np.linalg.norm(axis)
-        vectors[i] = -axis if axis @ twice[i] < 0 else axis
-    return np.asarray(vectors)
+    if cosine >= -0.99:
+        return np.asarray(twice / 2 * (angle / sine if sine > 1e-6 else 1.0))
+    column = int(np.diag(r).argmax())
+    axis = r[:, column] + r[column] - 2 * cosine * np.eye(3)[column]
+    axis *= angle / np.linalg.norm(axis)
+    return np.asarray(-axis if axis @ twice < 0 else axis)
 
 
 def left_jacobian_inverse(v: Array) -> Array:

@@ -28,30 +28,28 @@ class Candidate:
 def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Candidate:
     """What q (n,) is worth for the target (4, 4), with the whole turns nearest to ``reference`` (n,), by Pinocchio."""
     q = nearest_winding(arm, q, reference)
-    position, orientation = task.errors(_seen_from(target, arm.forward_kinematics(q).homogeneous)[None])
-    fulfils = bool(task.fulfilled(position, orientation)[0]) and arm.limits.contains(q)
-    return Candidate(q, (float(position[0]), float(orientation[0])), fulfils)
+    errors = _measured(target[None], arm.forward_kinematics(q).homogeneous[None], task)
+    fulfils = bool(task.fulfilled(errors)[0]) and arm.limits.contains(q)
+    return Candidate(q, (float(errors[0, 0]), float(errors[0, 1])), fulfils)
 
 
 def judge_many(
     arm: Arm, targets: Array, task: Task, Q: Array, references: Array
-) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
-    """The same for N targets (N, 4, 4) by the compiled chain: Q, distances, angles, and which fulfil the task."""
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """The same for targets (N, 4, 4) by the compiled chain: Q, errors (N, 2), and which fulfil the task."""
     from pinproof.kernels.chain import forward_many
 
     Q = np.ascontiguousarray(nearest_winding(arm, Q, references))
     poses = np.empty((len(Q), 4, 4))
     forward_many(arm.packed, Q, poses)
-    position, orientation = task.errors(_seen_from(targets, poses))
+    errors = _measured(targets, poses, task)
     inside = ((arm.limits.lower <= Q) & (arm.limits.upper >= Q)).all(axis=1)
-    return Q, position, orientation, task.fulfilled(position, orientation) & inside
+    return Q, errors, task.fulfilled(errors) & inside
 
 
-def _seen_from(targets: Array, poses: Array) -> Array:
-    """target_from_tcp (..., 4, 4)."""
-    out = np.zeros(poses.shape)
-    turned = np.swapaxes(targets[..., :3, :3], -1, -2)
-    out[..., :3, :3] = turned @ poses[..., :3, :3]
-    out[..., :3, 3] = np.einsum("...ij,...j->...i", turned, poses[..., :3, 3] - targets[..., :3, 3])
-    out[..., 3, 3] = 1.0
-    return out
+def _measured(targets: Array, poses: Array, task: Task) -> Array:
+    from pinproof.kernels.task import measure_many
+
+    errors = np.empty((len(targets), 2))
+    measure_many(np.ascontiguousarray(targets), np.ascontiguousarray(poses), task.asked, errors)
+    return errors

@@ -40,6 +40,9 @@ def nearest_winding(arm: Arm, q: Array, reference: Array) -> Array:
         (n,) in or outside the limits.
     """
     lower, upper = arm.limits.lower, arm.limits.upper
+    elsewhere = (np.abs(reference - q) > np.pi) | (q < lower) | (q > upper)
+    if not np.count_nonzero(elsewhere & arm.periodic):  # nothing to turn: the common case, and quicker
+        return q
     fewest, most = np.ceil((lower - q) / TURN), np.floor((upper - q) / TURN)
     turns = np.clip(np.round((reference - q) / TURN), fewest, most)
     # Only rounding is clipped here: a turn may end one bit beyond a limit that is a multiple of 2 pi.

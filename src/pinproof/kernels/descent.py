@@ -34,6 +34,10 @@ SMALLEST_STEP = 1e-12
 STILL = 1e-4
 """A goal counts as followed to its end when no joint moves more than this (rad or m) for it."""
 
+GOAL_STEPS = 300
+"""Steps that may follow a goal once the task is fulfilled. A goal is only followed from where it is: its steps leave
+the task by their square, and those between them lead back."""
+
 
 @compiled
 def descend(
@@ -83,7 +87,7 @@ def descend(
             mark, marked = squared, iteration
         stalled = iteration - marked >= patience and not reached
         # Written so that a NaN ends the descent too.
-        if stalled or iteration >= most or not squared < math.inf:
+        if stalled or iteration >= (most + GOAL_STEPS if reached else most) or not squared < math.inf:
             break
         if squared < last:
             growth = max(1.0, growth * RELIEF)
@@ -93,16 +97,14 @@ def descend(
 
         for i in range(n):
             joints[DRIFT, i] = 0.0
-        if goal[0, 0] != NONE:
+        if here and goal[0, 0] != NONE:
             drift_of(goal, chain, q, start, turns, axes, end, jacobian, square, lower, joints)
         jacobian_of(chain, axes, end, jacobian)
         error_jacobian(end, errors, jacobian)
         if squared > SATURATION * SATURATION:
             for i in range(6):
                 errors[RESIDUAL, i] *= SATURATION / math.sqrt(squared)
-        _bounded_step(
-            rule, settings, growth, longest, goal[0, 0] != NONE, box, q, jacobian, rows, square, lower, joints, errors
-        )
+        _bounded_step(rule, settings, growth, longest, here, box, q, jacobian, rows, square, lower, joints, errors)
         largest = 0.0
         for i in range(n):
             largest = max(largest, abs(joints[STEP, i]))

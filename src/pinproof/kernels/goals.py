@@ -71,12 +71,20 @@ def drift_of(
 
 @compiled
 def log_manipulability(jacobian: Any, square: Any, lower: Any) -> float:
-    """The logarithm of sqrt(det(J J^T + TINY I)) of a Jacobian (6, n).
+    """The logarithm of sqrt(det(J J^T + TINY I)) of a Jacobian (6, n); with n < 6 joints of J^T J in its place.
 
-    With fewer than six joints the vanishing singular values only add a constant: the product of the others counts.
     Source: Yoshikawa (1985), "Manipulability of robotic mechanisms".
     """
+    n = jacobian.shape[1]
     gram(jacobian, square)
+    if n < 6:  # J^T J, filled up with ones
+        for i in range(6):
+            for j in range(i + 1):
+                square[i, j] = 1.0 if i == j else 0.0
+                if i < n:
+                    square[i, j] = 0.0
+                    for k in range(6):
+                        square[i, j] += jacobian[k, i] * jacobian[k, j]
     if not factor(square, TINY, lower):
         return math.log(TINY)
     total = 0.0

@@ -11,6 +11,10 @@ from pinproof.kernels.workspace import PULL, STEP, VALUES
 __all__ = ["step_singular"]
 
 
+NOTHING = 1e-12
+"""An entry or a singular value of a Jacobian below this (m or rad) is rounding."""
+
+
 @compiled
 def step_singular(
     cutoff: float, damping: float, region: float, jacobian: Any, rows: Any, left: Any, joints: Any, errors: Any
@@ -36,7 +40,7 @@ def step_singular(
         joints[STEP, j] = 0.0
     for i in range(6):
         value = errors[VALUES, i]
-        if value <= cutoff * largest:
+        if value <= max(cutoff * largest, NOTHING):
             continue
         along = 0.0
         for k in range(6):
@@ -52,12 +56,12 @@ def _smallest(jacobian: Any, errors: Any) -> float:
     rows = columns = 0
     for i in range(6):
         for j in range(jacobian.shape[1]):
-            if jacobian[i, j] != 0.0:
+            if abs(jacobian[i, j]) > NOTHING:
                 rows += 1
                 break
     for j in range(jacobian.shape[1]):
         for i in range(6):
-            if jacobian[i, j] != 0.0:
+            if abs(jacobian[i, j]) > NOTHING:
                 columns += 1
                 break
     rank = min(rows, columns)

@@ -9,10 +9,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pinproof.kernels.compiled import inlined
+import numpy as np
+
+from pinproof.kernels.compiled import compiled, inlined
 from pinproof.kernels.workspace import ASKED, RESIDUAL
 
-__all__ = ["error_jacobian", "residual_of", "rotation_vector"]
+__all__ = ["error_jacobian", "measure_many", "residual_of", "rotation_vector"]
 
 SMALL_ANGLE = 1e-6
 """Rad. Below it the sine is the angle, to rounding."""
@@ -87,3 +89,31 @@ def error_jacobian(end: Any, errors: Any, jacobian: Any) -> None:
         if errors[ASKED, i] == 0.0:
             for j in range(jacobian.shape[1]):
                 jacobian[i, j] = 0.0
+
+
+@compiled
+def measure_many(targets: Any, poses: Any, asked: Any, out: Any) -> None:
+    """Distance (m) and angle (rad) of each pose (N, 4, 4) from its target, into ``out`` (N, 2).
+
+    Of the coordinates that are asked for (6,); where no position is asked for at all, or no orientation, of all three.
+    """
+    relative, counted = np.empty((3, 4)), np.ones(6)
+    for first in (0, 3):
+        if asked[first] + asked[first + 1] + asked[first + 2] > 0.0:
+            for i in range(first, first + 3):
+                counted[i] = asked[i]
+    for row in range(len(targets)):
+        for i in range(3):
+            relative[i, 3] = 0.0
+            for k in range(3):
+                relative[i, 3] += targets[row, k, i] * (poses[row, k, 3] - targets[row, k, 3])
+            for j in range(3):
+                relative[i, j] = 0.0
+                for k in range(3):
+                    relative[i, j] += targets[row, k, i] * poses[row, k, j]
+        x, y, z = rotation_vector(relative)
+        distance = angle = 0.0
+        for i in range(3):
+            distance += counted[i] * relative[i, 3] * relative[i, 3]
+        angle = counted[3] * x * x + counted[4] * y * y + counted[5] * z * z
+        out[row, 0], out[row, 1] = math.sqrt(distance), math.sqrt(angle)

@@ -4,13 +4,35 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof import Box, Capsule, Cylinder, Mesh, Obstacle, Scene, SceneError, Sphere, load_robot, pose
+from pinproof import (
+    Box,
+    Capsule,
+    CollisionChecker,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    InputError,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Scene,
+    SceneError,
+    Sphere,
+    UnknownNameError,
+    load_robot,
+    pose,
+)
+from pinproof.collision import Shape
 from pinproof.description import robots_folder
 from pinproof.spatial import matrix
 
@@ -23,8 +45,19 @@ obstacles:
     quat_xyzw: [1, 0, 0, 1]
   - {name: pipe, capsule: {radius: 0.02, length: 0.3}}
   - {name: part, mesh: {path: part.stl, scale: 0.001, hull: false}}
+  - {name: sheet, mesh: {path: part.stl, hull: false, hollow: true}}
+  - {name: tip, cone: {radius: 0.02, length: 0.05}}
+  - {name: egg, ellipsoid: {rx: 0.02, ry: 0.03, rz: 0.04}}
+  - {name: floor, half_space: {}, xyz: [0, 0, -0.1]}
+  - {name: stone, convex_hull: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, pi/4]]}}
+  - {name: wedge, mesh: {vertices: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], triangles: [[0, 2, 1], [0, 1, 3]]}}
+  - {name: scan, point_cloud: {points: [[0, 0, 0.123456789012345], [1, 0, 0]], resolution: 0.01}}
+  - {name: ground, height_map: {heights: [[0, 0.1, 0], [0, 0.2, 0]], x: 2, y: 1}}
 allowed_contacts:
   - [base_link, table]
+disabled_pairs:
+  - [wrist_1_link, wrist_3_link]
+frame: base_link
 """
 
 
@@ -49,8 +82,18 @@ def test_every_shape_is_read(scene_text, tmp_path):
         Cylinder(0.008, 0.03),
         Capsule(0.02, 0.3),
         Mesh(tmp_path / "part.stl", 0.001, hull=False),
+        Mesh(tmp_path / "part.stl", hull=False, hollow=True),
+        Cone(0.02, 0.05),
+        Ellipsoid(0.02, 0.03, 0.04),
+        HalfSpace(),
+        ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, math.pi / 4]]),
+        Mesh.from_arrays([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3]]),
+        PointCloud([[0, 0, 0.123456789012345], [1, 0, 0]], 0.01),
+        HeightMap([[0, 0.1, 0], [0, 0.2, 0]], 2, 1),
     ]
+    assert {type(o.shape) for o in scene.obstacles} == set(get_args(Shape))
     assert scene.allowed == (("base_link", "table"),)
+    assert (scene.disabled, scene.frame) == ((("wrist_1_link", "wrist_3_link"),), "base_link")
     assert scene["table"].rgba == (1.0, 0.5, 0.0, 1.0)
     np.testing.assert_array_equal(matrix(scene["ball"].pose), np.eye(4))
     np.testing.assert_allclose(matrix(scene["table"].pose), matrix(pose((0.5, 0, -0.02), (0, 0, math.pi / 2))))
@@ -92,6 +135,17 @@ BALL = "obstacles:\n  - {name: ball, sphere: {radius: 0.1}"
         ("obstacles:\n  - {name: a, mesh: {path: none.stl}}", ["'a'", "none.stl", "relative to the scene file"]),
         ("obstacles:\n  - {name: a, mesh: {path: part.stl, scale: [1, 0, 1]}}", ["'a'", "Mesh.scale"]),
         ("obstacles:\n  - {name: a, mesh: {path: part.stl, hull: maybe}}", ["'a'", "mesh.hull"]),
+        ("obstacles:\n  - {name: a, half_space: 3}", ["'a'", "half_space", "not {}"]),
+        ("obstacles:\n  - {name: a, half_space: {z: 1}}", ["'a'", "half_space", "'z'"]),
+        ("obstacles:\n  - {name: a, mesh: {path: part.stl, vertices: []}}", ["'a'", "one or the other"]),
+        ("obstacles:\n  - {name: a, mesh: {vertices: [[0, 0, 0]], triangles: [[0, 0, 0.5]]}}", ["whole numbers"]),
+        ("obstacles:\n  - {name: a, point_cloud: {points: [[0, 0, 0]]}}", ["'a'", "resolution"]),
+        ("obstacles:\n  - {name: a, convex_hull: {points: [[0, 0, 0]]}}", ["'a'", "flat"]),
+        ("obstacles:\n  - {name: a, height_map: {heights: [[0, 0], [0]], x: 1, y: 1}}", ["'a'", "heights"]),
+        ("obstacles: []\nframe: 3", ["frame", "3"]),
+        ("obstacles: []\ndisabled_pairs: [[a]]", ["disabled_pairs", "no pair"]),
+        ("obstacles: []\ndisabled_pairs: [[a, a]]", ["disabled_pairs", "twice"]),
+        (BALL + "}\nallowed_contacts: [[ball, ball]]", ["allowed_contacts", "twice"]),
         (BALL + ", xyz: [0, 0]}", ["'ball'", "xyz", "(3,)"]),
         (BALL + ", xyz: [0, 0, .inf]}", ["'ball'", "xyz", "inf"]),
         (BALL + ", rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}", ["'ball'", "not both"]),
@@ -179,3 +233,22 @@ def test_a_number_no_cell_can_hold_is_refused(tmp_path, line):
     path.write_text(f"obstacles:\n  - {line}\n")
     with pytest.raises(SceneError, match=r"far.*10000 m"):
         Scene.load(path)
+
+
+def test_what_a_checker_finds_wrong_names_the_file(scene_text, ur5):
+    with pytest.raises(UnknownNameError, match=r"'bse_link'.*scene\.yaml"):
+        CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[bse_link, ball]]"))
+    with pytest.raises(InputError, match=r"scene\.yaml is placed from 'panda_link0'; the root of the robot is"):
+        CollisionChecker(ur5, scene_text(BALL + "}\nframe: panda_link0"))
+
+
+def test_a_link_without_geometry_may_stand_among_the_allowed(scene_text, ur5):
+    assert CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[tool0, ball]]")).pairs
+
+
+def test_anything_may_touch_what_is_allowed_to_touch_anything(scene_text, ur5):
+    checker = CollisionChecker(ur5, scene_text(BALL + '}\nallowed_contacts: [["*", ball]]'))
+    assert not [
+        pair for pair in checker.pairs if "ball" in (checker.bodies[pair[0]].owner, checker.bodies[pair[1]].owner)
+    ]
+    assert {pair.reason for pair in checker.excluded if "ball" in pair.owners} == {"allowed by the scene"}

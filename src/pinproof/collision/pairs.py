@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from itertools import combinations, product
 
 import numpy as np
+import pinocchio as pin
 
 from pinproof.collision.bodies import Body
 from pinproof.collision.scene import ANYTHING, Scene
@@ -26,6 +27,9 @@ __all__ = ["ExcludedPair", "choose_pairs"]
 HOUSING = 0.05
 """Metres. Joints nearer than this share a housing: the links on both sides of a link without geometry meet there."""
 
+
+SAME_PLACE = 1e-9
+"""Metres and matrix entries: how far a link may be from the root to be the same frame."""
 
 TOUCHING = ("adjacent", "always", "default", "user", "overlaps in every sampled configuration")
 """Reasons, in lower case, why an SRDF says that two links touch and are meant to: what MoveIt's Setup Assistant writes
@@ -57,7 +61,7 @@ def choose_pairs(
     InputError
         If it names the same body twice, or the scene belongs to a robot with another root link.
     """
-    if scene.frame not in ("", robot.urdf.root):
+    if scene.frame and not _stands_at_root(robot, scene.frame):
         raise InputError(f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}")
     reasons = _reasons(bodies, robot, scene, allowed, trust_disabled)
     neighbours = _Neighbours(robot, {body.link for body in bodies if body.link is not None and body.owner == body.link})
@@ -76,6 +80,14 @@ def choose_pairs(
         else:
             chosen.append((i, j))
     return chosen, list(excluded.values())
+
+
+def _stands_at_root(robot: Robot, link: str) -> bool:
+    """Whether a link is the root, or one that is fixed to it without being moved: ``base_link`` in ``world``."""
+    if link not in robot.urdf.links:
+        return False
+    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+    return frame.parentJoint == 0 and bool(frame.placement.isIdentity(SAME_PLACE))
 
 
 def _reasons(

@@ -71,8 +71,8 @@ class Scene:
         Pairs of robot links that a MoveIt matrix disables. Like an SRDF's pairs without a reason they are checked all
         the same, unless the checker is told to trust them.
     frame
-        The name that the poses' frame has where they come from; a checker refuses a robot with another root link.
-        Empty: the root of whatever robot it is used with.
+        The name that the poses' frame has where they come from; a checker refuses a robot whose root, or a link that
+        stands there for good, has another name. Empty: the root of whatever robot it is used with.
     notes
         What was made of a file that its writer may not expect.
     source

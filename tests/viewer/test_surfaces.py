@@ -1,12 +1,27 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pinproof import (
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Sphere,
+)
+from pinproof.collision.bodies import shape_body
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.appearance import tube
+from pinproof.viewer.appearance import obstacle_surfaces, tube
 from pinproof.viewer.surfaces import merge_by_colour, shade
 
 GREY = (0.5, 0.5, 0.5, 1.0)
@@ -94,3 +109,33 @@ def test_a_tube_stays_at_its_radius_from_its_line_even_where_that_turns_back(poi
     nearest = np.min(np.linalg.norm(surface.vertices[:, None] - line[None], axis=2), axis=1)
     assert np.allclose(nearest, 0.01, atol=1e-9) or nearest.max() <= 0.01 + 1e-9
     assert np.allclose(np.linalg.norm(surface.normals, axis=1), 1)
+
+
+BALL = trimesh.creation.icosphere(2, 0.2)
+SHAPES = {
+    "sphere": Sphere(0.2),
+    "cylinder": Cylinder(0.2, 0.6),
+    "capsule": Capsule(0.1, 0.4),
+    "cone": Cone(0.2, 0.6),
+    "ellipsoid": Ellipsoid(0.1, 0.2, 0.3),
+    "hull": ConvexHull(np.random.default_rng(0).normal(size=(20, 3))),
+    "mesh": Mesh.from_arrays(BALL.vertices, BALL.faces, hull=False),
+    "cloud": PointCloud(np.random.default_rng(1).uniform(-1, 1, (40, 3)), 0.1),
+    "ground": HeightMap(np.random.default_rng(2).uniform(0, 0.2, (4, 5)), 1, 2),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_a_shape_is_drawn_where_it_collides_and_seen_from_outside(name) -> None:
+    (surface,) = obstacle_surfaces(Obstacle("thing", SHAPES[name]))
+    box = shape_body("thing", "thing", None, SHAPES[name], pose()).box
+    assert np.allclose([surface.vertices.min(axis=0), surface.vertices.max(axis=0)], box, atol=3e-3)
+    corners = surface.vertices[surface.triangles]
+    assert np.linalg.det(corners).sum() > 0  # six times the volume: positive if triangles turn left seen from outside
+
+
+def test_a_half_space_is_drawn_as_a_plate_under_its_plane() -> None:
+    (surface,) = obstacle_surfaces(Obstacle("floor", HalfSpace(), rgba=RED))
+    assert surface.vertices[:, 2].max() == pytest.approx(0, abs=1e-12)
+    assert np.ptp(surface.vertices[:, :2], axis=0).min() > 1
+    assert surface.rgba == RED

@@ -40,7 +40,7 @@ CELLS = 20
 """Cells at most; some of their hulls are joined again."""
 
 WORTH = 0.02
-"""A cut must save this much space between surface and hull, as a share of the volume of the box around the mesh."""
+"""A cell is cut as long as it has this much space between surface and hull, as a share of the box around the mesh."""
 
 IDLE = 0.01
 """Hulls are joined where that adds less than this share of the volume of the whole hull."""
@@ -67,16 +67,26 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
     """
     flat = corners.reshape(-1, 3)
     whole = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), contains)
-    least = WORTH * float(np.prod(np.ptp(flat, axis=0)))
+    covers = [_joined(_cut_up(whole, closely, pieces), pieces) for closely in (True, False)]
+    return min(covers, key=lambda parts: sum(_hull_volume(part) for part in parts))
+
+
+def _cut_up(whole: _Cell, closely: bool, pieces: int) -> list[Array]:
+    """The points of the cells: cut where it leaves least space, or in halves, which suits what is round and hollow."""
+    least = WORTH * float(np.prod(np.ptp(whole.box, axis=0)))
     number = 0
-    queue = [(-whole.best_cut[0], number, whole)]
-    while len(queue) < max(CELLS, pieces) and -queue[0][0] > least:
+    queue = [(-whole.space, number, whole)]
+    done: list[Array] = []
+    while queue:
         cell = heapq.heappop(queue)[2]
-        for half in cell.cut(*cell.best_cut[1:]):
+        if len(queue) + len(done) + 1 >= max(CELLS, pieces) or cell.space <= least:
+            done.append(cell.points)
+            continue
+        for half in cell.cut(*(cell.best_cut if closely else cell.middle)):
             if len(half.corners) or len(half.inner):
                 number += 1
-                heapq.heappush(queue, (-half.best_cut[0], number, half))
-    return _joined([cell.points for _, _, cell in sorted(queue, key=lambda entry: entry[1])], pieces)
+                heapq.heappush(queue, (-half.space, number, half))
+    return done
 
 
 def _joined(parts: list[Array], pieces: int) -> list[Array]:
@@ -128,17 +138,22 @@ class _Cell:
         """What the hull is taken of."""
         return np.unique(np.concatenate([self.corners.reshape(-1, 3), self.inner]), axis=0)
 
+    @property
+    def middle(self) -> tuple[int, float]:
+        """The axis of the longest side, and its middle."""
+        low, high = self.points.min(axis=0), self.points.max(axis=0)
+        axis = int((high - low).argmax())
+        return axis, float(low[axis] + high[axis]) / 2
+
     @cached_property
-    def best_cut(self) -> tuple[float, int, float]:
-        """The space (m^3) that the best cut saves, and its axis and place."""
-        best = (0.0, 0, 0.0)
-        if len(self.corners) == 0:
-            return best
+    def best_cut(self) -> tuple[int, float]:
+        """The axis and place of the cut that leaves least space; the middle where none leaves less."""
+        best, least = self.middle, self.space * (1 - 1e-9)
         for axis in range(3):
             for place in _places(self.corners, axis):
-                saved = self.space - sum(half.space for half in self.cut(axis, place, quick=True))
-                if saved > best[0] * (1 + 1e-9):
-                    best = (saved, axis, place)
+                left = sum(half.space for half in self.cut(axis, place, quick=True))
+                if left < least:
+                    best, least = (axis, place), left * (1 - 1e-9)
         return best
 
     @cached_property

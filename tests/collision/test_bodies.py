@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import pickle
 
-import coal
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -357,39 +356,6 @@ def test_the_surface_of_a_cloud_is_closed_and_as_large_as_its_cells():
     vertices, triangles = cell_faces(CLOUD)
     mesh = trimesh.Trimesh(vertices, triangles, process=True)
     assert mesh.volume == pytest.approx(len(CLOUD.cells) * 0.05**3)
-
-
-# -- traps of coal -----------------------------------------------------------------------------------------------------
-
-
-def test_height_fields_of_coal_know_no_distance():
-    field = coal.HeightFieldOBBRSS(1.0, 1.0, np.zeros((3, 3)), -0.1)
-    with pytest.raises(ValueError, match="not implemented"):
-        apart(field, coal.Sphere(0.1), 1.0)
-
-
-def test_octrees_of_coal_cannot_be_relied_on():
-    """Two of them always touch, one order of an ellipsoid and one is unknown, and what lies far out is dropped."""
-    cell = coal.makeOctree(np.array([[0.05, 0.05, 0.05]]), 0.1)
-    assert touching(cell, cell, 3.0)
-    assert apart(cell, cell, 3.0) == pytest.approx(2.9)
-    with pytest.raises(ValueError, match="not yet supported"):
-        apart(coal.Ellipsoid(0.1, 0.1, 0.1), cell, 1.0)
-    wide = coal.makeOctree(np.array([[0.0, 0.0, 0.0], [40_000.5, 0.5, 0.5]]), 1.0)
-    assert not touching(wide, coal.Sphere(0.1), 40_000.5)
-    cloud = PointCloud([[0, 0, 0], [9_000.5, 0.5, 0.5]], 0.1)
-    body = shape_body("wide", "wide", None, cloud, HERE)
-    assert touching(body.geometry, coal.Sphere(1.0), 9_000.5)
-
-
-def apart(a, b, x) -> float:
-    places = coal.Transform3s(), coal.Transform3s(np.eye(3), np.array([x, 0.0, 0.0]))
-    return float(coal.distance(a, places[0], b, places[1], coal.DistanceRequest(), coal.DistanceResult()))
-
-
-def touching(a, b, x) -> bool:
-    places = coal.Transform3s(), coal.Transform3s(np.eye(3), np.array([x, 0.0, 0.0]))
-    return bool(coal.collide(a, places[0], b, places[1], coal.CollisionRequest(), coal.CollisionResult()))
 
 
 def test_a_mesh_of_arrays_that_is_open_is_refused():

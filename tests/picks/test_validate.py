@@ -120,7 +120,7 @@ def test_what_a_yes_does_not_cover_is_said(arm, tmp_path) -> None:
     aside = pp.pose((2, 2, 0))
     assert "there is no obstacle" not in notes_of(arm, pp.Obstacle("block", pp.Box(1, 1, 1), aside))
     (tmp_path / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 2 3\nf 1 2 4\n")
-    sheet = pp.Obstacle("sheet", pp.Mesh(tmp_path / "open.obj", hull=False), aside)
+    sheet = pp.Obstacle("sheet", pp.Mesh(tmp_path / "open.obj", hull=False, hollow=True), aside)
     assert "not watertight, so being wholly inside is not seen: sheet" in notes_of(arm, sheet)
 
 

@@ -48,7 +48,6 @@ class Ended(NamedTuple):
     """How a run of attempts ended: at the first that reached the task, or with the nearest of all."""
 
     q: Array
-    reached: bool
     iterations: int
     attempts: int
 
@@ -68,32 +67,31 @@ class CompiledEngine:
 
         ``attempts`` of the end counts those before ``first`` too.
         """
-        from pinproof.kernels.search import search
-
-        q = query.first.copy()
-        reached, iterations, attempts = search(
-            *self._question(query.arm, query.task, query.goal, query.seeds, count, polish),
-            matrix(query.target),
-            q,
-            first,
-        )
-        return Ended(q, reached, iterations, attempts)
+        found = self.many(
+            query.arm, matrix(query.target)[None], query.task, query.goal, query.first[None], query.seeds,
+            first=first, count=count, polish=polish,
+        )  # fmt: skip
+        q, iterations, attempts = (part[0] for part in found)
+        return Ended(q, int(iterations), int(attempts))
 
     def many(
-        self, arm: Arm, targets: Array, task: Task, goal: Array, starts: Array, seeds: Seeds, count: int
+        self,
+        arm: Arm,
+        targets: Array,
+        task: Task,
+        goal: Array,
+        starts: Array,
+        seeds: Seeds,
+        *,
+        first: int = 0,
+        count: int,
+        polish: bool = True,
     ) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
         """N targets (N, 4, 4) from N starts (N, n): where each ended, the steps and the attempts it took."""
-        from pinproof.kernels.search import search_many
+        from pinproof.kernels.search import search
 
-        q, size = np.array(starts), len(starts)
-        reached, iterations, attempts = np.empty(size, bool), np.empty(size, np.int64), np.empty(size, np.int64)
-        question = self._question(arm, task, goal, seeds, count, True)
-        search_many(*question, np.ascontiguousarray(targets), q, reached, iterations, attempts)
-        return q, iterations, attempts
-
-    def _question(self, arm: Arm, task: Task, goal: Array, seeds: Seeds, count: int, polish: bool) -> tuple[Any, ...]:
-        limits = np.array([self._max_iterations, self._max_step, count, polish], dtype=float)
-        return (
+        q, iterations, attempts = np.array(starts), np.empty(len(starts), np.int64), np.empty(len(starts), np.int64)
+        search(
             self._rule,
             self._settings,
             arm.packed,
@@ -101,11 +99,17 @@ class CompiledEngine:
             self._tolerances,
             task.asked,
             goal,
-            limits,
+            np.array([self._max_iterations, self._max_step, count, polish], dtype=float),
             seeds.q,
             seeds.poses,
             seeds.weights(task.asked),
+            first,
+            np.ascontiguousarray(targets),
+            q,
+            iterations,
+            attempts,
         )
+        return q, iterations, attempts
 
 
 class PinocchioEngine:
@@ -136,14 +140,14 @@ class PinocchioEngine:
                 continue
             total += descent.iterations
             if descent.reached:
-                return Ended(q, True, total, attempt + 1)
+                return Ended(q, total, attempt + 1)
             if nearest is None or descent.squared_residual < nearest.squared_residual:
                 nearest = descent
         end = q if nearest is None else nearest.q
         if not polish:
-            return Ended(end, False, total, count)
+            return Ended(end, total, count)
         descent = self._descend(query, end, count - 1, self._on_step, **POLISH)
-        return Ended(descent.q, descent.reached, total + descent.iterations, count)
+        return Ended(descent.q, total + descent.iterations, count)
 
     def _descend(self, query: Query, q: Array, attempt: int, on_step: OnStep | None, **stall: Any) -> Descent:
         return descend(

@@ -183,7 +183,9 @@ class IterativeIk(ABC):
         firsts = arm.limits.clip(nearest_winding(arm, starts, starts))
 
         def share(rows: slice) -> tuple[npt.NDArray[np.generic], ...]:
-            q, iterations, attempts = engine.many(arm, many[rows], asked, wish, firsts[rows], seeds, self.restarts + 1)
+            q, iterations, attempts = engine.many(
+                arm, many[rows], asked, wish, firsts[rows], seeds, count=self.restarts + 1
+            )
             return (*judge_many(arm, many[rows], asked, q, starts[rows]), iterations, attempts)
 
         cuts = np.linspace(0, len(many), threads + 1).astype(int)

@@ -1,4 +1,4 @@
-"""Starts and restarts of a descent, for one target and for many; the twin of the search in :mod:`pinproof.ik.solver`.
+"""Starts and restarts of a descent, for any number of targets; the twin of the search in :mod:`pinproof.ik.solver`.
 
 The first attempt starts where the caller says. The others take the nearest in pose to the target that has not been
 tried: once among the flips of where the first one ended (one joint mirrored about the middle of its range: the elbow
@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from pinproof.kernels.chain import walk
-from pinproof.kernels.compiled import compiled
+from pinproof.kernels.compiled import compiled, inlined
 from pinproof.kernels.descent import LOWER, UPPER, descend
 from pinproof.kernels.goals import NEAR
 from pinproof.kernels.workspace import ASKED, ENDED, workspace
 
-__all__ = ["search", "search_many"]
+__all__ = ["search"]
 
 PROGRESS, PATIENCE = 0.5, 5
 """The share of the squared residual that may remain after so many steps, lest a descent has stalled: one that converges
@@ -31,45 +31,6 @@ POLISH_PROGRESS, POLISH_PATIENCE = 1 - 1e-6, 20
 
 USED = np.float32(1e30)
 """The distance of a seed that has been tried."""
-
-
-@compiled
-def search_many(
-    rule: int,
-    settings: Any,
-    chain: Any,
-    box: Any,
-    tolerances: Any,
-    asked: Any,
-    goal: Any,
-    limits: Any,
-    seeds: Any,
-    poses: Any,
-    weights: Any,
-    targets: Any,
-    q: Any,
-    reached: Any,
-    iterations: Any,
-    attempts: Any,
-) -> None:
-    """:func:`search` for the targets (N, 4, 4), from the starts q (N, n), which become the answers."""
-    n = q.shape[1]
-    work = workspace(chain.shape[0] - 1, n)
-    distances, start = np.empty(len(seeds), np.float32), np.empty(n)
-    goal = goal.copy()
-    for i in range(6):
-        work.errors[ASKED, i] = asked[i]
-    for row in range(len(targets)):
-        for i in range(n):
-            start[i] = q[row, i]
-            if goal[0, 0] == NEAR:
-                goal[1, i] = start[i]
-        reached[row], iterations[row], attempts[row] = _search(
-            rule, settings, chain, box, tolerances, goal, limits, seeds, poses, weights, targets[row], start, 0,
-            distances, work,
-        )  # fmt: skip
-        for i in range(n):
-            q[row, i] = start[i]
 
 
 @compiled
@@ -85,94 +46,86 @@ def search(
     seeds: Any,
     poses: Any,
     weights: Any,
-    target: Any,
-    q: Any,
     first: int,
-) -> Any:
-    """The attempts from number ``first`` on, until one fulfils the task; q (n,) is the start and becomes the answer.
+    targets: Any,
+    q: Any,
+    iterations: Any,
+    attempts: Any,
+) -> None:
+    """For each target (N, 4, 4) the attempts from number ``first`` on, until one fulfils the task.
 
-    ``limits`` are the steps of an attempt, the longest step of a joint, the attempts in all, and whether the nearest
-    miss is polished if none fulfils it. Returns whether one does, the steps taken, and the attempts made in all.
+    The rows of q (N, n) are the starts, inside the limits, and become the answers: where an attempt fulfilled the task,
+    else the nearest that was seen. ``limits`` are the steps of an attempt, the longest step of a joint, the attempts in
+    all, and whether the nearest miss is polished if none fulfils the task. Writes the steps taken and the attempts made
+    in all, those before ``first`` included; these are all of them where none fulfilled the task before a polish.
     """
-    work = workspace(chain.shape[0] - 1, q.shape[0])
-    for i in range(6):
-        work.errors[ASKED, i] = asked[i]
-    distances = np.empty(len(seeds), np.float32)
-    return _search(
-        rule, settings, chain, box, tolerances, goal, limits, seeds, poses, weights, target, q, first, distances, work
-    )
-
-
-@compiled
-def _search(
-    rule: int,
-    settings: Any,
-    chain: Any,
-    box: Any,
-    tolerances: Any,
-    goal: Any,
-    limits: Any,
-    seeds: Any,
-    poses: Any,
-    weights: Any,
-    target: Any,
-    q: Any,
-    first: int,
-    distances: Any,
-    work: Any,
-) -> Any:
-    n, total = q.shape[0], 0
+    n = q.shape[1]
     most, longest, count = int(limits[0]), limits[1], int(limits[2])
-    _start_from_target(target, work.start)
-    joints, nearest_squared = work.joints, math.inf
-    for attempt in range(count):
-        if attempt == 1:
-            _measure_seeds(poses, weights, target, distances)
-            _flip_or_seed(chain, box, weights, seeds, distances, q, work.start, work.turns, work.axes, work.end)
-        elif attempt > 1:
-            _take_seed(seeds, distances, q)
-        if 0 < attempt < first:  # the first is made again, since the flips begin where it ended
-            continue
-        done, steps, squared = descend(
-            rule, settings, chain, box, tolerances, goal, most, longest, PROGRESS, PATIENCE, q, work
-        )  # fmt: skip
-        if attempt < first:
-            continue
-        total += steps
-        if done:
-            return True, total, attempt + 1
-        if squared < nearest_squared:
-            nearest_squared = squared
-            for i in range(n):
-                joints[ENDED, i] = q[i]
-    if nearest_squared < math.inf:
+    work = workspace(chain.shape[0] - 1, n)
+    joints, errors = work.joints, work.errors
+    distances, goal, here = np.empty(len(seeds), np.float32), goal.copy(), np.empty(n)
+    for i in range(6):
+        errors[ASKED, i] = asked[i]
+    for row in range(len(targets)):
         for i in range(n):
-            q[i] = joints[ENDED, i]
-    if limits[3] == 0.0:
-        return False, total, count
-    done, steps, squared = descend(
-        rule, settings, chain, box, tolerances, goal, most, longest, POLISH_PROGRESS, POLISH_PATIENCE, q, work
-    )  # fmt: skip
-    return done, total + steps, count
+            here[i] = q[row, i]
+            if goal[0, 0] == NEAR:
+                goal[1, i] = here[i]
+        _start_from_target(targets, row, work.start)
+        nearest, total, attempt, progress, patience = math.inf, 0, 0, PROGRESS, PATIENCE
+        while True:
+            if attempt == count:
+                if nearest < math.inf:
+                    for i in range(n):
+                        here[i] = joints[ENDED, i]
+                if limits[3] == 0.0:
+                    break
+                progress, patience = POLISH_PROGRESS, POLISH_PATIENCE
+            elif attempt == 1:
+                _measure_seeds(poses, weights, targets, row, distances)
+                _flip_or_seed(chain, box, weights, seeds, distances, here, work.start, work.turns, work.axes, work.end)
+            elif attempt > 1:
+                _take_seed(seeds, distances, here)
+            if 0 < attempt < first:  # the first is made again, since the flips begin where it ended
+                attempt += 1
+                continue
+            done, steps, squared = descend(
+                rule, settings, chain, box, tolerances, goal, most, longest, progress, patience, here, work
+            )
+            attempt += 1
+            if attempt <= first:
+                continue
+            total += steps
+            if done or attempt > count:
+                break
+            if squared < nearest:
+                nearest = squared
+                for i in range(n):
+                    joints[ENDED, i] = here[i]
+        for i in range(n):
+            q[row, i] = here[i]
+        iterations[row], attempts[row] = total, min(attempt, count)
 
 
-@compiled
-def _start_from_target(target: Any, start: Any) -> None:
+@inlined
+def _start_from_target(targets: Any, row: int, start: Any) -> None:
     """The inverse of base_from_target into ``start`` (3, 4)."""
     for i in range(3):
         for j in range(3):
-            start[i, j] = target[j, i]
-        start[i, 3] = -(target[0, i] * target[0, 3] + target[1, i] * target[1, 3] + target[2, i] * target[2, 3])
+            start[i, j] = targets[row, j, i]
+        start[i, 3] = 0.0
+        for k in range(3):
+            start[i, 3] -= targets[row, k, i] * targets[row, k, 3]
 
 
 @compiled
-def _measure_seeds(poses: Any, weights: Any, target: Any, distances: Any) -> None:
+def _measure_seeds(poses: Any, weights: Any, targets: Any, row: int, distances: Any) -> None:
     """How far each seed's pose is from the target: weighted squares of distance and of the chord of the rotation."""
     w, v = np.float32(weights[0]), np.float32(weights[1])
-    r00, r01, r02 = np.float32(target[0, 0]), np.float32(target[0, 1]), np.float32(target[0, 2])
-    r10, r11, r12 = np.float32(target[1, 0]), np.float32(target[1, 1]), np.float32(target[1, 2])
-    r20, r21, r22 = np.float32(target[2, 0]), np.float32(target[2, 1]), np.float32(target[2, 2])
-    x, y, z = np.float32(target[0, 3]), np.float32(target[1, 3]), np.float32(target[2, 3])
+    r00, r01, r02 = np.float32(targets[row, 0, 0]), np.float32(targets[row, 0, 1]), np.float32(targets[row, 0, 2])
+    r10, r11, r12 = np.float32(targets[row, 1, 0]), np.float32(targets[row, 1, 1]), np.float32(targets[row, 1, 2])
+    r20, r21, r22 = np.float32(targets[row, 2, 0]), np.float32(targets[row, 2, 1]), np.float32(targets[row, 2, 2])
+    x, y, z = np.float32(targets[row, 0, 3]), np.float32(targets[row, 1, 3]), np.float32(targets[row, 2, 3])
     for k in range(poses.shape[1]):
         dx, dy, dz = poses[3, k] - x, poses[7, k] - y, poses[11, k] - z
         trace = (
@@ -192,7 +145,7 @@ def _nearest(distances: Any) -> int:
     return best
 
 
-@compiled
+@inlined
 def _take_seed(seeds: Any, distances: Any, q: Any) -> None:
     """The nearest seed that has not been tried, into q."""
     best = _nearest(distances)
@@ -231,7 +184,7 @@ def _flip_or_seed(
         q[best] = _mirrored(box, best, q[best])
 
 
-@compiled
+@inlined
 def _mirrored(box: Any, i: int, value: float) -> float:
     if box[UPPER, i] - box[LOWER, i] < math.inf:
         return box[LOWER, i] + box[UPPER, i] - value

@@ -111,6 +111,11 @@ class Oracle:
         shapes = [_link_shape(geometry) for geometry in arm.robot.urdf.collisions]
         local = [pin.SE3(np.array(geometry.origin)) for geometry in arm.robot.urdf.collisions]
         frames: list[str | None] = [geometry.link for geometry in arm.robot.urdf.collisions]
+        for part in (body for body in checker.bodies if body.detail):
+            hull = trimesh.Trimesh(part.support.points).convex_hull
+            shapes.append(_triangles(hull))
+            local.append(part.link_from_body)
+            frames.append(part.link)
         for things, frame in ((checker.attached, arm.tcp), (checker.scene.obstacles, None)):
             shapes += [_shape(thing.shape) for thing in things]
             local += [thing.pose for thing in things]
@@ -165,6 +170,10 @@ def _shape(shape):
     mesh = trimesh.Trimesh(read.vertices, read.triangles, process=False)
     if shape.hull:
         mesh = mesh.convex_hull
+    return _triangles(mesh)
+
+
+def _triangles(mesh):
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(mesh.faces), len(mesh.vertices))
     model.addVertices(np.array(mesh.vertices))

@@ -98,6 +98,8 @@ class Body:
         What it encloses, where coal alone would not see what lies wholly inside. None for what is convex.
     remark
         What was done with it that its maker may not expect, for people to read.
+    detail
+        Whether it is a part of a link whose hull is a body too, and stands for it in the pairs that call for it.
     """
 
     name: str
@@ -109,6 +111,7 @@ class Body:
     support: Support | None
     solid: Inside | None = None
     remark: str = ""
+    detail: bool = False
 
     @property
     def witnesses(self) -> Array:
@@ -119,7 +122,7 @@ class Body:
 
     def content(self) -> bytes:
         """All that its verdicts depend on, for a fingerprint; its name and its colour are no part of it."""
-        parts = [repr((type(self.geometry).__name__, self.owner, self.link)).encode(), self.box.tobytes()]
+        parts = [repr((type(self.geometry).__name__, self.owner, self.link, self.detail)).encode(), self.box.tobytes()]
         parts.append(matrix(self.link_from_body).tobytes())
         if self.support is not None:
             s = self.support

@@ -13,8 +13,8 @@ import pinocchio as pin
 
 from pinproof.collision.bodies import Body, shape_body
 from pinproof.collision.contact import CheckResult, Contact
-from pinproof.collision.links import LinkMeshes, link_bodies, meshes_of
-from pinproof.collision.pairs import choose_pairs
+from pinproof.collision.links import LinkMeshes, detail_bodies, link_bodies, meshes_of
+from pinproof.collision.pairs import choose_pairs, unexplained_pairs
 from pinproof.collision.placed import GJK_SLACK, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
@@ -42,7 +42,8 @@ class CollisionChecker:
     link_meshes
         ``"hull"``: the links' meshes are collided with as their convex hulls, which hold all of the mesh. ``"mesh"``:
         as their triangles, solid where watertight. ``"decomposed"``: as several hulls, which together hold all of it.
-        One word for all links, or a mapping of links to words; ``"*"`` is the others.
+        One word for all links, or a mapping of links to words; ``"*"`` is the others. Pairs of links that an SRDF
+        disables without a reason are checked by several hulls each where one would be coarse.
     attached
         Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``.
     allowed
@@ -78,8 +79,11 @@ class CollisionChecker:
         self.attached = tuple(attached)
         urdf = arm.robot.urdf
         meshes = meshes_of(urdf.links, link_meshes)
+        unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
+        coarse = {link for pair in unexplained for link in pair if meshes.get(link) == "hull"}
         self.bodies: tuple[Body, ...] = (
             *(body for geometry in urdf.collisions for body in link_bodies(geometry, meshes[geometry.link])),
+            *(body for geometry in urdf.collisions if geometry.link in coarse for body in detail_bodies(geometry)),
             *(shape_body(o.name, o.name, arm.tcp, o.shape, o.pose) for o in self.attached),
             *(shape_body(o.name, o.name, None, o.shape, o.pose) for o in self.scene.obstacles),
         )

@@ -45,6 +45,9 @@ WORTH = 0.02
 IDLE = 0.01
 """Hulls are joined where that adds less than this share of the volume of the whole hull."""
 
+CLOSE = 1.15
+"""A cover by halves that is no larger than this many times the body is good enough; else cuts are searched for."""
+
 SHARES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 """Where cuts are tried along a cell; and along as many of the largest faces that stand across the axis."""
 
@@ -67,7 +70,11 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
     """
     flat = corners.reshape(-1, 3)
     whole = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), contains)
-    covers = [_joined(_cut_up(whole, closely, pieces), pieces) for closely in (True, False)]
+    halves = _joined(_cut_up(whole, False, pieces), pieces)
+    enclosed = abs(float(np.linalg.det(corners - whole.box.mean(axis=0)).sum())) / 6
+    if sum(_hull_volume(part) for part in halves) <= CLOSE * enclosed:
+        return halves
+    covers = [halves, _joined(_cut_up(whole, True, pieces), pieces)]
     return min(covers, key=lambda parts: sum(_hull_volume(part) for part in parts))
 
 

@@ -20,7 +20,7 @@ from pinproof.description import LinkGeometry
 from pinproof.description.meshes import read_mesh, resolved
 from pinproof.errors import InputError, MeshError, UnknownNameError
 
-__all__ = ["LinkMeshes", "link_bodies", "meshes_of"]
+__all__ = ["LinkMeshes", "detail_bodies", "link_bodies", "meshes_of"]
 
 LinkMeshes = Literal["hull", "mesh", "decomposed"]
 """How a link's mesh is collided with: as its convex hull, as its triangles, or as several hulls that cover it."""
@@ -87,6 +87,20 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
     path = Path(shape.path)  # type: ignore[arg-type]  # resolved gave a path
     parts = _cover(path, path.stat().st_mtime_ns, shape.scale)
     return [hull_body(f"{geometry.name}_part_{i}", geometry.link, part, at) for i, part in enumerate(parts)]
+
+
+def detail_bodies(geometry: LinkGeometry) -> list[Body]:
+    """The parts of a link's mesh that stand for its hull where that is too coarse; none where it fits closely.
+
+    Raises
+    ------
+    MeshError
+        If the mesh is missing or cannot be read.
+    """
+    if geometry.kind != "mesh":
+        return []
+    bodies = link_bodies(geometry, "decomposed")
+    return [replace(body, detail=True) for body in bodies] if len(bodies) > 1 else []
 
 
 @lru_cache(maxsize=COVERS_KEPT)

@@ -22,7 +22,7 @@ from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Robot
 
-__all__ = ["ExcludedPair", "choose_pairs"]
+__all__ = ["ExcludedPair", "choose_pairs", "unexplained_pairs"]
 
 HOUSING = 0.05
 """Metres. Joints nearer than this share a housing: the links on both sides of a link without geometry meet there."""
@@ -65,6 +65,8 @@ def choose_pairs(
         raise InputError(f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}")
     reasons = _reasons(bodies, robot, scene, allowed, trust_disabled)
     neighbours = _Neighbours(robot, {body.link for body in bodies if body.link is not None and body.owner == body.link})
+    detailed = {body.owner for body in bodies if body.detail}
+    unexplained = unexplained_pairs(robot)
     chosen: list[tuple[int, int]] = []
     excluded: dict[frozenset[str], ExcludedPair] = {}
     for i, j in combinations(range(len(bodies)), 2):
@@ -74,12 +76,24 @@ def choose_pairs(
         if a.owner == b.owner:
             continue
         key = frozenset((a.owner, b.owner))
+        if any(body.detail != (body.owner in detailed and key in unexplained) for body in (a, b)):
+            continue  # hull against hull, or detail against detail where there is one
         reason = reasons.get(key) or neighbours.reason(a, b)
         if reason:
             excluded.setdefault(key, ExcludedPair((a.owner, b.owner), reason))
         else:
             chosen.append((i, j))
     return chosen, list(excluded.values())
+
+
+def unexplained_pairs(robot: Robot) -> set[frozenset[str]]:
+    """The pairs of links that the SRDF disables without saying why.
+
+    Somebody may have done so because the links' hulls overlap where the links do not, as those of a UR5's forearm and
+    wrist. So these are checked by closer bodies than hulls. Links that one joint joins are not checked at all.
+    """
+    joined = {frozenset((joint.parent, joint.child)) for joint in robot.urdf.joints.values()}
+    return {frozenset(pair.links) for pair in robot.srdf.disabled if not pair.reason} - joined
 
 
 def _stands_at_root(robot: Robot, link: str) -> bool:

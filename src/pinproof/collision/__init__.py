@@ -1,5 +1,6 @@
 """Collision: shapes, scenes, the checker, and certificates that hold between samples (coal)."""
 
+from pinproof.collision.audit import Audit, audit
 from pinproof.collision.certificate import Certificate, CertificateStatus, FirstContact, UndecidedSpan
 from pinproof.collision.certify import certify
 from pinproof.collision.checker import CollisionChecker
@@ -22,6 +23,7 @@ from pinproof.collision.shapes import (
 )
 
 __all__ = [
+    "Audit",
     "Box",
     "Capsule",
     "Certificate",
@@ -44,5 +46,6 @@ __all__ = [
     "Shape",
     "Sphere",
     "UndecidedSpan",
+    "audit",
     "certify",
 ]

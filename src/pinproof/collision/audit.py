@@ -1,0 +1,106 @@
+"""A second look at a motion by other means than the proof: dense samples, exact meshes, coal alone.
+
+It proves nothing; it is there to catch a proof that is wrong. What it uses of a checker is which bodies and pairs there
+are. Placements and contacts are Pinocchio's and coal's own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import coal
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.collision.checker import CollisionChecker
+from pinproof.errors import InputError
+from pinproof.motion import Curve
+
+__all__ = ["Audit", "audit"]
+
+Array = npt.NDArray[np.float64]
+
+STEP = 0.002
+"""Rad or m: no joint moves farther than this between two samples."""
+
+INSIDE_EVERY = 50
+"""Samples between two looks at whether a body lies wholly inside another: to get there its surface has to cross."""
+
+
+@dataclass(frozen=True, eq=False)
+class Audit:
+    """What dense sampling saw.
+
+    Parameters
+    ----------
+    samples
+        How many configurations were looked at.
+    contacts
+        For each pair of owners that touched, the parameter of the curve where that was first seen, in that order.
+    message
+        The same in a sentence.
+    """
+
+    samples: int
+    contacts: tuple[tuple[float, tuple[str, str]], ...]
+    message: str
+
+    @property
+    def clean(self) -> bool:
+        """Whether no sample touches anything."""
+        return not self.contacts
+
+
+def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP) -> Audit:
+    """Look for contacts at samples so dense that no joint moves more than ``step`` between them.
+
+    Parameters
+    ----------
+    curve
+        Any curve of the arm's joints.
+    checker
+        Which bodies and pairs to look at: for a sharper look than the proof's, one with ``link_meshes="mesh"``. Its
+        margin is left aside: contact is a distance of 0.
+    step
+        In rad or m.
+
+    Raises
+    ------
+    InputError
+        If the curve's joints are not the arm's, or the step is not above 0.
+    """
+    if tuple(curve.joint_names) != checker.arm.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm {checker.arm.joint_names}")
+    if not step > 0:
+        raise InputError(f"step = {step}; it is above 0 (rad or m)")
+    arm, model, geometry = checker.arm, checker.arm.model, checker.geometry_model
+    data, bodies = model.createData(), geometry.createData()
+    request = coal.CollisionRequest()
+    for k in range(len(checker.pairs)):
+        bodies.collisionRequests[k] = request
+    found: dict[tuple[str, str], float] = {}
+    times = _dense(curve, step)
+    for number, t in enumerate(times):
+        q = arm.model_configuration(curve(t))
+        pin.computeCollisions(model, data, geometry, bodies, q, False)
+        inside = checker.placed(curve(t)) if number % INSIDE_EVERY == 0 else None
+        for k, (i, j) in enumerate(checker.pairs):
+            touching = bodies.collisionResults[k].isCollision()
+            if touching or (inside is not None and inside.one_inside_other(k)):
+                found.setdefault((checker.bodies[i].owner, checker.bodies[j].owner), float(t))
+    contacts = tuple((t, pair) for pair, t in sorted(found.items(), key=lambda item: item[1]))
+    seen = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
+    return Audit(len(times), contacts, f"{len(times)} samples: {seen or 'no contact'}")
+
+
+def _dense(curve: Curve, step: float) -> Array:
+    """Parameters between which no joint moves more than ``step``: control points bound each piece."""
+    knots, control = curve.bezier()
+    parts = []
+    for start, end, points in zip(knots[:-1], knots[1:], control, strict=True):
+        # The derivative of a piece is bounded by degree times the largest step between its control points.
+        degree = len(points) - 1
+        fastest = degree * float(np.abs(np.diff(points, axis=0)).max(initial=0.0))
+        parts.append(np.linspace(start, end, max(2, int(np.ceil(fastest / step)) + 1)))
+    return np.unique(np.concatenate(parts))

@@ -1,0 +1,58 @@
+"""The audit: it finds what a proof must not miss, and nothing where there is nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision.audit import audit
+
+HOME = np.array([0.0, -1.2, 1.4, -1.7, -1.57, 0.0])
+
+
+@pytest.fixture(scope="module")
+def arm():
+    return pp.load_robot("ur5").arm()
+
+
+def swing(arm):
+    return pp.JointPath([HOME, HOME + np.array([1.5, 0, 0, 0, 0, 0])], arm.joint_names)
+
+
+@pytest.mark.parametrize("thickness", [5e-3, 0.1])
+def test_a_plate_across_the_way_is_seen(arm, thickness):
+    half_way = arm.forward_kinematics(HOME + np.array([0.75, 0, 0, 0, 0, 0])).translation
+    plate = pp.Obstacle("plate", pp.Box(0.4, thickness, 0.4), pp.pose(half_way, (0, 0, 0.75)))
+    checker = pp.CollisionChecker(arm, pp.Scene([plate]), link_meshes="mesh")
+    seen = audit(swing(arm), checker)
+    assert not seen.clean
+    assert any("plate" in pair for _, pair in seen.contacts)
+    assert "plate" in seen.message
+    first = seen.contacts[0][0]
+    assert not checker.is_free(swing(arm)(first))
+
+
+def test_a_free_swing_is_clean_and_dense(arm):
+    checker = pp.CollisionChecker(arm, link_meshes="mesh")
+    seen = audit(swing(arm), checker, step=0.01)
+    assert seen.clean
+    assert seen.samples >= 151
+    assert "no contact" in seen.message
+
+
+def test_a_start_inside_a_closed_box_mesh_is_seen(arm):
+    import trimesh
+
+    hull = trimesh.creation.box((6, 6, 6))
+    room = pp.Mesh.from_arrays(np.asarray(hull.vertices), np.asarray(hull.faces), hull=False)
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("room", room)]), link_meshes="mesh")
+    assert not audit(swing(arm), checker, step=0.5).clean
+
+
+def test_joints_of_another_arm_are_refused(arm):
+    path = pp.JointPath([[0.0], [1.0]], ["j"])
+    with pytest.raises(pp.InputError, match="joints"):
+        audit(path, pp.CollisionChecker(arm))
+    with pytest.raises(pp.InputError, match="step"):
+        audit(swing(arm), pp.CollisionChecker(arm), step=0.0)

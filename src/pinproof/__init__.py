@@ -36,6 +36,7 @@ _HOME = {
     "pinproof.ik": (
         "Clik",
         "DampedLeastSquares",
+        "Fabrik",
         "IkBatch",
         "IkGoal",
         "IkResult",

@@ -126,7 +126,7 @@ def test_a_method_without_a_compiled_rule_runs_on_pinocchio(arms):
     class Gradient(IterativeIk):
         def step_rule(self):
             class Rule:
-                def observe(self, squared_residual):
+                def observe(self, here):
                     pass
 
                 def __call__(self, residual, jacobian):

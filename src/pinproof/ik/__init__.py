@@ -2,8 +2,9 @@
 
 from pinproof.ik.clik import Clik
 from pinproof.ik.damped_least_squares import DampedLeastSquares
+from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.goal import IkGoal
-from pinproof.ik.loop import IkStep, StepRule
+from pinproof.ik.loop import Here, IkStep, StepRule
 from pinproof.ik.pseudo_inverse import PseudoInverse
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.solver import IterativeIk
@@ -12,6 +13,8 @@ from pinproof.ik.task import IkTask
 __all__ = [
     "Clik",
     "DampedLeastSquares",
+    "Fabrik",
+    "Here",
     "IkBatch",
     "IkGoal",
     "IkResult",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik.loop import StepRule
+from pinproof.ik.loop import Here, StepRule
 from pinproof.ik.settings import positive
 from pinproof.ik.solver import IterativeIk, KernelRule
 
@@ -69,12 +69,12 @@ class _DampedStep:
         self._damping, self._max_step = damping, max_step
         self._last, self._growth = np.inf, 1.0
 
-    def observe(self, squared_residual: float) -> None:
-        better = squared_residual < self._last
+    def observe(self, here: Here) -> None:
+        better = here.squared_residual < self._last
         relieved = max(1.0, self._growth * self._constants.RELIEF)
         self._growth = relieved if better else self._growth * self._constants.GROWTH
-        self._last = squared_residual
-        self._shown = min(squared_residual, 1.0)
+        self._last = here.squared_residual
+        self._shown = min(here.squared_residual, 1.0)
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         square = jacobian @ jacobian.T

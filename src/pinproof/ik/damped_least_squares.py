@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik.loop import NOTHING, StepRule
+from pinproof.ik.loop import NOTHING, Here, StepRule
 from pinproof.ik.settings import positive
 from pinproof.ik.solver import IterativeIk, KernelRule
 
@@ -62,7 +62,7 @@ class _DampedLeastSquaresStep:
     def __init__(self, damping: float, region: float) -> None:
         self._damping, self._region = damping, region
 
-    def observe(self, squared_residual: float) -> None:
+    def observe(self, here: Here) -> None:
         """Nothing is learnt."""
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik.loop import Descent, IkStep, StepRule, descend
+from pinproof.ik.loop import Descent, IkStep, Stall, StepRule, descend
 from pinproof.ik.seeds import Seeds
 from pinproof.ik.task import Task
 from pinproof.ik.windings import turning
@@ -24,7 +24,7 @@ OnStep = Callable[[IkStep], None]
 KernelRule = tuple[int, tuple[float, float, float]]
 """A compiled method: its number in :mod:`pinproof.kernels.descent`, and its settings."""
 
-POLISH: dict[str, Any] = {"progress": 1 - 1e-6, "patience": 20}
+POLISH = Stall(progress=1 - 1e-6, patience=20)
 """A nearest miss is polished until its squared residual falls by less than a millionth in so many steps."""
 
 
@@ -57,10 +57,12 @@ class CompiledEngine:
 
     name = "compiled"
 
-    def __init__(self, rule: KernelRule, tolerances: tuple[float, float], max_iterations: int, max_step: float) -> None:
+    def __init__(
+        self, rule: KernelRule, tolerances: tuple[float, float], max_iterations: int, max_step: float, stall: Stall
+    ) -> None:
         self._rule, self._settings = rule[0], np.array(rule[1], dtype=float)
         self._tolerances = np.array(tolerances, dtype=float)
-        self._max_iterations, self._max_step = max_iterations, max_step
+        self._max_iterations, self._max_step, self._stall = max_iterations, max_step, stall
 
     def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> Ended:
         """Attempts number ``first`` and on, ``count`` in all; the nearest is polished if none reaches the task.
@@ -99,7 +101,7 @@ class CompiledEngine:
             self._tolerances,
             task.asked,
             goal,
-            np.array([self._max_iterations, self._max_step, count, polish], dtype=float),
+            np.array([self._max_iterations, self._max_step, count, polish, *self._stall], dtype=float),
             seeds.q,
             seeds.poses,
             seeds.weights(task.asked),
@@ -118,9 +120,10 @@ class PinocchioEngine:
     name = "pinocchio"
 
     def __init__(
-        self, rule: Callable[[], StepRule], max_iterations: int, max_step: float, on_step: OnStep | None = None
+        self, rule: Callable[[], StepRule], max_iterations: int, max_step: float, stall: Stall, on_step: OnStep | None
     ) -> None:
-        self._rule, self._max_iterations, self._max_step, self._on_step = rule, max_iterations, max_step, on_step
+        self._rule, self._max_iterations, self._max_step = rule, max_iterations, max_step
+        self._stall, self._on_step = stall, on_step
 
     def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> Ended:
         """As the compiled one."""
@@ -134,7 +137,7 @@ class PinocchioEngine:
             if 0 < attempt < first:
                 continue
             watched = self._on_step if attempt >= first else None
-            descent = self._descend(query, q, attempt, watched)
+            descent = self._descend(query, q, attempt, watched, self._stall)
             q = descent.q
             if attempt < first:  # made again, since the flips begin where it ended
                 continue
@@ -146,10 +149,10 @@ class PinocchioEngine:
         end = q if nearest is None else nearest.q
         if not polish:
             return Ended(end, total, count)
-        descent = self._descend(query, end, count - 1, self._on_step, **POLISH)
+        descent = self._descend(query, end, count - 1, self._on_step, POLISH)
         return Ended(descent.q, total + descent.iterations, count)
 
-    def _descend(self, query: Query, q: Array, attempt: int, on_step: OnStep | None, **stall: Any) -> Descent:
+    def _descend(self, query: Query, q: Array, attempt: int, on_step: OnStep | None, stall: Stall) -> Descent:
         return descend(
             query.arm,
             query.target,
@@ -159,9 +162,9 @@ class PinocchioEngine:
             self._rule(),
             max_iterations=self._max_iterations,
             max_step=self._max_step,
+            stall=stall,
             attempt=attempt,
             on_step=on_step,
-            **stall,
         )
 
     def _flip_or_seed(self, query: Query, q: Array, order: list[int]) -> Array:
@@ -183,7 +186,7 @@ class PinocchioEngine:
 
 
 def _box(arm: Arm) -> Array:
-    """The limits as kernels read them (5, n): see :mod:`pinproof.kernels.descent`."""
+    """The limits as kernels read them (5, n): see :mod:`pinproof.kernels.limits`."""
     limits, turns = arm.limits, turning(arm)
     stops = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
     return np.array([limits.lower, limits.upper, *stops, turns], dtype=float)

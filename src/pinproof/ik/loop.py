@@ -7,7 +7,7 @@ A method is its :class:`StepRule`, so that comparing methods compares methods an
     z = what a goal wishes for besides, once reached       followed as far as the task leaves it free
     step = z + rule(r + A z, A), joints that meet a limit held there, the others asked again
     scale the step to max_step, move, turn whole-turn joints back inside
-    no progress for PATIENCE steps                         -> stalled: give the next start a chance
+    no progress for some steps                             -> stalled: give the next start a chance
 
 This is the loop on Pinocchio, for methods of one's own and for those who watch (``on_step``). The built-in methods run
 the same one compiled (:mod:`pinproof.kernels.descent`); tests hold the two equal, iterate by iterate.
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -28,16 +28,12 @@ from pinproof.ik.windings import TURN, turning
 from pinproof.model import Arm
 from pinproof.spatial import SE3, matrix
 
-__all__ = ["Descent", "IkStep", "StepRule", "descend"]
+__all__ = ["Descent", "Here", "IkStep", "Stall", "StepRule", "descend"]
 
 Array = npt.NDArray[np.float64]
 
 SATURATION = 1.0
 """Largest norm of the residual (m and rad together) that a step rule is shown; longer ones are shortened to it."""
-
-PROGRESS, PATIENCE = 0.5, 5
-"""The share of the squared residual that may remain after so many steps, lest a descent has stalled: one that converges
-more than halves it, even at a singular target."""
 
 SMALLEST_STEP = 1e-12
 """A step (rad or m) that no longer changes a pose: the descent stands still."""
@@ -54,11 +50,36 @@ NOTHING = 1e-12
 """An entry or a singular value of a Jacobian below this (m or rad) is rounding."""
 
 
+class Stall(NamedTuple):
+    """The share of the squared residual that may remain after so many steps, lest a descent has stalled.
+
+    A Newton-like step that converges more than halves it in five, even at a singular target.
+    """
+
+    progress: float = 0.5
+    patience: int = 5
+
+
+class Here(NamedTuple):
+    """Where a descent stands before a step: what is asked, q (n,), and the squared residual, unsaturated.
+
+    ``waited`` is the number of steps since the squared residual last fell enough (:class:`Stall`).
+    """
+
+    arm: Arm
+    target: SE3
+    task: Task
+    q: Array
+    squared_residual: float
+    iteration: int
+    waited: int
+
+
 class StepRule(Protocol):
     """A method: from a residual and its Jacobian to a step of the joints. One object serves one descent."""
 
-    def observe(self, squared_residual: float) -> None:
-        """Told once before each step what is still to go, unsaturated; for methods that learn from their steps."""
+    def observe(self, here: Here) -> None:
+        """Told once before each step where the descent stands; for methods that learn from it, or need q."""
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         """The step (n,) that shall shrink ``residual`` (6,), whose Jacobian is (6, n).
@@ -111,15 +132,13 @@ def descend(
     *,
     max_iterations: int,
     max_step: float,
+    stall: Stall,
     attempt: int = 0,
-    progress: float = PROGRESS,
-    patience: int = PATIENCE,
     on_step: Callable[[IkStep], None] | None = None,
 ) -> Descent:
     """Descend from q, inside the limits, to a configuration that fulfils the task, or to where progress ends.
 
-    ``goal`` is packed (:func:`pinproof.ik.goal.packed_goal`). The descent has stalled when more than the share
-    ``progress`` of the squared residual is left after ``patience`` steps.
+    ``goal`` is packed (:func:`pinproof.ik.goal.packed_goal`). The descent ends where it has stalled.
     """
     box = _Box(arm)
     best_q, best, reached = q, np.inf, False
@@ -135,14 +154,14 @@ def descend(
         reached = reached or here
         if here and goal[0, 0] == 0.0:
             break
-        if squared < progress * mark:
+        if squared < stall.progress * mark:
             mark, marked_at = squared, iteration
-        stalled = iteration - marked_at >= patience and not reached
+        stalled = iteration - marked_at >= stall.patience and not reached
         # Written so that a NaN ends the descent too.
         if stalled or iteration >= (max_iterations + GOAL_STEPS if reached else max_iterations) or not squared < np.inf:
             break
 
-        rule.observe(squared)
+        rule.observe(Here(arm, target, task, q, squared, iteration, iteration - marked_at))
         rotation = target_from_tcp[:3, :3]
         jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
         pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))

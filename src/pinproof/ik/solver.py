@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.engines import CompiledEngine, KernelRule, OnStep, PinocchioEngine, Query
 from pinproof.ik.goal import GoalName, IkGoal, packed_goal
-from pinproof.ik.loop import StepRule
+from pinproof.ik.loop import Stall, StepRule
 from pinproof.ik.messages import found, not_found, refused, sampled
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.seeds import seeds_of
@@ -73,6 +73,9 @@ class IterativeIk(ABC):
     max_step: float = 1.0
     engine: EngineName = "auto"
 
+    stall: ClassVar[Stall] = Stall()
+    """When an attempt of this method gives the next one a chance."""
+
     def __post_init__(self) -> None:
         for name in ("position_tolerance", "orientation_tolerance", "max_step"):
             positive(name, getattr(self, name))
@@ -84,6 +87,15 @@ class IterativeIk(ABC):
     @abstractmethod
     def step_rule(self) -> StepRule:
         """A fresh step rule for one attempt."""
+
+    def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:  # noqa: B027 - most do it all
+        """Refuse what the method cannot do; by default nothing.
+
+        Raises
+        ------
+        InputError
+            Says what cannot be done, and what can.
+        """
 
     def kernel_rule(self) -> KernelRule | None:
         """The same rule compiled; None for a method that has none."""
@@ -179,6 +191,7 @@ class IterativeIk(ABC):
                 return IkBatch.of(list(pool.map(one, range(len(many)))), arm, engine.name)
 
         asked = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        self.check(arm, asked, goal)
         wish, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
         firsts = arm.limits.clip(nearest_winding(arm, starts, starts))
 
@@ -259,14 +272,15 @@ class IterativeIk(ABC):
                     else "this method has no compiled rule"
                 )
                 raise InputError(f"engine='compiled' cannot be had: {why}; use engine='auto'")
-            return PinocchioEngine(self.step_rule, self.max_iterations, self.max_step, on_step)
+            return PinocchioEngine(self.step_rule, self.max_iterations, self.max_step, self.stall, on_step)
         tolerances = self.position_tolerance, self.orientation_tolerance
-        return CompiledEngine(rule, tolerances, self.max_iterations, self.max_step)
+        return CompiledEngine(rule, tolerances, self.max_iterations, self.max_step, self.stall)
 
     def _query(
         self, arm: Arm, target: SE3, start: Array, rng: Rng, task: TaskLike, goal: GoalName | IkGoal | None
     ) -> Query:
         asked: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        self.check(arm, asked, goal)
         first = arm.limits.clip(nearest_winding(arm, start, start))
         return Query(arm, target, asked, packed_goal(goal, arm, start), start, first, seeds_of(arm, rng))
 

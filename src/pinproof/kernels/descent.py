@@ -1,8 +1,7 @@
 """The loop that every iterative method shares, compiled; the twin of :mod:`pinproof.ik.loop`, iterate by iterate.
 
-A method is its rule: one of the numbers below, and up to three settings. The box is (5, n): the limits, the limits that
-stop a descent (infinite for a joint that can make a whole turn: beyond one limit it goes on a turn away, same pose),
-and whether the joint is such a one.
+A method is its rule: one of the numbers below, and up to three settings. The box is (5, n), see
+:mod:`pinproof.kernels.limits`.
 """
 
 from __future__ import annotations
@@ -13,17 +12,17 @@ from typing import Any
 from pinproof.kernels.chain import jacobian_of, walk
 from pinproof.kernels.compiled import compiled, inlined
 from pinproof.kernels.goals import NONE, drift_of
+from pinproof.kernels.limits import HIGH, LOW, LOWER, TURN, TURNING, UPPER
 from pinproof.kernels.step_clik import GROWTH, RELIEF, step_clik
+from pinproof.kernels.step_fabrik import step_fabrik
 from pinproof.kernels.step_singular import step_singular
 from pinproof.kernels.task import error_jacobian, residual_of
 from pinproof.kernels.workspace import BEST, DRIFT, HELD, MOVED, PULL, RESIDUAL, STEP
 
-__all__ = ["CLIK", "SINGULAR", "descend"]
+__all__ = ["CLIK", "FABRIK", "SINGULAR", "descend"]
 
-CLIK, SINGULAR = 0, 1
-LOWER, UPPER, LOW, HIGH, TURNING = 0, 1, 2, 3, 4
-
-TURN = 2 * math.pi
+CLIK, SINGULAR, FABRIK = 0, 1, 2
+"""The first setting of ``FABRIK`` is Clik's; its second the squared residual below which Clik's step takes over."""
 
 SATURATION = 1.0
 """Largest norm of the residual (m and rad together) that a step rule is shown; longer ones are shortened to it."""
@@ -53,12 +52,14 @@ def descend(
     patience: int,
     q: Any,
     work: Any,
+    moved: Any,
 ) -> Any:
     """Descend from q (n,), inside the limits, to where the task is fulfilled.
 
     The workspace holds target_from_base (start) and what is asked for; q is moved to the best configuration seen.
     ``tolerances`` are in m and rad, ``most`` is the number of steps, ``longest`` the most a joint moves in one. The
     descent has stalled when more than the share ``progress`` of the squared residual is left after ``patience`` steps.
+    ``moved`` (m + 2, 12) is the scratch of FABRIK.
     Returns whether the task is fulfilled, the steps taken, and the squared residual.
     """
     n = q.shape[0]
@@ -99,12 +100,15 @@ def descend(
             joints[DRIFT, i] = 0.0
         if here and goal[0, 0] != NONE:
             drift_of(goal, chain, q, start, turns, axes, end, jacobian, square, lower, joints)
-        jacobian_of(chain, axes, end, jacobian)
-        error_jacobian(end, errors, jacobian)
-        if squared > SATURATION * SATURATION:
-            for i in range(6):
-                errors[RESIDUAL, i] *= SATURATION / math.sqrt(squared)
-        _bounded_step(rule, settings, growth, longest, here, box, q, jacobian, rows, square, lower, joints, errors)
+        if rule == FABRIK and squared > settings[1]:
+            step_fabrik(iteration, iteration - marked, chain, box, q, axes, end, moved, joints, errors)
+        else:
+            jacobian_of(chain, axes, end, jacobian)
+            error_jacobian(end, errors, jacobian)
+            if squared > SATURATION * SATURATION:
+                for i in range(6):
+                    errors[RESIDUAL, i] *= SATURATION / math.sqrt(squared)
+            _bounded_step(rule, settings, growth, longest, here, box, q, jacobian, rows, square, lower, joints, errors)
         largest = 0.0
         for i in range(n):
             largest = max(largest, abs(joints[STEP, i]))
@@ -150,10 +154,10 @@ def _bounded_step(
         for i in range(n):
             _take_into_account(i, joints[DRIFT, i], jacobian, errors)
     while True:
-        if rule == CLIK:
-            step_clik(settings[0], growth, longest, jacobian, square, lower, joints, errors)
-        else:
+        if rule == SINGULAR:
             step_singular(settings[0], settings[1], settings[2], jacobian, rows, square, joints, errors)
+        else:
+            step_clik(settings[0], growth, longest, jacobian, square, lower, joints, errors)
         again = False
         for i in range(n):
             if joints[HELD, i] != 0.0:

@@ -16,15 +16,12 @@ import numpy as np
 
 from pinproof.kernels.chain import walk
 from pinproof.kernels.compiled import compiled, inlined
-from pinproof.kernels.descent import LOWER, UPPER, descend
+from pinproof.kernels.descent import descend
 from pinproof.kernels.goals import NEAR
+from pinproof.kernels.limits import LOWER, UPPER
 from pinproof.kernels.workspace import ASKED, ENDED, workspace
 
 __all__ = ["search"]
-
-PROGRESS, PATIENCE = 0.5, 5
-"""The share of the squared residual that may remain after so many steps, lest a descent has stalled: one that converges
-more than halves it, even at a singular target."""
 
 POLISH_PROGRESS, POLISH_PATIENCE = 1 - 1e-6, 20
 """A nearest miss is polished until its squared residual falls by less than a millionth in so many steps."""
@@ -56,12 +53,13 @@ def search(
 
     The rows of q (N, n) are the starts, inside the limits, and become the answers: where an attempt fulfilled the task,
     else the nearest that was seen. ``limits`` are the steps of an attempt, the longest step of a joint, the attempts in
-    all, and whether the nearest miss is polished if none fulfils the task. Writes the steps taken and the attempts made
-    in all, those before ``first`` included; these are all of them where none fulfilled the task before a polish.
+    all, whether the nearest miss is polished if none fulfils the task, and the progress and patience of an attempt.
+    Writes the steps taken and the attempts made in all, those before ``first`` included; these are all of them where
+    none fulfilled the task before a polish.
     """
     n = q.shape[1]
     most, longest, count = int(limits[0]), limits[1], int(limits[2])
-    work = workspace(chain.shape[0] - 1, n)
+    work, moved = workspace(chain.shape[0] - 1, n), np.empty((chain.shape[0] + 1, 12))
     joints, errors = work.joints, work.errors
     distances, goal, here = np.empty(len(seeds), np.float32), goal.copy(), np.empty(n)
     for i in range(6):
@@ -72,7 +70,7 @@ def search(
             if goal[0, 0] == NEAR:
                 goal[1, i] = here[i]
         _start_from_target(targets, row, work.start)
-        nearest, total, attempt, progress, patience = math.inf, 0, 0, PROGRESS, PATIENCE
+        nearest, total, attempt, progress, patience = math.inf, 0, 0, limits[4], int(limits[5])
         while True:
             if attempt == count:
                 if nearest < math.inf:
@@ -90,7 +88,7 @@ def search(
                 attempt += 1
                 continue
             done, steps, squared = descend(
-                rule, settings, chain, box, tolerances, goal, most, longest, progress, patience, here, work
+                rule, settings, chain, box, tolerances, goal, most, longest, progress, patience, here, work, moved
             )
             attempt += 1
             if attempt <= first:

@@ -1,0 +1,249 @@
+"""FABRIK: the links are laid from the target to the base and from the base to the target, in turns."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.ik.clik import Clik
+from pinproof.ik.goal import GoalName, IkGoal
+from pinproof.ik.loop import Here, Stall, StepRule
+from pinproof.ik.solver import IterativeIk, KernelRule
+from pinproof.ik.task import Task
+from pinproof.ik.windings import TURN, turning
+from pinproof.model import Arm
+from pinproof.spatial import matrix
+
+__all__ = ["Fabrik"]
+
+Array = npt.NDArray[np.float64]
+Weighed = Iterable[tuple[float, Array]]
+
+HANDOVER = 1e-2
+"""The norm of the residual (m and rad together) below which a polished descent goes on with Clik's steps: there one
+more than squares it, while FABRIK's passes only shorten it by a share."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fabrik(IterativeIk):
+    """Inverse kinematics by forward and backward reaching: no Jacobian, no matrix to solve.
+
+    A step is one pass over the links from the target to the base and one back, from where the arm stands. Backward, the
+    last link is put on the target; each next one hangs on the hinge of the one above, with the one freedom of that
+    hinge inside its limits, and stays as near as it can to where it was. Forward, from the true base, each link comes
+    as near as it can to where the backward pass put it. So every step is inside the limits.
+
+    The first FABRIK moves points. Of an arm that does not do: at a wrist the joints' points coincide, and a hinge turns
+    about one axis only. Here links are rigid bodies with a hinge at both ends, and all choices have a closed form
+    (:mod:`pinproof.kernels.step_fabrik`). Beyond that it differs from the first one in what it needed to be reliable:
+
+    - A link's nearness is also measured where the rest of the arm ends. With hinges alone most arms creep.
+    - Passes that hold the shape of the arm alternate with others that reach for the target, which stall elsewhere.
+    - An arm in deadlock, at a limit or straight, is bent: a little, then more.
+
+    It comes near quickly and then converges linearly; hence the looser tolerances. Whole poses are harder for it than
+    positions. It knows the tasks that leave a link a freedom of its own: a position, an orientation, both, and these
+    with a free spin. No goals besides, and no joints that follow others.
+
+    Parameters
+    ----------
+    polish
+        Whether the last centimetre is left to the steps of :class:`~pinproof.Clik`. Then tolerances of 1e-6 are met.
+
+    The other settings are those of :class:`~pinproof.ik.solver.IterativeIk`.
+
+    References
+    ----------
+    Aristidou, Lasenby (2011), "FABRIK: A fast, iterative solver for the inverse kinematics problem"; Aristidou,
+    Chrysanthou, Lasenby (2016), "Extending FABRIK with model constraints": hinges, limits, and the bending of a chain
+    in deadlock.
+    """
+
+    position_tolerance: float = 1e-4
+    orientation_tolerance: float = 1e-4
+    max_iterations: int = 300
+    max_step: float = TURN
+    polish: bool = False
+
+    stall: ClassVar[Stall] = Stall(patience=100)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not isinstance(self.polish, bool):
+            raise InputError(f"polish must be True or False, not {self.polish!r}")
+
+    def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:
+        """Refuse what no pass over the links can do."""
+        placed, turned = int(task.asked[:3].sum()), int(task.asked[3:].sum())
+        if placed not in (0, 3) or turned == 1:
+            raise InputError(
+                "Fabrik knows 'position', 'orientation', 'pose', 'spin_x', 'spin_y', 'spin_z' and an orientation with "
+                "a free spin; ask pp.Clik for other coordinates"
+            )
+        if goal is not None:
+            raise InputError("Fabrik follows no goal besides its task; pp.Clik does")
+        if len(arm.packed) - 1 != arm.dof or (arm.packed[:-1, 14:] != (1.0, 0.0)).any():
+            raise InputError(f"a joint between {arm.base!r} and {arm.tcp!r} follows another; pp.Clik takes such arms")
+
+    def step_rule(self) -> StepRule:
+        """The two passes, and Clik's step where those end."""
+        return _Passes(Clik(max_step=self.max_step).step_rule(), HANDOVER if self.polish else 0.0)
+
+    def kernel_rule(self) -> KernelRule:
+        """The same, compiled."""
+        from pinproof.kernels.descent import FABRIK
+
+        return FABRIK, (Clik.damping, HANDOVER**2 if self.polish else 0.0, 0.0)
+
+
+class _Passes:
+    """The step rule of :class:`Fabrik`: the twin of the kernel, with (4, 4) matrices in the axes of the target."""
+
+    def __init__(self, end: StepRule, handover: float) -> None:
+        from pinproof.kernels import step_fabrik
+
+        self._constants = step_fabrik
+        self._end, self._handover = end, handover
+
+    def observe(self, here: Here) -> None:
+        """Make the passes here, with the arm and the target themselves."""
+        self._end.observe(here)
+        self._step: Array | None = None
+        if here.squared_residual <= self._handover**2:
+            return
+        turns, limits = turning(here.arm), here.arm.limits
+        self._lower, self._upper = limits.lower, limits.upper
+        self._low, self._high = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
+        self._chain, self._start = here.arm.packed, matrix(here.target.inverse())
+        self._placed, self._asked = here.task.asked[0], here.task.asked[3:]
+        self._step = self._pass(here.q, here.iteration)
+        deadlock = here.waited > 0 and here.waited % self._constants.WAIT == 0
+        if deadlock or np.abs(self._step).max() <= self._constants.STILL:
+            self._step = self._bend(here.q, self._constants.BEND * (1 + here.waited // self._constants.WAIT))
+
+    def __call__(self, residual: Array, jacobian: Array) -> Array:
+        """The step that the passes make; Clik's where they have ended."""
+        return self._end(residual, jacobian) if self._step is None else self._step
+
+    def _bend(self, q: Array, share: float) -> Array:
+        width = self._upper - self._lower
+        bend = share * np.minimum(width, TURN)
+        with np.errstate(invalid="ignore"):
+            above = np.isfinite(width) & (q > 0.5 * (self._lower + self._upper))
+        return np.asarray(np.clip(q + np.where(above, -bend, bend), self._low, self._high) - q)
+
+    def _pass(self, q: Array, iteration: int) -> Array:
+        known, n, angles = self._constants, len(q), int(self._asked.sum())
+        weight, relax = known.REACH, known.RELAX_REACH
+        if iteration % 2 == 0:
+            weight, relax = known.HOLD if angles == 0 else known.HOLD_POSED, known.RELAX_HOLD
+        hinges, end = self._hinges(q)
+        moved = [np.eye(4)] * n + [self._last(hinges[-1], end)]
+        for k in range(n - 1, 0, -1):
+            ends = [(weight, hinges[k - 1])] + [(known.BASE, hinges[0])] * (k > 1)
+            by = self._best(k, hinges[k], _inverse(moved[k + 1]), ends)
+            # The link below moves by the opposite of what the joint does
+            moved[k] = moved[k + 1] @ self._motion(k, hinges[k], -self._allowed(k, q[k], -by))
+        forward, step = np.eye(4), np.zeros(n)
+        for k in range(n):
+            tcp = _inverse(moved[k + 1])
+            axes = {0: np.zeros((0, 3)), 2: np.eye(3)[self._asked == 0], 3: np.eye(3)}[angles] @ tcp[:3, :3].T
+            ends = [(1.0, np.vstack([tcp[:3, 3], axes]))] + [(weight, hinges[k + 1]) for _ in range(k < n - 1)]
+            by = self._allowed(k, q[k], self._best(k, hinges[k], _inverse(forward) @ moved[k + 1], ends))
+            forward = forward @ self._motion(k, hinges[k], by)
+            step[k] = np.clip(q[k] + relax * by, self._low[k], self._high[k]) - q[k]
+        return step
+
+    def _hinges(self, q: Array) -> tuple[list[Array], Array]:
+        """Of each hinge its origin and direction (2, 3), and the pose (4, 4) of the tcp."""
+        pose, hinges = self._start, []
+        for row, value in zip(self._chain, [*q, 0.0], strict=True):
+            pose = pose @ np.vstack([row[:12].reshape(3, 4), [0, 0, 0, 1]])
+            hinges.append(np.vstack([pose[:3, 3], pose[:3, 2]]))
+            if len(hinges) <= len(q):
+                pose = self._motion(len(hinges) - 1, hinges[-1], value) @ pose
+        return hinges[:-1], pose
+
+    def _last(self, hinge: Array, end: Array) -> Array:
+        """Where the last link moves."""
+        if self._asked.any():
+            spin = np.eye(4)
+            if not self._asked.all():
+                axis = np.vstack([np.zeros(3), np.eye(3)[self._asked == 0]])
+                back = _inverse(end)
+                brought = np.vstack([_at(back, hinge[0]), back[:3, :3] @ hinge[1]])
+                spin = _turned(axis, self._angle(axis, end, [(1.0, brought)]))
+            return np.asarray(spin @ _inverse(end))
+        before, after = hinge[0] - end[:3, 3], hinge[0]
+        normal = np.cross(before, after)
+        size = float(np.linalg.norm(normal))
+        turn = np.eye(4)
+        if size > self._constants.TINY:
+            angle = self._constants.AIM * np.arctan2(size, before @ after)
+            turn = _turned(np.vstack([np.zeros(3), normal / size]), angle)
+        turn[:3, 3] = -turn[:3, :3] @ end[:3, 3]
+        return turn
+
+    def _best(self, k: int, hinge: Array, wanted: Array, ends: Weighed) -> float:
+        """How far hinge k moves so that its motion is nearest to the wanted one (4, 4), measured at the ends."""
+        if self._chain[k, 12] == 0.0:
+            return self._angle(hinge, wanted, ends)
+        shares = [(w, self._placed * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
+        return sum(w * along for w, along in shares) / sum(w for w, _ in shares)
+
+    def _angle(self, hinge: Array, wanted: Array, ends: Weighed) -> float:
+        """The same for a turn. An end is a point and some directions (1 + i, 3), with its weight."""
+        origin, d = hinge
+        c = s = 0.0
+        for weight, one in ends:
+            pairs = [(self._placed, one[0] - origin, _at(wanted, one[0]) - origin)]
+            pairs += [(self._constants.RHO**2, e, wanted[:3, :3] @ e) for e in one[1:]]
+            for share, a, z in pairs:
+                c += weight * share * (a @ z - (d @ a) * (d @ z))
+                s += weight * share * float(d @ np.cross(a, z))
+        return float(np.arctan2(s, c)) if c * c + s * s > self._constants.TINY**2 else 0.0
+
+    def _allowed(self, k: int, value: float, change: float) -> float:
+        """The change nearest to this one (on the circle, for a turn) that keeps joint k inside its limits."""
+        low, high = self._low[k] - value, self._high[k] - value
+        if low <= change <= high:
+            return change
+        if self._chain[k, 12] != 0.0:
+            return float(np.clip(change, low, high))
+        around = change + TURN if change < low else change - TURN
+        if low <= around <= high:
+            return around
+        return float(low if np.cos(change - low) >= np.cos(change - high) else high)
+
+    def _motion(self, k: int, hinge: Array, by: float) -> Array:
+        if self._chain[k, 12] == 0.0:
+            return _turned(hinge, by)
+        slid = np.eye(4)
+        slid[:3, 3] = by * hinge[1]
+        return slid
+
+
+def _at(pose: Array, point: Array) -> Array:
+    return np.asarray(pose[:3, :3] @ point + pose[:3, 3])
+
+
+def _inverse(pose: Array) -> Array:
+    out = np.eye(4)
+    out[:3, :3] = pose[:3, :3].T
+    out[:3, 3] = -out[:3, :3] @ pose[:3, 3]
+    return out
+
+
+def _turned(hinge: Array, angle: float) -> Array:
+    """The turn (4, 4) about a hinge (2, 3), origin and direction, by Rodrigues' formula."""
+    origin, d = hinge
+    cross = np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]])
+    out = np.eye(4)
+    out[:3, :3] += np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    out[:3, 3] = origin - out[:3, :3] @ origin
+    return out

@@ -1,0 +1,212 @@
+"""FABRIK: hinges of their own at wrists, limits in every iterate, honest ends, the two loops alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.model import load_robot_from_text
+
+TASKS = ["position", "pose", "orientation", "spin_z", "spin_x"]
+ARMS = ["ur5", "panda", "stanford", "scara", "so100"]
+LIMIT = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'
+
+
+@pytest.fixture(scope="module")
+def arms():
+    return {name: pp.load_robot(name).arm() for name in [*ARMS, "generic_6dof", "puma560", "iiwa14"]}
+
+
+def reachable(arm, count, seed):
+    lower, upper = arm.limits.sampling_range()
+    return arm.forward_kinematics_batch(np.random.default_rng(seed).uniform(lower, upper, (count, arm.dof)))
+
+
+def middle(arm):
+    return np.mean(arm.limits.sampling_range(), axis=0)
+
+
+def test_one_link_turns_to_its_target_in_one_pass_of_full_length(planar):
+    """The kernel's constants shorten and lengthen steps in turns; what a pass finds is the angle itself."""
+    from pinproof.kernels.step_fabrik import RELAX_HOLD
+
+    steps = []
+    pp.Fabrik(restarts=0).solve(planar("-3 3"), pp.pose((0.0, 1.0, 0.0)), [0.0], task="position", on_step=steps.append)
+    assert steps[0].step == pytest.approx([RELAX_HOLD * np.pi / 2], abs=1e-12)
+
+
+def test_planar_two_links_reach_a_point_as_on_paper(planar):
+    """Elbow up or down: cos q2 = (r^2 - 2) / 2."""
+    x, y = 0.9, 1.1
+    found = pp.Fabrik().solve(planar("-3 3", "-3 3"), pp.pose((x, y, 0)), [0.3, 0.4], task="position").or_raise()
+    assert np.cos(found.q[1]) == pytest.approx((x * x + y * y - 2) / 2, abs=3e-4)
+
+
+def test_a_straight_arm_is_bent_to_reach_a_point_on_its_own_line(planar):
+    """The known deadlock: base, links and target on one line."""
+    found = pp.Fabrik(restarts=0).solve(planar("-3 3", "-3 3"), pp.pose((1.2, 0, 0)), [0.0, 0.0], task="position")
+    assert found.ok
+    assert abs(found.q[1]) > 1.0
+
+
+@pytest.mark.parametrize(("x", "y"), [(3.0, 0.0), (-2.0, 2.0), (0.0, -5.0)])
+def test_out_of_reach_ends_stretched_out_and_says_so(planar, x, y):
+    found = pp.Fabrik(restarts=2).solve(planar("-3.1 3.1", "-3 3"), pp.pose((x, y, 0)), [0.5, 0.5], task="position")
+    assert not found.ok
+    assert found.position_error == pytest.approx(np.hypot(x, y) - 2, abs=1e-3)
+    assert "not found" in found.message
+
+
+def test_prismatic_joints_slide_to_their_place():
+    """A gantry: three slides at right angles, each reads its coordinate off the target."""
+    axes = ["1 0 0", "0 1 0", "0 0 1"]
+    joints = "".join(
+        f'<link name="l{i}"/><joint name="j{i}" type="prismatic"><parent link="l{i - 1}"/><child link="l{i}"/>'
+        f'<axis xyz="{axis}"/>{LIMIT.format(-2, 2)}</joint>'
+        for i, axis in enumerate(axes, 1)
+    )
+    arm = load_robot_from_text(f'<robot name="r"><link name="l0"/>{joints}</robot>').arm(tcp="l3")
+    found = pp.Fabrik().solve(arm, pp.pose((0.3, -1.4, 1.9)), task="position").or_raise()
+    assert found.q == pytest.approx([0.3, -1.4, 1.9], abs=1e-4)
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "iiwa14", "puma560", "generic_6dof", "stanford"])
+def test_positions_are_found_from_the_middle_without_restarts(arms, name):
+    arm = arms[name]
+    targets = reachable(arm, 300, seed=5)
+    batch = pp.Fabrik(restarts=0).solve_batch(arm, targets, middle(arm), task="position")
+    assert batch.ok.mean() >= 0.98
+    ends = arm.forward_kinematics_batch(batch.q)[batch.ok, :3, 3]
+    assert np.linalg.norm(ends - targets[batch.ok, :3, 3], axis=1).max() <= 1e-4
+    assert all(arm.limits.contains(q) for q in batch.q)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    name=st.sampled_from(ARMS),
+    task=st.sampled_from(TASKS),
+    seed=st.integers(0, 10**6),
+    scale=st.sampled_from([0.2, 1.0, 1.5]),
+    polish=st.booleans(),
+)
+def test_limits_hold_in_every_iterate_and_a_yes_is_true(arms, name, task, seed, scale, polish):
+    arm = arms[name]
+    target = reachable(arm, 1, seed)[0]
+    target[:3, 3] *= scale
+    q0 = np.random.default_rng(seed).uniform(*arm.limits.sampling_range())
+    seen = []
+    solver = pp.Fabrik(restarts=0, max_iterations=40, polish=polish)
+    found = solver.solve(arm, target, q0, task=task, on_step=seen.append)
+    assert all(arm.limits.contains(step.q) for step in seen)
+    assert arm.limits.contains(found.q)
+    offset = np.linalg.inv(target) @ arm.forward_kinematics(found.q).homogeneous
+    if found.ok and task != "orientation":
+        assert np.linalg.norm(offset[:3, 3]) <= 1e-4
+    if found.ok and task in ("pose", "orientation"):
+        assert np.linalg.norm(offset[:3, :3] - np.eye(3)) / np.sqrt(2) <= 1e-4
+    if found.ok and task == "spin_z":
+        assert np.arccos(min(offset[2, 2], 1.0)) <= 1.01e-4
+
+
+@settings(max_examples=40, deadline=None)
+@given(name=st.sampled_from(ARMS), task=st.sampled_from(TASKS), seed=st.integers(0, 10**6), polish=st.booleans())
+def test_both_engines_take_the_same_steps(arms, name, task, seed, polish):
+    arm = arms[name]
+    target = reachable(arm, 1, seed)[0]
+    q0 = np.random.default_rng(seed + 1).uniform(*arm.limits.sampling_range())
+    watched = []
+    solver = pp.Fabrik(restarts=0, polish=polish, max_iterations=8)
+    solver.solve(arm, target, q0, task=task, on_step=watched.append)
+    for steps in range(1, min(len(watched), 8)):
+        fast, slow = (
+            replace(solver, engine=engine, max_iterations=steps).solve(arm, target, q0, task=task)
+            for engine in ("compiled", "pinocchio")
+        )
+        assert fast.q == pytest.approx(slow.q, abs=1e-7)
+
+
+def test_both_engines_bend_an_arm_in_deadlock_alike(planar):
+    arm = planar("-3 3", "-3 3", "-1 2")
+    target = pp.pose((4.0, 0, 0))  # straight towards it, and out of reach: every pass stands still
+    ends = []
+    for engine in ("compiled", "pinocchio"):
+        solver = pp.Fabrik(restarts=0, engine=engine, max_iterations=37)
+        ends.append(solver.solve(arm, target, [0.4, 0.3, 0.2], task="position"))
+    assert ends[0].iterations == ends[1].iterations
+    assert ends[0].q == pytest.approx(ends[1].q, abs=1e-6)
+
+
+@pytest.mark.parametrize("task", ["position", "pose"])
+def test_polish_reaches_what_passes_alone_do_not(arms, task):
+    arm = arms["ur5"]
+    targets = reachable(arm, 60, seed=9)
+    fine = pp.Fabrik(position_tolerance=1e-9, orientation_tolerance=1e-9, restarts=3)
+    polished = replace(fine, polish=True).solve_batch(arm, targets, task=task)
+    assert polished.ok.mean() >= 0.9
+    assert polished.position_error[polished.ok].max() <= 1e-9
+    assert polished.iterations.sum() < fine.solve_batch(arm, targets, task=task).iterations.sum() / 2
+
+
+def test_passes_alone_never_ask_for_a_jacobian(arms, monkeypatch):
+    """The raw method is its own: with Clik's step out of order, the answers are the same."""
+    from pinproof.ik import clik
+
+    arm, target = arms["panda"], reachable(arms["panda"], 1, seed=2)[0]
+    solver = pp.Fabrik(engine="pinocchio", restarts=0)
+    before = solver.solve(arm, target, task="position")
+
+    def broken(*_):
+        raise AssertionError
+
+    monkeypatch.setattr(clik._DampedStep, "__call__", broken)
+    assert (solver.solve(arm, target, task="position").q == before.q).all()
+
+
+@pytest.mark.parametrize("task", [(True, True, False, False, False, False), (True, True, True, True, False, False)])
+def test_tasks_without_a_freedom_of_a_link_are_refused_with_those_that_have_one(arms, task):
+    with pytest.raises(pp.InputError, match=r"'position'.*'spin_x'.*Clik"):
+        pp.Fabrik().solve(arms["ur5"], pp.pose((0.4, 0, 0.3)), task=task)
+    with pytest.raises(pp.InputError, match="Clik"):
+        pp.Fabrik().solve_batch(arms["ur5"], np.eye(4)[None], task=task)
+
+
+def test_an_axis_can_be_pointed_without_a_position(arms):
+    """rx and ry alone: the tcp's z along the target's z."""
+    target = pp.pose(rpy=(0.4, 1.1, 0.0))
+    found = pp.Fabrik().solve(arms["ur5"], target, task=(False, False, False, True, True, False)).or_raise()
+    axis = arms["ur5"].forward_kinematics(found.q).rotation[:, 2]
+    assert axis @ target.rotation[:, 2] == pytest.approx(1.0, abs=1e-8)
+
+
+def test_goals_are_refused(arms):
+    with pytest.raises(pp.InputError, match=r"no goal.*Clik"):
+        pp.Fabrik().solve(arms["panda"], pp.pose((0.4, 0, 0.3)), goal="centre")
+
+
+def test_followers_on_the_chain_are_refused_those_beside_it_are_not(planar):
+    arm = planar("-3 3", "-3 3", mimic="j1 0.5")
+    assert pp.Fabrik().solve(arm, pp.pose((1.0, 1.0, 0)), task="position").ok
+    joints = "".join(
+        f'<link name="l{i}"/><joint name="j{i}" type="revolute"><parent link="l{i - 1}"/><child link="l{i}"/>'
+        f'<origin xyz="{i - 1} 0 0"/><axis xyz="0 0 1"/>{LIMIT.format(-3, 3)}{mimic}</joint>'
+        for i, mimic in ((1, ""), (2, '<mimic joint="j1" multiplier="2"/>'))
+    )
+    coupled = load_robot_from_text(f'<robot name="r"><link name="l0"/>{joints}</robot>').arm(tcp="l2")
+    with pytest.raises(pp.InputError, match=r"follows another.*Clik"):
+        pp.Fabrik().solve(coupled, pp.pose((1.0, 0, 0)), task="position")
+
+
+def test_threads_do_not_change_a_bit(arms):
+    targets = reachable(arms["panda"], 61, seed=4)
+    one, two = (pp.Fabrik().solve_batch(arms["panda"], targets, threads=threads) for threads in (1, 2))
+    assert one.q.tobytes() == two.q.tobytes()
+
+
+def test_polish_is_yes_or_no():
+    with pytest.raises(pp.InputError, match="polish"):
+        pp.Fabrik(polish=1)

@@ -13,6 +13,10 @@ a closed form: with a_i the points, z_i where they shall be, both from the hinge
 
 .. math:: \tan\alpha = \frac{\sum w_i\, d \cdot (a_i \times z_i)}
     {\sum w_i\, \bigl(a_i \cdot z_i - (d \cdot a_i)(d \cdot z_i)\bigr)}.
+
+What it took, in targets of which the position was found to 1e-4 m from the middle of the limits, over seven arms: 0 to
+76 % with hinges alone, wherever the last link is aimed; 78 to 95 % with the tcp in the forward choices; 97 to 99.9 %
+with passes of two kinds and unequal lengths in turns; 99.5 to 100 % with the bending of arms in deadlock.
 """
 
 from __future__ import annotations

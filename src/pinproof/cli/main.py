@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 
 from pinproof import __version__
+from pinproof.cli.bench import bench
 from pinproof.cli.console import complain
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
@@ -46,6 +47,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
+    "bench": bench,
 }
 for name, command in COMMANDS.items():
     app.command(name)(command)

@@ -43,6 +43,9 @@ _HOME = {
         "IkStatus",
         "IkTask",
         "PseudoInverse",
+        "Track",
+        "Tracker",
+        "track",
     ),
     "pinproof.collision": (
         "Box",

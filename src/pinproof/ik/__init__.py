@@ -9,6 +9,8 @@ from pinproof.ik.pseudo_inverse import PseudoInverse
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.solver import IterativeIk
 from pinproof.ik.task import IkTask
+from pinproof.ik.track_result import Track
+from pinproof.ik.tracking import Tracker, track
 
 __all__ = [
     "Clik",
@@ -25,4 +27,7 @@ __all__ = [
     "IterativeIk",
     "PseudoInverse",
     "StepRule",
+    "Track",
+    "Tracker",
+    "track",
 ]

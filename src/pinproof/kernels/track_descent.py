@@ -1,0 +1,162 @@
+"""Gauss-Newton in a box: the descent of a tick, and motions that leave the residual at first order.
+
+The arrays are those of a workspace whose ``joints`` and ``errors`` have the rows of
+:mod:`pinproof.kernels.box_step` and the ones below besides.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pinproof.kernels.box_step import DOWN, UP, box_step
+from pinproof.kernels.chain import jacobian_of, walk
+from pinproof.kernels.compiled import compiled, inlined
+from pinproof.kernels.task import error_jacobian, residual_of
+from pinproof.kernels.workspace import DRIFT, PULL, RESIDUAL, STEP
+
+__all__ = [
+    "BEGAN",
+    "CEILING",
+    "FLOOR",
+    "clamped",
+    "copy",
+    "look",
+    "look_closely",
+    "lost_motion",
+    "settle",
+    "square_of",
+    "wander",
+]
+
+# Rows of ``joints``: where the tick began, and the configurations that it may reach
+BEGAN, FLOOR, CEILING = 9, 10, 11
+
+FAITHFUL = 0.5
+"""The least share of the gain promised by the linear model that a step must bring to count."""
+
+DAMPING = 1e-3
+"""The damping of a step, per unit of the residual (m or rad); the box bounds the step, so little is needed."""
+
+SMALLEST_DAMPING = 1e-14
+"""Far below the squares of singular values that matter, far above rounding."""
+
+GROWTH, RELIEF = 8.0, 0.125
+"""How the damping grows after a step that did not count, and is taken back after one that did."""
+
+MOST_STEPS = 20
+"""Steps of one descent in a tick. One or two are the rule, some ten on the way into a singularity."""
+
+ARRIVED = 1e-10
+"""m and rad: a residual this small is not made smaller; rounding is a hundred times below."""
+
+GAIN = 1e-11
+"""m and rad: a descent ends where the next step promises less."""
+
+LOST = 1e-8
+"""The square of a singular value below which a motion counts as lost: as one that leaves the residual."""
+
+
+@inlined
+def clamped(joints: Any, i: int, value: float) -> float:
+    """Joint i inside what the tick may reach."""
+    return min(max(value, joints[FLOOR, i]), joints[CEILING, i])
+
+
+@inlined
+def copy(source: Any, target: Any) -> None:
+    """The numbers (n,) of one array into another."""
+    for i in range(source.shape[0]):
+        target[i] = source[i]
+
+
+@inlined
+def square_of(errors: Any) -> float:
+    """The squared residual."""
+    squared = 0.0
+    for k in range(6):
+        squared += errors[RESIDUAL, k] * errors[RESIDUAL, k]
+    return squared
+
+
+@compiled
+def look(chain: Any, q: Any, work: Any) -> float:
+    """Put the residual at q into the workspace; its square."""
+    turns, axes, start, end, _, _, _, _, _, errors = work
+    walk(chain, start, q, turns, axes, end)
+    residual_of(end, errors)
+    return square_of(errors)
+
+
+@compiled
+def look_closely(chain: Any, q: Any, work: Any) -> float:
+    """Put the residual at q and its Jacobian into the workspace; the residual's square."""
+    turns, axes, start, end, jacobian, _, _, _, _, errors = work
+    walk(chain, start, q, turns, axes, end)
+    residual_of(end, errors)
+    jacobian_of(chain, axes, end, jacobian)
+    error_jacobian(end, errors, jacobian)
+    return square_of(errors)
+
+
+@compiled
+def settle(chain: Any, q: Any, trial: Any, work: Any) -> float:
+    """Descend in the box from q (n,), which becomes where it ends; the squared residual there. ``trial`` is scratch."""
+    turns, axes, start, end, jacobian, rows, square, lower, joints, errors = work
+    n = q.shape[0]
+    walk(chain, start, q, turns, axes, end)
+    residual_of(end, errors)
+    squared, damping, fresh = square_of(errors), DAMPING, True
+    for _ in range(MOST_STEPS):
+        if squared <= ARRIVED * ARRIVED:
+            break
+        if fresh:
+            jacobian_of(chain, axes, end, jacobian)
+            error_jacobian(end, errors, jacobian)
+            for i in range(n):
+                joints[DOWN, i], joints[UP, i] = joints[FLOOR, i] - q[i], joints[CEILING, i] - q[i]
+            for k in range(6):
+                errors[PULL, k] = errors[RESIDUAL, k]
+        size = math.sqrt(squared)
+        promised = box_step(damping * size + SMALLEST_DAMPING, jacobian, rows, square, lower, joints, errors)
+        if not promised > 2.0 * size * GAIN:  # written so that a NaN ends the descent too
+            break
+        for i in range(n):
+            trial[i] = clamped(joints, i, q[i] + joints[STEP, i])
+        walk(chain, start, trial, turns, axes, end)
+        residual_of(end, errors)
+        there = square_of(errors)
+        fresh = squared - there >= FAITHFUL * promised
+        if fresh:
+            squared, damping = there, max(DAMPING, RELIEF * damping)
+            copy(trial, q)
+        else:
+            damping *= GROWTH
+    return squared
+
+
+@compiled
+def lost_motion(chain: Any, q: Any, work: Any) -> None:
+    """Reduce the motion in the row DRIFT to the part that leaves the residual at q at first order, within the box."""
+    _, _, _, _, jacobian, rows, square, lower, joints, errors = work
+    look_closely(chain, q, work)
+    for k in range(6):
+        errors[PULL, k] = 0.0
+    for i in range(q.shape[0]):
+        drift = joints[DRIFT, i]
+        joints[DOWN, i], joints[UP, i] = joints[FLOOR, i] - q[i] - drift, joints[CEILING, i] - q[i] - drift
+        for k in range(6):
+            errors[PULL, k] += jacobian[k, i] * drift
+    box_step(LOST, jacobian, rows, square, lower, joints, errors)
+    for i in range(q.shape[0]):
+        joints[DRIFT, i] += joints[STEP, i]
+
+
+@compiled
+def wander(chain: Any, q: Any, trial: Any, work: Any) -> float:
+    """Move q by what of DRIFT leaves the residual, and settle from there; the squared residual."""
+    joints = work.joints
+    lost_motion(chain, q, work)
+    for i in range(q.shape[0]):
+        q[i] = clamped(joints, i, q[i] + joints[DRIFT, i])
+    return settle(chain, q, trial, work)

@@ -1,0 +1,371 @@
+"""Tracking: limits that hold at every sample, slip measured apart, singularities passed without a jump."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.model import load_robot_from_text
+
+REACHED = 1e-6
+"""m and rad: the slip that is allowed where a continuous answer exists."""
+
+
+def line(centre, rates, dt, count, shift=0.0):
+    """Joint configurations (count, n) on a line, with the centre in the middle, ``shift`` of a tick off the samples."""
+    return np.asarray(centre) + np.outer((np.arange(count) - count // 2 + shift) * dt, rates)
+
+
+def kept_limits(arm, tracked, velocity=None):
+    """Both limits, for every sample, from the answer alone."""
+    velocity = arm.limits.velocity if velocity is None else velocity
+    steps = np.diff(tracked.q, axis=0, prepend=tracked.q0[None])
+    assert (np.abs(steps) <= velocity * tracked.durations[:, None]).all()
+    assert (tracked.q >= arm.limits.lower).all()
+    assert (tracked.q <= arm.limits.upper).all()
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "xarm7", "stanford", "scara"])
+def test_a_smooth_motion_is_followed_without_slip(name):
+    arm, times = pp.load_robot(name).arm(), np.arange(1000) * 2e-3
+    rng = np.random.default_rng(1)
+    lower, upper = arm.limits.sampling_range()
+    swing = np.minimum(0.3 * (upper - lower) / 2, 0.2 * arm.limits.velocity)
+    Q = (lower + upper) / 2 + swing * np.sin(2 * times[:, None] + rng.uniform(0, 6, arm.dof))
+    tracked = pp.track(arm, arm.forward_kinematics_batch(Q), Q[0], dt=2e-3).or_raise()
+    kept_limits(arm, tracked)
+    assert max(tracked.position_error.max(), tracked.orientation_error.max()) < 1e-9
+    assert tracked.speed_share.max() < 0.9
+    assert "all 1000 poses followed" in tracked.message
+
+
+SINGULAR = {
+    "wrist of the UR5": ("ur5", [0.3, -1.2, 1.4, -1.0, 0.0, 0.2]),
+    "elbow of the UR5": ("ur5", [0.3, -1.2, 0.0, -1.0, 0.9, 0.2]),
+    "shoulder of the UR5": ("ur5", [0.3, -2.3765570574796397, 1.4, -1.0, 0.9, 0.2]),
+    "wrist of the Puma": ("puma560", [0.3, 0.6, -2.0, 0.5, 0.0, 0.3]),
+    "wrist of the textbook's arm": ("generic_6dof", [0.1, 1.0, -1.5, 0.4, 0.0, 0.2]),
+}
+
+
+@pytest.mark.parametrize("shift", [0.0, 0.37])
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2])
+@pytest.mark.parametrize(("name", "centre"), SINGULAR.values(), ids=SINGULAR)
+def test_a_motion_through_a_singularity_goes_on_as_it_came(name, centre, dt, shift):
+    """The samples are those of the line in joint space, though one direction vanishes on the way (for shift 0, on a
+    sample, where a whole line of configurations is as good)."""
+    arm = pp.load_robot(name).arm()
+    assert arm.singularity(centre).smallest < 1e-9
+    rates = np.array([0.24, 0.16, -0.2, 0.32, 0.48, -0.24])
+    Q = line(centre, rates, dt, 40 if dt > 0.01 else 300, shift)
+    tracked = pp.track(arm, arm.forward_kinematics_batch(Q), Q[0] - rates * dt, dt=dt)
+    kept_limits(arm, tracked)
+    assert max(tracked.position_error.max(), tracked.orientation_error.max()) <= REACHED
+    assert np.abs(np.diff(tracked.q, axis=0)).max() <= 1.2 * np.abs(rates).max() * dt
+    assert np.abs(tracked.q - Q).max() < 0.2 * np.abs(rates).max() * dt
+
+
+def past_the_wrist(arm, gap, dt):
+    """The last joint's axis passes the fourth's on a straight line at 0.5 rad/s, ``gap`` rad from it; then it rests.
+
+    The fourth joint then has to turn by nearly pi, within about 3 gap / 0.5 seconds.
+    """
+    along = np.arange(-0.6, 0.6, 0.5 * dt)
+    along = np.concatenate([along, np.full(int(1 / dt), along[-1])])
+    turn = np.arctan2(gap, along) - np.pi / 2
+    wrist = np.column_stack([turn + 0.2, np.hypot(along, gap), 0.3 - turn])
+    return np.hstack([np.tile([0.3, 0.6, -2.0], (len(along), 1)), wrist])
+
+
+@pytest.mark.parametrize("gap", [0.3, 0.1, 0.03, 0.002, 1e-5])
+@pytest.mark.parametrize("name", ["puma560", "generic_6dof"])
+def test_past_a_wrist_singularity_the_tcp_slips_a_little_and_catches_up(name, gap):
+    arm, dt = pp.load_robot(name).arm(), 4e-3
+    Q = past_the_wrist(arm, gap, dt)
+    tracked = pp.track(arm, arm.forward_kinematics_batch(Q), Q[0], dt=dt)
+    kept_limits(arm, tracked)
+    needed = (np.abs(np.diff(Q, axis=0)) / (arm.limits.velocity * dt)).max()
+    if needed < 1:
+        assert tracked.ok
+        assert tracked.q == pytest.approx(Q, abs=1e-6)
+    else:
+        assert not tracked.ok
+        assert tracked.reached[:200].all()
+        assert tracked.at_speed_limit[:, 3].any() or gap < 1e-3
+        assert tracked.reached[-100:].all()
+        assert max(tracked.position_error.max(), tracked.orientation_error.max()) < 0.04
+        assert "near a singularity" in tracked.message or "speed limit of" in tracked.message
+
+
+def test_from_a_singular_start_the_arm_finds_the_lost_direction():
+    """At q5 = 0 the gradient vanishes: the target turns about the axis that the wrist has lost."""
+    arm = pp.load_robot("puma560").arm()
+    q = np.array([0.3, 0.6, -2.0, 0.5, 0.0, 0.3])
+    lost = arm.singularity(q).direction[3:]
+    placement = arm.forward_kinematics(q)
+    poses = []
+    for angle in [*np.linspace(0, 0.4, 400), *[0.4] * 600]:
+        axis = lost / np.linalg.norm(lost) * np.sin(angle / 2)
+        turned = pp.pose(quat_xyzw=[*axis, np.cos(angle / 2)]).rotation @ placement.rotation
+        poses.append(np.block([[turned, placement.translation[:, None]], [np.zeros((1, 3)), np.ones((1, 1))]]))
+    tracked = pp.track(arm, poses, q, dt=2e-3)
+    kept_limits(arm, tracked)
+    assert not tracked.ok
+    assert "speed limit of" in tracked.message
+    assert tracked.reached[-300:].all()
+
+
+@pytest.mark.parametrize("elbow", [1.0, -1.0])
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+def test_a_target_that_leaves_the_reach_and_comes_back_finds_the_elbow_as_it_was(elbow, dt, ur5):
+    q = np.array([0.3, -1.0, elbow, -1.0, 1.2, 0.2])
+    placement, times = ur5.forward_kinematics(q), np.arange(0, 4, dt)
+    poses = np.tile(placement.homogeneous, (len(times), 1, 1))
+    outward = placement.translation / np.linalg.norm(placement.translation)
+    poses[:, :3, 3] += 0.6 * np.sin(np.pi * np.minimum(times, 3) / 3)[:, None] ** 2 * outward
+    tracked = pp.track(ur5, poses, q, dt=dt)
+    kept_limits(ur5, tracked)
+    assert tracked.position_error.max() > 0.3
+    assert tracked.reached[times > 3.3].all()
+    assert (np.sign(tracked.q[:, 2]) == elbow).all()
+    assert tracked.q[-1] == pytest.approx(q, abs=1e-2)
+
+
+def test_a_far_target_is_caught_up_with_at_the_speed_limit(ur5):
+    q = np.array([0.3, -1.0, 1.0, -1.0, 1.2, 0.2])
+    there = ur5.forward_kinematics(q + np.array([0.5, 0.2, -0.2, 0.2, 0.1, 0.3]))
+    tracked = pp.track(ur5, [there] * 300, q, dt=1e-3)
+    kept_limits(ur5, tracked)
+    assert tracked.speed_share[:100] == pytest.approx(np.ones(100), abs=1e-9)
+    slip = tracked.position_error + tracked.orientation_error
+    assert (np.diff(slip[:100]) < 0).all()
+    assert tracked.reached[-50:].all()
+
+
+def test_slow_limits_of_the_caller_hold(ur5):
+    rates, dt = np.array([1.0, 0.5, -0.5, 0.3, 0.2, 0.4]), 1e-2
+    Q = line([0.3, -1.0, 1.0, -1.0, 1.2, 0.2], rates, dt, 50)
+    tracked = pp.track(ur5, ur5.forward_kinematics_batch(Q), Q[0], dt=dt, velocity=0.4)
+    kept_limits(ur5, tracked, 0.4)
+    assert not tracked.ok
+    assert tracked.at_speed_limit[:, 0].sum() > 20
+    assert "speed limit of shoulder_pan_joint" in tracked.message
+    with pytest.raises(pp.IkFailed, match="poses slipped"):
+        tracked.or_raise()
+
+
+def test_a_joint_at_its_position_limit_is_named(planar):
+    arm = planar("-1 1", "-0.5 0.5")
+    Q = line([0.0, 0.0], [0.5, 0.5], 0.01, 400)
+    free = planar("-9 9", "-9 9").forward_kinematics_batch(Q)
+    tracked = pp.track(arm, free, np.clip(Q[0], [-1, -0.5], [1, 0.5]), dt=0.01, task="position")
+    kept_limits(arm, tracked)
+    assert tracked.at_position_limit.any(axis=0).all()
+    assert "position limit of j1, j2" in tracked.message
+    assert tracked.reached[150:250].all()
+
+
+def test_a_continuous_joint_goes_on_turning(planar):
+    arm = planar("", "-2 2")
+    Q = line([0.0, 1.0], [0.9, 0.0], 0.05, 1000)
+    tracked = pp.track(arm, arm.forward_kinematics_batch(Q), Q[0], dt=0.05, velocity=1.0, task="position").or_raise()
+    assert tracked.q == pytest.approx(Q, abs=1e-6)
+    assert np.ptp(tracked.q[:, 0]) > 6 * 2 * np.pi
+
+
+def test_windings_are_kept_and_end_at_the_limit(ur5):
+    """A joint of +-2 pi winds from one end of its range to the other, and stops there instead of turning back."""
+    Q = line([0.0, -1.0, 1.0, -1.0, 1.2, 0.2], [1.0, 0, 0, 0, 0, 0], 0.01, 1300)
+    start = ur5.limits.clip(Q[0])
+    tracked = pp.track(ur5, ur5.forward_kinematics_batch(Q), start, dt=0.01)
+    kept_limits(ur5, tracked)
+    inside = np.abs(Q[:, 0]) < 6.28
+    assert tracked.q[inside] == pytest.approx(Q[inside], abs=1e-6)
+    assert tracked.at_position_limit[-1, 0]
+    assert "position limit of shoulder_pan_joint" in tracked.message
+
+
+def test_masks_leave_the_rest_free(ur5):
+    Q = line([0.3, -1.0, 1.0, -1.0, 1.2, 0.2], [0.5, 0.3, -0.4, 0.6, 0.3, 0.8], 0.01, 100)
+    poses = ur5.forward_kinematics_batch(Q)
+    spun = poses @ pp.pose(rpy=(0, 0, 2.0)).homogeneous
+    tracked = pp.track(ur5, spun, Q[0], dt=0.01, task="spin_z").or_raise()
+    reached = ur5.forward_kinematics_batch(tracked.q)
+    assert reached[:, :3, 2:] == pytest.approx(poses[:, :3, 2:], abs=2e-6)
+    tracked = pp.track(ur5, spun, Q[0], dt=0.01, task="position").or_raise()
+    assert ur5.forward_kinematics_batch(tracked.q)[:, :3, 3] == pytest.approx(poses[:, :3, 3], abs=1e-6)
+    assert tracked.orientation_error.max() > 0.1
+
+
+def test_a_goal_moves_a_redundant_arm_and_costs_no_slip(panda):
+    q = panda.home + 0.3
+    poses = [panda.forward_kinematics(q)] * 1000
+    still = pp.track(panda, poses, q, dt=5e-3).or_raise()
+    tracked = pp.track(panda, poses, q, dt=5e-3, goal=pp.IkGoal("near", 2.0)).or_raise()
+    assert np.abs(still.q - q).max() < 1e-9
+    assert np.abs(tracked.q - q).max() < 1e-6
+    lower, upper = panda.limits.lower, panda.limits.upper
+    centred = pp.track(panda, poses, q, dt=5e-3, goal=pp.IkGoal("centre", 20.0)).or_raise()
+    kept_limits(panda, centred)
+
+    def away(row):
+        return np.sum(((row - (lower + upper) / 2) / (upper - lower)) ** 2)
+
+    measure = np.array([away(row) for row in centred.q])
+    assert (np.diff(measure) < 1e-9).all()
+    assert measure[-1] < away(q) - 4e-4
+    assert np.abs(centred.q[-1] - centred.q[-2]).max() < 1e-6
+
+
+def test_times_may_be_uneven_and_begin_at_zero(ur5):
+    rng = np.random.default_rng(3)
+    times = np.cumsum(rng.uniform(1e-3, 2e-2, 200)) - 1e-3
+    times[0] = 0.0
+    rates = np.array([0.5, 0.3, -0.4, 0.6, 0.3, 0.8])
+    Q = np.array([0.3, -1.0, 1.0, -1.0, 1.2, 0.2]) + np.outer(times, rates)
+    tracked = pp.track(ur5, ur5.forward_kinematics_batch(Q), Q[0], times=times).or_raise()
+    kept_limits(ur5, tracked)
+    assert (tracked.q[0] == Q[0]).all()
+    assert tracked.q == pytest.approx(Q, abs=1e-8)
+    assert len(tracked.to_path()) == len(tracked) == 200
+
+
+@pytest.mark.parametrize("goal", [None, "centre"])
+def test_tick_by_tick_is_the_whole_bit_for_bit_and_so_is_a_second_time(panda, goal):
+    Q = line(panda.home, [0.9, 0.7, -0.8, 0.9, 0.9, -0.9, 1.5], 5e-3, 200)
+    poses = panda.forward_kinematics_batch(Q)
+    poses[120:] = poses[0]  # a jump, so that there is slip too
+    whole = pp.track(panda, poses, Q[0], dt=5e-3, goal=goal)
+    tracker = pp.Tracker(panda, 5e-3, Q[0], goal=goal)
+    for again in range(2):
+        ticks = np.array([tracker.step(pose) for pose in poses])
+        assert (ticks == whole.q).all(), again
+        assert tracker.slip == (whole.position_error[-1], whole.orientation_error[-1])
+        assert tracker.ok == whole.reached[-1]
+        assert (tracker.q == whole.q[-1]).all()
+        tracker.reset(Q[0])
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "stanford", "kinova", "scara"])
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 10**6), dt=st.sampled_from([1e-3, 1e-2, 0.3]), singular=st.booleans())
+def test_whatever_is_asked_limits_hold_and_ok_is_true(name, seed, dt, singular):
+    """Targets that wander, jump and leave the reach; the slip is measured here by Pinocchio, one by one."""
+    arm, rng = ARMS[name], np.random.default_rng(seed)
+    lower, upper = arm.limits.sampling_range()
+    q = np.zeros(arm.dof) if singular else rng.uniform(lower, upper)
+    q = arm.limits.clip(q)
+    walk = q + np.cumsum(rng.normal(size=(40, arm.dof)) * rng.choice([0.1, 1.0, 3.0]) * dt, axis=0)
+    walk[rng.integers(40) :] += rng.normal(size=arm.dof) * rng.choice([0.0, 1.0])
+    tracked = pp.track(arm, arm.forward_kinematics_batch(walk), q, dt=dt)
+    kept_limits(arm, tracked)
+    for pose, row, reached in zip(tracked.poses, tracked.q, tracked.reached, strict=True):
+        seen = arm.forward_kinematics(row)
+        distance = np.linalg.norm(seen.translation - pose[:3, 3])
+        angle = np.linalg.norm(pp.xyz_rpy(_turn(pose, seen))[3:])
+        assert not reached or (distance <= 1e-6 and angle <= 2e-6)
+        assert reached or distance > 0.99e-6 or angle > 0.5e-6
+    assert tracked.ok == tracked.reached.all()
+    assert (tracked.speed_share <= 1).all()
+    assert isinstance(tracked.message, str)
+
+
+def _turn(pose, seen):
+    turned = np.eye(4)
+    turned[:3, :3] = pose[:3, :3].T @ seen.rotation
+    return turned
+
+
+ARMS = {name: pp.load_robot(name).arm() for name in ["ur5", "panda", "stanford", "kinova", "scara"]}
+
+
+def box_step(A, pull, shift, low, high):
+    from pinproof.kernels import box_step as room
+    from pinproof.kernels.workspace import HELD, PULL, STEP
+
+    n = A.shape[1]
+    joints, errors = np.zeros((9, n)), np.zeros((5, 6))
+    joints[room.DOWN], joints[room.UP], errors[PULL] = low, high, pull
+    gain = room.box_step(shift, A, np.empty((6, n)), np.empty((6, 6)), np.empty((6, 6)), joints, errors)
+    return joints[STEP], joints[HELD], gain
+
+
+@settings(max_examples=200, deadline=None)
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 10), rank=st.integers(1, 6))
+def test_the_bounded_step_is_that_of_scipy(seed, n, rank):
+    from scipy.optimize import lsq_linear
+
+    rng = np.random.default_rng(seed)
+    A = rng.normal(size=(6, rank)) @ rng.normal(size=(rank, n))
+    pull, shift = rng.normal(size=6), 10 ** rng.uniform(-6, 0)
+    low, high = -rng.uniform(0, 1, n) * rng.choice([0.1, 1.0, 10.0]), rng.uniform(1e-3, 1, n)
+    low[rng.random(n) < 0.1] = 0.0
+    away = rng.normal(size=n) * (rng.random() < 0.3)  # 0 need not be in the box
+    low, high = low + away, high + away
+    step, held, gain = box_step(A, pull, shift, low, high)
+    stacked, right = np.vstack([A, np.sqrt(shift) * np.eye(n)]), np.concatenate([-pull, np.zeros(n)])
+    oracle = lsq_linear(stacked, right, (low, high), method="bvls", tol=1e-14).x
+
+    def cost(d):
+        return np.sum((stacked @ d - right) ** 2)
+
+    assert (step >= low).all()
+    assert (step <= high).all()
+    assert cost(step) <= cost(oracle) * (1 + 1e-9) + 1e-12
+    assert gain == pytest.approx(pull @ pull - np.sum((A @ step + pull) ** 2), rel=1e-9, abs=1e-9)
+    assert ((held == 0) | (step == low) | (step == high)).all()
+
+
+def test_bad_input_is_refused_with_its_name(ur5, planar):
+    q, poses = ur5.home, [ur5.forward_kinematics(ur5.home)]
+    with pytest.raises(pp.InputError, match="q0 must be inside the limits: elbow_joint = 4"):
+        pp.track(ur5, poses, [0, 0, 4.0, 0, 0, 0], dt=1e-3)
+    with pytest.raises(pp.InputError, match=r"poses\[0\] holds numbers that are not finite"):
+        pp.track(ur5, [np.full((4, 4), np.nan)], q, dt=1e-3)
+    with pytest.raises(pp.InputError, match="no pose"):
+        pp.track(ur5, [], q, dt=1e-3)
+    for dt in (0.0, -1e-3, np.nan, np.inf):
+        with pytest.raises(pp.InputError, match="dt must be a finite number above 0"):
+            pp.track(ur5, poses, q, dt=dt)
+    with pytest.raises(pp.InputError, match="either dt"):
+        pp.track(ur5, poses, q)
+    with pytest.raises(pp.InputError, match="times must increase"):
+        pp.track(ur5, poses * 2, q, times=[0.1, 0.1])
+    with pytest.raises(pp.InputError, match="first at 0 or later"):
+        pp.track(ur5, poses, q, times=[-0.1])
+    for velocity in (0.0, np.inf, [1.0, 1, 1, 1, 1, -1]):
+        with pytest.raises(pp.InputError, match="finite, above 0"):
+            pp.track(ur5, poses, q, dt=1e-3, velocity=velocity)
+    with pytest.raises(pp.InputError, match="one number or 6"):
+        pp.track(ur5, poses, q, dt=1e-3, velocity=[1.0, 2.0])
+    arm = planar("-1 1", "")
+    with pytest.raises(pp.InputError, match=r"not all known \(j1 1, j2 nan\); give track velocity="):
+        pp.track(arm, [arm.forward_kinematics([0, 0])], [0, 0], dt=1e-3)
+    with pytest.raises(pp.UnknownNameError, match="spin_z"):
+        pp.track(ur5, poses, q, dt=1e-3, task="pos")
+
+
+def test_a_tracker_refuses_a_pose_and_stays(ur5):
+    tracker = pp.Tracker(ur5, 1e-3, ur5.home)
+    assert (tracker.q == ur5.home).all()
+    assert tracker.slip == (0.0, 0.0)
+    with pytest.raises(pp.InputError, match="pose holds numbers that are not finite"):
+        tracker.step(np.full((4, 4), np.nan))
+    assert (tracker.q == ur5.home).all()
+
+
+def test_a_sliding_joint_keeps_its_speed():
+    urdf = (
+        '<robot name="slider"><link name="l0"/><link name="l1"/><joint name="j1" type="prismatic"><parent link="l0"/>'
+        '<child link="l1"/><axis xyz="1 0 0"/><limit lower="0" upper="0.5" velocity="0.2" effort="1"/></joint></robot>'
+    )
+    arm = load_robot_from_text(urdf).arm(tcp="l1")
+    poses = [pp.pose((x, 0, 0)) for x in np.linspace(0, 0.7, 100)]
+    tracked = pp.track(arm, poses, [0.0], dt=0.1)
+    kept_limits(arm, tracked)
+    assert tracked.reached[:70].all()
+    assert tracked.q[-1] == 0.5
+    assert "position limit of j1" in tracked.message

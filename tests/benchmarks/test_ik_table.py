@@ -13,7 +13,8 @@ import pinproof as pp
 from pinproof.benchmarks import IkTable, ik_benchmark, ik_markdown, ik_summary, success_rates, write_ik_table
 from pinproof.benchmarks.ik_markdown import COLUMNS
 from pinproof.benchmarks.ik_measure import IkRow, measure
-from pinproof.benchmarks.ik_methods import OWN, Asked, IkMethod, Solvers
+from pinproof.benchmarks.ik_methods import Asked, IkMethod, Solvers
+from pinproof.benchmarks.ik_own import OWN
 from pinproof.benchmarks.ik_peers import PEERS
 from pinproof.benchmarks.ik_problems import narrowed, random_targets, smooth_targets
 from pinproof.benchmarks.ik_table import PARTS

@@ -1,29 +1,24 @@
-"""The methods in the table of inverse kinematics: how one target is asked, how a batch, and how answers are read."""
+"""What a method in the table of inverse kinematics is: how one target is asked, how many, how answers are read."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.ik import Clik, DampedLeastSquares, Fabrik, IterativeIk, PseudoInverse
 from pinproof.model import Arm
 from pinproof.spatial import SE3, rigid
 
-__all__ = ["OWN", "Asked", "IkMethod", "Solvers", "Unsuitable", "choose"]
+__all__ = ["RESTARTS", "TOLERANCE", "Asked", "IkMethod", "Solvers", "Unsuitable", "choose"]
 
 Array = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-6
 """In m and rad: what an answer may be off."""
-
-ROUGH = 1e-4
-"""In m and rad: the same for FABRIK without a polish, which closes in steadily and not quadratically."""
 
 RESTARTS = 50
 """Attempts after the first where a method may restart; the default of the solvers."""
@@ -107,38 +102,6 @@ class IkMethod:
     rival: str | None = None
     most_points: int | None = None
     distribution: str | None = None
-
-
-def _iterative(solver: Callable[..., IterativeIk], arm: Arm, asked: Asked) -> Solvers:
-    ik = solver(restarts=RESTARTS if asked.restarts else 0)
-
-    def many(targets: Array, q0: Array) -> Array:
-        batch = ik.solve_batch(arm, targets, q0, task=asked.task)
-        return np.where(batch.ok[:, None], batch.q, np.nan)[:, None]
-
-    return Solvers(
-        one=lambda target, q0: ik.solve(arm, target, q0, task=asked.task),
-        read=lambda result: result.q[None] if result.ok else np.empty((0, arm.dof)),
-        many=many if asked.problem == "random" else None,  # a batch starts all targets at one place
-    )
-
-
-OWN: tuple[IkMethod, ...] = (
-    IkMethod("pseudo_inverse", "pseudo-inverse", partial(_iterative, PseudoInverse), textbook=(1.20, 0.85)),
-    IkMethod(
-        "damped_least_squares", "damped least squares", partial(_iterative, DampedLeastSquares), textbook=(1.45, 0.95)
-    ),
-    IkMethod("clik", "CLIK", partial(_iterative, Clik)),
-    IkMethod("fabrik", "FABRIK", partial(_iterative, Fabrik), tolerance=ROUGH, textbook=(0.40, 0.98)),
-    IkMethod(
-        "fabrik_polished",
-        "FABRIK, polished",
-        partial(
-            _iterative, partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
-        ),
-    ),
-)
-"""The methods of this package. The textbook's cells: position only, one seed, 10,000 points."""
 
 
 def choose(keys: tuple[str, ...] | None, methods: tuple[IkMethod, ...]) -> tuple[IkMethod, ...]:

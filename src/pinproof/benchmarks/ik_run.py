@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from pinproof.benchmarks.ik_measure import IkRow, measure
-from pinproof.benchmarks.ik_methods import OWN, RESTARTS, TOLERANCE, IkMethod, Unsuitable, choose
+from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, IkMethod, Unsuitable, choose
+from pinproof.benchmarks.ik_own import OWN
 from pinproof.benchmarks.ik_peers import PEERS
 from pinproof.benchmarks.ik_problems import PERIOD, Targets, narrowed, random_targets, smooth_targets
 from pinproof.benchmarks.ik_table import PARTS, IkTable

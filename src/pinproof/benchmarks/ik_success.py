@@ -10,7 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.ik_judge import judge_answers
-from pinproof.benchmarks.ik_methods import OWN, Asked, Unsuitable, choose
+from pinproof.benchmarks.ik_methods import Asked, Unsuitable, choose
+from pinproof.benchmarks.ik_own import OWN
 from pinproof.benchmarks.ik_problems import narrowed, random_targets
 from pinproof.description import catalogue_names
 from pinproof.errors import PinproofError

@@ -1,0 +1,52 @@
+"""The methods of this package, as the table of inverse kinematics asks them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, Asked, IkMethod, Solvers
+from pinproof.ik import Clik, DampedLeastSquares, Fabrik, IterativeIk, PseudoInverse
+from pinproof.model import Arm
+
+__all__ = ["OWN"]
+
+Array = npt.NDArray[np.float64]
+
+ROUGH = 1e-4
+"""In m and rad: the same for FABRIK without a polish, which closes in steadily and not quadratically."""
+
+
+def _iterative(solver: Callable[..., IterativeIk], arm: Arm, asked: Asked) -> Solvers:
+    ik = solver(restarts=RESTARTS if asked.restarts else 0)
+
+    def many(targets: Array, q0: Array) -> Array:
+        batch = ik.solve_batch(arm, targets, q0, task=asked.task)
+        return np.where(batch.ok[:, None], batch.q, np.nan)[:, None]
+
+    return Solvers(
+        one=lambda target, q0: ik.solve(arm, target, q0, task=asked.task),
+        read=lambda result: result.q[None] if result.ok else np.empty((0, arm.dof)),
+        many=many if asked.problem == "random" else None,  # a batch starts all targets at one place
+    )
+
+
+OWN: tuple[IkMethod, ...] = (
+    IkMethod("pseudo_inverse", "pseudo-inverse", partial(_iterative, PseudoInverse), textbook=(1.20, 0.85)),
+    IkMethod(
+        "damped_least_squares", "damped least squares", partial(_iterative, DampedLeastSquares), textbook=(1.45, 0.95)
+    ),
+    IkMethod("clik", "CLIK", partial(_iterative, Clik)),
+    IkMethod("fabrik", "FABRIK", partial(_iterative, Fabrik), tolerance=ROUGH, textbook=(0.40, 0.98)),
+    IkMethod(
+        "fabrik_polished",
+        "FABRIK, polished",
+        partial(
+            _iterative, partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
+        ),
+    ),
+)
+"""The methods of this package. The textbook's cells: position only, one seed, 10,000 points."""

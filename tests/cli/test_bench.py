@@ -1,0 +1,71 @@
+"""``pinproof bench``: the table on stdout, its files in a folder, and mistakes told in one line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from pinproof.cli.main import main
+
+SMALL = ("bench", "ik", "ur5", "--points", "3", "--no-peers", "--methods", "clik, fabrik")
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """Run a command line in this process: exit code, stdout, stderr."""
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+def test_the_table_is_markdown_with_the_methods_asked_for(run) -> None:
+    code, out, _ = run(*SMALL)
+    assert code == 0
+    assert "| CLIK |" in out
+    assert "| FABRIK (within 0.0001) |" in out
+    assert "pseudo-inverse" not in out
+
+
+def test_json_and_files_hold_the_same_run(run, tmp_path: Path) -> None:
+    code, out, _ = run(*SMALL, "--json", "--output", str(tmp_path / "new"))
+    assert code == 0
+    assert json.loads(out) == json.loads((tmp_path / "new" / "ik.json").read_text(encoding="utf-8"))
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {
+        "ik.json",
+        "ik.md",
+        "ik_latency.png",
+        "ik_steps.png",
+    }
+
+
+@pytest.mark.parametrize(("option", "upper"), [("--limits-pi", 3.14159265), ("--own-limits", 6.28318530)])
+def test_the_limits_are_those_asked_for(run, option: str, upper: float) -> None:
+    code, out, _ = run(*SMALL, "--json", option)
+    assert code == 0
+    assert json.loads(out)["settings"]["chains"]["ur5"]["upper"][0] == pytest.approx(upper, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("bench", "ik", "--methods", "magic", "--points", "1"), "no method is called magic"),
+        (("bench", "ik", "nobody", "--points", "1"), "unknown robot 'nobody'"),
+    ],
+)
+def test_mistakes_are_told(run, words: tuple[str, ...], said: str) -> None:
+    code, out, err = run(*words)
+    assert (code, out) == (2, "")
+    assert said in err
+
+
+@pytest.mark.parametrize("words", [("bench", "poetry"), ("bench", "ik", "--points", "0")])
+def test_wrong_usage_is_exit_code_2(run, words: tuple[str, ...]) -> None:
+    assert run(*words)[0] == 2

@@ -171,8 +171,11 @@ class Track:
         if smallest < NEAR_SINGULAR:
             why.append(f"near a singularity (smallest singular value {smallest:.2g})")
         end = "to the end" if last == len(self) - 1 else f"until {self.times[last]:.6g} s"
+        when = f"from {self.times[first]:.6g} s {end} (samples {first} to {last})"
+        if first == last:
+            when = f"at {self.times[first]:.6g} s (sample {first})"
         return (
-            f"from {self.times[first]:.6g} s {end} (samples {first} to {last}) by at most "
+            f"{when} by at most "
             f"{self.position_error[rows].max():.3g} m and {self.orientation_error[rows].max():.3g} rad: "
             f"{', '.join(why) or 'out of reach on this branch'}"
         )

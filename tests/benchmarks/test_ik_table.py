@@ -202,3 +202,12 @@ def test_a_row_says_no_more_than_its_fields() -> None:
     stored = Path(__file__).parents[2] / "docs" / "benchmarks" / "ik.json"
     known = {field.name for field in fields(IkRow)}
     assert all(set(row) == known for row in json.loads(stored.read_text(encoding="utf-8"))["rows"])
+
+
+def test_tracking_answers_along_the_trajectory_alone(table: IkTable) -> None:
+    (row,) = [row for row in table.rows if row.method == "tracking"]
+    assert row.problem == "trajectory"
+    assert row.batch_ms > 0
+    assert row.success == 1.0
+    arm = pp.load_robot("ur5").arm()
+    assert row.largest_step <= 1e-3 * arm.limits.velocity.max()

@@ -9,7 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, Asked, IkMethod, Solvers
-from pinproof.ik import Clik, DampedLeastSquares, Fabrik, IterativeIk, PseudoInverse
+from pinproof.benchmarks.ik_problems import PERIOD
+from pinproof.ik import Clik, DampedLeastSquares, Fabrik, IterativeIk, PseudoInverse, Tracker, track
+from pinproof.ik.goal import GoalName
 from pinproof.model import Arm
 
 __all__ = ["OWN"]
@@ -34,6 +36,31 @@ def _iterative(solver: Callable[..., IterativeIk], arm: Arm, asked: Asked) -> So
     )
 
 
+def _tracking(arm: Arm, asked: Asked) -> Solvers | None:
+    """Tick by tick, and the whole sequence in one call; a sample that slipped is no answer.
+
+    A redundant arm is told to keep its joints centred: where it drifts to its limits, it slips later on.
+    """
+    if asked.problem != "trajectory":
+        return None
+    goal: GoalName | None = "centre" if arm.dof > 6 else None
+    trackers: list[Tracker] = []
+
+    def begin(start: Array) -> None:
+        trackers[:] = [Tracker(arm, PERIOD, start, task=asked.task, goal=goal)]
+
+    def many(poses: Array, start: Array) -> Array:
+        followed = track(arm, poses, start, dt=PERIOD, task=asked.task, goal=goal)
+        return np.where(followed.reached[:, None], followed.q, np.nan)[:, None]
+
+    return Solvers(
+        one=lambda target, _: trackers[0].step(target),
+        read=lambda q: q[None] if trackers[0].ok else np.empty((0, arm.dof)),
+        many=many,
+        begin=begin,
+    )
+
+
 OWN: tuple[IkMethod, ...] = (
     IkMethod("pseudo_inverse", "pseudo-inverse", partial(_iterative, PseudoInverse), textbook=(1.20, 0.85)),
     IkMethod(
@@ -48,5 +75,6 @@ OWN: tuple[IkMethod, ...] = (
             _iterative, partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
         ),
     ),
+    IkMethod("tracking", "tracking", _tracking),
 )
 """The methods of this package. The textbook's cells: position only, one seed, 10,000 points."""

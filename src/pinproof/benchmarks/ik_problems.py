@@ -19,8 +19,9 @@ PERIOD = 0.001
 ROUND = 10.0
 """Seconds in which the slowest joint of the trajectory comes back to where it was."""
 
-SHARE_OF_RANGE, SHARE_OF_SPEED = 0.45, 0.8
-"""How far from the middle of its range (in ranges), and how fast (in velocity limits), the trajectory moves a joint."""
+SHARE_OF_RANGE, SHARE_OF_SPEED = 0.45, 0.3
+"""How far from the middle of its range (in ranges), and how fast (in velocity limits), the trajectory moves a joint.
+A redundant arm may take other joints for the same poses, and needs speed to spare for that."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,6 +4,7 @@
 
     PinproofError
     ├── InputError (also a ValueError)   an argument that makes no sense: shape, NaN, a non-rigid matrix
+    │   ├── NoClosedForm                 an arm that AnalyticIk cannot solve; names the reason and what to use instead
     │   └── UnknownNameError             a frame, joint, robot or option that does not exist; names the valid ones
     ├── FileError                        an input file that cannot be used; names file and place
     │   ├── UrdfError                    a URDF or SRDF
@@ -38,6 +39,7 @@ __all__ = [
     "InputError",
     "MeshError",
     "NoAnswer",
+    "NoClosedForm",
     "NotProvenFree",
     "PicksError",
     "PinproofError",
@@ -83,6 +85,10 @@ class UnknownNameError(InputError):
 
     def __reduce__(self) -> tuple[object, ...]:
         return (_rebuild, (type(self), self.args, self.__dict__))
+
+
+class NoClosedForm(InputError):
+    """An arm whose inverse kinematics has no closed form; the message names the reason and what to use instead."""
 
 
 class FileError(PinproofError):

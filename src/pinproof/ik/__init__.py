@@ -1,5 +1,6 @@
 """Inverse kinematics: which joint configuration brings the tcp to a target. One file a method, one loop for all."""
 
+from pinproof.ik.analytic import AnalyticIk, IkBranches, IkBranchesBatch, IkFamily
 from pinproof.ik.clik import Clik
 from pinproof.ik.damped_least_squares import DampedLeastSquares
 from pinproof.ik.fabrik import Fabrik
@@ -13,11 +14,15 @@ from pinproof.ik.track_result import Track
 from pinproof.ik.tracking import Tracker, track
 
 __all__ = [
+    "AnalyticIk",
     "Clik",
     "DampedLeastSquares",
     "Fabrik",
     "Here",
     "IkBatch",
+    "IkBranches",
+    "IkBranchesBatch",
+    "IkFamily",
     "IkGoal",
     "IkResult",
     "IkSolutions",

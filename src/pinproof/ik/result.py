@@ -19,7 +19,7 @@ Array = npt.NDArray[np.float64]
 
 
 class IkStatus(Enum):
-    """The kinds of answer. None of them says "impossible": an iterative solver cannot prove that."""
+    """The kinds of answer."""
 
     FOUND = "found"
     """``q`` fulfils the task within the tolerances and the limits, and ``accept`` took it."""
@@ -27,6 +27,9 @@ class IkStatus(Enum):
     """The budget of attempts ran out; ``q`` is the nearest that was seen, with its errors."""
     REFUSED = "refused"
     """Configurations that fulfil the task were found, and ``accept`` refused each; ``q`` is the first of them."""
+    IMPOSSIBLE = "impossible"
+    """No configuration inside the limits reaches the target: a closed form has enumerated all. Iterative methods never
+    say so, since they cannot prove it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,4 +3,4 @@
 Modules of this room import numba at their head, so the others import them where they call them.
 """
 
-__all__: list[str] = []
+__all__ = []

@@ -1,0 +1,133 @@
+"""Where joints are free to move and the tcp stays: the whole family of configurations of a singular target."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.ik.analytic.plan import Plan
+from pinproof.model import Arm
+
+__all__ = ["IkFamily"]
+
+Array = npt.NDArray[np.float64]
+
+SCAN = 72
+"""Values of the parameter looked at over its range, to find where the family ends."""
+
+END = 1e-9
+"""Rad or m: how closely ends are told."""
+
+MOVES = 1e-6
+"""A joint whose part of the unit direction is larger moves along the family."""
+
+
+@dataclass(frozen=True, eq=False)
+class IkFamily:
+    """Configurations of an arm that all have their tcp at the same singular target, along one free motion.
+
+    Parameters
+    ----------
+    parameter
+        The joint whose value tells the members apart.
+    joints
+        The joints that move along the family.
+    q
+        (n,) the member at q0's value of the parameter.
+    direction
+        (n,) the unit motion at ``q`` that leaves the pose; constant for a straight wrist, not for four parallel axes.
+    lower, upper
+        The range of the parameter (rad or m) around ``q`` in which members exist inside the limits.
+    """
+
+    parameter: str
+    joints: tuple[str, ...]
+    q: Array
+    direction: Array
+    lower: float
+    upper: float
+    _arm: Arm
+    _plan: Plan
+    _target: Array
+    _which: float
+
+    @classmethod
+    def at_branch(cls, arm: Arm, plan: Plan, target: Array, row: Array, joint: int) -> IkFamily:
+        """The family of a branch (a kernel's row) of which joint number ``joint`` is free."""
+        n = plan.dof
+        q = row[:n].copy()
+        direction = np.linalg.svd(arm.jacobian(q))[2][-1]
+        direction = direction * (1.0 if direction[joint] >= 0 else -1.0)
+        moving = tuple(name for name, part in zip(arm.joint_names, direction, strict=True) if abs(part) > MOVES)
+        lower, upper = arm.limits.sampling_range()
+        low, high = min(lower[joint], q[joint]), max(upper[joint], q[joint])
+        family = cls(arm.joint_names[joint], moving, q, direction, low, high, arm, plan, target, float(row[n + 3]))
+        lower_end, upper_end = (family._end(float(q[joint]), float(bound)) for bound in (low, high))
+        return replace(family, lower=lower_end, upper=upper_end)
+
+    def at(self, value: float) -> Array:
+        """(n,) the member at a value of the parameter.
+
+        Raises
+        ------
+        InputError
+            If there is none inside the limits.
+        """
+        member = self._member(float(value))
+        if member is None:
+            raise InputError(
+                f"no member at {self.parameter} = {value:g}; the family runs from {self.lower:g} to {self.upper:g}"
+            )
+        return member
+
+    def nearest(self, q: npt.ArrayLike) -> Array:
+        """(n,) the member whose largest joint difference from q (n,) is smallest (found to 1e-6 of the range)."""
+        goal = self._arm.configuration(q)
+
+        def away(value: float) -> float:
+            member = self._member(value)
+            return np.inf if member is None else float(np.abs(member - goal).max())
+
+        values = np.linspace(self.lower, self.upper, SCAN + 1)
+        best = int(np.argmin([away(value) for value in values]))
+        low, high = values[max(best - 1, 0)], values[min(best + 1, SCAN)]
+        while high - low > 1e-6 * max(self.upper - self.lower, END):
+            third = (high - low) / 3
+            if away(low + third) <= away(high - third):
+                high -= third
+            else:
+                low += third
+        choice = [self._member(float(value)) for value in ((low + high) / 2, values[best])]
+        members = [self.q, *(one for one in choice if one is not None)]
+        return min(members, key=lambda one: float(np.abs(one - goal).max()))
+
+    def _end(self, inside: float, bound: float) -> float:
+        """How far the family goes from ``inside`` towards ``bound``."""
+        values = np.linspace(inside, bound, SCAN + 1)
+        low = inside
+        for value in values[1:].tolist():
+            if self._member(value) is None:
+                break
+            low = value
+        else:
+            return bound
+        high = value
+        while abs(high - low) > END:
+            middle = (low + high) / 2
+            low, high = (middle, high) if self._member(middle) is not None else (low, middle)
+        return low
+
+    def _member(self, value: float) -> Array | None:
+        plan, n = self._plan, self._plan.dof
+        reference = self.q.copy()
+        reference[self._arm.joint_names.index(self.parameter)] = value
+        out = np.empty(plan.shape)
+        count = plan.kernel(plan.array, self._target, reference, 0.0, out)
+        for row in out[:count]:
+            at_value = abs(row[self._arm.joint_names.index(self.parameter)] - value) < MOVES
+            if row[n + 3] == self._which and row[n + 2] and at_value:
+                return np.array(row[:n])
+        return None

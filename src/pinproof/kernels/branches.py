@@ -1,0 +1,323 @@
+r"""Every configuration of an arm for a pose, in closed form: the parts put together.
+
+An arm comes as a ``plan``, an array of rows of 16 (:mod:`pinproof.ik.analytic.plan` makes it):
+
+====================  ==============================================================================================
+row 0                 settings, see the constants below
+rows 1 ... n + 1      the arm's true chain (:mod:`pinproof.kernels.chain`), which judges
+row n + 2             the tool at q = 0, of the ideal arm, lengths in units of the arm's
+row n + 3 and on      the ideal arm's lines at q = 0 (:mod:`pinproof.kernels.vectors`): six, or seven with one joint
+                      locked; then at OWN the joint's place in q (-1: made up, shall stand at zero), limits
+====================  ==============================================================================================
+
+The ideal arm's axes meet or are parallel exactly; where the true ones do not, its answers are starts for Newton's
+iteration on the true chain. What comes out has been judged by forward kinematics of that chain, inside the limits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pinproof.kernels.arctangent import angle_of
+from pinproof.kernels.compiled import compiled, inlined
+from pinproof.kernels.lanes import ANGLE, DISTANCE, LANES, ROOM, TURN, lane_errors, wind
+from pinproof.kernels.refinement import refined
+from pinproof.kernels.trigonometry import sincos
+from pinproof.kernels.triple import triple
+from pinproof.kernels.two_curves import BY_QUARTIC, CANDIDATES, REFERENCE, two_curves
+from pinproof.kernels.vectors import SLIDING, direction, dot, place, turned
+
+__all__ = ["branches_of_many", "branches_of_one", "branches_of_values"]
+
+# Row 0 of a plan. COUNT: n. FIRST_OF_TRIPLE: 0 to 3. NORMAL: the line of the triple that turns. LOCKED: a line, or -1.
+COUNT, FIRST_OF_TRIPLE, PLANAR, REVERSED, NORMAL, LOCKED, SIZE = range(7)
+BORDER, SPREAD, POSITION_TOLERANCE, ORIENTATION_TOLERANCE, MADE_UP_TOLERANCE = range(7, 12)
+OWN, LOWER, UPPER = 8, 9, 10
+SOURCE = 8
+
+# Behind the n numbers of q in a row of answers, and in the row behind the last answer
+POSITION_ERROR, ORIENTATION_ERROR, FREE_JOINTS, SIGNATURE = range(4)
+ALL_FREE_JOINTS, FAILED, OUTSIDE, QUARTIC = range(4)
+
+RIGID = 1e-6
+"""As :data:`pinproof.spatial.RIGID_TOLERANCE`."""
+
+GOOD_ENOUGH = 1e-10
+"""M or rad. A branch that forward kinematics finds further off is refined on the true chain."""
+
+LIMIT_SLACK = 1e-9
+"""Rad or m. Rounding may put a joint that stands at its limit beyond it by this; it is brought back."""
+
+NEAR_LIMITS = 0.05
+"""Rad or m. A branch further outside is not worth refining."""
+
+SAME_BRANCH = 1e-6
+"""Rad or m. Branches nearer than this in every joint are one, which rounding of a double root took apart."""
+
+BAD_TARGET = -1
+
+
+@inlined
+def workroom() -> Any:
+    """What one pose is worked out in.
+
+    Lines, places where the curves meet, states; a lane for each branch, of q, of scratch and of errors; the target.
+    """
+    return (
+        np.empty((6, 9)), np.empty((CANDIDATES, 8)), np.zeros((14, LANES)), np.zeros((7, LANES)),
+        np.zeros((3, LANES)), np.zeros(ROOM), np.empty((3, 4)),
+    )  # fmt: skip
+
+
+@compiled
+def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, room: Any, out: Any) -> int:
+    """The distinct branches for ``target`` (4, 4) into the rows of ``out`` (k + 1, n + 4); how many, or BAD_TARGET."""
+    lines, chosen, states, Q, scratch, lanes, pose = room
+    n, size, s = int(plan[0, COUNT]), plan[0, SIZE], int(plan[0, FIRST_OF_TRIPLE])
+    planar, reverse, locked = plan[0, PLANAR] != 0.0, plan[0, REVERSED] != 0.0, int(plan[0, LOCKED])
+    tool, top = n + 2, n + 3
+
+    # The target, orthonormalised (Newton's iteration for the polar factor: each step squares the error).
+    R0, R1, R2 = (
+        (target[0, 0], target[0, 1], target[0, 2]),
+        (target[1, 0], target[1, 1], target[1, 2]),
+        (target[2, 0], target[2, 1], target[2, 2]),
+    )
+    for step in range(3):
+        g00, g11, g22, g01, g02, g12 = dot(R0, R0), dot(R1, R1), dot(R2, R2), dot(R0, R1), dot(R0, R2), dot(R1, R2)
+        off = max(max(max(abs(g00 - 1.0), abs(g11 - 1.0)), abs(g22 - 1.0)), max(max(abs(g01), abs(g02)), abs(g12)))
+        if step == 0:
+            last_row = max(max(abs(target[3, 0]), abs(target[3, 1])), max(abs(target[3, 2]), abs(target[3, 3] - 1.0)))
+            d = (
+                R0[0] * (R1[1] * R2[2] - R1[2] * R2[1])
+                + R0[1] * (R1[2] * R2[0] - R1[0] * R2[2])
+                + R0[2] * (R1[0] * R2[1] - R1[1] * R2[0])
+            )
+            where = abs(target[0, 3]) + abs(target[1, 3]) + abs(target[2, 3])
+            if not (off <= RIGID and last_row <= RIGID and d > 0.0 and where < math.inf):
+                return BAD_TARGET
+        if off <= 1e-14:
+            break
+        h0, h1, h2 = 1.5 - 0.5 * g00, 1.5 - 0.5 * g11, 1.5 - 0.5 * g22
+        g01, g02, g12 = -0.5 * g01, -0.5 * g02, -0.5 * g12
+        R0, R1, R2 = (
+            (h0 * R0[0] + g01 * R1[0] + g02 * R2[0], h0 * R0[1] + g01 * R1[1] + g02 * R2[1],
+             h0 * R0[2] + g01 * R1[2] + g02 * R2[2]),
+            (g01 * R0[0] + h1 * R1[0] + g12 * R2[0], g01 * R0[1] + h1 * R1[1] + g12 * R2[1],
+             g01 * R0[2] + h1 * R1[2] + g12 * R2[2]),
+            (g02 * R0[0] + g12 * R1[0] + h2 * R2[0], g02 * R0[1] + g12 * R1[1] + h2 * R2[1],
+             g02 * R0[2] + g12 * R1[2] + h2 * R2[2]),
+        )  # fmt: skip
+    for i in range(3):
+        turn = R0 if i == 0 else R1 if i == 1 else R2
+        pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3] = turn[0], turn[1], turn[2], target[i, 3]
+
+    # The tool at zero, and G = target times its inverse; a locked joint moves what comes behind it.
+    T0, T1, T2 = (
+        (plan[tool, 0], plan[tool, 1], plan[tool, 2]),
+        (plan[tool, 4], plan[tool, 5], plan[tool, 6]),
+        (plan[tool, 8], plan[tool, 9], plan[tool, 10]),
+    )
+    t = (plan[tool, 3], plan[tool, 7], plan[tool, 11])
+    lock_h, lock_o, lock_slides = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0), True
+    lock_s, lock_c = 0.0, 1.0
+    if locked >= 0:
+        lock_h, lock_o = direction(plan, top + locked), place(plan, top + locked)
+        lock_slides = plan[top + locked, SLIDING] != 0.0
+        if lock_slides:
+            t = (
+                t[0] + locked_at / size * lock_h[0],
+                t[1] + locked_at / size * lock_h[1],
+                t[2] + locked_at / size * lock_h[2],
+            )
+        else:
+            lock_s, lock_c = sincos(locked_at)
+            x = turned(lock_h, lock_c, lock_s, (T0[0], T1[0], T2[0]))
+            y = turned(lock_h, lock_c, lock_s, (T0[1], T1[1], T2[1]))
+            z = turned(lock_h, lock_c, lock_s, (T0[2], T1[2], T2[2]))
+            T0, T1, T2 = (x[0], y[0], z[0]), (x[1], y[1], z[1]), (x[2], y[2], z[2])
+            v = turned(lock_h, lock_c, lock_s, (t[0] - lock_o[0], t[1] - lock_o[1], t[2] - lock_o[2]))
+            t = (v[0] + lock_o[0], v[1] + lock_o[1], v[2] + lock_o[2])
+    G0 = (dot(R0, T0), dot(R0, T1), dot(R0, T2))
+    G1 = (dot(R1, T0), dot(R1, T1), dot(R1, T2))
+    G2 = (dot(R2, T0), dot(R2, T1), dot(R2, T2))
+    shift = (target[0, 3] / size - dot(G0, t), target[1, 3] / size - dot(G1, t), target[2, 3] / size - dot(G2, t))
+    C0, C1, C2 = (G0[0], G1[0], G2[0]), (G0[1], G1[1], G2[1]), (G0[2], G1[2], G2[2])
+
+    # The six lines: the triple, then a, b, c; those before the triple are seen through G^-1.
+    normal, p0 = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for i in range(6):
+        k = i if locked < 0 or i < locked else i + 1
+        h, o = direction(plan, top + k), place(plan, top + k)
+        if 0 <= locked < k:
+            if lock_slides:
+                o = (
+                    o[0] + locked_at / size * lock_h[0],
+                    o[1] + locked_at / size * lock_h[1],
+                    o[2] + locked_at / size * lock_h[2],
+                )
+            else:
+                h = turned(lock_h, lock_c, lock_s, h)
+                v = turned(lock_h, lock_c, lock_s, (o[0] - lock_o[0], o[1] - lock_o[1], o[2] - lock_o[2]))
+                o = (v[0] + lock_o[0], v[1] + lock_o[1], v[2] + lock_o[2])
+        row = (i - s) % 6
+        if i - s == int(plan[0, NORMAL]):
+            normal, p0 = h, o
+        if i < s:
+            v = (o[0] - shift[0], o[1] - shift[1], o[2] - shift[2])
+            h, o = (dot(C0, h), dot(C1, h), dot(C2, h)), (dot(C0, v), dot(C1, v), dot(C2, v))
+        elif reverse and row < 3:
+            row = 2 - row
+            h = (-h[0], -h[1], -h[2])
+        lines[row, 0], lines[row, 1], lines[row, 2], lines[row, 3], lines[row, 4], lines[row, 5] = (
+            h[0], h[1], h[2], o[0], o[1], o[2])  # fmt: skip
+        own, slides = int(plan[top + k, OWN]), plan[top + k, SLIDING]
+        lines[row, SLIDING] = slides
+        lines[row, REFERENCE] = 0.0 if own < 0 else reference[own] / (size if slides != 0.0 else 1.0)
+        lines[row, SOURCE] = top + k
+    v = (p0[0] - shift[0], p0[1] - shift[1], p0[2] - shift[2])
+    p, n1 = (dot(C0, v), dot(C1, v), dot(C2, v)), (dot(C0, normal), dot(C1, normal), dot(C2, normal))
+
+    border, spread = plan[0, BORDER], plan[0, SPREAD]
+    curves = two_curves(lines, planar, p, p0, normal, n1, border, spread, chosen)
+    by_quartic = curves >= BY_QUARTIC
+    curves %= BY_QUARTIC
+    count = 0
+    freed = 0
+    for i in range(curves):
+        freed |= int(chosen[i, 6])
+        count = triple(lines, planar, normal, reverse, (G0, G1, G2), shift, chosen, i, border, spread, states, count)
+
+    # States to values, one solution a lane.
+    width = 8 if count <= 8 else LANES
+    for b in range(width):
+        scratch[1, b] = 1.0 if b < count else 0.0
+        scratch[2, b] = 0.0
+    for row in range(6):
+        line = int(lines[row, SOURCE])
+        own, lower, upper = int(plan[line, OWN]), plan[line, LOWER], plan[line, UPPER]
+        if lines[row, SLIDING] != 0.0:
+            for b in range(width):
+                scratch[0, b] = size * states[2 * row, b]
+        else:
+            for b in range(width):
+                scratch[0, b] = angle_of(states[2 * row + 1, b], states[2 * row, b])
+            if own >= 0:
+                for b in range(width):
+                    scratch[0, b] = wind(scratch[0, b], lower, upper, LIMIT_SLACK, reference[own])
+        if own >= 0:
+            for b in range(width):
+                Q[own, b] = scratch[0, b]
+                scratch[2, b] = max(scratch[2, b], max(lower - scratch[0, b], scratch[0, b] - upper))
+        else:
+            for b in range(width):
+                if not abs(scratch[0, b]) <= plan[0, MADE_UP_TOLERANCE]:
+                    scratch[1, b] = 0.0
+    if locked >= 0:
+        own = int(plan[top + locked, OWN])
+        outside_by = max(plan[top + locked, LOWER] - locked_at, locked_at - plan[top + locked, UPPER])
+        for b in range(width):
+            Q[own, b] = locked_at
+            scratch[2, b] = max(scratch[2, b], outside_by)
+    lane_errors(plan, 1, n, pose, Q, width, lanes)
+
+    kept = failed = outside = 0
+    for b in range(count):
+        for row in range(6):
+            if int(states[12, b]) & 1 << row:
+                freed |= 1 << row
+        if scratch[1, b] == 0.0:
+            continue
+        beyond = scratch[2, b]
+        if beyond > NEAR_LIMITS:
+            outside += 1
+            continue
+        distance, angle = lanes[DISTANCE + b], lanes[ANGLE + b]
+        if distance > GOOD_ENOUGH or angle > GOOD_ENOUGH or not beyond <= 0.0:
+            distance, angle, beyond = refined(plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK)
+            if beyond > 0.0:
+                outside += 1
+                continue
+        if not (distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]):
+            failed += 1
+            continue
+        fresh = True
+        for i in range(kept):
+            same = True
+            for j in range(n):
+                gap = abs(Q[j, b] - out[i, j])
+                if gap > SAME_BRANCH and abs(gap - TURN * math.floor(gap / TURN + 0.5)) > SAME_BRANCH:
+                    same = False
+                    break
+            fresh = fresh and not same
+        if not fresh or kept == out.shape[0] - 1:
+            continue
+        for j in range(n):
+            out[kept, j] = Q[j, b]
+        mask = 0
+        for row in range(6):
+            own = int(plan[int(lines[row, SOURCE]), OWN])
+            if int(states[12, b]) & 1 << row and own >= 0:
+                mask |= 1 << own
+        out[kept, n], out[kept, n + 1], out[kept, n + 2], out[kept, n + 3] = distance, angle, mask, states[13, b]
+        kept += 1
+    mask = 0
+    for row in range(6):
+        own = int(plan[int(lines[row, SOURCE]), OWN])
+        if freed & 1 << row and own >= 0:
+            mask |= 1 << own
+    last = out.shape[0] - 1
+    out[last, ALL_FREE_JOINTS], out[last, FAILED], out[last, OUTSIDE], out[last, QUARTIC] = (
+        mask,
+        failed,
+        outside,
+        by_quartic,
+    )
+    return kept
+
+
+@compiled
+def branches_of_one(plan: Any, target: Any, reference: Any, locked_at: float, out: Any) -> int:
+    """The branches for one pose; see :func:`branches_of_pose`."""
+    room = workroom()
+    return branches_of_pose(plan, target, reference, locked_at, room, out)
+
+
+@compiled
+def branches_of_many(
+    plan: Any, targets: Any, references: Any, start: int, stop: int, q: Any, errors: Any, counts: Any
+) -> None:
+    """The branches for the targets (N, 4, 4) from ``start`` to ``stop``, into the same rows of the others.
+
+    ``references`` (1, n) or (N, n); ``q`` (N, k, n) and ``errors`` (N, k, 2), NaN behind the last branch; ``counts``
+    (N,), BAD_TARGET where the target is none.
+    """
+    n = q.shape[2]
+    room, out = workroom(), np.empty((q.shape[1] + 1, n + 4))
+    for row in range(start, stop):
+        reference = references[row if references.shape[0] > 1 else 0]
+        count = branches_of_pose(plan, targets[row], reference, 0.0, room, out)
+        counts[row] = count
+        for i in range(q.shape[1]):
+            for j in range(n):
+                q[row, i, j] = out[i, j] if i < count else math.nan
+            errors[row, i, 0] = out[i, n] if i < count else math.nan
+            errors[row, i, 1] = out[i, n + 1] if i < count else math.nan
+
+
+@compiled
+def branches_of_values(plan: Any, target: Any, reference: Any, values: Any, q: Any, errors: Any, counts: Any) -> None:
+    """The branches for one pose with the locked joint at each of ``values`` (S,); the others as for many."""
+    n = q.shape[2]
+    room, out = workroom(), np.empty((q.shape[1] + 1, n + 4))
+    for row in range(values.shape[0]):
+        count = branches_of_pose(plan, target, reference, values[row], room, out)
+        counts[row] = count
+        for i in range(q.shape[1]):
+            for j in range(n):
+                q[row, i, j] = out[i, j] if i < count else math.nan
+            errors[row, i, 0] = out[i, n] if i < count else math.nan
+            errors[row, i, 1] = out[i, n + 1] if i < count else math.nan

@@ -1,0 +1,111 @@
+r"""The states of a joint that fulfil an equation which is linear in them, or of degree four.
+
+A turning joint's state is b = (cos q, sin q), a sliding one's b = (q, q^2). A b_1 + B b_2 + C = 0 then has two roots at
+most: with rho^2 = A^2 + B^2 and w^2 = rho^2 - C^2,
+
+.. math:: (\cos q, \sin q) = \big(-A C \mp B w,\; -B C \pm A w\big) / \rho^2 .
+
+Border: where w^2 is just below zero, the equation fails by |C| - rho; up to a stated bound the roots are kept, as one,
+and forward kinematics is left to judge.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pinproof.kernels.compiled import compiled, inlined
+
+__all__ = ["FREE", "linear_roots", "quartic_roots"]
+
+FREE = 1e-10
+"""What is smaller (in lengths of the arm) does not decide about a joint's value: the joint is free. A branch whose free
+joint is set to any value is then wrong by less than this."""
+
+NEARLY_REAL = 1e-5
+"""A root of a quartic whose imaginary part is smaller may be a double root that rounding (1e-16) took apart (1e-8)."""
+
+ROUNDS = 60
+SETTLED = 1e-15
+
+
+@inlined
+def linear_roots(slides: Any, A: float, B: float, C: float, square: float, border: float, spread: float) -> Any:
+    """The roots of A b_1 + B b_2 + C = 0: how many, and two states. A count of -1: every value is a root.
+
+    ``square`` is w^2, where the caller knows it better than from A, B and C; else NaN. Within ``border`` of a root the
+    nearest is taken for one; there two are told, a way ``spread`` (in w^2) apart, for those who refine them.
+    """
+    if slides:
+        if abs(B) < FREE:
+            if abs(A) < FREE:
+                return (-1 if abs(C) <= border else 0), (0.0, 0.0), (0.0, 0.0)
+            t = -C / A
+            return 1, (t, t * t), (t, t * t)
+        half = -0.5 * A / B
+        beyond = half * half - C / B
+        if beyond < 0.0 and -beyond * abs(B) > border:
+            return 0, (0.0, 0.0), (0.0, 0.0)
+        beyond = math.sqrt(max(beyond, spread))
+        t, r = half + beyond, half - beyond
+        return (1 if beyond == 0.0 else 2), (t, t * t), (r, r * r)
+    rho2 = A * A + B * B
+    rho = math.sqrt(rho2)
+    if rho < FREE:
+        return (-1 if abs(C) <= border + FREE else 0), (1.0, 0.0), (1.0, 0.0)
+    w2 = rho2 - C * C
+    if not math.isnan(square):
+        w2 = square
+    if w2 < 0.0 and abs(C) - rho > border:
+        return 0, (1.0, 0.0), (1.0, 0.0)
+    w = math.sqrt(max(w2, spread * rho2))
+    inverse = 1.0 / rho2
+    if abs(C) > rho or spread > 0.0:  # off the circle: brought back onto it
+        inverse = 1.0 / math.sqrt(rho2 * (C * C + w * w))
+    first = ((-A * C - B * w) * inverse, (-B * C + A * w) * inverse)
+    second = ((-A * C + B * w) * inverse, (-B * C - A * w) * inverse)
+    return (1 if w == 0.0 else 2), first, second
+
+
+@compiled
+def quartic_roots(a: Any, found: Any) -> int:
+    """The real roots of a[0] + ... + a[4] t^4 = 0 into ``found`` (8,), how many; a[4] is not small.
+
+    All four complex roots at once, by Aberth's iteration (1973, "Iteration methods for finding all zeros of a
+    polynomial simultaneously"), which needs no guess of where they are. Of a root that is real but for its imaginary
+    part, both ends of it are told: of two that nearly meet, one starts at either side.
+    """
+    lead = 1.0 / a[4]
+    b0, b1, b2, b3 = a[0] * lead, a[1] * lead, a[2] * lead, a[3] * lead
+    radius = 0.5 + max(max(abs(b3), math.sqrt(abs(b2))), max(abs(b1) ** (1.0 / 3.0), abs(b0) ** 0.25))
+    z0, z1 = complex(radius, 0.35 * radius) - 0.25 * b3, complex(-0.4 * radius, radius) - 0.25 * b3
+    z2, z3 = complex(-radius, -0.3 * radius) - 0.25 * b3, complex(0.45 * radius, -radius) - 0.25 * b3
+    for _ in range(ROUNDS):
+        largest = 0.0
+        for _ in range(4):
+            z = z0
+            p = (((z + b3) * z + b2) * z + b1) * z + b0
+            if p != 0.0:
+                slope = ((4.0 * z + 3.0 * b3) * z + 2.0 * b2) * z + b1
+                near = 0.0j
+                for other in (z1, z2, z3):
+                    gap = z - other
+                    if gap != 0.0:
+                        near += 1.0 / gap
+                below = slope - p * near
+                step = p / below if below != 0.0 else 1e-3 + 1e-3j
+                z -= step
+                largest = max(largest, abs(step) / (1.0 + abs(z)))
+            z0, z1, z2, z3 = z1, z2, z3, z
+        if largest < SETTLED:
+            break
+    count = 0
+    for z in (z0, z1, z2, z3):
+        size = 1.0 + abs(z)
+        if abs(z.imag) < NEARLY_REAL * size:
+            found[count] = z.real
+            count += 1
+            if abs(z.imag) > 1e-12 * size:
+                found[count] = z.real + z.imag
+                count += 1
+    return count

@@ -1,0 +1,158 @@
+r"""The triple: three neighbouring joints whose motion W is known.
+
+Their lines stand in the rows 0, 1, 2: f, g, l (first, middle, last). Three facts give the three joints, in this order:
+
+1. the middle one from what the first cannot change, linear in its state (:func:`pinproof.kernels.roots.linear_roots`):
+   *spherical* h_f . R_g h_l = h_f . R_W h_l; *planar*, with r = E_g o_l, the distance of r from the first line, or,
+   if the first slides along d, its height over d: \|r - o_f\| = \|W o_l - o_f\|, (n x d) . r = (n x d) . W o_l;
+2. the first one by bringing R_g h_l over R_W h_l, or r over W o_l;
+3. the last one by what is left of a direction e across its line, R_g^T R_f^T R_W e.
+
+Where 2 finds a vector on the line itself (a straight wrist; an elbow folded flat), the first joint is free, and 3 is
+what makes up for the value it is given. A planar triple whose last joint slides is turned around,
+W^-1 = E_l^-1 E_g^-1 E_f^-1, if its first one turns; if that slides too, the middle one is the turn of W, and the
+others share its way.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from pinproof.kernels.compiled import compiled
+from pinproof.kernels.roots import FREE, linear_roots
+from pinproof.kernels.two_curves import FREED, WHICH, aligned, gram, reference_state
+from pinproof.kernels.vectors import (
+    SLIDING,
+    across,
+    cross,
+    curve,
+    direction,
+    dot,
+    minus,
+    moved,
+    perpendicular,
+    place,
+    turned,
+    unturned,
+)
+
+__all__ = ["triple"]
+
+
+@compiled
+def triple(
+    lines: Any,
+    planar: Any,
+    normal: Any,
+    reverse: Any,
+    rotation: Any,
+    shift: Any,
+    chosen: Any,
+    row: int,
+    border: float,
+    spread: float,
+    out: Any,
+    count: int,
+) -> int:
+    """Whole solutions that belong to row ``row`` of ``chosen`` into ``out`` from ``count`` on; how many then.
+
+    ``rotation`` (three rows) and ``shift`` are G; a column of ``out`` (14, k) gets the six states in the order of
+    ``lines``, then the free joints (bits of rows) and which solution it is. A reversed triple's lines stand reversed.
+    """
+    x, y, z = (chosen[row, 0], chosen[row, 1]), (chosen[row, 2], chosen[row, 3]), (chosen[row, 4], chosen[row, 5])
+    ha, hb, hc = direction(lines, 3), direction(lines, 4), direction(lines, 5)
+    oa, ob, oc = place(lines, 3), place(lines, 4), place(lines, 5)
+    sa, sb, sc = lines[3, SLIDING] != 0.0, lines[4, SLIDING] != 0.0, lines[5, SLIDING] != 0.0
+    hf, hg, hl = direction(lines, 0), direction(lines, 1), direction(lines, 2)
+    of, og, ol = place(lines, 0), place(lines, 1), place(lines, 2)
+    sf, sg, sl = lines[0, SLIDING] != 0.0, lines[1, SLIDING] != 0.0, lines[2, SLIDING] != 0.0
+    R0, R1, R2 = rotation
+
+    # What W does to a point (o_l, or o_g where only the middle one turns) and to the directions e and h_l.
+    between = sf and sl
+    point = og if between else ol
+    e = perpendicular(hg if between else hl)
+    goal, seen = point, e
+    top = hl
+    if reverse:
+        d = minus(goal, shift)
+        goal = (R0[0] * d[0] + R1[0] * d[1] + R2[0] * d[2], R0[1] * d[0] + R1[1] * d[1] + R2[1] * d[2],
+                R0[2] * d[0] + R1[2] * d[1] + R2[2] * d[2])  # fmt: skip
+        seen = (R0[0] * e[0] + R1[0] * e[1] + R2[0] * e[2], R0[1] * e[0] + R1[1] * e[1] + R2[1] * e[2],
+                R0[2] * e[0] + R1[2] * e[1] + R2[2] * e[2])  # fmt: skip
+        goal = moved(ha, oa, sa, y, 1.0, moved(hb, ob, sb, z, 1.0, moved(hc, oc, sc, x, 1.0, goal)))
+        seen = unturned(ha, sa, y, 1.0, unturned(hb, sb, z, 1.0, unturned(hc, sc, x, 1.0, seen)))
+    else:
+        seen = unturned(hc, sc, x, -1.0, unturned(hb, sb, z, -1.0, unturned(ha, sa, y, -1.0, seen)))
+        seen = (dot(R0, seen), dot(R1, seen), dot(R2, seen))
+        if planar:
+            goal = moved(hc, oc, sc, x, -1.0, moved(hb, ob, sb, z, -1.0, moved(ha, oa, sa, y, -1.0, goal)))
+            goal = (dot(R0, goal) + shift[0], dot(R1, goal) + shift[1], dot(R2, goal) + shift[2])
+        else:
+            top = unturned(hc, sc, x, -1.0, unturned(hb, sb, z, -1.0, unturned(ha, sa, y, -1.0, top)))
+            top = (dot(R0, top), dot(R1, top), dot(R2, top))
+
+    freed, which = int(chosen[row, FREED]), 2.0 * chosen[row, WHICH]
+    if not planar:
+        alpha, beta = dot(hf, hg), dot(hl, hg)
+        off = across(top, hf)
+        square = gram(alpha, beta, dot(hf, top), dot(off, off))
+        found, g1, g2 = linear_roots(
+            False,
+            dot(hf, hl) - alpha * beta,
+            dot(hf, cross(hg, hl)),
+            alpha * beta - dot(hf, top),
+            square,
+            border,
+            spread,
+        )
+    elif between:
+        c, s, _ = aligned(hg, e, seen)
+        found, g1, g2 = 1, (c, s), (c, s)
+    else:
+        A, u, w = curve(hg, og, sg, 1.0, ol)
+        if sf:
+            d = cross(normal, hf)
+            found, g1, g2 = linear_roots(sg, dot(d, u), dot(d, w), dot(d, minus(A, goal)), math.nan, border, spread)
+        else:
+            near, far = across(minus(A, of), normal), across(minus(goal, of), normal)
+            rest = dot(near, near) - dot(far, far)
+            if sg:
+                found, g1, g2 = linear_roots(True, 2.0 * dot(near, u), 1.0, rest, math.nan, border, spread)
+            else:
+                found, g1, g2 = linear_roots(
+                    False, 2.0 * dot(near, u), 2.0 * dot(near, w), rest + dot(u, u), math.nan, border, spread
+                )
+    if found < 0:
+        g1, found, freed = reference_state(lines, 1), 1, freed | 2
+    for i in range(found):
+        g = g1 if i == 0 else g2
+        also = freed
+        if between:
+            # W o_g - o_g = q_f d_f + q_l R_g d_l, in the plane
+            way, last = minus(goal, og), turned(hg, g[0], g[1], hl)
+            det = dot(normal, cross(hf, last))
+            if abs(det) < FREE:
+                continue
+            f0, l0 = dot(normal, cross(way, last)) / det, dot(normal, cross(hf, way)) / det
+            f1, l1 = f0 * f0, l0 * l0
+        else:
+            r = moved(hg, og, sg, g, 1.0, ol) if planar else turned(hg, g[0], g[1], hl)
+            if sf:
+                f0 = dot(hf, minus(goal, r))
+                f1 = f0 * f0
+            else:
+                if planar:
+                    f0, f1, size = aligned(hf, minus(r, of), minus(goal, of))
+                else:
+                    f0, f1, size = aligned(hf, r, top)
+                if size < FREE * FREE or (not planar and dot(off, off) < FREE * FREE):
+                    (f0, f1), also = reference_state(lines, 0), also | 1
+            left = unturned(hg, sg, g, -1.0, unturned(hf, sf, (f0, f1), -1.0, seen))
+            l0, l1, _ = aligned(hl, e, left)
+        states = (f0, f1, g[0], g[1], l0, l1, y[0], y[1], z[0], z[1], x[0], x[1], float(also), which + i)
+        for entry in range(14):
+            out[entry, count] = states[entry]
+        count += 1
+    return count

@@ -1,0 +1,370 @@
+r"""The three joints outside the triple: where two curves meet.
+
+The loop of six joints, cut open, reads W^-1 = E_a E_b E_c G^-1, where W is the motion of the triple (three neighbouring
+joints), a, b, c are the joints that follow it around the loop, and E_a is the motion of joint a from zero. Joints
+behind the end of the chain (those before the triple) come with lines seen through G^-1, so nothing depends on where the
+triple sits. A triple keeps something, which two equations in the states of c (x) and a (y) can say without b:
+
+*Spherical* (it keeps a point O): E_b E_c p = E_a^-1 O with p = G^-1 O. So the curves m(x) = E_c p and n(y) = E_a^-1 O
+have to be brought together by b. If b turns about h through o, it can where
+h . m = h . n and \|m - o\|^2 = \|n - o\|^2; if it slides along h, where m - n has no part across h.
+
+*Planar* (it keeps a direction n, and heights along n): R_b m = k with m(x) = R_c n', k(y) = R_a^T n, n' = R_G^T n,
+which a turning b can where h . m = h . k. The height of E_a E_b E_c p over a point p_0, put through k and m,
+
+.. math:: n\cdot o_a + k\cdot(o_b - o_a) + m\cdot(o_c - o_b) + n'\cdot(p - o_c) = n\cdot p_0,
+
+is linear as well; a sliding joint adds its way times n . h. (If b itself slides, it keeps directions: h_a . m = h_a . n
+and h_c . k = h_c . n' are necessary, m = k is tried on their solutions, and the height gives its way.)
+
+Every one of these is F b(x) + G b(y) + k = 0, linear in the state b of a joint. (Of a sliding joint, \|m\|^2 is
+quadratic: b holds its square.) If a combination of the two is free of one unknown, it gives the other's two roots, and
+the rest follows: so it is for most industrial arms. Otherwise b(y) = -G^-1 (F b(x) + k) has to be a state,
+cos^2 + sin^2 = 1, a quartic in the half-angle tangent of x; its solutions are then refined on the two equations.
+
+Sources: Pieper (1968), "The kinematics of manipulators under computer control"; Paden (1986), subproblems; Elias and
+Wen (2022), "IK-Geo: Unified robot inverse kinematics using subproblem decomposition", for the same split by geometry.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pinproof.kernels.compiled import compiled, inlined
+from pinproof.kernels.roots import FREE, linear_roots, quartic_roots
+from pinproof.kernels.trigonometry import sincos
+from pinproof.kernels.vectors import (
+    SLIDING,
+    across,
+    along,
+    cross,
+    curve,
+    direction,
+    dot,
+    minus,
+    perpendicular,
+    place,
+    turning_curve,
+)
+
+__all__ = ["BY_QUARTIC", "CANDIDATES", "FIRST", "REFERENCE", "aligned", "gram", "reference_state", "two_curves"]
+
+FIRST = 3
+"""The row of joint a in an array of lines; b and c follow, the triple stands before."""
+
+REFERENCE = 7
+"""The entry of a line for the value a free joint is given."""
+
+CANDIDATES = 8
+"""The most solutions told: a quartic's four, each of which may be a double root that is told twice."""
+
+BY_QUARTIC = 64
+"""Added to the number of solutions that a quartic gave."""
+
+SEPARABLE = 1e-5
+"""A 2 x 2 matrix whose determinant is smaller than this part of its square size counts as singular. What that spoils is
+mended by refinement; a quartic near it would lose as much to rounding, which grows with the inverse square."""
+
+SAME_DIRECTION = 1e-4
+"""m = k is taken for fulfilled up to this; refinement and forward kinematics judge after it."""
+
+EXACT = 1e-14
+REFINEMENTS = 4
+
+# The entries of a candidate: states of c, a and b, which joints were free (bits of the rows of their lines), its name
+X, Y, Z, FREED, WHICH = 0, 2, 4, 6, 7
+
+
+@inlined
+def gram(alpha: float, beta: float, height: float, off2: float) -> Any:
+    r"""w^2 of the equation h . R b = height for a unit vector b that turns about g (alpha = h.g, beta = b.g).
+
+    It is (1 - alpha^2)(1 - beta^2) - (height - alpha beta)^2, a Gram determinant. Where the goal of b, a unit vector of
+    that height, comes near h itself, that loses half the digits; ``off2``, the square of the goal's part across h, does
+    not: 1 - height^2 = off2.
+    """
+    if height >= 0.0:
+        return off2 * (1.0 - 2.0 * alpha * beta / (1.0 + height)) - (alpha - beta) * (alpha - beta)
+    return off2 * (1.0 + 2.0 * alpha * beta / (1.0 - height)) - (alpha + beta) * (alpha + beta)
+
+
+@inlined
+def aligned(h: Any, v: Any, w: Any) -> Any:
+    """Cosine and sine of the turn about h that brings v over w, and the product of their distances from h."""
+    c = dot(v, w) - dot(h, v) * dot(h, w)
+    s = dot(h, cross(v, w))
+    size = math.sqrt(c * c + s * s)
+    if size == 0.0:
+        return 1.0, 0.0, 0.0
+    return c / size, s / size, size
+
+
+@inlined
+def reference_state(lines: Any, i: int) -> Any:
+    """The state of joint i at its reference value."""
+    value = lines[i, REFERENCE]
+    if lines[i, SLIDING] != 0.0:
+        return value, value * value
+    s, c = sincos(value)
+    return c, s
+
+
+@compiled
+def two_curves(
+    lines: Any, planar: Any, p: Any, p0: Any, n: Any, n1: Any, border: float, spread: float, out: Any
+) -> int:
+    """Solutions (x, y, z) of joints c, a, b into ``out`` (CANDIDATES, 8); how many (plus BY_QUARTIC).
+
+    ``p`` and ``n1`` are O (or a point of the plane) and n behind G^-1, ``p0`` and ``n`` before it.
+    """
+    ha, hb, hc = direction(lines, FIRST), direction(lines, FIRST + 1), direction(lines, FIRST + 2)
+    oa, ob, oc = place(lines, FIRST), place(lines, FIRST + 1), place(lines, FIRST + 2)
+    sa, sb, sc = lines[FIRST, SLIDING] != 0.0, lines[FIRST + 1, SLIDING] != 0.0, lines[FIRST + 2, SLIDING] != 0.0
+
+    if planar:
+        Am, um, wm = turning_curve(hc, sc, 1.0, n1)
+        An, un, wn = turning_curve(ha, sa, -1.0, n)
+        if sb:
+            F00, F01, G00, G01, k0 = dot(ha, um), dot(ha, wm), 0.0, 0.0, dot(ha, Am) - dot(ha, n)
+            F10, F11, G10, G11, k1 = 0.0, 0.0, dot(hc, un), dot(hc, wn), dot(hc, An) - dot(hc, n1)
+        else:
+            F00, F01, G00, G01 = dot(hb, um), dot(hb, wm), -dot(hb, un), -dot(hb, wn)
+            k0 = dot(hb, Am) - dot(hb, An)
+            arm, lever = minus(ob, oa), minus(oc, ob)
+            k1 = -dot(n, p0)
+            if sa:
+                G10, G11 = dot(n, ha), 0.0
+                k1 += dot(n, ob)
+            else:
+                G10, G11 = dot(un, arm), dot(wn, arm)
+                k1 += dot(An, arm) + dot(n, oa)
+            if sc:
+                F10, F11 = dot(n1, hc), 0.0
+                k1 += dot(n1, minus(p, ob))
+            else:
+                F10, F11 = dot(um, lever), dot(wm, lever)
+                k1 += dot(Am, lever) + dot(n1, minus(p, oc))
+    else:
+        Am, um, wm = curve(hc, oc, sc, 1.0, p)
+        An, un, wn = curve(ha, oa, sa, -1.0, p0)
+        if sb:
+            e = perpendicular(hb)
+            f = cross(hb, e)
+            gap = minus(Am, An)
+            F00, F01, G00, G01, k0 = dot(e, um), dot(e, wm), -dot(e, un), -dot(e, wn), dot(e, gap)
+            F10, F11, G10, G11, k1 = dot(f, um), dot(f, wm), -dot(f, un), -dot(f, wn), dot(f, gap)
+        else:
+            Am, An = minus(Am, ob), minus(An, ob)
+            F00, F01, G00, G01 = dot(hb, um), dot(hb, wm), -dot(hb, un), -dot(hb, wn)
+            k0 = dot(hb, Am) - dot(hb, An)
+            # |A + u b_1 + w b_2|^2 with |u| = |w|, u . w = 0 on a circle; b_2 = b_1^2 on a line
+            F10, F11 = 2.0 * dot(Am, um), (1.0 if sc else 2.0 * dot(Am, wm))
+            G10, G11 = -2.0 * dot(An, un), (-1.0 if sa else -2.0 * dot(An, wn))
+            k1 = dot(Am, Am) - dot(An, An) + (0.0 if sc else dot(um, um)) - (0.0 if sa else dot(un, un))
+
+    sizeF, sizeG = F00 * F00 + F01 * F01 + F10 * F10 + F11 * F11, G00 * G00 + G01 * G01 + G10 * G10 + G11 * G11
+    detF, detG = F00 * F11 - F01 * F10, G00 * G11 - G01 * G10
+    ratioF = abs(detF) / sizeF if sizeF > FREE * FREE else 0.0
+    ratioG = abs(detG) / sizeG if sizeG > FREE * FREE else 0.0
+    swap = ratioF < ratioG if min(ratioF, ratioG) < SEPARABLE else ratioF > ratioG
+    if swap:
+        F00, F01, F10, F11, G00, G01, G10, G11 = G00, G01, G10, G11, F00, F01, F10, F11
+        detG, sizeF, sizeG = detF, sizeG, sizeF
+        ratioF, ratioG = ratioG, ratioF
+    first_slides, second_slides = (sa, sc) if swap else (sc, sa)
+    first, second = (FIRST, FIRST + 2) if swap else (FIRST + 2, FIRST)
+
+    count = 0
+    if ratioG < SEPARABLE:
+        # (v0, v1) G = 0: that combination of the two equations holds the first unknown alone.
+        if sizeG > FREE * FREE:
+            left, right = G00 * G00 + G10 * G10, G01 * G01 + G11 * G11
+            u0, u1 = (G00, G10) if left >= right else (G01, G11)
+        else:
+            left, right = F00 * F00 + F10 * F10, F01 * F01 + F11 * F11
+            u1, u0 = (F00, -F10) if left >= right else (F01, -F11)
+        size = math.sqrt(u0 * u0 + u1 * u1)
+        u0, u1 = (u0 / size, u1 / size) if size > 0.0 else (1.0, 0.0)
+        v0, v1 = -u1, u0
+        found, x1, x2 = linear_roots(
+            first_slides, v0 * F00 + v1 * F10, v0 * F01 + v1 * F11, v0 * k0 + v1 * k1, math.nan, border, spread
+        )
+        freed = 0
+        if found < 0:
+            x1, found, freed = reference_state(lines, first), 1, 1 << first
+        for i in range(found):
+            x = x1 if i == 0 else x2
+            height = u0 * (F00 * x[0] + F01 * x[1] + k0) + u1 * (F10 * x[0] + F11 * x[1] + k1)
+            square = math.nan
+            if planar and not sb and not second_slides and abs(u1) < 1e-9:
+                # Then the equation is h_b . k = h_b . m alone.
+                if swap:
+                    other, beta = along(along(An, x[0], un), x[1], wn), dot(hc, n1)
+                    alpha = dot(hb, hc)
+                else:
+                    other, beta = along(along(Am, x[0], um), x[1], wm), dot(ha, n)
+                    alpha = dot(hb, ha)
+                off = across(other, hb)
+                square = gram(alpha, beta, dot(hb, other), dot(off, off))
+            more, y1, y2 = linear_roots(
+                second_slides, u0 * G00 + u1 * G10, u0 * G01 + u1 * G11, height, square, border, spread
+            )
+            also = freed
+            if more < 0:
+                y1, more, also = reference_state(lines, second), 1, freed | 1 << second
+            for j in range(more):
+                y = y1 if j == 0 else y2
+                out[count, 0], out[count, 1], out[count, 2], out[count, 3] = x[0], x[1], y[0], y[1]
+                out[count, FREED], out[count, WHICH] = also, 2 * i + j
+                count += 1
+        exact = ratioG < EXACT
+    else:
+        count = _by_quartic(F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, detG, first_slides, second_slides, out)
+        exact = False
+    if not exact:
+        for i in range(count):
+            _refine(F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, first_slides, second_slides, out, i)
+
+    kept = 0
+    for i in range(count):
+        x, y = (out[i, 0], out[i, 1]), (out[i, 2], out[i, 3])
+        if swap:
+            x, y = y, x
+        m, k = along(along(Am, x[0], um), x[1], wm), along(along(An, y[0], un), y[1], wn)
+        freed = int(out[i, FREED])
+        z0, z1 = 1.0, 0.0
+        if sb and planar:
+            gap = minus(m, k)
+            tilt = dot(k, hb)
+            if dot(gap, gap) > SAME_DIRECTION * SAME_DIRECTION or abs(tilt) < FREE:
+                continue
+            height = dot(n, minus(oa, p0)) - dot(k, oa) + dot(m, oc) + dot(n1, minus(p, oc))
+            z0 = -height / tilt
+            z1 = z0 * z0
+        elif sb:
+            z0 = dot(hb, minus(k, m))
+            z1 = z0 * z0
+        else:
+            z0, z1, size = aligned(hb, m, k)
+            if (
+                size < FREE * FREE
+                or min(dot(across(m, hb), across(m, hb)), dot(across(k, hb), across(k, hb))) < FREE * FREE
+            ):
+                (z0, z1), freed = reference_state(lines, FIRST + 1), freed | 1 << (FIRST + 1)
+        which = out[i, WHICH]
+        out[kept, 0], out[kept, 1], out[kept, 2], out[kept, 3] = x[0], x[1], y[0], y[1]
+        out[kept, 4], out[kept, 5], out[kept, FREED], out[kept, WHICH] = z0, z1, freed, which
+        kept += 1
+    return kept if ratioG < SEPARABLE else kept + BY_QUARTIC
+
+
+@compiled
+def _by_quartic(
+    F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
+    k0: float, k1: float, det: float, first_slides: Any, second_slides: Any, out: Any,
+) -> int:  # fmt: skip
+    """Solutions (x, y) into ``out``, where G can be inverted: det(G) b(y) = -(P, Q), both linear in b(x).
+
+    As forms of degree 2 in (t, w), b(x) = (w^2 - t^2, 2 t w) / (w^2 + t^2) or (t w, t^2) / w^2. The forms are turned so
+    that no root is near infinity: to where, of a few places, the quartic is largest.
+    """
+    p0, p1, p2 = G11 * k0 - G01 * k1, G11 * F00 - G01 * F10, G11 * F01 - G01 * F11
+    q0, q1, q2 = G00 * k1 - G10 * k0, G00 * F10 - G10 * F00, G00 * F11 - G10 * F01
+    scale = 1.0 / max(abs(det), max(max(abs(p0) + abs(p1), abs(p2)), max(abs(q0) + abs(q1), abs(q2))))
+    p0, p1, p2, q0, q1, q2, d = p0 * scale, p1 * scale, p2 * scale, q0 * scale, q1 * scale, q2 * scale, det * scale
+    form = np.empty((4, 3))  # P, Q, the common denominator; coefficients of w^2, t w, t^2
+    for row, c0, c1, c2 in ((0, p0, p1, p2), (1, q0, q1, q2), (2, 1.0, 0.0, 0.0)):
+        if first_slides:
+            form[row, 0], form[row, 1], form[row, 2] = c0, c1, c2
+        else:
+            form[row, 0], form[row, 1], form[row, 2] = c0 + c1, 2.0 * c2, c0 - c1
+    best, cosine, sine = -1.0, 1.0, 0.0
+    for i in range(7):
+        s, c = sincos(0.2 + i * (math.pi / 7.0))
+        P = form[0, 0] * s * s - form[0, 1] * s * c + form[0, 2] * c * c
+        Q = form[1, 0] * s * s - form[1, 1] * s * c + form[1, 2] * c * c
+        D = form[2, 0] * s * s - form[2, 1] * s * c + form[2, 2] * c * c
+        value = abs(P * P + d * Q * D) if second_slides else abs(P * P + Q * Q - d * d * D * D)
+        if value > best:
+            best, cosine, sine = value, c, s
+    for row in range(3):
+        a, b, c = form[row, 0], form[row, 1], form[row, 2]
+        form[row, 0] = a * cosine * cosine + b * sine * cosine + c * sine * sine
+        form[row, 1] = 2.0 * (c - a) * sine * cosine + b * (cosine * cosine - sine * sine)
+        form[row, 2] = a * sine * sine - b * sine * cosine + c * cosine * cosine
+    a, roots = np.zeros(5), np.empty(8)
+    for i in range(3):
+        for j in range(3):
+            P = form[0, i] * form[0, j]
+            if second_slides:
+                a[i + j] += P + d * form[1, i] * form[2, j]
+            else:
+                a[i + j] += P + form[1, i] * form[1, j] - d * d * form[2, i] * form[2, j]
+    if best < 1e-30:
+        return 0
+    found = quartic_roots(a, roots)
+    roots[:found].sort()
+    count = 0
+    for i in range(found):
+        t, w = roots[i] * cosine + sine, -roots[i] * sine + cosine
+        if first_slides:
+            if abs(w) < 1e-9 * abs(t):
+                continue
+            x0 = t / w
+            x1 = x0 * x0
+        else:
+            size = 1.0 / (t * t + w * w)
+            x0, x1 = (w * w - t * t) * size, 2.0 * t * w * size
+        y0, y1 = -(p0 + p1 * x0 + p2 * x1) / d, -(q0 + q1 * x0 + q2 * x1) / d
+        if second_slides:
+            y1 = y0 * y0
+        else:
+            size = math.sqrt(y0 * y0 + y1 * y1)
+            y0, y1 = (y0 / size, y1 / size) if size > 0.0 else (1.0, 0.0)
+        out[count, 0], out[count, 1], out[count, 2], out[count, 3] = x0, x1, y0, y1
+        out[count, FREED], out[count, WHICH] = 0, count
+        count += 1
+    return count
+
+
+@compiled
+def _refine(
+    F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
+    k0: float, k1: float, first_slides: Any, second_slides: Any, out: Any, row: int,
+) -> None:  # fmt: skip
+    """Newton's steps on the two equations in x and y, while they help."""
+    x0, x1, y0, y1 = out[row, 0], out[row, 1], out[row, 2], out[row, 3]
+    last = math.inf
+    for _ in range(REFINEMENTS + 1):
+        r0 = F00 * x0 + F01 * x1 + G00 * y0 + G01 * y1 + k0
+        r1 = F10 * x0 + F11 * x1 + G10 * y0 + G11 * y1 + k1
+        size = abs(r0) + abs(r1)
+        if not size < last:
+            return
+        out[row, 0], out[row, 1], out[row, 2], out[row, 3] = x0, x1, y0, y1
+        last = size
+        dx0, dx1 = (1.0, 2.0 * x0) if first_slides else (-x1, x0)
+        dy0, dy1 = (1.0, 2.0 * y0) if second_slides else (-y1, y0)
+        a, b = F00 * dx0 + F01 * dx1, G00 * dy0 + G01 * dy1
+        c, d = F10 * dx0 + F11 * dx1, G10 * dy0 + G11 * dy1
+        det = a * d - b * c
+        if size < EXACT or abs(det) < EXACT:
+            return
+        dx, dy = (b * r1 - d * r0) / det, (c * r0 - a * r1) / det
+        if abs(dx) + abs(dy) > 0.3:
+            return
+        if first_slides:
+            x0 += dx
+            x1 = x0 * x0
+        else:
+            s, c = sincos(dx)
+            x0, x1 = x0 * c - x1 * s, x0 * s + x1 * c
+        if second_slides:
+            y0 += dy
+            y1 = y0 * y0
+        else:
+            s, c = sincos(dy)
+            y0, y1 = y0 * c - y1 * s, y0 * s + y1 * c

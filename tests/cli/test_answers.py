@@ -54,6 +54,26 @@ def test_ik_keeps_a_margin_without_a_scene_too(run: Run) -> None:
     assert json.loads(out)["ok"] is False
 
 
+@pytest.mark.parametrize("method", ["clik", "analytic", "damped-least-squares", "pseudo-inverse", "fabrik"])
+def test_ik_by_every_method_ends_where_fk_says(run: Run, method: str) -> None:
+    code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--method", method, "--json")
+    q = " ".join(str(value) for value in json.loads(out)["q"].values())
+    assert code == 0
+    _, place, _ = run("fk", "ur5", "--q", q, "--json")
+    assert json.loads(place)["xyz"] == pytest.approx([0.4, 0.1, 0.3], abs=1.1e-4)
+
+
+def test_ik_lists_every_branch(run: Run) -> None:
+    code, out, _ = run("ik", "puma560", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--all", "--json")
+    answer = json.loads(out)
+    assert code == 0
+    assert 1 <= len(answer["branches"]) <= 8
+    assert answer["with_whole_turns"] >= len(answer["branches"])
+    code, out, _ = run("ik", "puma560", "--xyz", "0.4 0.1 3", "--all")
+    assert code == 1
+    assert "out of reach" in out
+
+
 def test_ik_out_of_reach_is_an_honest_no(run: Run) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "2 0 0", "--json")
     assert code == 1

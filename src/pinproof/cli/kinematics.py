@@ -26,7 +26,7 @@ from pinproof.cli.options import (
 )
 from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
-from pinproof.ik import Clik
+from pinproof.ik import AnalyticIk, Clik, DampedLeastSquares, Fabrik, IkBranches, PseudoInverse
 from pinproof.spatial import matrix, pose, xyz_rpy
 
 __all__ = ["fk", "ik"]
@@ -40,6 +40,28 @@ class TaskOption(str, Enum):
     POSE = "pose"
     POSITION = "position"
     ORIENTATION = "orientation"
+    SPIN_X = "spin_x"
+    SPIN_Y = "spin_y"
+    SPIN_Z = "spin_z"
+
+
+class MethodOption(str, Enum):
+    """How it is solved."""
+
+    CLIK = "clik"
+    ANALYTIC = "analytic"
+    DAMPED_LEAST_SQUARES = "damped-least-squares"
+    PSEUDO_INVERSE = "pseudo-inverse"
+    FABRIK = "fabrik"
+
+
+METHODS = {
+    MethodOption.CLIK: Clik,
+    MethodOption.ANALYTIC: AnalyticIk,
+    MethodOption.DAMPED_LEAST_SQUARES: DampedLeastSquares,
+    MethodOption.PSEUDO_INVERSE: PseudoInverse,
+    MethodOption.FABRIK: Fabrik,
+}
 
 
 def fk(
@@ -76,6 +98,8 @@ def ik(
     xyz: Annotated[str, typer.Option(help='Where the tcp shall be, in metres: "0.4 0.1 0.3".')] = "",
     rpy: Annotated[str, typer.Option(help='How it shall be turned, in radians: "pi 0 0".')] = "0 0 0",
     task: Annotated[TaskOption, typer.Option(help="What of the target is to be met.")] = TaskOption.POSE,
+    method: Annotated[MethodOption, typer.Option(help="How it is solved.")] = MethodOption.CLIK,
+    every: Annotated[bool, typer.Option("--all", help="Every configuration, in closed form.")] = False,
     q0: Annotated[str | None, typer.Option(help="Where to start; by default home.")] = None,
     scene: SceneFile = None,
     margin: Margin = 0.0,
@@ -93,12 +117,18 @@ def ik(
     """
     if not xyz and task is not TaskOption.ORIENTATION:
         raise InputError('--xyz is missing: say where the tcp shall be, such as --xyz "0.4 0.1 0.3"')
+    if every and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
+        raise InputError("--all enumerates whole poses in closed form; leave --method and --task out")
     arm = load_arm(robot, tcp, base, group, srdf, package_dir)
     target = pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
     judged = scene is not None or margin > 0.0  # a margin alone is kept between the bodies of the robot
     accept = None if not judged else CollisionChecker(arm, load_scene(scene), margin=margin).is_free
     start = parse_configuration(q0, arm, "--q0")
-    found = Clik().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    if every:
+        branches = AnalyticIk().solve_all(arm, target, start)
+        _print_all(branches if accept is None else branches.free(accept), as_json)
+        return
+    found = METHODS[method]().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
     if as_json:
         print_json(
             {
@@ -114,5 +144,21 @@ def ik(
         for name, value in zip(arm.joint_names, found.q, strict=True):
             say(f"{name:30s} {value: .6f}")
         say(found.message)
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def _print_all(found: IkBranches, as_json: bool) -> None:
+    """Distinct configurations, the nearest to where the search started first; whole turns are only counted."""
+    names = found.arm.joint_names
+    if as_json:
+        rows = [dict(zip(names, q.tolist(), strict=True)) for q in found.branches]
+        print_json({"ok": found.ok, "branches": rows, "with_whole_turns": len(found), "message": found.message})
+    else:
+        say("  ".join(f"{name[-14:]:>14s}" for name in names))
+        for q in found.branches:
+            say("  ".join(f"{value:14.6f}" for value in q))
+        turns = f" ({len(found)} with whole turns)" if len(found) > len(found.branches) else ""
+        say(f"{found.message}{turns}")
     if not found.ok:
         raise typer.Exit(1)

@@ -193,8 +193,21 @@ def test_the_ratio_is_to_the_rival_for_the_same_question(monkeypatch: pytest.Mon
 
 
 def test_the_big_check_counts_what_was_solved(table: IkTable) -> None:
-    assert [(row.robot, row.samples, row.false_yes) for row in table.success] == [("ur5", 50, 0), ("panda", 50, 0)]
-    assert all(row.success == 1.0 and row.batch_us > 0 for row in table.success)
+    asked = [(row.robot, row.method) for row in table.success]
+    assert asked == [("ur5", "clik"), ("ur5", "analytic"), ("panda", "clik")]
+    assert all(row.samples == 50 and row.success == 1.0 and row.false_yes == 0 for row in table.success)
+    assert all(row.batch_us > 0 for row in table.success)
+
+
+def test_every_branch_is_claimed_and_the_configuration_behind_the_target_is_one(table: IkTable) -> None:
+    again = {(row.robot, row.method): row.found_again for row in table.success}
+    assert again == {("ur5", "clik"): None, ("ur5", "analytic"): 1.0, ("panda", "clik"): None}
+
+
+def test_an_arm_without_a_closed_form_is_left_out_with_the_reason() -> None:
+    made = ik_benchmark(["baxter_left"], points=1, methods=["analytic", "clik"], peers=False)
+    assert made.left_out["baxter_left"]["analytic"].startswith("no closed form")
+    assert {row.method for row in made.rows} == {"clik"}
 
 
 def test_a_row_says_no_more_than_its_fields() -> None:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, Asked, IkMethod, Solvers
 from pinproof.benchmarks.ik_problems import PERIOD
-from pinproof.ik import Clik, DampedLeastSquares, Fabrik, IterativeIk, PseudoInverse, Tracker, track
+from pinproof.ik import AnalyticIk, Clik, DampedLeastSquares, Fabrik, IterativeIk, PseudoInverse, Tracker, track
 from pinproof.ik.goal import GoalName
 from pinproof.model import Arm
 
@@ -33,6 +33,25 @@ def _iterative(solver: Callable[..., IterativeIk], arm: Arm, asked: Asked) -> So
         one=lambda target, q0: ik.solve(arm, target, q0, task=asked.task),
         read=lambda result: result.q[None] if result.ok else np.empty((0, arm.dof)),
         many=many if asked.problem == "random" else None,  # a batch starts all targets at one place
+    )
+
+
+def _analytic(arm: Arm, asked: Asked) -> Solvers | None:
+    """All branches of up to six joints; of seven, and along the trajectory, the one nearest to where the arm is."""
+    if asked.task != "pose":
+        return None
+    ik = AnalyticIk()
+    ik.solve_all(arm, arm.forward_kinematics(arm.home))  # refuses an arm that has no closed form
+    if arm.dof > 6 or asked.problem == "trajectory":
+        return Solvers(
+            one=lambda target, q0: ik.solve(arm, target, q0),
+            read=lambda result: result.q[None] if result.ok else np.empty((0, arm.dof)),
+        )
+    return Solvers(
+        one=lambda target, _: ik.solve_all(arm, target).branches,  # a closed form needs no start
+        read=lambda branches: branches,
+        target=np.ascontiguousarray,
+        many=lambda targets, q0: ik.solve_all_batch(arm, targets, q0).q,
     )
 
 
@@ -75,6 +94,7 @@ OWN: tuple[IkMethod, ...] = (
             _iterative, partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
         ),
     ),
+    IkMethod("analytic", "analytic", _analytic, textbook=(0.002, 1.0)),
     IkMethod("tracking", "tracking", _tracking),
 )
 """The methods of this package. The textbook's cells: position only, one seed, 10,000 points."""

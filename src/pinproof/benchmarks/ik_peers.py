@@ -34,15 +34,20 @@ def _eaik(arm: Arm, asked: Asked) -> Solvers | None:
     """EAIK (Ostermeier, Külz, Althoff 2024): closed forms in C++."""
     from eaik.IK_HP import HPRobot
 
-    if asked.task != "pose" or not asked.restarts or asked.problem != "random":
+    if asked.task != "pose" or asked.problem != "random":
         return None
     axes = _six_turning(arm)
     robot = HPRobot(axes.directions, axes.offsets)
     if not robot.hasKnownDecomposition():
         raise Unsuitable("EAIK knows no closed form for this arm")
+
+    def one(target: Any, _: Array) -> tuple[Any, Any]:
+        found = robot.IK(target)
+        return found.Q, found.is_LS
+
     return Solvers(
-        one=lambda target, _: robot.IK(target),
-        read=lambda found: _inside(arm, np.reshape(found.Q, (-1, arm.dof))[~np.ravel(found.is_LS)]),
+        one=one,
+        read=lambda found: _inside(arm, np.reshape(found[0], (-1, arm.dof))[~np.ravel(found[1])]),
         target=lambda pose: pose @ _without_tool_turn(axes),
     )
 
@@ -51,7 +56,7 @@ def _ik_geo(arm: Arm, asked: Asked) -> Solvers | None:
     """IK-Geo (Elias, Wen 2022): subproblems, in Rust."""
     from ik_geo import Robot
 
-    if asked.task != "pose" or not asked.restarts or asked.problem != "random":
+    if asked.task != "pose" or asked.problem != "random":
         return None
     axes = _six_turning(arm)
     kind, axes = _geometry(axes)

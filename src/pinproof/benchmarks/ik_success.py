@@ -15,13 +15,14 @@ from pinproof.benchmarks.ik_own import OWN
 from pinproof.benchmarks.ik_problems import narrowed, random_targets
 from pinproof.description import catalogue_names
 from pinproof.errors import PinproofError
-from pinproof.model import load_robot
+from pinproof.ik.windings import difference
+from pinproof.model import Arm, load_robot
 
 __all__ = ["METHODS", "SuccessRow", "success_rates"]
 
 Array = npt.NDArray[np.float64]
 
-METHODS = ("clik",)
+METHODS = ("clik", "analytic")
 """Its methods, by default."""
 
 REPEATS = 3
@@ -37,7 +38,7 @@ class SuccessRow:
 
     ``success`` is the share of targets whose answers are inside the limits and within 1e-6 m and 1e-6 rad by
     Pinocchio; ``batch_us`` microseconds a target; ``found_again`` the share of targets for which the configuration that
-    made them is among the answers, of a method that gives all of them.
+    made them is among the answers (but for whole turns), of a method that gives all of them.
     """
 
     robot: str
@@ -81,13 +82,13 @@ def success_rates(
                 answers = solvers.many(targets.poses, targets.start)
                 spent.append((perf_counter_ns() - begun) / 1e3 / samples)
             judged = judge_answers(arm, targets.poses, answers, "pose", method.tolerance)
-            again = _found_again(answers, targets.q) if answers.shape[1] > 1 else None
+            again = _found_again(arm, answers, targets.q) if answers.shape[1] > 1 else None
             rows.append(
                 SuccessRow(name, method.key, method.label, samples, judged.success, judged.false_yes, min(spent), again)
             )
     return tuple(rows)
 
 
-def _found_again(answers: Array, q: Array) -> float:
-    away = np.abs(answers - q[:, None]).max(axis=2)
+def _found_again(arm: Arm, answers: Array, q: Array) -> float:
+    away = np.abs(difference(arm, answers, q[:, None])).max(axis=2)
     return float((np.where(np.isnan(away), np.inf, away).min(axis=1) <= SAME).mean())

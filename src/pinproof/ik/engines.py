@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +15,9 @@ from pinproof.ik.seeds import Seeds
 from pinproof.ik.task import Task
 from pinproof.ik.windings import turning
 from pinproof.model import Arm
-from pinproof.spatial import SE3, matrix
+from pinproof.spatial import SE3
 
-__all__ = ["CompiledEngine", "Ended", "KernelRule", "PinocchioEngine", "Query"]
+__all__ = ["CompiledEngine", "Ended", "KernelRule", "PinocchioEngine", "Query", "box_of"]
 
 Array = npt.NDArray[np.float64]
 OnStep = Callable[[IkStep], None]
@@ -28,15 +29,21 @@ POLISH = Stall(progress=1 - 1e-6, patience=20)
 """A nearest miss is polished until its squared residual falls by less than a millionth in so many steps."""
 
 
+_BOXES: WeakKeyDictionary[Arm, Array] = WeakKeyDictionary()
+
+
 @dataclass(frozen=True, eq=False)
 class Query:
     """One question: which q of the arm brings the tcp to the target, from where, with which wish besides.
 
-    ``start`` (n,) is the caller's q0, in or outside the limits; ``first`` (n,) the same inside them.
+    ``start`` (n,) is the caller's q0, in or outside the limits; ``first`` (n,) the same inside them; ``matrix`` (4, 4)
+    the target once more; ``box`` (5, n) the limits as kernels read them.
     """
 
     arm: Arm
+    box: Array
     target: SE3
+    matrix: Array
     task: Task
     goal: Array
     start: Array
@@ -70,15 +77,15 @@ class CompiledEngine:
         ``attempts`` of the end counts those before ``first`` too.
         """
         found = self.many(
-            query.arm, matrix(query.target)[None], query.task, query.goal, query.first[None], query.seeds,
+            query.arm, query.box, query.matrix[None], query.task, query.goal, query.first[None], query.seeds,
             first=first, count=count, polish=polish,
         )  # fmt: skip
-        q, iterations, attempts = (part[0] for part in found)
-        return Ended(q, int(iterations), int(attempts))
+        return Ended(found[0][0], int(found[1][0]), int(found[2][0]))
 
     def many(
         self,
         arm: Arm,
+        box: Array,
         targets: Array,
         task: Task,
         goal: Array,
@@ -97,7 +104,7 @@ class CompiledEngine:
             self._rule,
             self._settings,
             arm.packed,
-            _box(arm),
+            box,
             self._tolerances,
             task.asked,
             goal,
@@ -128,7 +135,7 @@ class PinocchioEngine:
     def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> Ended:
         """As the compiled one."""
         total, nearest, q = 0, None, query.first
-        order = query.seeds.nearest(matrix(query.target), query.task.asked).tolist()
+        order = query.seeds.nearest(query.matrix, query.task.asked).tolist()
         for attempt in range(count):
             if attempt == 1:
                 q = self._flip_or_seed(query, q, order)
@@ -185,8 +192,11 @@ class PinocchioEngine:
         return float(distance * seen.translation @ seen.translation - spin * np.trace(seen.rotation))
 
 
-def _box(arm: Arm) -> Array:
+def box_of(arm: Arm) -> Array:
     """The limits as kernels read them (5, n): see :mod:`pinproof.kernels.limits`."""
-    limits, turns = arm.limits, turning(arm)
-    stops = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
-    return np.array([limits.lower, limits.upper, *stops, turns], dtype=float)
+    box = _BOXES.get(arm)
+    if box is None:
+        limits, turns = arm.limits, turning(arm)
+        stops = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
+        box = _BOXES[arm] = np.array([limits.lower, limits.upper, *stops, turns], dtype=float)
+    return box

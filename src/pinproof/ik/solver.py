@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.ik.engines import CompiledEngine, KernelRule, OnStep, PinocchioEngine, Query
+from pinproof.ik.engines import CompiledEngine, KernelRule, OnStep, PinocchioEngine, Query, box_of
 from pinproof.ik.goal import GoalName, IkGoal, packed_goal
 from pinproof.ik.loop import Stall, StepRule
 from pinproof.ik.messages import found, not_found, refused, sampled
@@ -193,11 +193,12 @@ class IterativeIk(ABC):
         asked = make_task(task, self.position_tolerance, self.orientation_tolerance)
         self.check(arm, asked, goal)
         wish, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
+        box = box_of(arm)
         firsts = arm.limits.clip(nearest_winding(arm, starts, starts))
 
         def share(rows: slice) -> tuple[npt.NDArray[np.generic], ...]:
             q, iterations, attempts = engine.many(
-                arm, many[rows], asked, wish, firsts[rows], seeds, count=self.restarts + 1
+                arm, box, many[rows], asked, wish, firsts[rows], seeds, count=self.restarts + 1
             )
             return (*judge_many(arm, many[rows], asked, q, starts[rows]), iterations, attempts)
 
@@ -244,7 +245,7 @@ class IterativeIk(ABC):
         while tried < attempts and len(kept) < count:
             ended = engine(query, first=tried, count=attempts, polish=False)
             tried, iterations = ended.attempts, iterations + ended.iterations
-            candidate = judge(arm, matrix(query.target), query.task, ended.q, query.start)
+            candidate = judge(arm, query.matrix, query.task, ended.q, query.start)
             if not candidate.fulfils or any(_same(arm, candidate.q, other.q) for other in kept):
                 continue
             if not _accepts(accept, candidate):
@@ -281,13 +282,13 @@ class IterativeIk(ABC):
     ) -> Query:
         asked: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
         self.check(arm, asked, goal)
-        first = arm.limits.clip(nearest_winding(arm, start, start))
-        return Query(arm, target, asked, packed_goal(goal, arm, start), start, first, seeds_of(arm, rng))
+        first = start if arm.limits.contains(start) else arm.limits.clip(nearest_winding(arm, start, start))
+        wish = packed_goal(goal, arm, start)
+        return Query(arm, box_of(arm), target, matrix(target), asked, wish, start, first, seeds_of(arm, rng))
 
     def _solve(self, engine: CompiledEngine | PinocchioEngine, query: Query, accept: Accept | None) -> IkResult:
         count, tried, iterations, refusals = self.restarts + 1, 0, 0, 0
         first_refused: Candidate | None = None
-        target = matrix(query.target)
 
         def result(status: IkStatus, candidate: Candidate, message: str) -> IkResult:
             return IkResult(status, candidate.q, *candidate.errors, iterations, tried - 1, engine.name, message)
@@ -295,7 +296,7 @@ class IterativeIk(ABC):
         while True:
             ended = engine(query, first=tried, count=count, polish=first_refused is None)
             tried, iterations = ended.attempts, iterations + ended.iterations
-            candidate = judge(query.arm, target, query.task, ended.q, query.start)
+            candidate = judge(query.arm, query.matrix, query.task, ended.q, query.start)
             if candidate.fulfils:
                 if _accepts(accept, candidate):
                     return result(IkStatus.FOUND, candidate, found(candidate.errors, iterations, tried - 1))

@@ -14,8 +14,10 @@ Source: Sola, Deray, Atchuthan (2018), "A micro Lie theory for state estimation 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from typing import Literal, get_args
 
 import numpy as np
@@ -103,8 +105,15 @@ class Task:
 
     def fulfilled(self, errors: Array) -> npt.NDArray[np.bool_]:
         """(N,) whether distances and angles (N, 2), measured apart from any loop, are within the tolerances."""
-        position = errors[:, 0] <= (self.position_tolerance if self.asked[:3].any() else np.inf)
-        return np.asarray(position & (errors[:, 1] <= (self.orientation_tolerance if self.asked[3:].any() else np.inf)))
+        return np.asarray((errors[:, 0] <= self.bounds[0]) & (errors[:, 1] <= self.bounds[1]))
+
+    @cached_property
+    def bounds(self) -> tuple[float, float]:
+        """How far (m, rad) an answer may be off; anything where nothing is asked."""
+        return (
+            self.position_tolerance if self.asked[:3].any() else math.inf,
+            self.orientation_tolerance if self.asked[3:].any() else math.inf,
+        )
 
 
 def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, orientation_tolerance: float) -> Task:
@@ -118,10 +127,8 @@ def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, or
         If it is not six True or False, or asks for nothing.
     """
     if isinstance(task, str):
-        if task not in TASKS:
-            raise UnknownNameError("task", task, get_args(TaskName))
-        task = TASKS[task]
-    elif not isinstance(task, IkTask):
+        return _named(task, position_tolerance, orientation_tolerance)
+    if not isinstance(task, IkTask):
         try:
             coordinates = list(task)
         except TypeError:
@@ -131,6 +138,17 @@ def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, or
                 f"task is a name, an IkTask or six True or False for {', '.join(COORDINATES)}, not {task!r}"
             )
         task = IkTask(*coordinates)
+    return _made(task, position_tolerance, orientation_tolerance)
+
+
+@lru_cache(maxsize=64)
+def _named(name: str, position_tolerance: float, orientation_tolerance: float) -> Task:
+    if name not in TASKS:
+        raise UnknownNameError("task", name, get_args(TaskName))
+    return _made(TASKS[name], position_tolerance, orientation_tolerance)
+
+
+def _made(task: IkTask, position_tolerance: float, orientation_tolerance: float) -> Task:
     asked = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
     return Task(asked, position_tolerance, orientation_tolerance)
 

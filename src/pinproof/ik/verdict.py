@@ -28,7 +28,8 @@ class Candidate:
 def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Candidate:
     """What q (n,) is worth for the target (4, 4), with the whole turns nearest to ``reference`` (n,), by Pinocchio."""
     q = nearest_winding(arm, q, reference)
-    errors = _measured(target[None], arm.forward_kinematics(q).homogeneous[None], task)
+    base_from_tcp, _ = arm.local_jacobian(q)  # q is ours: the way that does not check it again
+    errors = _measured(target[None], base_from_tcp.homogeneous[None], task)
     fulfils = bool(task.fulfilled(errors)[0]) and arm.limits.contains(q)
     return Candidate(q, (float(errors[0, 0]), float(errors[0, 1])), fulfils)
 

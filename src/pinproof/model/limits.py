@@ -74,7 +74,9 @@ class JointLimits:
 
     def contains(self, q: Array, tolerance: float = 0.0) -> bool:
         """Whether every joint of q (n,) is inside its limits, widened by ``tolerance`` (rad or m)."""
-        return bool(np.all(q >= self.lower - tolerance) and np.all(q <= self.upper + tolerance))
+        lower, upper = (self.lower - tolerance, self.upper + tolerance) if tolerance else (self.lower, self.upper)
+        inside = (q >= lower) & (q <= upper)  # NaN is not
+        return bool(np.count_nonzero(inside) == len(inside))
 
     def clip(self, q: Array) -> Array:
         """The configuration inside the limits nearest to q (n,)."""

@@ -85,7 +85,8 @@ def _trac_ik(arm: Arm, asked: Asked) -> Solvers | None:
         solver = TracIK(BASE, TIP, str(file), timeout=BUDGET, epsilon=TOLERANCE / 2)  # of each coordinate
     return Solvers(
         one=lambda pose, q0: solver.ik(pose[:3, 3], pose[:3, :3], q0),
-        read=lambda q: np.empty((0, arm.dof)) if q is None else np.reshape(q, (1, -1)),
+        # It keeps limits in single precision: up to 1e-7 rad outside ours, which is not held against it.
+        read=lambda q: np.empty((0, arm.dof)) if q is None else arm.limits.clip(q)[None],
         target=lambda pose: pose,
     )
 

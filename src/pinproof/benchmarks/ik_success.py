@@ -28,8 +28,9 @@ METHODS = ("clik", "analytic")
 REPEATS = 3
 """Batches of which the quickest counts: what other processes take from this one only ever makes it slower."""
 
-SAME = 1e-5
-"""Rad or m. An answer this near the configuration that made the target is that configuration."""
+SAME = 1e-4
+"""Rad or m. An answer this near the configuration that made the target is that configuration. At a singular target, a
+pose off by the closed form's 1e-9 comes from configurations off by the root of it, 3e-5."""
 
 
 @dataclass(frozen=True)

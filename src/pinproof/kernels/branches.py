@@ -24,13 +24,13 @@ import numpy as np
 from pinproof.kernels.arctangent import angle_of
 from pinproof.kernels.compiled import compiled, inlined
 from pinproof.kernels.lanes import ANGLE, DISTANCE, LANES, ROOM, TURN, lane_errors, wind
-from pinproof.kernels.refinement import refined
+from pinproof.kernels.refinement import AT_LIMIT, refined
 from pinproof.kernels.trigonometry import sincos
 from pinproof.kernels.triple import triple
 from pinproof.kernels.two_curves import BY_QUARTIC, CANDIDATES, REFERENCE, two_curves
 from pinproof.kernels.vectors import SLIDING, direction, dot, place, turned
 
-__all__ = ["branches_of_many", "branches_of_one", "branches_of_values"]
+__all__ = ["BAD_TARGET", "ELSEWHERE", "branches_of_many", "branches_of_one", "branches_of_values"]
 
 # Row 0 of a plan. COUNT: n. FIRST_OF_TRIPLE: 0 to 3. NORMAL: the line of the triple that turns. LOCKED: a line, or -1.
 COUNT, FIRST_OF_TRIPLE, PLANAR, REVERSED, NORMAL, LOCKED, SIZE = range(7)
@@ -52,12 +52,15 @@ LIMIT_SLACK = 1e-9
 """Rad or m. Rounding may put a joint that stands at its limit beyond it by this; it is brought back."""
 
 NEAR_LIMITS = 0.05
-"""Rad or m. A branch further outside is not worth refining."""
+"""Rad or m. A branch of an arm that is off the ideal is not worth refining if it is further outside; AT_LIMIT else."""
 
 SAME_BRANCH = 1e-6
 """Rad or m. Branches nearer than this in every joint are one, which rounding of a double root took apart."""
 
 BAD_TARGET = -1
+
+ELSEWHERE = -2
+"""In place of a count of none: joints are free at this target, and there may be branches at other values of theirs."""
 
 
 @inlined
@@ -224,6 +227,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
             scratch[2, b] = max(scratch[2, b], outside_by)
     lane_errors(plan, 1, n, pose, Q, width, lanes)
 
+    near_limits = NEAR_LIMITS if spread > 0.0 else AT_LIMIT
     kept = failed = outside = 0
     for b in range(count):
         for row in range(6):
@@ -232,7 +236,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
         if scratch[1, b] == 0.0:
             continue
         beyond = scratch[2, b]
-        if beyond > NEAR_LIMITS:
+        if beyond > near_limits:
             outside += 1
             continue
         distance, angle = lanes[DISTANCE + b], lanes[ANGLE + b]
@@ -293,14 +297,14 @@ def branches_of_many(
     """The branches for the targets (N, 4, 4) from ``start`` to ``stop``, into the same rows of the others.
 
     ``references`` (1, n) or (N, n); ``q`` (N, k, n) and ``errors`` (N, k, 2), NaN behind the last branch; ``counts``
-    (N,), BAD_TARGET where the target is none.
+    (N,), BAD_TARGET where the target is none, or ELSEWHERE.
     """
     n = q.shape[2]
     room, out = workroom(), np.empty((q.shape[1] + 1, n + 4))
     for row in range(start, stop):
         reference = references[row if references.shape[0] > 1 else 0]
         count = branches_of_pose(plan, targets[row], reference, 0.0, room, out)
-        counts[row] = count
+        counts[row] = ELSEWHERE if count == 0 and out[out.shape[0] - 1, ALL_FREE_JOINTS] != 0.0 else count
         for i in range(q.shape[1]):
             for j in range(n):
                 q[row, i, j] = out[i, j] if i < count else math.nan

@@ -88,8 +88,9 @@ def lane_errors(plan: Any, top: int, n: int, target: Any, Q: Any, width: int, ro
 
 @inlined
 def wind(value: float, lower: float, upper: float, slack: float, reference: float) -> Any:
-    """``value + 2 pi k`` inside [lower - slack, upper + slack] and nearest to the reference; outside if none is in."""
+    """``value + 2 pi k`` inside [lower - slack, upper + slack], nearest to the reference; if none is, nearest to it."""
     # numpy's floor stays a float, which an infinite limit needs; math's is a whole number.
     fewest, most = np.ceil((lower - slack - value) / TURN), np.floor((upper + slack - value) / TURN)
     turns = min(max(np.floor((reference - value) / TURN + 0.5), fewest), most)
-    return value + turns * TURN
+    above, below = value + fewest * TURN - upper, lower - value - most * TURN
+    return value + (fewest if fewest > most and above < below else turns) * TURN

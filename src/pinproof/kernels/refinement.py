@@ -13,7 +13,7 @@ from pinproof.kernels.compiled import compiled
 from pinproof.kernels.lanes import wind
 from pinproof.kernels.vectors import SLIDING
 
-__all__ = ["refined"]
+__all__ = ["AT_LIMIT", "refined"]
 
 OWN, LOWER, UPPER = 8, 9, 10
 
@@ -21,6 +21,9 @@ STEPS = 40
 
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-13, 1e-4
 """Added to J J^T. Near a singular target the lost direction has no residual; the others shall not notice."""
+
+AT_LIMIT = 1e-5
+"""Rad or m. Where two branches meet, rounding (1e-16) moves joints by its root (1e-8), and by more where several do."""
 
 SMALL_ENOUGH = 1e-14
 LONGEST = 0.3
@@ -31,71 +34,82 @@ def refined(plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any,
     """Refine column b of Q (n, lanes) in place: distance (m), angle (rad) left, and how far outside limits it is.
 
     Steps are J^T (J J^T + damping)^-1 of what is left, seen from the target, kept while they help. A joint that then
-    stands beyond a limit by less than ``slack`` is put onto it.
+    stands beyond a limit by less than ``slack`` is put onto it; by less than AT_LIMIT, the others are asked to do
+    without it: at a singular target that is where rounding has put a joint that stands at its limit.
     """
     chain = plan[1 : n + 2]
     turns, axes, end = np.zeros((3, whole_vectors(n))), np.empty((n, 6)), np.empty((3, 4))
     start, jacobian, q, best = np.empty((3, 4)), np.empty((6, n)), np.empty(n), np.empty(n)
-    square, lower, vectors = np.empty((6, 6)), np.empty((6, 6)), np.empty((2, 6))
+    square, lower, vectors, held = np.empty((6, 6)), np.empty((6, 6)), np.empty((2, 6)), np.zeros(n)
     for i in range(3):
         for j in range(3):
             start[i, j] = pose[j, i]
         start[i, 3] = -(pose[0, i] * pose[0, 3] + pose[1, i] * pose[1, 3] + pose[2, i] * pose[2, 3])
     fixed = -1 if locked < 0 else int(plan[top + locked, OWN])
     lines = 6 if locked < 0 else 7
+    if fixed >= 0:
+        held[fixed] = 1.0
     for j in range(n):
         q[j] = best[j] = Q[j, b]
-    distance = angle = least = math.inf
-    for _ in range(STEPS):
-        walk(chain, start, q, turns, axes, end)
-        vectors[0, 0], vectors[0, 1], vectors[0, 2] = end[0, 3], end[1, 3], end[2, 3]
-        # Twice the sine of the angle about its axis: the rotation vector, where it is small.
-        x, y, z = 0.5 * (end[2, 1] - end[1, 2]), 0.5 * (end[0, 2] - end[2, 0]), 0.5 * (end[1, 0] - end[0, 1])
-        vectors[0, 3], vectors[0, 4], vectors[0, 5] = x, y, z
-        sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (end[0, 0] + end[1, 1] + end[2, 2] - 1.0)
-        way = math.sqrt(end[0, 3] * end[0, 3] + end[1, 3] * end[1, 3] + end[2, 3] * end[2, 3])
-        left = way * way + sine * sine
-        if not left < least or cosine < 0.0:
-            break
-        slow = left > 0.5 * least and left < 1e-12
-        least, distance, angle = left, way, math.atan2(sine, cosine)
-        for j in range(n):
-            best[j] = q[j]
-        if left < SMALL_ENOUGH * SMALL_ENOUGH or slow:
-            break
-        jacobian_of(chain, axes, end, jacobian)
-        if fixed >= 0:
-            for i in range(6):
-                jacobian[i, fixed] = 0.0
-        gram(jacobian, square)
-        if not factor(square, min(max(left, SMALLEST_DAMPING), LARGEST_DAMPING), lower):
-            break
-        solve_factored(lower, vectors, 0, 1)
-        longest = 0.0
-        for j in range(n):
-            turns[0, j] = 0.0
-            for i in range(6):
-                turns[0, j] += jacobian[i, j] * vectors[1, i]
-            longest = max(longest, abs(turns[0, j]))
-        share = min(1.0, LONGEST / longest) if longest > 0.0 else 1.0
-        for j in range(n):
-            q[j] = best[j] - share * turns[0, j]
 
-    beyond, clipped = 0.0, False
-    for k in range(top, top + lines):
-        own = int(plan[k, OWN])
-        if own < 0:
-            continue
-        low, high = plan[k, LOWER], plan[k, UPPER]
-        value = best[own]
-        if plan[k, SLIDING] == 0.0 and own != fixed:
-            value = wind(value, low, high, slack, reference[own])
-        held = min(max(value, low), high)
-        if abs(value - held) > slack:
-            beyond = max(beyond, abs(value - held))
-            held = value
-        clipped = clipped or held != best[own]
-        Q[own, b] = q[own] = held
+    distance = angle = beyond = math.inf
+    for again in range(2):
+        least = math.inf
+        for _ in range(STEPS):
+            walk(chain, start, q, turns, axes, end)
+            vectors[0, 0], vectors[0, 1], vectors[0, 2] = end[0, 3], end[1, 3], end[2, 3]
+            # Twice the sine of the angle about its axis: the rotation vector, where it is small.
+            x, y, z = 0.5 * (end[2, 1] - end[1, 2]), 0.5 * (end[0, 2] - end[2, 0]), 0.5 * (end[1, 0] - end[0, 1])
+            vectors[0, 3], vectors[0, 4], vectors[0, 5] = x, y, z
+            sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (end[0, 0] + end[1, 1] + end[2, 2] - 1.0)
+            way = math.sqrt(end[0, 3] * end[0, 3] + end[1, 3] * end[1, 3] + end[2, 3] * end[2, 3])
+            left = way * way + sine * sine
+            if not left < least or cosine < 0.0:
+                break
+            slow = left > 0.5 * least and left < 1e-12
+            least, distance, angle = left, way, math.atan2(sine, cosine)
+            for j in range(n):
+                best[j] = q[j]
+            if left < SMALL_ENOUGH * SMALL_ENOUGH or slow:
+                break
+            jacobian_of(chain, axes, end, jacobian)
+            for j in range(n):
+                if held[j] != 0.0:
+                    for i in range(6):
+                        jacobian[i, j] = 0.0
+            gram(jacobian, square)
+            if not factor(square, min(max(left, SMALLEST_DAMPING), LARGEST_DAMPING), lower):
+                break
+            solve_factored(lower, vectors, 0, 1)
+            longest = 0.0
+            for j in range(n):
+                turns[0, j] = 0.0
+                for i in range(6):
+                    turns[0, j] += jacobian[i, j] * vectors[1, i]
+                longest = max(longest, abs(turns[0, j]))
+            share = min(1.0, LONGEST / longest) if longest > 0.0 else 1.0
+            for j in range(n):
+                q[j] = best[j] - share * turns[0, j]
+
+        beyond, clipped, retry = 0.0, False, False
+        for k in range(top, top + lines):
+            own = int(plan[k, OWN])
+            if own < 0:
+                continue
+            low, high = plan[k, LOWER], plan[k, UPPER]
+            value = best[own]
+            if plan[k, SLIDING] == 0.0 and own != fixed:
+                value = wind(value, low, high, slack, reference[own])
+            inside = min(max(value, low), high)
+            if abs(value - inside) > slack:
+                beyond = max(beyond, abs(value - inside))
+                if again == 0 and held[own] == 0.0 and abs(value - inside) <= AT_LIMIT:
+                    held[own] = 1.0
+                    retry = True
+            clipped = clipped or inside != value
+            Q[own, b] = q[own] = inside
+        if not retry or beyond > AT_LIMIT:
+            break
     if clipped:
         walk(chain, start, q, turns, axes, end)
         x, y, z = 0.5 * (end[2, 1] - end[1, 2]), 0.5 * (end[0, 2] - end[2, 0]), 0.5 * (end[1, 0] - end[0, 1])

@@ -93,9 +93,12 @@ def gram(alpha: float, beta: float, height: float, off2: float) -> Any:
 
 @inlined
 def aligned(h: Any, v: Any, w: Any) -> Any:
-    """Cosine and sine of the turn about h that brings v over w, and the product of their distances from h."""
-    c = dot(v, w) - dot(h, v) * dot(h, w)
-    s = dot(h, cross(v, w))
+    """Cosine and sine of the turn about h that brings v over w, and the product of their distances from h.
+
+    From the parts across h: v . w - (h . v)(h . w) would lose a short part, of a wrist that is nearly straight, whole.
+    """
+    v, w = across(v, h), across(w, h)
+    c, s = dot(v, w), dot(h, cross(v, w))
     size = math.sqrt(c * c + s * s)
     if size == 0.0:
         return 1.0, 0.0, 0.0

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import IkFailed
-from pinproof.ik.analytic.family import IkFamily
+from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.analytic.sweep import Interval, joined
 from pinproof.ik.windings import TURN, nearest_winding
@@ -113,16 +113,9 @@ class IkBranches:
     @cached_property
     def families(self) -> tuple[IkFamily, ...]:
         """The motions that leave the pose, of a target at which some joints are free; most targets have none."""
-        n = self._plan.dof
-        if self._plan.redundant is not None or not self.rows[:, n + 2].any():
+        if self._plan.redundant is not None or not self._tail[0]:
             return ()
-        found = []
-        for row in self.rows[self.rows[:, n + 2] > 0]:
-            bits = int(row[n + 2])
-            for joint in range(n):
-                if bits >> joint & 1:
-                    found.append(IkFamily.at_branch(self.arm, self._plan, self.target, row, joint))
-        return tuple(found)
+        return tuple(families_of(self.arm, self._plan, self.target, self.reference, self.rows, self._tail))
 
     @property
     def ok(self) -> bool:
@@ -131,8 +124,13 @@ class IkBranches:
 
     @property
     def complete(self) -> bool:
-        """Whether these are proven to be all: six joints or fewer, exact geometry, no branch that failed its check."""
-        return self._plan.redundant is None and self._plan.miss == 0.0 and self._tail[1] == 0.0
+        """Whether these are proven to be all.
+
+        So it is for six joints and fewer of exact geometry, unless a branch that may exist by a hair failed its check,
+        or joints are free at the target and only some of their values were looked at, in vain.
+        """
+        exact = self._plan.redundant is None and self._plan.miss == 0.0
+        return exact and self._tail[1] == 0.0 and (self.ok or self._tail[0] == 0.0)
 
     @property
     def redundant_joint(self) -> str | None:

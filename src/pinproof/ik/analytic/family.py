@@ -9,9 +9,10 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik.analytic.plan import Plan
+from pinproof.ik.windings import difference
 from pinproof.model import Arm
 
-__all__ = ["IkFamily"]
+__all__ = ["IkFamily", "branches_elsewhere", "families_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -21,8 +22,15 @@ SCAN = 72
 END = 1e-9
 """Rad or m: how closely ends are told."""
 
+COARSE_SCAN = 24
+"""The same for each of two joints that are both free."""
+
 MOVES = 1e-6
 """A joint whose part of the unit direction is larger moves along the family."""
+
+
+SAME = 1e-5
+"""Rad or m. Configurations nearer than this are one member."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +112,14 @@ class IkFamily:
         members = [self.q, *(one for one in choice if one is not None)]
         return min(members, key=lambda one: float(np.abs(one - goal).max()))
 
+    def holds(self, row: Array) -> bool:
+        """Whether a branch (a kernel's row) is a member."""
+        value = float(row[self._arm.joint_names.index(self.parameter)])
+        if not self.lower - MOVES <= value <= self.upper + MOVES:
+            return False
+        member = self._member(value)
+        return member is not None and bool(np.abs(difference(self._arm, member, row[: self._plan.dof])).max() < SAME)
+
     def _end(self, inside: float, bound: float) -> float:
         """How far the family goes from ``inside`` towards ``bound``."""
         values = np.linspace(inside, bound, SCAN + 1)
@@ -131,3 +147,50 @@ class IkFamily:
             if row[n + 3] == self._which and row[n + 2] and at_value:
                 return np.array(row[:n])
         return None
+
+
+def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array, out: Array) -> tuple[Array, int]:
+    """What the kernel wrote, and its count, at other values of the free joints: at the nearest that has branches.
+
+    For targets at which joints are free, and have no branch inside the limits at their values in ``reference``. Looks
+    at SCAN values of one joint, at COARSE_SCAN of two.
+    """
+    joints = _free(out)[:2]
+    many = SCAN if len(joints) == 1 else COARSE_SCAN
+    lower, upper = arm.limits.sampling_range()
+    values = [np.linspace(lower[joint], upper[joint], many + 1) for joint in joints]
+    grid = np.stack([one.ravel() for one in np.meshgrid(*values, indexing="ij")], axis=1)
+    away = np.abs(grid - reference[joints]).max(axis=1)
+    for index in np.argsort(away, kind="stable"):
+        moved, found = reference.copy(), np.empty(plan.shape)
+        moved[joints] = grid[index]
+        count = plan.kernel(plan.array, target, moved, 0.0, found)
+        if count:
+            return found, count
+    return out, 0
+
+
+def families_of(arm: Arm, plan: Plan, target: Array, reference: Array, rows: Array, tail: Array) -> list[IkFamily]:
+    """Those that the kernel's ``rows`` belong to, and those that have no member at q0's value of their parameter.
+
+    Each joint that ``tail`` says is free is looked at SCAN values of its range, with the others at q0's.
+    """
+    lower, upper = arm.limits.sampling_range()
+    found: list[IkFamily] = []
+    for joint in _free(tail[None]):
+        here = [row for row in rows if int(row[plan.dof + 2]) >> joint & 1]
+        mine = [IkFamily.at_branch(arm, plan, target, row, joint) for row in here]
+        out, moved = np.empty(plan.shape), reference.copy()
+        for value in np.linspace(lower[joint], upper[joint], SCAN + 1).tolist():
+            moved[joint] = value
+            for row in out[: plan.kernel(plan.array, target, moved, 0.0, out)].copy():
+                if int(row[plan.dof + 2]) >> joint & 1 and not any(one.holds(row) for one in mine):
+                    mine.append(IkFamily.at_branch(arm, plan, target, row, joint))
+        found += mine
+    return found
+
+
+def _free(out: Array) -> list[int]:
+    """The joints that the last row, a kernel's, says are free."""
+    bits = int(out[-1, 0])
+    return [joint for joint in range(bits.bit_length()) if bits >> joint & 1]

@@ -29,6 +29,10 @@ TRIALS = 12
 MADE_UP_TOLERANCE = 1e-3
 """Rad. A joint that was made up to have six stands at zero up to this; forward kinematics of the true arm judges."""
 
+BORDER = 1e-6
+"""In squares and parts of the arm's size. A root that fails to exist by less is tried as a double one: exact arms fail
+by rounding (1e-16), which singular joints amplify. What is tried and not confirmed keeps a "no" from being a proof."""
+
 MOST_BRANCHES = 8
 """Of six joints: four places where the two curves meet, two elbows or wrists each. Axes that are off the ideal may
 split a double root: twice as many rows are kept then."""
@@ -171,7 +175,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, t
     n = arm.dof
     array = np.zeros((n + 3 + len(order), 16))
     array[0, :7] = n, triple.first, triple.planar, reverse, turning, -1 if locked is None else locked, size
-    array[0, 7], array[0, 8] = max(1e-11, 20.0 * miss), 20.0 * miss
+    array[0, 7], array[0, 8] = max(BORDER, 20.0 * miss), 20.0 * miss
     array[1 : n + 2] = arm.packed
     scaled = tool.copy()
     scaled[:3, 3] /= size

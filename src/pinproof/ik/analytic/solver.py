@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
+from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
 from pinproof.ik.analytic.sweep import sweep
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus
@@ -103,8 +104,11 @@ class AnalyticIk:
             return self._swept(arm, plan, np.array(rigid("target", target).homogeneous), reference)
         out = np.empty(plan.shape)
         count = plan.kernel(plan.array, target, reference, 0.0, out)
-        if count < 0:
-            rigid("target", target)  # says what is wrong with it
+        if count <= 0:
+            if count < 0:
+                rigid("target", target)  # says what is wrong with it
+            elif out[-1, 0]:
+                out, count = branches_elsewhere(arm, plan, target, reference, out)
         return IkBranches(arm, plan, target, reference, out, count)
 
     def solve_all_batch(
@@ -131,7 +135,7 @@ class AnalyticIk:
         NoClosedForm, InputError
             As :meth:`solve_all`; names the target.
         """
-        from pinproof.kernels.branches import branches_of_many
+        from pinproof.kernels.branches import BAD_TARGET, ELSEWHERE, branches_of_many
 
         whole("threads", threads, 1)
         plan = self._plan(arm)
@@ -153,7 +157,12 @@ class AnalyticIk:
             with ThreadPoolExecutor(threads) as pool:
                 list(pool.map(lambda cut: share(*cut), pairwise(cuts)))
         if (counts < 0).any():
-            rigid_many("targets", many)  # says which is wrong, and what
+            if (counts == BAD_TARGET).any():
+                rigid_many("targets", many)  # says which is wrong, and what
+            for row in np.flatnonzero(counts == ELSEWHERE):
+                rows = self.solve_all(arm, many[row], references[row if len(references) > 1 else 0]).rows
+                counts[row] = len(rows)
+                q[row, : len(rows)], errors[row, : len(rows)] = rows[:, : arm.dof], rows[:, arm.dof : arm.dof + 2]
         k = max(int(counts.max(initial=0)), 1)
         return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1])
 

@@ -1,0 +1,196 @@
+"""All branches: whatever made the target is among them, on real arms and on made-up ones of each class."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.ik.analytic.geometry import lines_of
+from pinproof.ik.analytic.plan import plans_of
+
+from .arms import (
+    apart,
+    arm_of,
+    assert_reaches,
+    conditioning,
+    misses,
+    others,
+    planar,
+    random_configurations,
+    six_axes,
+    spherical,
+)
+
+INDUSTRIAL = ["ur5", "ur10", "puma560", "irb120", "generic_6dof", "stanford", "z1"]
+
+SAME = 1e-5
+
+
+@pytest.fixture
+def links(request):
+    """The maker of arms in the plane, by a name that does not hide the maker of planar triples."""
+    return request.getfixturevalue("planar")
+
+
+def arm_named(name):
+    return pp.load_robot(name).arm(tcp="tool0") if name == "ur5" else pp.load_robot(name).arm()
+
+
+@pytest.mark.parametrize("name", INDUSTRIAL)
+def test_the_generating_configuration_is_a_branch(name):
+    arm = arm_named(name)
+    q = random_configurations(arm, 2000, seed=1)
+    found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
+    assert (misses(arm, found.q, q) < SAME).all()
+    assert np.nanmax(found.position_error) <= 1e-9
+    assert np.nanmax(found.orientation_error) <= 1e-9
+
+
+@pytest.mark.parametrize("name", INDUSTRIAL)
+def test_hostile_angles(name):
+    """Joints at right angles, at zero but for a hair, and at their limits: something that reaches is always found."""
+    arm = arm_named(name)
+    rng = np.random.default_rng(2)
+    lower, upper = arm.limits.sampling_range()
+    q = random_configurations(arm, 600, seed=3)
+    near = rng.choice([0.0, np.pi / 2, -np.pi / 2, np.pi], q.shape) + rng.choice([0.0, 1.0, -1.0], q.shape) * (
+        10.0 ** rng.uniform(-12, -1, q.shape)
+    )
+    q = np.where(rng.random(q.shape) < 0.4, near, q)
+    q = np.where(rng.random(q.shape) < 0.1, np.where(rng.random(q.shape) < 0.5, lower, upper), q).clip(lower, upper)
+    targets = arm.forward_kinematics_batch(q)
+    found = pp.AnalyticIk().solve_all_batch(arm, targets, q)
+    regular = np.array([conditioning(arm, one) > 1e-6 for one in q])
+    assert (misses(arm, found.q, q)[regular] < SAME).all()
+    assert found.ok.all()
+    for target, answers in zip(targets[:100], found.q[:100], strict=True):
+        for answer in answers[~np.isnan(answers[:, 0])]:
+            assert_reaches(arm, answer, target)
+
+
+@settings(deadline=None, max_examples=250, suppress_health_check=[HealthCheck.too_slow])
+@given(made=six_axes())
+def test_any_six_joints_with_a_triple(made):
+    axes, tool, _ = made
+    arm = arm_of(axes, tool)
+    q = random_configurations(arm, 25)
+    best = max(conditioning(arm, one) for one in q)
+    assume(best > 1e-3)  # arms that are singular everywhere have no closed form
+    found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
+    regular = np.array([conditioning(arm, one) > 1e-6 for one in q])
+    assert (misses(arm, found.q, q)[regular] < SAME).all()
+
+
+@settings(deadline=None, max_examples=80, suppress_health_check=[HealthCheck.too_slow])
+@given(made=six_axes(), seed=st.integers(0, 1000))
+def test_every_branch_is_a_branch_of_every_other(made, seed):
+    """The set does not depend on the branch that made the target, nor on q0."""
+    axes, tool, rng = made
+    arm = arm_of(axes, tool)
+    q = random_configurations(arm, 1, seed)[0]
+    assume(conditioning(arm, q) > 1e-3)
+    branches = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q)).branches
+    assume(min(conditioning(arm, one) for one in branches) > 1e-4)
+    for one in branches:
+        again = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(one), rng.uniform(-1, 1, 6) * 0.5).branches
+        assert len(again) == len(branches)
+        assert (apart(arm, again[:, None], branches[None]).min(axis=0) < SAME).all()
+
+
+@pytest.mark.parametrize("name", ["ur5", "puma560", "generic_6dof", "stanford"])
+def test_dense_random_search_finds_nothing_more(name):
+    arm = arm_named(name)
+    solver = pp.Clik(position_tolerance=1e-9, orientation_tolerance=1e-9, restarts=0)
+    for q in random_configurations(arm, 4, seed=4):
+        target = arm.forward_kinematics(q)
+        branches = pp.AnalyticIk().solve_all(arm, target).branches
+        starts = random_configurations(arm, 2500, seed=5)
+        searched = solver.solve_batch(arm, np.tile(target.homogeneous, (2500, 1, 1)), starts)
+        assert searched.ok.sum() > 50
+        gaps = apart(arm, searched.q[searched.ok][:, None], branches[None])
+        assert (gaps.min(axis=1) < SAME).all()
+        assert set(gaps.argmin(axis=1)) == set(range(len(branches)))  # and each branch is come by
+
+
+def test_branches_are_distinct():
+    arm = arm_named("ur5")
+    for q in random_configurations(arm, 50, seed=6):
+        branches = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q)).branches
+        gaps = apart(arm, branches[:, None], branches[None]) + 9 * np.eye(len(branches))
+        assert gaps.min() > 1e-6
+
+
+def test_three_parallel_and_spherical_agree_on_the_textbook_arm(generic):
+    plans = [plan.with_tolerances(1e-9, 1e-9) for plan in plans_of(generic)]
+    kinds = {(int(plan.array[0, 1]), bool(plan.array[0, 2])) for plan in plans}
+    assert {(1, True), (3, False)} <= kinds
+    for q in random_configurations(generic, 200, seed=7):
+        target = np.array(generic.forward_kinematics(q).homogeneous)
+        sets = []
+        for plan in plans:
+            out = np.empty(plan.shape)
+            sets.append(out[: plan.kernel(plan.array, target, plan.home, 0.0, out), :6].copy())
+        for one in sets[1:]:
+            assert len(one) == len(sets[0])
+            assert (apart(generic, one[:, None], sets[0][None]).min(axis=0) < SAME).all()
+
+
+@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    front=st.sampled_from(["", "R", "P"]),
+    core=st.sampled_from(["", "meet", "parallel", "two meet", "two parallel", "PRR", "RPR"]),
+    behind=st.sampled_from(["", "R"]),
+)
+def test_short_arms(seed, front, core, behind):
+    """Up to five joints with a triple or a pair among them; up to two joints of any kind."""
+    rng = np.random.default_rng(seed)
+    if core in ("meet", "two meet"):
+        middle = spherical(rng, square=False)[: 2 if core == "two meet" else 3]
+    else:
+        middle = planar(rng, {"parallel": "RRR", "two parallel": "RR"}.get(core, core))
+    axes = [*others(rng, front, False), *middle, *others(rng, behind, False)]
+    assume(axes)
+    arm = arm_of(axes)
+    q = random_configurations(arm, 20, seed=9)
+    assume(min(conditioning(arm, one) for one in q) > 1e-3)
+    found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
+    assert (misses(arm, found.q, q) < SAME).all()
+
+
+@pytest.mark.parametrize("name", ["scara", "so100", "so101"])
+def test_short_arms_of_the_catalogue(name):
+    arm = pp.load_robot(name).arm()
+    assert arm.dof < 6
+    q = random_configurations(arm, 300, seed=10)
+    found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
+    assert (misses(arm, found.q, q) < SAME).all()
+
+
+def test_a_pose_that_a_short_arm_does_not_reach_is_said_so(links):
+    arm = links("-3 3", "-3 3")
+    answer = pp.AnalyticIk().solve_all(arm, pp.pose((1.2, 0.3, 0.0)))
+    assert not answer.ok
+    assert "2 joints reach few poses exactly" in answer.message
+    assert "Clik" in answer.message
+
+
+def test_planar_arm_has_elbow_up_and_down(links):
+    arm = links("-3 3", "-3 3", "-3 3")
+    q = np.array([0.3, 0.8, -0.4])
+    branches = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q)).branches
+    assert len(branches) == 2
+    assert sorted(branches[:, 1]) == pytest.approx([-0.8, 0.8], abs=1e-9)
+
+
+def test_lines_are_the_joints_axes():
+    arm = arm_named("puma560")
+    lines, tool = lines_of(arm)
+    assert tool == pytest.approx(arm.forward_kinematics(np.zeros(6)).homogeneous, abs=1e-12)
+    jacobian = arm.jacobian(np.zeros(6))
+    for line, column in zip(lines, jacobian.T, strict=True):
+        assert line.direction == pytest.approx(column[3:], abs=1e-12)
+        assert np.cross(line.direction, tool[:3, 3] - line.point) == pytest.approx(column[:3], abs=1e-12)

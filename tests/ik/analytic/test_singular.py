@@ -1,0 +1,156 @@
+"""Targets at which joints are free: the whole family, and never a NaN."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+
+from .arms import apart, arm_of, assert_reaches, others, random_configurations, spherical
+
+CASES = {
+    "straight wrist": ("puma560", [0.3, 0.4, -0.5, 0.6, 0.0, 0.7], {"joint_4", "joint_6"}),
+    "wrist centre on the first axis": ("irb120", None, {"joint_1", "joint_4", "joint_5", "joint_6"}),
+    "four parallel axes": (
+        "ur5",
+        [0.4, -1.1, 1.3, -0.7, 0.0, 0.2],
+        {"shoulder_lift_joint", "elbow_joint", "wrist_1_joint", "wrist_3_joint"},
+    ),
+}
+
+
+def case(name):
+    robot, q, joints = CASES[name]
+    arm = pp.load_robot(robot).arm(tcp="tool0") if robot == "ur5" else pp.load_robot(robot).arm()
+    return arm, np.array(q if q is not None else over_the_shoulder(arm)), joints
+
+
+def over_the_shoulder(arm):
+    """A configuration of the IRB 120 whose wrist centre stands on axis 1 (x = y = 0): q3 solved for at q1 = q2 = 0."""
+
+    def beside(q3):
+        # The wrist centre: where the tcp would be without the flange, 0.072 m along its approach.
+        pose = arm.forward_kinematics([0.0, -0.6, q3, 0.0, 0.0, 0.0]).homogeneous
+        approach = arm.jacobian([0.0, -0.6, q3, 0.0, 0.0, 0.0])[3:, 5]
+        return (pose[:3, 3] - WRIST * approach)[0]
+
+    low, high = -1.9, 1.2
+    values = np.linspace(low, high, 400)
+    signs = np.sign([beside(v) for v in values])
+    i = int(np.flatnonzero(signs[1:] != signs[:-1])[0])
+    low, high = values[i], values[i + 1]
+    for _ in range(80):
+        middle = (low + high) / 2
+        low, high = (middle, high) if np.sign(beside(middle)) == signs[i] else (low, middle)
+    return [0.3, -0.6, (low + high) / 2, 0.5, 0.8, -0.4]
+
+
+WRIST = 0.072
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_family_is_told_and_every_member_reaches(name):
+    arm, q, joints = case(name)
+    target = arm.forward_kinematics(q)
+    found = pp.AnalyticIk().solve_all(arm, target, q)
+    assert found.ok
+    assert np.isfinite(found.q).all()
+    assert apart(arm, found.branches, q).min() < 1e-6  # q0 itself is the member at q0
+    mine = [one for one in found.families if apart(arm, one.q, q) < 1e-6]
+    assert mine
+    for family in mine:
+        assert set(family.joints) == joints
+        assert family.parameter in joints
+        assert np.abs(arm.jacobian(family.q) @ family.direction).max() < 1e-7
+        assert np.linalg.norm(family.direction) == pytest.approx(1.0)
+        assert family.lower < q[arm.joint_names.index(family.parameter)] < family.upper
+        for value in np.linspace(family.lower, family.upper, 25):
+            member = family.at(value)
+            assert member[arm.joint_names.index(family.parameter)] == pytest.approx(value, abs=1e-5)
+            assert_reaches(arm, member, target)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_beyond_its_ends_a_family_has_no_member(name):
+    arm, q, _ = case(name)
+    family = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q).families[0]
+    with pytest.raises(pp.InputError, match="the family runs from"):
+        family.at(family.upper + 1e-3)
+    with pytest.raises(pp.InputError, match="the family runs from"):
+        family.at(family.lower - 1e-3)
+
+
+def test_a_straight_wrist_turns_by_what_the_other_end_turns_back():
+    arm, q, _ = case("straight wrist")
+    family = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q).families[0]
+    assert np.abs(family.direction) == pytest.approx([0, 0, 0, np.sqrt(0.5), 0, np.sqrt(0.5)], abs=1e-7)
+    sums = {round(float(np.cos(member[3] + member[5])), 9) for member in map(family.at, np.linspace(-1.5, 1.5, 9))}
+    assert sums == {round(float(np.cos(q[3] + q[5])), 9)}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_nearest_member(name):
+    arm, q, _ = case(name)
+    target = arm.forward_kinematics(q)
+    family = pp.AnalyticIk().solve_all(arm, target, q).families[0]
+    goal = q + np.array([0.02, -0.03, 0.05, 0.3, 0.01, -0.2])
+    nearest = family.nearest(goal)
+    assert_reaches(arm, nearest, target)
+    members = [family.at(value) for value in np.linspace(family.lower, family.upper, 400)]
+    assert np.abs(nearest - goal).max() <= min(np.abs(member - goal).max() for member in members) + 1e-6
+
+
+def test_nearest_of_all_branches_looks_along_families():
+    arm, q, _ = case("straight wrist")
+    found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q)
+    goal = q + np.array([0, 0, 0, 0.6, 0, -0.6])
+    assert np.abs(found.nearest(goal) - goal).max() < 1e-5
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_target_made_at_any_member_is_solved_from_home(name):
+    """Also where q0's value of the free joint has no member."""
+    arm, q, _ = case(name)
+    family = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q).families[0]
+    for value in np.linspace(family.lower, family.upper, 7):
+        target = arm.forward_kinematics(family.at(value))
+        found = pp.AnalyticIk().solve(arm, target)
+        assert found.ok
+        assert_reaches(arm, found.q, target.homogeneous)
+
+
+def test_shoulder_and_wrist_at_once():
+    arm, q, _ = case("wrist centre on the first axis")
+    q[4] = 0.0
+    found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q)
+    assert apart(arm, found.branches, q).min() < 1e-6
+    assert {"joint_1", "joint_4"} <= {family.parameter for family in found.families}
+    for family in found.families:
+        for value in np.linspace(family.lower, family.upper, 9):
+            assert_reaches(arm, family.at(value), found.target)
+
+
+def test_a_free_joint_whose_value_at_q0_leads_nowhere():
+    """Wrist straight; q0 has joint 4 where joint 6 would have to leave its limits. Other members are found."""
+    rng = np.random.default_rng(0)
+    axes = [*others(rng, "RRR", square=False), *spherical(rng, square=True)]
+    arm = arm_of(axes, limits=[(-3.1, 3.1)] * 3 + [(-2.0, 2.0), (-2.0, 2.0), (-0.1, 0.1)])
+    q = np.array([0.4, 0.5, 0.6, 1.5, 0.0, 0.05])
+    target = arm.forward_kinematics(q)
+    away = q.copy()
+    away[3] = -1.9
+    found = pp.AnalyticIk().solve_all(arm, target, away)
+    assert found.families
+    assert any(family.lower <= 1.5 <= family.upper for family in found.families)
+    for solved in (
+        pp.AnalyticIk().solve(arm, target, away).q,
+        pp.AnalyticIk().solve_batch(arm, [target], away).q[0],
+        pp.AnalyticIk().solve_all_batch(arm, [target], away).q[0, 0],
+    ):
+        assert_reaches(arm, solved, target.homogeneous)
+
+
+def test_no_families_at_ordinary_targets(ur5):
+    q = random_configurations(ur5, 1, seed=1)[0]
+    assert pp.AnalyticIk().solve_all(ur5, ur5.forward_kinematics(q)).families == ()

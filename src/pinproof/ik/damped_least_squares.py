@@ -20,13 +20,14 @@ Array = npt.NDArray[np.float64]
 class DampedLeastSquares(IterativeIk):
     """Inverse kinematics by damped least squares: step = -A^T (A A^T + lambda^2 I)^-1 r.
 
-    The damping adapts to how near a singularity is: with s the smallest singular value that A can have,
-    lambda^2 = damping^2 (1 - (s / region)^2) for s below ``region``, and none beyond.
+    The damping adapts to how near a singularity is and to how far the target: with s the smallest singular value that A
+    can have, lambda^2 = damping^2 |r| (1 - (s / region)^2) for s below ``region``, and none beyond. As it vanishes with
+    the residual, singular targets are reached to the tolerance.
 
     Parameters
     ----------
     damping
-        The largest lambda, reached at the singularity; above 0.
+        The largest lambda, reached at the singularity for a residual of 1; above 0.
     region
         The singular value (metres and radians mixed) at which the damping begins; above 0.
 
@@ -36,11 +37,12 @@ class DampedLeastSquares(IterativeIk):
     ----------
     Wampler (1986), "Manipulator inverse kinematic solutions based on vector formulations and damped least-squares
     methods"; Maciejewski, Klein (1988), "Numerical filtering for the operation of robotic manipulators through
-    kinematically singular configurations": the damping that follows the smallest singular value.
+    kinematically singular configurations": the damping that follows the smallest singular value. Chan, Lawrence (1988),
+    "General inverse kinematics with the error damped pseudoinverse": the damping that follows the error.
     """
 
-    damping: float = 0.05
-    region: float = 0.1
+    damping: float = 0.5
+    region: float = 0.5
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -70,7 +72,8 @@ class _DampedLeastSquaresStep:
         there = np.abs(jacobian) > NOTHING
         rank = min(there.any(axis=1).sum(), there.any(axis=0).sum())
         smallest = values[rank - 1] if rank else 0.0
-        squared = self._damping**2 * (1 - (smallest / self._region) ** 2) if smallest < self._region else 0.0
+        size = float(np.linalg.norm(residual))
+        squared = self._damping**2 * size * (1 - (smallest / self._region) ** 2) if smallest < self._region else 0.0
         kept = values > NOTHING
         shares = values[kept] / (values[kept] ** 2 + squared)
         return np.asarray(-right[kept].T @ (shares * (left[:, kept].T @ residual)))

@@ -165,7 +165,7 @@ def descend(
         rotation = target_from_tcp[:3, :3]
         jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
         pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-        step = box.step(q, pull, jacobian, drift(goal, arm, q) if here else np.zeros(arm.dof), rule)
+        step = box.step(q, pull, jacobian, drift(goal, arm, q) if here else np.zeros(arm.dof), rule, max_step)
         largest = float(np.abs(step).max())
         if largest <= SMALLEST_STEP or (here and largest <= STILL):
             break
@@ -191,7 +191,7 @@ class _Box:
         self._low = np.where(self._turning, -np.inf, limits.lower)
         self._high = np.where(self._turning, np.inf, limits.upper)
 
-    def step(self, q: Array, residual: Array, jacobian: Array, drift: Array, rule: StepRule) -> Array:
+    def step(self, q: Array, residual: Array, jacobian: Array, drift: Array, rule: StepRule, max_step: float) -> Array:
         """The rule's step within the limits (active set), after a goal's drift.
 
         Joints that would leave their limits are moved to them and held; what that does to the residual is taken into
@@ -200,7 +200,10 @@ class _Box:
         held = np.zeros(len(q), dtype=bool)
         settled = drift
         while True:
-            asked = rule(residual + jacobian @ settled, np.where(held, 0.0, jacobian))
+            asked = np.where(held, 0.0, rule(residual + jacobian @ settled, np.where(held, 0.0, jacobian)))
+            # Before limits are looked at: an endless step would pin joints to limits they need not meet.
+            largest = float(np.abs(asked).max())
+            asked = asked * (max_step / largest) if largest > max_step else asked
             step = np.where(held, settled, settled + asked)
             moved = q + step
             outside = ((moved < self._low) | (moved > self._high)) & ~held

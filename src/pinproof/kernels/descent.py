@@ -158,6 +158,7 @@ def _bounded_step(
             step_singular(settings[0], settings[1], settings[2], jacobian, rows, square, joints, errors)
         else:
             step_clik(settings[0], growth, longest, jacobian, square, lower, joints, errors)
+        _shorten(longest, joints)
         again = False
         for i in range(n):
             if joints[HELD, i] != 0.0:
@@ -174,6 +175,20 @@ def _bounded_step(
                     jacobian[k, i] = 0.0
         if not again:
             return
+
+
+@inlined
+def _shorten(longest: float, joints: Any) -> None:
+    """The rule's step, shortened until no free joint moves more than ``longest``.
+
+    Before limits are looked at: an endless step near a singularity would pin joints to limits they need not meet.
+    """
+    largest = 0.0
+    for i in range(joints.shape[1]):
+        largest = max(largest, (1.0 - joints[HELD, i]) * abs(joints[STEP, i]))
+    if largest > longest:
+        for i in range(joints.shape[1]):
+            joints[STEP, i] *= longest / largest
 
 
 @inlined

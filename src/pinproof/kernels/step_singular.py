@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from pinproof.kernels.compiled import compiled
@@ -22,7 +23,7 @@ def step_singular(
     """The step -A^T (A A^T + lambda^2 I)^-1 pull with A = ``jacobian``, into the row STEP of ``joints``.
 
     Singular values up to ``cutoff`` times the largest count as zero. With s the smallest of those that A can have,
-    lambda^2 = damping^2 (1 - (s / region)^2) for s below ``region``, else 0. Undamped it is the pseudo-inverse's.
+    lambda^2 = damping^2 |pull| (1 - (s / region)^2) for s below ``region``, else 0. Undamped it is the pseudo-inverse's.
     """
     n, largest = jacobian.shape[1], 0.0
     for i in range(6):
@@ -35,7 +36,10 @@ def step_singular(
     if damping > 0.0:
         smallest = _smallest(jacobian, errors)
         if smallest < region:
-            squared = damping * damping * (1.0 - (smallest / region) * (smallest / region))
+            size = 0.0
+            for i in range(6):
+                size += errors[PULL, i] * errors[PULL, i]
+            squared = damping * damping * math.sqrt(size) * (1.0 - (smallest / region) * (smallest / region))
     for j in range(n):
         joints[STEP, j] = 0.0
     for i in range(6):

@@ -94,11 +94,11 @@ def test_a_contact_that_begins_exactly_at_a_knot_is_told(slider):
 
 
 def test_a_smaller_tolerance_decides_a_graze(slider, path):
-    beside = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 2e-5, 0)))])
+    beside = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 2e-8, 0)))])
     checker = CollisionChecker(slider, beside)
     move = path(slider, [0.0], [0.5])
-    assert certify(move, checker).status is UNDECIDED
-    assert certify(move, checker, tolerance=1e-6).status is FREE
+    assert certify(move, checker, tolerance=1e-3).status is UNDECIDED
+    assert certify(move, checker, tolerance=1e-8).status is FREE
 
 
 def test_what_is_proven_at_the_tolerance_is_taken(slider, path):
@@ -152,7 +152,7 @@ def test_a_path_of_no_length_is_judged_where_it_stands(slider, count, path):
     checker = CollisionChecker(slider, wall)
     free = certify(path(slider, *[[0.0]] * count), checker)
     assert free.status is FREE
-    assert 0.12 < free.clearance <= 0.24 + 1e-9
+    assert 0.12 <= free.clearance <= 0.24 + 1e-9
     assert free.intervals == 1
     touching = certify(path(slider, *[[0.3]] * count), checker)
     assert touching.status is COLLIDING

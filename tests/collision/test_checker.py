@@ -107,8 +107,9 @@ def test_the_three_questions_agree(request, name, margin):
         if result.contacts:
             deepest = result.contacts[0]
             assert deepest.distance == clearance
-            gap = np.linalg.norm(deepest.points[1] - deepest.points[0])
-            assert gap == pytest.approx(abs(deepest.distance), abs=1e-5)
+            gap = deepest.points[1] - deepest.points[0]
+            assert np.linalg.norm(gap) == pytest.approx(abs(deepest.distance), abs=1e-5)
+            np.testing.assert_allclose(gap, deepest.distance * deepest.normal, atol=1e-5)
     assert 0 < sum(verdicts) < len(verdicts)
 
 
@@ -121,10 +122,11 @@ def test_distances_agree_with_the_oracle(request, oracle, name):
     for q in random_q(arm, 12):
         expected, space = independent.distances(q), checker.placed(arm.configuration(q))
         for k, distance in enumerate(expected):
-            ours = space.distance(k)
-            if distance > 0 or ours > 0:
-                assert ours == pytest.approx(distance, abs=1e-6) or ours < 0  # inside a hull the oracle sees nothing
-                assert space.proven_distance(k, ours) <= distance + 1e-9
+            ours = space.measure(k)
+            if distance > 0 or ours.distance > 0:
+                # inside a hull the oracle sees nothing
+                assert ours.distance == pytest.approx(distance, abs=1e-6) or ours.distance < 0
+                assert ours.proven <= distance + 1e-9
 
 
 def test_threads_get_equal_answers(ur5):

@@ -22,6 +22,7 @@ __all__ = [
     "Certificate",
     "CertificateStatus",
     "FirstContact",
+    "Tube",
     "UndecidedSpan",
     "curve_hash",
     "proven_millimetres",
@@ -81,18 +82,42 @@ class UndecidedSpan:
 
 
 @dataclass(frozen=True, eq=False)
+class Tube:
+    """What a curve, and what stands around it, may deviate by.
+
+    Parameters
+    ----------
+    joints
+        (n,) rad or m. The verdict holds for every configuration that differs from one of the curve by no more than this
+        in each joint: for whatever motion stays within it, in whatever timing.
+    obstacles
+        Metres. It holds for obstacles moved, turned or grown, as long as no point of a surface moves farther than this.
+    largest_joints
+        rad or m: how much more each joint could deviate, all at once, with the proof still true (obstacles within
+        ``obstacles``). What is proven, not what is true; close to bodies it is at most 0.05. NaN unless FREE.
+    largest_obstacles
+        Metres: how much more every obstacle could be moved (joints within ``joints``). NaN unless FREE.
+    """
+
+    joints: Array
+    obstacles: float
+    largest_joints: float
+    largest_obstacles: float
+
+
+@dataclass(frozen=True, eq=False)
 class Certificate:
     """A verdict over a whole curve, between samples too.
 
     Parameters
     ----------
     status
-        FREE: at every point of the curve every checked pair is farther apart than ``margin``. COLLIDING: a
+        FREE: at every point of the tube every checked pair is farther apart than its margin. COLLIDING: a
         configuration on the curve was found where a pair is not. UNDECIDED: neither could be shown at the tolerance.
     margin
-        The distance (m) that was asked for.
+        The distance (m) that was asked for, of all pairs without a margin of their own.
     clearance
-        Proven lower bound (m) of every distance along the curve; NaN unless FREE.
+        Proven lower bound (m) of every distance in the tube; NaN unless FREE.
     observed
         The smallest distance (m) that was measured along the way: an upper bound of the true clearance.
     first_contact, undecided
@@ -107,6 +132,12 @@ class Certificate:
         Metres: an interval in which bodies move less than this is not cut any further.
     hollow
         Exact meshes that are not watertight: there, being wholly inside does not count as contact.
+    tube
+        The deviations that were allowed for, and the largest ones the proof bears.
+    evidence
+        (K, 7) if it was asked to be recorded, what a proof has to tell: rows of start and end of an interval of the
+        parameter, pair, distance (m) proven of it there, a unit vector (3) in the root frame along which the supports
+        of the two bodies are apart at the middle (zeros where balls or boxes around them are).
     """
 
     status: CertificateStatus
@@ -123,6 +154,8 @@ class Certificate:
     curve: str
     setup: str
     hollow: tuple[str, ...] = ()
+    tube: Tube | None = None
+    evidence: Array | None = None
 
     @property
     def free(self) -> bool:

@@ -1,15 +1,15 @@
 """Is a whole curve free of contact? Proven between samples, not sampled.
 
 The curve is cut into intervals in path order. In each, the distance of every pair at the middle is compared with how
-much nearer the pair can come anywhere in the interval (:mod:`pinproof.collision.motion_bounds`): what is settled is
-dropped, what is not is taken to both halves. A contact at a middle ends the search to its right; the search to its left
-goes on until everything before the contact is proven free or the tolerance is met.
+much nearer the pair can come anywhere in the interval (:mod:`pinproof.kernels.approach`): what is settled is dropped,
+what is not is taken to both halves. A contact at a middle ends the search to its right; the search to its left goes on
+until everything before the contact is proven free or the tolerance is met. The loop itself is compiled
+(:mod:`pinproof.kernels.sweep`); where a body has no support function, it stops and asks coal.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -18,6 +18,7 @@ from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
+    Tube,
     UndecidedSpan,
     curve_hash,
     proven_millimetres,
@@ -25,49 +26,39 @@ from pinproof.collision.certificate import (
 )
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import Contact
-from pinproof.collision.motion_bounds import MotionBounds
-from pinproof.collision.placed import Placed
+from pinproof.collision.placed import NEAREST, Distance
 from pinproof.errors import InputError
 from pinproof.motion import Curve
-from pinproof.motion.bezier import split
+from pinproof.motion.curve import read_only
+from pinproof.spatial import finite
 
 __all__ = ["certify"]
 
 Array = npt.NDArray[np.float64]
-Pairs = npt.NDArray[np.int64]
 
-ROUNDING = 1e-9
-"""Metres added to every motion bound, for each metre the scene is wide: floating-point error of placements and supports
-(seen: 3e-9 m at 100 m), with room."""
-
-SHARE = 0.5
+GOAL_SHARE = 0.5
 """A pair is settled once this share of the clearance seen so far is proven, so that the proven bound says something."""
-
 
 LOOK_AHEAD = 200
 """Intervals: how far behind a span that stays undecided a contact is looked for, to say COLLIDING where that is so."""
 
+DEPTH = 192
+"""Entries on the stack of intervals. Halving 60 times leaves no two numbers to tell apart; a curve of 2^64 pieces is
+not met."""
 
-@dataclass(frozen=True, eq=False)
-class _Interval:
-    """One piece of the curve over [start, end] and the pairs not settled on it."""
-
-    start: float
-    end: float
-    control: Array
-    pairs: Pairs
-
-
-class _Weakest(NamedTuple):
-    """Of the pairs not settled on an interval, the one of which least is proven; distances in metres."""
-
-    pair: int
-    distance: float
-    proven: float
+LISTS = 16
+"""Times the number of pairs: room for the lists of open pairs at first; they grow where it is too little."""
 
 
 def certify(
-    curve: Curve, checker: CollisionChecker, *, tolerance: float = 1e-4, max_intervals: int = 200_000
+    curve: Curve,
+    checker: CollisionChecker,
+    *,
+    tolerance: float = 1e-4,
+    max_intervals: int = 200_000,
+    joint_tolerance: npt.ArrayLike = 0.0,
+    obstacle_tolerance: float = 0.0,
+    record: bool = False,
 ) -> Certificate:
     """Prove that a curve is free of contact, or show where it is not.
 
@@ -76,17 +67,26 @@ def certify(
     curve
         A :class:`~pinproof.JointPath`, :class:`~pinproof.CubicPath` or :class:`~pinproof.Trajectory`.
     checker
-        Says which bodies are checked, and the margin that must stay between them.
+        Says which bodies are checked, and the margins that must stay between them.
     tolerance
         Metres. An interval in which no body moves farther than this towards another is not cut any further; a curve
         that grazes by less may be UNDECIDED.
     max_intervals
         The number of intervals after which the answer is UNDECIDED.
+    joint_tolerance
+        rad or m, one number or (n,): prove it for every configuration that differs from one of the curve by no more
+        than this in each joint, what a controller may deviate.
+    obstacle_tolerance
+        Metres: prove it for obstacles any of which may be moved, turned or grown, as long as no point of its surface
+        comes farther than this.
+    record
+        Keep what a proof has to tell in :attr:`Certificate.evidence`.
 
     Returns
     -------
     Certificate
-        FREE, COLLIDING or UNDECIDED. FREE is never said without a proof.
+        FREE, COLLIDING or UNDECIDED. FREE is never said without a proof. COLLIDING is a contact on the curve itself,
+        with what obstacles may be moved by taken off the distance.
 
     Raises
     ------
@@ -97,145 +97,173 @@ def certify(
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm {checker.arm.joint_names}")
     if not tolerance > 0 or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
-    return _Proof(curve, checker, tolerance, max_intervals).run()
+    n = checker.arm.dof
+    each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
+    joints = finite("joint_tolerance", each, (n,))
+    if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
+        raise InputError(
+            f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; they are 0 or more"
+        )
+    return _Proof(curve, checker, tolerance, max_intervals, joints, float(obstacle_tolerance), record).run()
 
 
 class _Proof:
-    """The state of one certification."""
+    """One certification."""
 
-    def __init__(self, curve: Curve, checker: CollisionChecker, tolerance: float, max_intervals: int) -> None:
+    def __init__(
+        self,
+        curve: Curve,
+        checker: CollisionChecker,
+        tolerance: float,
+        max_intervals: int,
+        joints: Array,
+        obstacles: float,
+        record: bool,
+    ) -> None:
+        from pinproof.kernels import sweep
+
+        self._kernel = sweep
         self._curve, self._checker = curve, checker
-        self._margin, self._tolerance, self._max_intervals = checker.margin, tolerance, max_intervals
-        self._bounds = MotionBounds(checker)
-        widest = max((float(np.abs(body.box).max()) + body.reach for body in checker.bodies), default=0.0)
-        self._rounding = ROUNDING * max(1.0, widest)
-        self._observed = np.inf
-        self._proven = np.inf
-        self._intervals = 0
+        self._judge = checker.moved_obstacles(obstacles) if obstacles > 0 else checker
+        self._joints, self._obstacles = joints, obstacles
+        self._knots, self._control = (np.array(part) for part in curve.bezier())
+        self._settings = np.array([tolerance, max_intervals, obstacles, GOAL_SHARE, LOOK_AHEAD])
+        self._state = np.zeros(sweep.STATE_SIZE)
+        self._state[[sweep.OBSERVED, sweep.SPARE, sweep.PROVEN, sweep.JOINT_TUBE, sweep.OBSTACLE_TUBE]] = np.inf
+        self._log = np.empty((64 if record else 0, sweep.LOG_COLUMNS))
+        self._record = record
 
     def run(self) -> Certificate:
-        knots, control = self._curve.bezier()
-        everything = np.arange(len(self._checker.pairs))
-        still = ~self._bounds.moving.any(axis=1)
+        first, last = float(self._knots[0]), float(self._knots[-1])
+        start, end = self._control[0, 0], self._control[-1, -1]
         # Both ends first: a start in contact is the commonest "no", and halving alone would only creep up on it.
-        for time, q in ((knots[0], control[0, 0]), (knots[-1], control[-1, -1])):
-            contact = self._touching(q, everything)
-            if contact is not None and time == knots[0]:
-                return self._colliding(float(time), q, contact, float(time))
-        found: tuple[float, Array, Contact] | None = None
-        if contact is not None:
-            found = (float(knots[-1]), control[-1, -1].copy(), contact)
-        if (undecided := self._judge_still(everything[still], control[0, 0], knots)) is not None:
-            if found is not None:
-                return self._colliding(*found, proven_free_until=float(knots[0]))
-            return self._undecided(undecided)
-        stack = [
-            _Interval(float(knots[i]), float(knots[i + 1]), control[i], everything[~still])
-            for i in reversed(range(len(control)))
-        ]
-        open_span: UndecidedSpan | None = None
-        while stack:
-            interval = stack.pop()
-            self._intervals += 1
-            middle = (interval.start + interval.end) / 2
-            left, right = (half[0] for half in split(interval.control[None]))
-            q = left[-1]
-            delta = np.abs(interval.control - q).max(axis=0)
-            space = self._checker.placed(q)
-            pairs, weakest, contact = self._unsettled(interval, q, delta, space)
-            if contact is not None:
-                found, stack = (middle, q, contact), []
-            if len(pairs) == 0:
-                continue
-            step = float(self._frame.approach(delta, pairs).max())
-            if step < self._tolerance or self._intervals >= self._max_intervals:
-                if weakest.proven > self._margin:  # less than the share that was hoped for, but proven
-                    self._proven = min(self._proven, weakest.proven)
-                    continue
-                if open_span is None:
-                    span = interval.start, interval.end
-                    open_span = UndecidedSpan(*span, self._names(weakest.pair), weakest.distance)
-                    last = self._intervals + LOOK_AHEAD
-                # A contact that begins right here is met at the end of the interval, or soon behind it.
-                if found is None and (contact := self._touching(interval.control[-1], pairs)) is not None:
-                    found, stack = (interval.end, interval.control[-1].copy(), contact), []
-                if found is not None or self._intervals >= min(last, self._max_intervals):
-                    break
-                continue
-            if contact is None:
-                stack.append(_Interval(middle, interval.end, right, pairs))
-            stack.append(_Interval(interval.start, middle, left, pairs))
+        if (contact := self._look(start)) is not None:
+            return self._colliding(first, start, contact, first)
+        at_end = self._look(end)
+        if (undecided := self._still()) is not None:
+            return self._undecided(undecided) if at_end is None else self._colliding(last, end, at_end, first)
+        found = self._sweep()
+        k, state = self._kernel, self._state
+        open_from = float(state[k.OPEN_START]) if state[k.OPEN] else None
         if found is not None:
-            return self._colliding(*found, proven_free_until=found[0] if open_span is None else open_span.start)
-        return self._free() if open_span is None else self._undecided(open_span)
+            time = float(state[k.FOUND_TIME])
+            pair = int(state[k.FOUND_PAIR])
+            contact = self._deepest(found) or self._contact(pair, self._judge.placed(found).measure(pair))
+            return self._colliding(time, found, contact, time if open_from is None else open_from)
+        if at_end is not None:
+            return self._colliding(last, end, at_end, last if open_from is None else open_from)
+        if open_from is not None:
+            bodies = self._names(int(state[k.OPEN_PAIR]))
+            return self._undecided(
+                UndecidedSpan(open_from, float(state[k.OPEN_END]), bodies, float(state[k.OPEN_DISTANCE]))
+            )
+        return self._free()
 
-    def _unsettled(
-        self, interval: _Interval, q: Array, delta: Array, space: Placed
-    ) -> tuple[Pairs, _Weakest, Contact | None]:
-        """The pairs not settled on the interval, the one of which least is proven, and a contact at the middle."""
-        self._frame = self._bounds.at(q, space)
-        approach = self._frame.approach(delta, interval.pairs) + self._rounding
-        coarse = self._frame.coarse_distance(interval.pairs) - approach
-        far = coarse > self._goal()
-        if far.any():
-            self._proven = min(self._proven, float(coarse[far].min()))
-        open_pairs, contact, deepest = [], None, np.inf
-        weakest = _Weakest(-1, np.inf, np.inf)
-        for k, moved in zip(interval.pairs[~far].tolist(), approach[~far].tolist(), strict=True):
-            distance = space.distance(k)
-            self._observed = min(self._observed, distance)
-            if distance <= self._margin and distance < deepest:
-                contact, deepest = self._checker.contact(space, k, distance), distance
-            proven = space.proven_distance(k, distance) - moved
-            if proven > self._goal():
-                self._proven = min(self._proven, proven)
-                continue
-            open_pairs.append(k)
-            if not proven >= weakest.proven:
-                weakest = _Weakest(k, distance, -np.inf if np.isnan(proven) else proven)  # NaN proves nothing
-        return np.array(open_pairs, dtype=np.int64), weakest, contact
+    def _look(self, q: Array) -> Contact | None:
+        """The deepest contact at q (n,), after taking down how near bodies are to each other there."""
+        space = self._judge.workspace
+        near = space.near(q, NEAREST)
+        self._saw(near.nearest, near.upper)
+        for pair in near.left_to_coal:
+            self._saw(pair, space.measure(pair).attained)
+        return self._deepest(q)
 
-    def _goal(self) -> float:
-        """What must be proven of a pair for it to be settled: more than the margin, and a share of what was seen."""
-        if not np.isfinite(self._observed):
-            return self._margin
-        return self._margin + SHARE * max(self._observed - self._margin, 0.0)
+    def _saw(self, pair: int, attained: float) -> None:
+        if pair < 0:
+            return
+        k, state = self._kernel, self._state
+        state[k.OBSERVED] = min(state[k.OBSERVED], attained)
+        state[k.SPARE] = min(state[k.SPARE], attained - self._judge.margins[pair])
 
-    def _touching(self, q: Array, pairs: Pairs) -> Contact | None:
-        """The deepest contact at q (n,) among the pairs."""
-        space = self._checker.placed(q)
-        deepest: Contact | None = None
-        for k in pairs.tolist():
-            distance = space.distance(k)
-            self._observed = min(self._observed, distance)
-            if distance <= self._margin and (deepest is None or distance < deepest.distance):
-                deepest = self._checker.contact(space, k, distance)
+    def _deepest(self, q: Array) -> Contact | None:
+        """The deepest contact at q (n,) for which there is evidence: a distance that is attained."""
+        judge, deepest = self._judge, None
+        for pair, measured in (*judge.workspace.touching(q), *judge.still.touching):
+            if measured.attained <= judge.margins[pair]:
+                self._saw(pair, measured.attained)
+                contact = self._contact(pair, measured)
+                if deepest is None or contact.distance < deepest.distance:
+                    deepest = contact
         return deepest
 
-    def _judge_still(self, pairs: Pairs, q: Array, knots: Array) -> UndecidedSpan | None:
-        """Judge once the pairs with no moving joint between them; contacts among them were seen at the start."""
-        space = self._checker.placed(q)
-        for k in pairs.tolist():
-            distance = space.distance(k)
-            proven = space.proven_distance(k, distance) - self._rounding
-            if not proven > self._margin:
-                return UndecidedSpan(float(knots[0]), float(knots[-1]), self._names(k), distance)
-            self._proven = min(self._proven, proven)
+    def _contact(self, pair: int, measured: Distance) -> Contact:
+        """The contact of a pair, nearer by what an obstacle may be moved by."""
+        contact = self._judge.contact(pair, measured)
+        moved = self._obstacles if self._checker.bodies[self._checker.pairs[pair][1]].link is None else 0.0
+        return replace(contact, distance=contact.distance - moved) if moved else contact
+
+    def _still(self) -> UndecidedSpan | None:
+        """Judge once the pairs between which no joint moves; contacts among them were seen at the start."""
+        judge, k, state = self._judge, self._kernel, self._state
+        for pair, measured in judge.still.touching:
+            return UndecidedSpan(float(self._knots[0]), float(self._knots[-1]), self._names(pair), measured.distance)
+        if len(judge.still_pairs):
+            proven = judge.still.lower - judge.rounding
+            state[k.OBSERVED] = min(state[k.OBSERVED], judge.still.upper)
+            state[k.PROVEN] = min(state[k.PROVEN], proven - self._obstacles)
+            room = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
+            state[k.OBSTACLE_TUBE] = min(state[k.OBSTACLE_TUBE], room)
         return None
 
-    def _names(self, k: int) -> tuple[str, str]:
-        i, j = self._checker.pairs[k]
+    def _sweep(self) -> Array | None:
+        """Go through the curve; the configuration (n,) of the first contact, if one was found."""
+        k, judge, control = self._kernel, self._judge, self._control
+        pieces, points, n = control.shape
+        spans, ranges = np.empty((DEPTH, 2)), np.empty((DEPTH, 4), dtype=np.int64)
+        stack = np.empty((DEPTH, points, n))
+        lists = np.empty(LISTS * len(judge.pairs) + 64, dtype=np.int64)
+        spans[0], ranges[0], stack[0] = self._knots[[0, -1]], (0, pieces, 0, k.EVERYTHING), control[0]
+        if self._record:  # every pair by name, none left out by the tree of obstacles
+            everything = np.setdiff1d(np.arange(len(judge.pairs)), judge.still_pairs)
+            lists[: len(everything)], ranges[0, 3] = everything, len(everything)
+        self._state[k.TOP] = 1
+        directions, told = np.zeros((len(judge.pairs), 3)), np.zeros((len(judge.pairs), 3))
+        seen = np.full(len(judge.pairs), np.inf)
+        asked, found = np.empty(len(judge.pairs), dtype=np.int64), np.empty((2, n))
+        space = judge.workspace
+        while True:
+            ended = k.sweep(
+                judge.numbers, judge.indices, self._knots, control, self._joints, self._settings, space.at,
+                spans, ranges, stack, lists, directions, seen, asked, told, self._state, found, self._log,
+            )  # fmt: skip
+            if ended == k.DONE:
+                break
+            if ended == k.GROW:
+                lists = np.concatenate([lists, np.empty_like(lists)])
+                if self._record:
+                    self._log = np.concatenate([self._log, np.empty((len(lists) + len(self._log), k.LOG_COLUMNS))])
+                continue
+            space.move(found[1])
+            for pair in asked[: int(self._state[k.ASKED])].tolist():
+                measured = space.measure(pair)
+                told[pair] = self._state[k.INTERVALS] + 1, measured.attained, measured.proven
+        return found[0] if self._state[k.FOUND] else None
+
+    def _names(self, pair: int) -> tuple[str, str]:
+        i, j = self._checker.pairs[pair]
         return self._checker.bodies[i].owner, self._checker.bodies[j].owner
 
     def _free(self) -> Certificate:
-        count = len(self._checker.pairs)
-        nearest = f", seen {self._observed * 1e3:.1f} mm" if np.isfinite(self._observed) else ""
-        message = (
-            f"no contact anywhere: clearance proven {proven_millimetres(self._proven)}{nearest}, over {count} pairs"
-        )
+        count, seen = len(self._checker.pairs), float(self._state[self._kernel.OBSERVED])
+        proven = float(self._state[self._kernel.PROVEN])
+        nearest = f", seen {seen * 1e3:.1f} mm" if np.isfinite(seen) else ""
+        message = f"no contact anywhere: clearance proven {proven_millimetres(proven)}{nearest}, over {count} pairs"
+        if self._tolerances:
+            message += f", {self._tolerances}"
         if self._checker.hollow:
             message += f"; not watertight, so hollow: {', '.join(self._checker.hollow)}"
-        return self._certificate(CertificateStatus.FREE, message, clearance=self._proven)
+        return self._certificate(CertificateStatus.FREE, message, clearance=proven)
+
+    @property
+    def _tolerances(self) -> str:
+        """The tube in words; empty for the bare curve."""
+        said = []
+        if self._joints.any():
+            low, high = float(self._joints.min()), float(self._joints.max())
+            said.append(f"joints off by up to {high:g} rad or m" if low == high else "joints off by their tolerances")
+        if self._obstacles:
+            said.append(f"obstacles by up to {self._obstacles * 1e3:g} mm")
+        return " and ".join(said)
 
     def _colliding(self, time: float, q: Array, contact: Contact, proven_free_until: float) -> Certificate:
         first = FirstContact(
@@ -245,11 +273,14 @@ class _Proof:
         return self._certificate(CertificateStatus.COLLIDING, message, first_contact=first)
 
     def _undecided(self, span: UndecidedSpan) -> Certificate:
-        why = "its budget of intervals" if self._intervals >= self._max_intervals else "its tolerance"
+        intervals, budget = self._state[self._kernel.INTERVALS], self._settings[self._kernel.MAX_INTERVALS]
+        why = "its budget of intervals" if intervals >= budget else "its tolerance"
         message = (
             f"the proof met {why} at [{span.start:.6g}, {span.end:.6g}]: {' and '.join(span.bodies)} are "
             f"{span.distance * 1e3:.3f} mm apart there; keep more distance, or lower the margin or the tolerance"
         )
+        if self._tolerances:
+            message += f" (asked for {self._tolerances})"
         return self._certificate(CertificateStatus.UNDECIDED, message, undecided=span)
 
     def _certificate(
@@ -261,20 +292,28 @@ class _Proof:
         first_contact: FirstContact | None = None,
         undecided: UndecidedSpan | None = None,
     ) -> Certificate:
-        checker = self._checker
+        checker, k, state = self._checker, self._kernel, self._state
+        free = status is CertificateStatus.FREE
         return Certificate(
             status=status,
-            margin=self._margin,
+            margin=checker.margin,
             clearance=clearance,
-            observed=float(self._observed),
+            observed=float(state[k.OBSERVED]),
             first_contact=first_contact,
             undecided=undecided,
             message=message,
             pairs=len(checker.pairs),
-            intervals=self._intervals,
+            intervals=int(state[k.INTERVALS]),
             excluded=tuple(checker.excluded),
-            tolerance=self._tolerance,
+            tolerance=float(self._settings[k.TOLERANCE]),
             curve=curve_hash(self._curve),
             setup=setup_hash(checker.arm, checker.scene, checker.attached),
             hollow=checker.hollow,
+            tube=Tube(
+                read_only(self._joints),
+                self._obstacles,
+                max(float(state[k.JOINT_TUBE]), 0.0) if free else np.nan,
+                max(float(state[k.OBSTACLE_TUBE]), 0.0) if free else np.nan,
+            ),
+            evidence=read_only(self._log[: int(state[k.LOGGED])].copy()) if self._record else None,
         )

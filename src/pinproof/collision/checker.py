@@ -1,11 +1,13 @@
-"""Is a configuration free of contact? Self and environment, by coal over Pinocchio's placements."""
+"""Is a configuration free of contact? The arm against itself and a scene: yes only where that is proven."""
 
 from __future__ import annotations
 
 import hashlib
 import threading
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from concurrent.futures import ThreadPoolExecutor
+from copy import copy
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,22 +16,49 @@ import pinocchio as pin
 from pinproof.collision.bodies import Body, shape_body
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.links import LinkMeshes, detail_bodies, link_bodies, meshes_of
+from pinproof.collision.margins import Margins
 from pinproof.collision.pairs import choose_pairs, unexplained_pairs
-from pinproof.collision.placed import GJK_SLACK, Placed
+from pinproof.collision.placed import FIRST_ONLY, NEAREST, Distance, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm
+from pinproof.spatial import finite
 
 __all__ = ["CollisionChecker"]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+ROUNDING = 1e-9
+"""Metres by which floating point may be off in placements and supports, for each metre the scene is wide (seen: 3e-9 m
+at 100 m), with room. It is taken off every distance before anything is called free."""
+
+CHUNK = 64
+"""Configurations that a thread takes at a time."""
+
+
+class Still(NamedTuple):
+    """The verdict on the pairs of a checker between which no joint moves: the same at every q."""
+
+    touching: tuple[tuple[int, Distance], ...]
+    """Those in contact."""
+    lower: float
+    """The smallest signed distance (m) of them, as :meth:`CollisionChecker.clearance` has it."""
+    upper: float
+    """An upper bound of it."""
 
 
 class CollisionChecker:
     """Checks configurations of an arm against itself and a scene.
 
-    ``q`` is always the arm's own joints; joints outside the arm stay where the arm holds them. May be used from several
-    threads: each has its own workspace.
+    ``q`` is always the arm's own joints; joints outside the arm stay where the arm holds them. Two bodies are in
+    contact where their distance is the margin or less, and where it cannot be told from that: "free" is only said of
+    what is proven farther apart. No answer depends on what was asked before. May be used from several threads: each has
+    its own workspace.
+
+    Tasks have stages, in which other things are held and other contacts are meant: :meth:`with_scene`,
+    :meth:`with_attached`, :meth:`allowing` and :meth:`with_margin` give checkers that differ in that, and share the
+    bodies.
 
     Parameters
     ----------
@@ -38,7 +67,9 @@ class CollisionChecker:
     scene
         What stands around it.
     margin
-        Metres that must stay between any two checked bodies; contact is a distance of ``margin`` or less.
+        Metres that must stay between any two checked bodies.
+    margins
+        The same for single pairs of names (links, attached objects, obstacles), in place of ``margin``.
     link_meshes
         ``"hull"``: the links' meshes are collided with as their convex hulls, which hold all of the mesh. ``"mesh"``:
         as their triangles, solid where watertight. ``"decomposed"``: as several hulls, which together hold all of it.
@@ -57,9 +88,9 @@ class CollisionChecker:
     MeshError
         If a collision mesh is missing or has no hull.
     UnknownNameError
-        If an allowed contact names nothing that is there.
+        If an allowed contact or a margin names nothing that is there.
     InputError
-        If the margin is negative or not finite, or two bodies share a name.
+        If a margin is negative or not finite, or two bodies share a name.
     """
 
     def __init__(
@@ -68,59 +99,124 @@ class CollisionChecker:
         scene: Scene | None = None,
         *,
         margin: float = 0.0,
+        margins: Mapping[tuple[str, str], float] | None = None,
         link_meshes: LinkMeshes | Mapping[str, LinkMeshes] = "hull",
         attached: Sequence[Obstacle] = (),
         allowed: Iterable[Sequence[str]] = (),
         trust_disabled: bool = False,
     ) -> None:
-        if not np.isfinite(margin) or margin < 0:
-            raise InputError(f"margin = {margin}; it is a distance in metres, 0 or more")
-        self.arm, self.scene, self.margin = arm, scene or Scene(), float(margin)
-        self.attached = tuple(attached)
         urdf = arm.robot.urdf
-        meshes = meshes_of(urdf.links, link_meshes)
+        self.arm, self._shape = arm, (arm.dof,)
+        self._meshes = meshes_of(urdf.links, link_meshes)
         unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
-        coarse = {link for pair in unexplained for link in pair if meshes.get(link) == "hull"}
-        self.bodies: tuple[Body, ...] = (
-            *(body for geometry in urdf.collisions for body in link_bodies(geometry, meshes[geometry.link])),
+        coarse = {link for pair in unexplained for link in pair if self._meshes.get(link) == "hull"}
+        self._links = (
+            *(body for geometry in urdf.collisions for body in link_bodies(geometry, self._meshes[geometry.link])),
             *(body for geometry in urdf.collisions if geometry.link in coarse for body in detail_bodies(geometry)),
-            *(shape_body(o.name, o.name, arm.tcp, o.shape, o.pose) for o in self.attached),
-            *(shape_body(o.name, o.name, None, o.shape, o.pose) for o in self.scene.obstacles),
         )
-        _check_names(self.bodies, urdf.links)
-        self.pairs, self.excluded = choose_pairs(
-            self.bodies, arm.robot, self.scene, allowed=allowed, trust_disabled=trust_disabled
-        )
-        self.geometry_model = _geometry_model(arm.model, self.bodies, self.pairs)
-        self.body_joints = np.array([o.parentJoint for o in self.geometry_model.geometryObjects], dtype=np.int64)
-        solid = [body.solid is not None for body in self.bodies]
-        self._exact_pairs = [k for k, (i, j) in enumerate(self.pairs) if solid[i] or solid[j]]
-        self._settings = (sorted(meshes.items()), trust_disabled, self.excluded)
-        self._threads = threading.local()
+        self._trust_disabled = trust_disabled
+        self._margins = Margins(margin, margins or {})
+        self._still: Still | None = None
+        self._made: dict[tuple[int, str | None], tuple[Obstacle, Body]] = {}
+        self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+
+    # -- questions ----------------------------------------------------------------------------------------------------
 
     def is_free(self, q: npt.ArrayLike) -> bool:
-        """Whether every checked pair is farther apart than the margin at q (n,). Limits are not looked at."""
+        """Whether every checked pair is proven farther apart than its margin at q (n,). Limits are not looked at."""
+        if type(q) is np.ndarray and q.dtype == np.float64 and q.shape == self._shape:
+            return self.is_free_unchecked(q)
         return self.is_free_unchecked(self.arm.configuration(q))
 
     def is_free_unchecked(self, q: Array) -> bool:
         """:meth:`is_free` for loops that made q (n,) themselves."""
-        space = self.placed(q)
-        return not space.any_contact() and not any(space.one_inside_other(k) for k in self._exact_pairs)
+        space = self.workspace
+        contacts, left = space.judge(q)
+        if contacts < 0:
+            self.arm.configuration(q)  # says what is wrong with it
+        if contacts or self.still.touching:
+            return False
+        return not left or not any(space.touches(k) for k in space.left_to_coal(left))
+
+    def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
+        """(N,) :meth:`is_free` at each row of Q (N, n); the same for any number of ``threads``."""
+        many, rows = self._batch(Q, FIRST_ONLY, threads)
+        free = (rows[:, 0] == 0) & (not self.still.touching)
+        for i in np.flatnonzero(free & (rows[:, 1] > 0)):
+            free[i] = self.is_free_unchecked(many[i])
+        return np.asarray(free)
 
     def check(self, q: npt.ArrayLike) -> CheckResult:
-        """Every contact at q (n,), with names, distances and points."""
-        space = self.placed(self.arm.configuration(q))
-        found = []
-        for k in range(len(self.pairs)):
-            distance = space.distance(k)
-            if distance <= self.margin + GJK_SLACK:
-                found.append(self.contact(space, k, distance))
+        """Every contact at q (n,), the deepest first, with names, distances, points and normals."""
+        space = self.workspace
+        touching = (*self.still.touching, *space.touching(self.arm.configuration(q)))
+        found = [self.contact(k, measured) for k, measured in touching]
         return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
 
     def clearance(self, q: npt.ArrayLike) -> float:
-        """The smallest signed distance (m) over all checked pairs at q (n,); inf if there is none to check."""
-        space = self.placed(self.arm.configuration(q))
-        return min((space.distance(k) for k in range(len(self.pairs))), default=np.inf)
+        """The smallest signed distance (m) over all checked pairs at q (n,); inf if there is none to check.
+
+        Where bodies are apart it is a lower bound up to :data:`ROUNDING`, within 1e-9 m of the distance; where they
+        penetrate, the depth as coal knows it, below 0.
+        """
+        space = self.workspace
+        near = space.near(self.arm.configuration(q), NEAREST)
+        judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
+        return min((near.lower, self.still.lower, *judged))
+
+    def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
+        """(N,) :meth:`clearance` at each row of Q (N, n); the same for any number of ``threads``."""
+        many, rows = self._batch(Q, NEAREST, threads)
+        out = np.minimum(rows[:, 2], self.still.lower)
+        for i in np.flatnonzero(rows[:, :2].any(axis=1)):
+            out[i] = self.clearance(many[i])
+        return np.asarray(out)
+
+    # -- checkers for other stages of a task --------------------------------------------------------------------------
+
+    def with_margin(
+        self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
+    ) -> CollisionChecker:
+        """The same bodies and pairs under another common margin, or other margins of single pairs (m)."""
+        other = copy(self)
+        common = self.margin if margin is None else margin
+        other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
+        return other
+
+    def moved_obstacles(self, by: float) -> CollisionChecker:
+        """The same, but every obstacle may stand elsewhere by up to ``by`` metres: its margins are that much larger."""
+        other = copy(self)
+        other._set_margins(self._margins, outside=by)
+        return other
+
+    def with_scene(self, scene: Scene) -> CollisionChecker:
+        """The same arm, with what it holds, in another scene; single margins of obstacles that are gone are dropped."""
+        return self._derived(scene, self.attached, self._allowed)
+
+    def with_attached(self, *objects: Obstacle) -> CollisionChecker:
+        """The same with more objects that move with the tcp; of a grasped one, take the obstacle out of the scene."""
+        return self._derived(self.scene, (*self.attached, *objects), self._allowed)
+
+    def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
+        """The same with more pairs of names that may touch: a gripper and what it grasps, a part and its support.
+
+        A certificate lists them as not checked. So allow a contact for the stage that means it, and for no other: part
+        and support while the part is lifted off, not while it is brought near.
+        """
+        return self._derived(self.scene, self.attached, (*self._allowed, *((str(a), str(b)) for a, b in pairs)))
+
+    def _derived(
+        self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
+    ) -> CollisionChecker:
+        other = copy(self)
+        other._made = self._made
+        gone = {*self.scene.names, *(o.name for o in self.attached)} - {*scene.names, *(o.name for o in attached)}
+        allowed = tuple(pair for pair in allowed if not gone & set(pair))
+        other._margins = self._margins.without(gone)
+        other._assemble(scene, attached, allowed)
+        return other
+
+    # -- what is known of it ------------------------------------------------------------------------------------------
 
     @property
     def obstacles_and_links(self) -> tuple[str, ...]:
@@ -132,34 +228,115 @@ class CollisionChecker:
         """Exact meshes that are not watertight: being wholly inside one of them is not seen as contact."""
         return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
 
+    @property
+    def still(self) -> Still:
+        """The verdict on the pairs between which no joint moves; found once, by whoever asks first."""
+        if self._still is None:
+            space = Placed(self, *self._still_world)
+            q = np.zeros(self.arm.dof)
+            touching = tuple(space.touching(q))
+            near = space.near(q, NEAREST)
+            judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
+            lower = min((near.lower, *(measured.distance for measured in judged)))
+            self._still = Still(touching, lower, min((near.upper, *(measured.attained for measured in judged))))
+        return self._still
+
     def fingerprint(self) -> str:
-        """A hash of all that a verdict depends on: kinematics, held joints, geometry, placements, pairs, margin."""
+        """A hash of all that a verdict depends on: kinematics, held joints, geometry, placements, pairs, margins."""
         digest = hashlib.sha256()
         words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
-        digest.update(repr((words, self.margin, self._settings)).encode())
+        digest.update(repr((words, self._trust_disabled, sorted(self._meshes.items()), self.excluded)).encode())
+        digest.update(self.margins.tobytes() + repr(self.margin).encode())
         for body in self.bodies:
             digest.update(body.content())
         return digest.hexdigest()
 
     def placed(self, q: Array) -> Placed:
         """Place every body at q (n,), unchecked, in the workspace of this thread: for loops that made q themselves."""
-        space: Placed | None = getattr(self._threads, "space", None)
-        if space is None:
-            space = self._threads.space = Placed(self)
+        space = self.workspace
         space.move(q)
         return space
 
-    def contact(self, space: Placed, k: int, distance: float) -> Contact:
-        """The contact of pair k, whose distance was just asked for."""
+    def contact(self, k: int, measured: Distance) -> Contact:
+        """The contact of pair k."""
         i, j = self.pairs[k]
-        return Contact((self.bodies[i].owner, self.bodies[j].owner), distance, space.points(k))
+        owners = (self.bodies[i].owner, self.bodies[j].owner)
+        return Contact(owners, measured.distance, measured.points, measured.normal)
+
+    # -- how it is made -----------------------------------------------------------------------------------------------
+
+    def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
+        """Everything that follows from the links, the scene, what is attached, what is allowed, and the margins."""
+        from pinproof.collision.packed import convex_pairs, pack_world
+
+        arm, self.scene, self.attached, self._allowed = self.arm, scene, attached, allowed
+        made, self._made, added = self._made, {}, []
+        for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
+            known = made.get((id(obstacle), link))  # from the checker this one is derived from
+            if known is None or known[1].link_from_body != obstacle.pose:
+                known = obstacle, shape_body(obstacle.name, obstacle.name, link, obstacle.shape, obstacle.pose)
+            self._made[id(obstacle), link] = known
+            added.append(known[1])
+        self.bodies: tuple[Body, ...] = (*self._links, *added)
+        _check_names(self.bodies, arm.robot.urdf.links)
+        self.pairs, self.excluded = choose_pairs(
+            self.bodies, arm.robot, scene, allowed=allowed, trust_disabled=self._trust_disabled
+        )
+        self.geometry_model = _geometry_model(arm.model, self.bodies, self.pairs)
+        widest = (np.abs(b.box[np.isfinite(b.box)]).max(initial=0.0) + b.reach for b in self.bodies)
+        self.rounding = ROUNDING * max((1.0, *widest))
+        self._world, self.at, self.still_pairs = pack_world(arm, self.bodies, self.pairs, self.rounding)
+        self.convex = convex_pairs(self._world)
+        self._set_margins(self._margins)
+
+    def _set_margins(self, margins: Margins, outside: float = 0.0) -> None:
+        """The margins of all pairs, more by ``outside`` (m) for those with an obstacle, and what follows from them."""
+        from pinproof.collision.packed import with_margins
+        from pinproof.kernels.world import flatten
+
+        self._margins, self.margin = margins, margins.common
+        owners = [(self.bodies[i].owner, self.bodies[j].owner) for i, j in self.pairs]
+        with_obstacle = np.array([self.bodies[j].link is None for _, j in self.pairs], dtype=float)
+        self.margins = margins.of(owners, self.obstacles_and_links) + outside * with_obstacle
+        world = with_margins(self._world, self.margins)
+        self.numbers, self.indices = flatten(world)
+        self._still_world = flatten(world._replace(own=self.still_pairs, tree=world.tree[:0]))
+        self._still = None
+        self._threads = threading.local()
+
+    @property
+    def workspace(self) -> Placed:
+        """The workspace of this thread."""
+        space: Placed | None = getattr(self._threads, "space", None)
+        if space is None:
+            space = self._threads.space = Placed(self, self.numbers, self.indices)
+        return space
+
+    def _batch(self, Q: npt.ArrayLike, question: int, threads: int) -> tuple[Array, Array]:
+        """Q (N, n) checked, and the answers (N, 5) of :func:`pinproof.kernels.near.near`."""
+        many = finite("Q", Q, (None, self.arm.dof))
+        if threads < 1:
+            raise InputError(f"threads = {threads}; it is 1 or more")
+        rows = np.empty((len(many), 5))
+        starts = range(0, len(many), CHUNK)
+        if threads == 1:
+            self.workspace.judge_many(many, question, rows)
+            return many, rows
+        with ThreadPoolExecutor(threads) as pool:
+            for done in [
+                pool.submit(lambda i: self.workspace.judge_many(many[i : i + CHUNK], question, rows[i : i + CHUNK]), i)
+                for i in starts
+            ]:
+                done.result()
+        return many, rows
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != "_threads"}
+        left_out = ("_threads", "_made")  # the latter knows obstacles by where they lie in memory
+        return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._threads = threading.local()
+        self._made, self._threads = {}, threading.local()
 
 
 def _geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:

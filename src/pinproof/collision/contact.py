@@ -24,11 +24,19 @@ class Contact:
         Signed distance in metres; below 0 they penetrate, by that depth where coal knows it.
     points
         (2, 3) the nearest (or deepest) point of each body, in the robot's root frame.
+    normal
+        (3,) the unit vector along which the second body would leave the first, in the robot's root frame.
     """
 
     bodies: tuple[str, str]
     distance: float
     points: Array
+    normal: Array
+
+    @property
+    def depth(self) -> float:
+        """How deep (m) the bodies penetrate each other; 0 where they do not."""
+        return max(-self.distance, 0.0)
 
     def __str__(self) -> str:
         how = "penetrates" if self.distance < 0 else "is near"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from functools import cache
 
 import numpy as np
@@ -42,8 +41,7 @@ class Edges:
             raise InputError(f"resolution = {resolution}; it is a joint step in rad or m, above 0")
         self._checker, self._resolution, self._finest = checker, resolution, resolution / FINEST
         spare = min((checker.clearance(q) for q in ends), default=np.inf) - checker.margin
-        self._steering = copy(checker)  # the same geometry, and workspaces of its own, made for its own margin
-        self._steering.margin = checker.margin + min(PAD, max(spare, 0.0) / 2)
+        self._steering = checker.with_margin(checker.margin + min(PAD, max(spare, 0.0) / 2))
 
     def looks_free(self, a: Array, b: Array) -> bool:
         """Whether the samples after a (n,) up to and with b (n,) are free: the end first, then ever finer halvings."""

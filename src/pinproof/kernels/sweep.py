@@ -1,0 +1,323 @@
+"""The proof of a whole curve: intervals in path order, halved until every pair of bodies is settled on them.
+
+What is asked, what is found and what is yet to be done lie in arrays of the caller's, so that the loop can stop in the
+middle of its work, for coal to judge bodies without a support function, and go on from there. See
+:mod:`pinproof.collision.certify` for the meaning of it all.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pinproof.kernels.approach import MORE, TURN_COLUMNS, closely, roughly, speeds, swings, way
+from pinproof.kernels.compiled import compiled
+from pinproof.kernels.gjk import SIMPLEX, between, relative
+from pinproof.kernels.near import PRECISION, apart, ball_to_node
+from pinproof.kernels.placing import place
+from pinproof.kernels.world import BALL, CONVEX, JOINT, LEAF, MARGIN, OUTSIDE, SKIP, A, B, world_of
+
+__all__ = ["sweep"]
+
+DONE, ASK, GROW = 0, 1, 2
+"""Why the loop stopped: it is through; coal is to judge the pairs in ``asked``; ``lists`` or ``log`` is full."""
+
+# Of the state:
+TOP, INTERVALS, OBSERVED, SPARE, PROVEN, JOINT_TUBE, OBSTACLE_TUBE = 0, 1, 2, 3, 4, 5, 6
+"""Entries on the stack; intervals looked at; least distance seen; least seen of distance less what was to be kept;
+least distance proven; by how much each joint, or each obstacle, could leave its place with the proof still true."""
+FOUND, FOUND_TIME, FOUND_PAIR = 7, 8, 9
+"""Whether a contact was found, when, and of which pair."""
+OPEN, OPEN_START, OPEN_END, OPEN_PAIR, OPEN_DISTANCE, LAST = 10, 11, 12, 13, 14, 15
+"""Whether a span stays undecided, the first such one, its pair least proven; the interval up to which to look on."""
+ASKED, LOGGED = 16, 17
+"""How many pairs are asked about; how many rows of the log are written."""
+STATE_SIZE = 18
+
+# Of the settings:
+TOLERANCE, MAX_INTERVALS, OBSTACLES, GOAL_SHARE, LOOK_AHEAD = 0, 1, 2, 3, 4
+
+HOPELESS = 4.0
+"""Times their distance: the support gap is not looked for where two bodies may come nearer by more."""
+
+COARSE = 0.02
+"""Share of the clearance to be proven: no pair is measured more closely."""
+
+EVERYTHING = -1
+"""As the length of a list of pairs: all that move."""
+
+LOG_COLUMNS = 7
+"""What a proof would have to tell: start, end, pair, distance proven, direction in the root frame (zeros: balls)."""
+
+
+@compiled
+def sweep(
+    numbers: Any,
+    indices: Any,
+    knots: Any,
+    control: Any,
+    extra: Any,
+    settings: Any,
+    at: Any,
+    spans: Any,
+    ranges: Any,
+    pieces: Any,
+    lists: Any,
+    directions: Any,
+    seen: Any,
+    asked: Any,
+    told: Any,
+    state: Any,
+    found_q: Any,
+    log: Any,
+) -> int:
+    """Go on with the proof until it is done or something is needed.
+
+    Parameters
+    ----------
+    numbers, indices, at
+        The flattened world and the placements of its bodies, as for :func:`pinproof.kernels.near.near`.
+    knots, control
+        The curve (k + 1,), (k, degree + 1, n), see :mod:`pinproof.motion.bezier`.
+    extra
+        (n,) what each joint may leave the curve by.
+    settings
+        The tolerance (m), the budget of intervals, what obstacles may be moved by (m; the margins of their pairs hold
+        it already), the share of the clearance seen that must be proven, how many intervals to look on behind an
+        undecided span.
+    spans, ranges, pieces
+        The stack of intervals: (D, 2) start and end; (D, 4) first piece and the one after the last, beginning and
+        length of its list of open pairs; (D, degree + 1, n) control points where it is part of a single piece.
+    lists
+        The lists of open pairs, one behind the other.
+    directions
+        (P, 3) in which direction each pair was last found apart, in the first one's frame; zeros at first.
+    seen
+        (P,) how far apart (m) each pair was then; infinity at first.
+    asked, told
+        (P,) the pairs coal is to judge at ``found_q[1]``; (P, 3) what it said: in which interval, the distance, and the
+        least that is proven.
+    state
+        See the names above.
+    found_q
+        (2, n) the configuration of the contact, and the one being looked at.
+    log
+        (L, 7) rows of :data:`LOG_COLUMNS`; with L = 0 nothing is written down.
+    """
+    world = world_of(numbers, indices)
+    joints, bodies, pairs, rounding = world.joints, world.bodies, world.pairs, world.widest[1]
+    m, robot, n, last = joints.shape[0], world.outer.shape[0], extra.shape[0], control.shape[1] - 1
+    turns, rho, path = np.empty((m, TURN_COLUMNS)), np.empty((robot, m)), np.empty(m, np.int64)
+    axes, u = np.empty((m, 12)), np.empty(3)
+    rel, simplex = np.empty(12), np.empty(SIMPLEX)
+    middle, delta = found_q[1], np.empty(n)
+    halves = np.empty((2, last + 1, n))
+    while state[TOP] > 0.0:
+        top = int(state[TOP]) - 1
+        start, end = spans[top, 0], spans[top, 1]
+        first, behind, begin, length = ranges[top, 0], ranges[top, 1], ranges[top, 2], ranges[top, 3]
+        piece = pieces[top]
+        if behind - first > 1:
+            half = (first + behind) // 2
+            time = knots[half]
+            middle[:] = control[half, 0]
+            delta[:] = 0.0
+            for i in range(first, behind):
+                _widen(control[i], middle, delta)
+        else:
+            half, time = first, 0.5 * (start + end)
+            _halve(piece, halves)
+            middle[:] = halves[0, last]
+            delta[:] = 0.0
+            _widen(piece, middle, delta)
+        place(world, middle, axes, at)
+        swings(joints, delta, extra, turns)
+        speeds(world, at, axes, rho)
+        proven, joint_tube, obstacle_tube = state[PROVEN], state[JOINT_TUBE], state[OBSTACLE_TUBE]
+        if length == EVERYTHING:
+            if lists.shape[0] < begin + pairs.shape[0]:
+                return GROW
+            length = world.own.shape[0]
+            lists[begin : begin + length] = world.own
+            level = world.widest[0]
+            if math.isfinite(state[SPARE]):
+                level += settings[GOAL_SHARE] * max(state[SPARE], 0.0)
+            for body in range(robot):
+                count, _ = way(joints, int(bodies[body, JOINT]), -1, path)
+                near, growth, _, _ = roughly(rho, turns, path, count, body, robot)
+                row, left_out = 0, False
+                while row < world.tree.shape[0]:
+                    if ball_to_node(at, body, bodies[body, BALL], world.tree, row) - near - rounding > level:
+                        row, left_out = int(world.tree[row, SKIP]), True
+                        continue
+                    leaf = int(world.tree[row, LEAF])
+                    row += 1
+                    if leaf >= 0 and world.outer[body, leaf - robot] >= 0:
+                        lists[begin + length] = world.outer[body, leaf - robot]
+                        length += 1
+                if left_out:
+                    room = level - world.widest[0]
+                    proven, obstacle_tube = min(proven, level - settings[OBSTACLES]), min(obstacle_tube, room)
+                    joint_tube = min(joint_tube, room / growth if growth > 0.0 else np.inf)
+        here = begin + length
+        if lists.shape[0] < here + length or (log.shape[0] > 0 and log.shape[0] < state[LOGGED] + length):
+            return GROW
+        still_open, left = 0, 0
+        step = 0.0
+        weakest, weakest_pair, weakest_distance, weakest_proven = np.inf, -1, np.inf, np.inf
+        open_joint_tube, open_obstacle_tube = np.inf, np.inf
+        contact, contact_pair = np.inf, -1
+        logged = int(state[LOGGED])
+        for index in range(begin, begin + length):
+            k = lists[index]
+            a, b, outside = int(pairs[k, A]), int(pairs[k, B]), pairs[k, OUTSIDE] != 0.0
+            moved = settings[OBSTACLES] if outside else 0.0
+            goal = margin = pairs[k, MARGIN]
+            if math.isfinite(state[SPARE]):
+                goal += settings[GOAL_SHARE] * max(state[SPARE], 0.0)
+            count, up = way(joints, int(bodies[a, JOINT]), int(bodies[b, JOINT]), path)
+            near, growth, bare, split = roughly(rho, turns, path, count, a, b)
+            enough = goal + near + rounding
+            lower, most = apart(bodies, at, a, b, enough), np.inf
+            distance = np.inf
+            u[:] = 0.0
+            if not lower > enough:
+                if bodies[a, CONVEX] == 0.0 or bodies[b, CONVEX] == 0.0:
+                    if told[k, 0] != state[INTERVALS] + 1.0:
+                        asked[left] = k
+                        left += 1
+                        continue
+                    distance, lower = told[k, 1], max(lower, told[k, 2])
+                else:
+                    # Where bodies may move by far more than they are apart nothing is settled: whether they touch
+                    # right here is all that is asked then.
+                    hopeless = behind - first > 1 or near > HOPELESS * max(seen[k], goal)
+                    relative(at, a, b, rel)
+                    lower, distance = between(
+                        bodies,
+                        world.vertices,
+                        a,
+                        b,
+                        rel,
+                        directions[k],
+                        simplex,
+                        margin if hopeless else enough,
+                        margin,
+                        max(PRECISION, COARSE * (goal - margin)),
+                    )
+                    if distance < np.inf:
+                        seen[k] = distance
+                    if not hopeless and not lower > enough and distance > margin:
+                        for i in range(3):
+                            x, y, z = at[a, 3 * i], at[a, 3 * i + 1], at[a, 3 * i + 2]
+                            u[i] = x * directions[k, 0] + y * directions[k, 1] + z * directions[k, 2]
+                        tighter, steeper = closely(
+                            world, at, axes, rho, turns, extra, path, count, up, split, a, b, u, piece, middle
+                        )
+                        if tighter < near:
+                            near, growth, most = tighter, steeper, MORE
+                state[OBSERVED] = min(state[OBSERVED], distance)
+                state[SPARE] = min(state[SPARE], distance - margin)
+            certain = lower - near - rounding
+            room = certain - margin
+            tube = min(most, room / growth) if growth > 0.0 else np.inf
+            if log.shape[0] > 0 and room > 0.0:
+                log[logged, 0], log[logged, 1], log[logged, 2], log[logged, 3] = start, end, k, certain
+                log[logged, 4], log[logged, 5], log[logged, 6] = u[0], u[1], u[2]
+                logged += 1
+            if certain > goal:
+                proven = min(proven, certain - moved)
+                joint_tube = min(joint_tube, tube)
+                if outside:
+                    obstacle_tube = min(obstacle_tube, room)
+                continue
+            lists[here + still_open] = k
+            still_open += 1
+            step = max(step, bare)
+            if distance - margin <= 0.0 and distance - margin < contact:
+                contact, contact_pair = distance - margin, k
+            weakest_proven = min(weakest_proven, certain - moved)
+            open_joint_tube = min(open_joint_tube, tube)
+            if outside:
+                open_obstacle_tube = min(open_obstacle_tube, room)
+            if not room >= weakest:
+                weakest, weakest_pair, weakest_distance = room, k, distance
+                if np.isnan(room):  # it proves nothing, whichever pair comes after it
+                    weakest = -np.inf
+        if left > 0:
+            state[ASKED] = left
+            return ASK
+        state[TOP] = top
+        state[INTERVALS] += 1.0
+        state[LOGGED] = logged
+        state[PROVEN], state[JOINT_TUBE], state[OBSTACLE_TUBE] = proven, joint_tube, obstacle_tube
+        if contact_pair >= 0:
+            state[FOUND], state[FOUND_TIME], state[FOUND_PAIR], state[TOP] = 1.0, time, contact_pair, 0.0
+            found_q[0] = middle
+            top = 0
+        if still_open == 0:
+            continue
+        spent = state[INTERVALS] >= settings[MAX_INTERVALS]
+        if step < settings[TOLERANCE] or spent or top + 2 > spans.shape[0]:
+            if weakest > 0.0:  # less than the share that was hoped for, but proven
+                state[PROVEN] = min(state[PROVEN], weakest_proven)
+                state[JOINT_TUBE] = min(state[JOINT_TUBE], open_joint_tube)
+                state[OBSTACLE_TUBE] = min(state[OBSTACLE_TUBE], open_obstacle_tube)
+                continue
+            fresh = state[OPEN] == 0.0
+            if fresh:
+                state[OPEN], state[OPEN_START], state[OPEN_END] = 1.0, start, end
+                state[OPEN_PAIR], state[OPEN_DISTANCE] = weakest_pair, weakest_distance
+                state[LAST] = state[INTERVALS] + settings[LOOK_AHEAD]
+            if state[FOUND] != 0.0 or state[INTERVALS] >= min(state[LAST], settings[MAX_INTERVALS]):
+                break
+            if start < end:  # a contact that begins right here is met at the end of the interval, or soon behind it
+                spans[top, 0] = spans[top, 1] = end
+                ranges[top, 0], ranges[top, 1] = behind - 1, behind
+                ranges[top, 2], ranges[top, 3] = here, still_open
+                tip = control[behind - 1, last] if behind - first > 1 else piece[last].copy()
+                for i in range(last + 1):
+                    pieces[top, i] = tip
+                state[TOP] = top + 1
+            continue
+        for side in range(2):
+            if side == 0 and contact_pair >= 0:
+                continue  # only what lies before a contact matters
+            row = int(state[TOP])
+            spans[row, 0], spans[row, 1] = (time, end) if side == 0 else (start, time)
+            ranges[row, 0], ranges[row, 1] = first, behind
+            ranges[row, 2], ranges[row, 3] = here, still_open
+            if behind - first > 1:
+                if side == 0:
+                    ranges[row, 0] = half
+                else:
+                    ranges[row, 1] = half
+                if ranges[row, 1] - ranges[row, 0] == 1:
+                    pieces[row] = control[ranges[row, 0]]
+            else:
+                pieces[row] = halves[1 - side]
+            state[TOP] = row + 1
+    state[TOP] = 0.0
+    return DONE
+
+
+@compiled
+def _widen(control: Any, middle: Any, delta: Any) -> None:
+    """Let ``delta`` (n,) reach from ``middle`` to all control points (degree + 1, n), and so to their curve."""
+    for r in range(control.shape[0]):
+        for j in range(control.shape[1]):
+            delta[j] = max(delta[j], abs(control[r, j] - middle[j]))
+
+
+@compiled
+def _halve(control: Any, halves: Any) -> None:
+    """Cut a piece (degree + 1, n) in the middle, into ``halves`` (2, degree + 1, n) (de Casteljau)."""
+    last = control.shape[0] - 1
+    halves[1] = control
+    for r in range(last + 1):
+        halves[0, r] = halves[1, 0]
+        for i in range(last - r):
+            for j in range(control.shape[1]):
+                halves[1, i, j] = 0.5 * (halves[1, i, j] + halves[1, i + 1, j])

@@ -1,0 +1,138 @@
+"""Checkers for other stages of a task, margins of single pairs, and many configurations at once."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import trimesh
+
+from pinproof import (
+    Box,
+    CollisionChecker,
+    HalfSpace,
+    InputError,
+    Mesh,
+    Obstacle,
+    Scene,
+    Sphere,
+    UnknownNameError,
+    load_robot,
+    pose,
+)
+
+BALL = Obstacle("ball", Sphere(0.1), pose((0.5, 0.1, 0.4)))
+TABLE = Obstacle("table", Box(1.0, 1.0, 0.05), pose((0.6, 0, -0.1)))
+TOOL = Obstacle("tool", Box(0.05, 0.05, 0.2), pose((0, 0, 0.1)))
+
+
+def random_q(arm, count, seed=0):
+    return np.random.default_rng(seed).uniform(-3, 3, (count, arm.dof))
+
+
+def same(one, other, arm):
+    many = random_q(arm, 60)
+    assert [one.is_free(q) for q in many] == [other.is_free(q) for q in many]
+    assert [one.clearance(q) for q in many] == [other.clearance(q) for q in many]
+    assert one.fingerprint() == other.fingerprint()
+    assert one.excluded == other.excluded
+
+
+def test_a_derived_checker_is_the_one_made_anew(ur5):
+    checker = CollisionChecker(ur5, Scene([BALL, TABLE]))
+    same(checker.with_margin(0.01), CollisionChecker(ur5, checker.scene, margin=0.01), ur5)
+    same(checker.with_scene(Scene([TABLE])), CollisionChecker(ur5, Scene([TABLE])), ur5)
+    same(checker.with_attached(TOOL), CollisionChecker(ur5, checker.scene, attached=[TOOL]), ur5)
+    allowed = [("forearm_link", "ball")]
+    same(checker.allowing(*allowed), CollisionChecker(ur5, checker.scene, allowed=allowed), ur5)
+    grasp = checker.with_attached(TOOL).allowing(("tool", "ball")).with_margin(0.002)
+    same(grasp, CollisionChecker(ur5, checker.scene, margin=0.002, attached=[TOOL], allowed=[("tool", "ball")]), ur5)
+    same(pickle.loads(pickle.dumps(checker)).with_attached(TOOL), checker.with_attached(TOOL), ur5)
+
+
+def test_deriving_leaves_the_checker_as_it_was(ur5):
+    checker, fresh = CollisionChecker(ur5, Scene([BALL])), CollisionChecker(ur5, Scene([BALL]))
+    checker.is_free(np.zeros(6))
+    derived = [checker.with_margin(0.1), checker.with_scene(Scene()), checker.with_attached(TOOL)]
+    for other in derived:
+        other.is_free(np.zeros(6))
+    same(checker, fresh, ur5)
+
+
+def test_a_margin_of_a_single_pair_goes_before_the_common_one(slider):
+    scene = Scene(
+        [Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0))), Obstacle("wall", Box(1, 0.1, 1), pose((0, -0.2, 0)))]
+    )
+    for part, common, free in ((0.049, 0.139, True), (0.051, 0.139, False), (0.049, 0.141, False)):
+        checker = CollisionChecker(slider, scene, margin=common, margins={("part", "ball"): part})
+        assert checker.is_free([0.0]) is free
+        assert checker.check([0.0]).free is free
+        assert checker.is_free_batch([[0.0]]).tolist() == [free]
+    assert checker.with_margin(0.1).is_free([0.0])  # the single one stays
+    assert not checker.with_margin(margins={}).is_free([0.0])
+
+
+def test_single_margins_of_what_is_gone_are_dropped(slider):
+    scene = Scene([Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0)))])
+    checker = CollisionChecker(slider, scene, margins={("part", "ball"): 0.06}, allowed=[])
+    assert not checker.is_free([0.0])
+    assert checker.with_scene(Scene()).is_free([0.0])
+
+
+@pytest.mark.parametrize(
+    "margins", [{("ball", "ball"): 0.1}, {("ball",): 0.1}, {"ball": 0.1}, {("part", "ball"): -1.0}]
+)
+def test_margins_that_make_no_sense_are_refused(slider, margins):
+    scene = Scene([Obstacle("part", Sphere(0.04), pose((0.0, 0.1, 0)))])
+    with pytest.raises(InputError):
+        CollisionChecker(slider, scene, margins=margins)
+
+
+def test_a_margin_for_an_unknown_name_is_refused(slider):
+    with pytest.raises(UnknownNameError, match="ball"):
+        CollisionChecker(slider, margins={("nobody", "ball"): 0.1})
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_a_batch_is_its_configurations(ur5, mesh_file, threads):
+    """Convex bodies, and an exact mesh that is left to coal."""
+
+    exact = Obstacle(
+        "exact", Mesh(mesh_file(trimesh.creation.box((0.3, 0.3, 0.3))), hull=False), pose((0.4, -0.3, 0.5))
+    )
+    checker = CollisionChecker(ur5, Scene([BALL, TABLE, exact]))
+    many = random_q(ur5, 200)
+    assert checker.is_free_batch(many, threads=threads).tolist() == [checker.is_free(q) for q in many]
+    assert checker.clearance_batch(many, threads=threads).tolist() == [checker.clearance(q) for q in many]
+    assert checker.is_free_batch(np.empty((0, 6)), threads=threads).shape == (0,)
+    with pytest.raises(InputError):
+        checker.is_free_batch(np.full((1, 6), np.nan), threads=threads)
+    with pytest.raises(InputError, match="threads"):
+        checker.is_free_batch(many, threads=0)
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
+def test_what_is_no_number_is_never_free(ur5, bad):
+    checker = CollisionChecker(ur5)
+    q = np.zeros(6)
+    q[3] = bad
+    for ask in (checker.is_free, checker.is_free_unchecked, checker.check, checker.clearance):
+        with pytest.raises(InputError):
+            ask(q)
+    assert checker.is_free(np.array([0.0, -1.5, 1.0, 0.0, 0.0, 0.0]))  # and nothing is left behind of it
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "kinova", "stanford", "scara", "xarm7", "iiwa14", "so100", "puma560"])
+def test_bodies_are_placed_where_pinocchio_places_them(name):
+    arm = load_robot(name).arm()
+    checker = CollisionChecker(arm, Scene([BALL, Obstacle("floor", HalfSpace(), pose((0, 0, -1)))]))
+    data, placed = arm.model.createData(), checker.geometry_model.createData()
+    for q in (*random_q(arm, 20), np.full(arm.dof, 1e6)):
+        pin.updateGeometryPlacements(arm.model, data, checker.geometry_model, placed, arm.model_configuration(q))
+        at = checker.placed(q).at
+        for i, body in enumerate(checker.bodies):
+            size = 1 + np.abs(placed.oMg[i].translation).max()
+            np.testing.assert_allclose(at[i, :9].reshape(3, 3), placed.oMg[i].rotation, atol=1e-9)
+            np.testing.assert_allclose(at[i, 9:12], placed.oMg[i].translation, atol=1e-9 * size, err_msg=body.name)

@@ -1,0 +1,133 @@
+"""Certificates for a tube around the curve: joints that deviate, obstacles that may stand elsewhere."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pinproof import (
+    Box,
+    CertificateStatus,
+    CollisionChecker,
+    InputError,
+    Obstacle,
+    Scene,
+    Sphere,
+    certify,
+    pose,
+)
+
+FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
+
+GAP = 0.05
+"""Metres between the slider's ball of 1 cm, on its way along x, and the obstacle beside it."""
+
+
+def beside(slider, **settings):
+    return CollisionChecker(slider, Scene([Obstacle("post", Sphere(0.04), pose((0.2, 0.05 + GAP, 0)))]), **settings)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.01])
+@pytest.mark.parametrize("share", [0.5, 0.999])
+def test_obstacles_may_be_moved_by_what_is_left_beyond_the_margin(slider, path, margin, share):
+    moved = share * (GAP - margin)
+    certificate = certify(path(slider, [0.0], [0.4]), beside(slider, margin=margin), obstacle_tolerance=moved)
+    assert certificate.status is FREE
+    assert margin < certificate.clearance <= GAP - moved + 1e-9
+    assert certificate.tube.obstacles == moved
+    assert moved + certificate.tube.largest_obstacles <= GAP - margin + 1e-9
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.01])
+def test_an_obstacle_that_may_come_to_touch_is_a_contact_and_the_distance_says_how(slider, path, margin):
+    moved = GAP - margin + 1e-3
+    certificate = certify(path(slider, [0.0], [0.4]), beside(slider, margin=margin), obstacle_tolerance=moved)
+    assert certificate.status is COLLIDING
+    contact = certificate.first_contact
+    bare = np.hypot(contact.q[0] - 0.2, 0.05 + GAP) - 0.05
+    assert contact.distance == pytest.approx(bare - moved, abs=1e-6)
+    assert contact.distance <= margin
+    assert contact.penetrating == (contact.distance < 0)
+
+
+def test_links_are_not_moved_by_the_tolerance_of_obstacles(planar_2r, path):
+    """The arm against itself is as far apart as it was; only what stands around may move."""
+    curve, checker = path(planar_2r, [0.0, 0.5], [0.3, 1.0]), CollisionChecker(planar_2r)
+    alone = certify(curve, checker)
+    with_tolerance = certify(curve, checker, obstacle_tolerance=1.0)
+    assert alone.status is with_tolerance.status is FREE
+    assert with_tolerance.clearance == alone.clearance
+    assert with_tolerance.tube.largest_obstacles == np.inf
+
+
+@pytest.mark.parametrize("off", [0.01, 0.04])
+def test_joints_may_leave_the_curve(slider, path, off):
+    """The ball ends 5 cm before a wall."""
+    checker = CollisionChecker(slider, Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.26 + GAP, 0, 0)))]))
+    curve = path(slider, [0.0], [0.2])
+    certificate = certify(curve, checker, joint_tolerance=off)
+    assert certificate.status is FREE
+    assert certificate.clearance <= GAP - off + 1e-9
+    assert off + certificate.tube.largest_joints <= GAP + 1e-9
+    assert certify(curve, checker, joint_tolerance=GAP + 1e-3).status is not FREE
+
+
+def test_every_motion_in_the_largest_tube_is_free(ur5, path):
+    scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.5, 0.3, 0.4)))])
+    checker, rng = CollisionChecker(ur5, scene), np.random.default_rng(3)
+    proven = 0
+    for _ in range(12):
+        q = rng.uniform(-2, 2, (2, 6))
+        certificate = certify(path(ur5, *q), checker, joint_tolerance=0.002)
+        if not certificate.free:
+            continue
+        proven += 1
+        off = 0.002 + certificate.tube.largest_joints
+        for s in np.linspace(0, 1, 60):
+            assert checker.is_free(q[0] + s * (q[1] - q[0]) + rng.choice([-1, 1], 6) * off)
+        # Obstacles moved by the largest tube: the same as that much more margin to them.
+        more = checker.moved_obstacles(certificate.tube.largest_obstacles * (1 - 1e-9))
+        assert all(more.is_free(q[0] + s * (q[1] - q[0])) for s in np.linspace(0, 1, 60))
+    assert proven >= 3
+
+
+def test_a_tolerance_for_each_joint(planar_2r, path):
+    checker = CollisionChecker(planar_2r)
+    certificate = certify(path(planar_2r, [0.0, 0.5], [0.3, 1.0]), checker, joint_tolerance=[0.1, 0.0])
+    assert certificate.tube.joints.tolist() == [0.1, 0.0]
+    assert "joints off by their tolerances" in certificate.message
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"joint_tolerance": -1e-9},
+        {"joint_tolerance": float("nan")},
+        {"joint_tolerance": [0.0, 0.1]},
+        {"obstacle_tolerance": -1e-9},
+        {"obstacle_tolerance": float("nan")},
+        {"obstacle_tolerance": float("inf")},
+    ],
+)
+def test_a_tube_that_makes_no_sense_is_refused(slider, path, settings):
+    with pytest.raises(InputError):
+        certify(path(slider, [0.0], [0.4]), beside(slider), **settings)
+
+
+def test_evidence_tells_of_every_pair_on_the_whole_curve(ur5, path):
+    """Each pair's intervals cover the curve without a gap, and what they say of its middle is true."""
+    scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.7, 0.3, 0.4)))])
+    checker, curve = CollisionChecker(ur5, scene), path(ur5, [0, -1.5, 1, 0, 0, 0], [0.5, -1.2, 1, 0.3, 0, 0])
+    certificate = certify(curve, checker, record=True)
+    assert certificate.status is FREE
+    rows = certificate.evidence
+    for pair in sorted(set(range(len(checker.pairs))) - set(checker.still_pairs.tolist())):
+        mine = rows[rows[:, 2] == pair]
+        reached = 0.0
+        for start, end in sorted(mine[:, :2].tolist()):
+            assert start <= reached
+            reached = max(reached, end)
+        assert reached == 1.0
+        for start, end, _, proven in mine[:, :4].tolist():
+            assert checker.placed(curve((start + end) / 2)).measure(pair).attained >= proven
+    assert certify(curve, checker).evidence is None

@@ -23,7 +23,7 @@ def step_singular(
     """The step -A^T (A A^T + lambda^2 I)^-1 pull with A = ``jacobian``, into the row STEP of ``joints``.
 
     Singular values up to ``cutoff`` times the largest count as zero. With s the smallest of those that A can have,
-    lambda^2 = damping^2 |pull| (1 - (s / region)^2) for s below ``region``, else 0. Undamped it is the pseudo-inverse's.
+    lambda^2 = damping^2 |pull| (1 - (s / region)^2) for s below ``region``, else 0. Undamped: the pseudo-inverse's.
     """
     n, largest = jacobian.shape[1], 0.0
     for i in range(6):

@@ -122,15 +122,13 @@ def sweep(
         if behind - first > 1:
             half = (first + behind) // 2
             time = knots[half]
-            middle[:] = control[half, 0]
-            delta[:] = 0.0
+            _stand(control[half], 0, middle, delta)
             for i in range(first, behind):
                 _widen(control[i], middle, delta)
         else:
             half, time = first, 0.5 * (start + end)
             _halve(piece, halves)
-            middle[:] = halves[0, last]
-            delta[:] = 0.0
+            _stand(halves[0], last, middle, delta)
             _widen(piece, middle, delta)
         place(world, middle, axes, at)
         swings(joints, delta, extra, turns)
@@ -140,7 +138,8 @@ def sweep(
             if lists.shape[0] < begin + pairs.shape[0]:
                 return GROW
             length = world.own.shape[0]
-            lists[begin : begin + length] = world.own
+            for i in range(length):
+                lists[begin + i] = world.own[i]
             level = world.widest[0]
             if math.isfinite(state[SPARE]):
                 level += settings[GOAL_SHARE] * max(state[SPARE], 0.0)
@@ -255,7 +254,8 @@ def sweep(
         state[PROVEN], state[JOINT_TUBE], state[OBSTACLE_TUBE] = proven, joint_tube, obstacle_tube
         if contact_pair >= 0:
             state[FOUND], state[FOUND_TIME], state[FOUND_PAIR], state[TOP] = 1.0, time, contact_pair, 0.0
-            found_q[0] = middle
+            for j in range(n):
+                found_q[0, j] = middle[j]
             top = 0
         if still_open == 0:
             continue
@@ -277,9 +277,10 @@ def sweep(
                 spans[top, 0] = spans[top, 1] = end
                 ranges[top, 0], ranges[top, 1] = behind - 1, behind
                 ranges[top, 2], ranges[top, 3] = here, still_open
-                tip = control[behind - 1, last] if behind - first > 1 else piece[last].copy()
-                for i in range(last + 1):
-                    pieces[top, i] = tip
+                tip = control[behind - 1] if behind - first > 1 else piece
+                for r in range(last, -1, -1):
+                    for j in range(n):
+                        pieces[top, r, j] = tip[last, j]
                 state[TOP] = top + 1
             continue
         for side in range(2):
@@ -295,12 +296,27 @@ def sweep(
                 else:
                     ranges[row, 1] = half
                 if ranges[row, 1] - ranges[row, 0] == 1:
-                    pieces[row] = control[ranges[row, 0]]
+                    _copy(control[ranges[row, 0]], pieces[row])
             else:
-                pieces[row] = halves[1 - side]
+                _copy(halves[1 - side], pieces[row])
             state[TOP] = row + 1
     state[TOP] = 0.0
     return DONE
+
+
+@compiled
+def _copy(source: Any, target: Any) -> None:
+    """Copy points (degree + 1, n); by hand, since numba takes seconds to compile an assignment of slices."""
+    for r in range(source.shape[0]):
+        for j in range(source.shape[1]):
+            target[r, j] = source[r, j]
+
+
+@compiled
+def _stand(points: Any, r: int, middle: Any, delta: Any) -> None:
+    """Make point r the ``middle`` (n,), with nothing around it yet."""
+    for j in range(middle.shape[0]):
+        middle[j], delta[j] = points[r, j], 0.0
 
 
 @compiled
@@ -315,9 +331,9 @@ def _widen(control: Any, middle: Any, delta: Any) -> None:
 def _halve(control: Any, halves: Any) -> None:
     """Cut a piece (degree + 1, n) in the middle, into ``halves`` (2, degree + 1, n) (de Casteljau)."""
     last = control.shape[0] - 1
-    halves[1] = control
+    _copy(control, halves[1])
     for r in range(last + 1):
-        halves[0, r] = halves[1, 0]
-        for i in range(last - r):
-            for j in range(control.shape[1]):
+        for j in range(control.shape[1]):
+            halves[0, r, j] = halves[1, 0, j]
+            for i in range(last - r):
                 halves[1, i, j] = 0.5 * (halves[1, i, j] + halves[1, i + 1, j])

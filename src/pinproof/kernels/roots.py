@@ -22,8 +22,9 @@ FREE = 1e-10
 """What is smaller (in lengths of the arm) does not decide about a joint's value: the joint is free. A branch whose free
 joint is set to any value is then wrong by less than this."""
 
-NEARLY_REAL = 1e-5
-"""A root of a quartic whose imaginary part is smaller may be a double root that rounding (1e-16) took apart (1e-8)."""
+NEARLY_REAL = 1e-3
+"""A root of a quartic whose imaginary part is smaller may be real: rounding (1e-16) takes double roots apart by its
+root (1e-8), fourfold ones by 1e-4. Forward kinematics judges what comes of it."""
 
 ROUNDS = 60
 SETTLED = 1e-15

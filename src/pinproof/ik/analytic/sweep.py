@@ -40,8 +40,8 @@ def joined(intervals: tuple[Interval, ...]) -> list[tuple[float, float]]:
 def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[Array, tuple[Interval, ...]]:
     """The rows (b + 1, n + 4) of all values together, as the kernel lays out those of one, and the intervals.
 
-    An interval ends where the number of branches changes between two neighbouring values; what comes and goes between
-    two of them is not seen.
+    An interval ends where the number of branches changes between two neighbouring values; branches that come and go
+    between two values are not seen.
     """
     from pinproof.kernels.branches import branches_of_values
 
@@ -58,24 +58,20 @@ def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[A
 def _intervals(
     plan: Plan, target: Array, reference: Array, values: Array, counts: npt.NDArray[np.int64]
 ) -> tuple[Interval, ...]:
-    found, start = [], float(values[0])
+    found, start, count, out = [], float(values[0]), int(counts[0]), np.empty(plan.shape)
     for i in range(len(values) - 1):
-        if counts[i] == counts[i + 1]:
-            continue
-        end = _change(plan, target, reference, float(values[i]), float(values[i + 1]), int(counts[i]))
-        found.append(Interval(start, end, int(counts[i])))
-        start = end
-    found.append(Interval(start, float(values[-1]), int(counts[-1])))
+        low = float(values[i])
+        while count != counts[i + 1]:
+            high = float(values[i + 1])
+            while high - low > END:
+                middle = (low + high) / 2
+                if plan.kernel(plan.array, target, reference, middle, out) == count:
+                    low = middle
+                else:
+                    high = middle
+            found.append(Interval(start, low, count))
+            # Not always what the next value of the grid has: several changes may lie between two values.
+            start = low = high
+            count = plan.kernel(plan.array, target, reference, high, out)
+    found.append(Interval(start, float(values[-1]), count))
     return tuple(one for one in found if one.branches)
-
-
-def _change(plan: Plan, target: Array, reference: Array, low: float, high: float, count: int) -> float:
-    """Where, between two values, the number of branches leaves ``count``; the last value that still has it."""
-    out = np.empty(plan.shape)
-    while high - low > END:
-        middle = (low + high) / 2
-        if plan.kernel(plan.array, target, reference, middle, out) == count:
-            low = middle
-        else:
-            high = middle
-    return low if count else high

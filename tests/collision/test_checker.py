@@ -12,6 +12,7 @@ import pytest
 
 from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, load_robot, pose
 from pinproof.collision.placed import GJK_SLACK
+from pinproof.kernels.world import BEGIN, world_of
 
 
 def reasons(checker) -> dict[frozenset[str], str]:
@@ -340,3 +341,16 @@ def test_a_scene_handed_over_cannot_be_changed_behind_the_checker(slider):
     checker = CollisionChecker(slider, Scene([wall]))
     wall.pose.translation = np.array([9.0, 0, 0])
     assert checker.clearance([0.0]) == pytest.approx(0.94, abs=1e-7)
+
+
+def test_a_pair_is_begun_where_its_bodies_are_apart_and_not_where_they_were_last(panda):
+    """Bodies with one joint between them: the direction found at q = 0, kept with the pair, in the first's frame."""
+    checker = CollisionChecker(panda)
+    owners = [tuple(checker.bodies[i].owner for i in pair) for pair in checker.pairs]
+    k = owners.index(("panda_link6", "panda_hand"))
+    begin = world_of(checker.numbers, checker.indices).pairs[k, BEGIN:]
+    space = checker.placed(np.zeros(7))
+    i = checker.pairs[k][0]
+    np.testing.assert_allclose(space.at[i, :9].reshape(3, 3) @ begin, space.measure(k).normal, atol=1e-9)
+    begun = [any(row) for row in world_of(checker.numbers, checker.indices).pairs[:, BEGIN:]]
+    assert 0 < sum(begun) < len(checker.pairs)

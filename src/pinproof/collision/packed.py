@@ -36,12 +36,12 @@ def pack_world(
     joints, aligned = _joints(arm)
     rows, vertices = _bodies(arm, bodies, aligned)
     robot = sum(body.link is not None for body in bodies)
-    table = np.empty((len(pairs), w.PAIR_COLUMNS))
+    table = np.zeros((len(pairs), w.PAIR_COLUMNS))
     outer = np.full((robot, len(bodies) - robot), -1, dtype=np.int64)
-    own, still = [], []
+    own, still, parted_once = [], [], []
     moved = _moved_by(joints)
     for k, (i, j) in enumerate(pairs):
-        table[k] = i, j, 0.0, j >= robot
+        table[k, : w.BEGIN] = i, j, 0.0, j >= robot
         joint_i, joint_j = int(rows[i, w.JOINT]), int(rows[j, w.JOINT])
         if moved[joint_i] == moved[joint_j]:
             still.append(k)
@@ -49,6 +49,8 @@ def pack_world(
             outer[i, j - robot] = k
         else:
             own.append(k)
+            if len(set(moved[joint_i]) ^ set(moved[joint_j])) == 1:
+                parted_once.append(k)
     at = np.zeros((len(bodies), w.PLACEMENT_COLUMNS))
     for body in np.flatnonzero(rows[:, w.JOINT] < 0):
         at[body, :12] = rows[body, w.PLACE : w.PLACE + 12]
@@ -57,6 +59,7 @@ def pack_world(
     world = w.World(
         joints, rows, vertices, table, np.array(own, dtype=np.int64), outer, tree, np.array([0.0, rounding])
     )
+    _begin(world, at, parted_once, arm.dof)
     return world, at, np.array(still, dtype=np.int64)
 
 
@@ -66,6 +69,23 @@ def with_margins(world: w.World, margins: Array) -> w.World:
     pairs[:, w.MARGIN] = margins
     outside = margins[pairs[:, w.OUTSIDE] == 1.0]
     return world._replace(pairs=pairs, widest=np.array([outside.max(initial=0.0), world.widest[1]]))
+
+
+def _begin(world: w.World, at: Array, pairs: Sequence[int], n: int) -> None:
+    """Note in which direction bodies are apart that only one joint parts: it hardly changes, and they are always near.
+
+    Found at q = 0 and not where the arm was last, so that no answer depends on what was asked before.
+    """
+    from pinproof.kernels.near import measure, place_bodies
+
+    numbers, indices = w.flatten(world)
+    placed, points, normal = at.copy(), np.empty((2, 3)), np.empty(3)
+    place_bodies(numbers, indices, np.zeros(n), placed)
+    for k in pairs:
+        i, j = world.pairs[k, :2].astype(int)
+        if world.bodies[i, w.CONVEX] and world.bodies[j, w.CONVEX]:
+            measure(numbers, indices, placed, k, points, normal)
+            world.pairs[k, w.BEGIN :] = placed[i, :9].reshape(3, 3).T @ normal
 
 
 def convex_pairs(world: w.World) -> npt.NDArray[np.bool_]:

@@ -14,7 +14,22 @@ import numpy as np
 from pinproof.kernels.compiled import compiled
 from pinproof.kernels.gjk import SIMPLEX, WEIGHT, between, relative
 from pinproof.kernels.placing import place
-from pinproof.kernels.world import BALL, CONVEX, HALF, HIGH, LEAF, LOW, MARGIN, MIDDLE, RADIUS, SKIP, A, B, world_of
+from pinproof.kernels.world import (
+    BALL,
+    BEGIN,
+    CONVEX,
+    HALF,
+    HIGH,
+    LEAF,
+    LOW,
+    MARGIN,
+    MIDDLE,
+    RADIUS,
+    SKIP,
+    A,
+    B,
+    world_of,
+)
 
 __all__ = [
     "EVERY",
@@ -100,7 +115,8 @@ def _judge(
         tally[LEFT] += 1
         return False
     relative(at, a, b, rel)
-    direction[:] = 0.0
+    for c in range(3):
+        direction[c] = world.pairs[k, BEGIN + c]
     below = margin if question != NEAREST else -1.0
     lower, upper = between(world.bodies, world.vertices, a, b, rel, direction, simplex, limit, below, PRECISION)
     if lower > limit:
@@ -181,8 +197,10 @@ def measure(numbers: Any, indices: Any, at: Any, k: int, points: Any, normal: An
     """
     world = world_of(numbers, indices)
     bodies, a, b = world.bodies, int(world.pairs[k, A]), int(world.pairs[k, B])
-    rel, direction, simplex, local = np.empty(12), np.zeros(3), np.empty(SIMPLEX), np.zeros((2, 3))
+    rel, direction, simplex, local = np.empty(12), np.empty(3), np.empty(SIMPLEX), np.zeros((2, 3))
     relative(at, a, b, rel)
+    for c in range(3):
+        direction[c] = world.pairs[k, BEGIN + c]
     lower, upper = between(bodies, world.vertices, a, b, rel, direction, simplex, np.inf, -1.0, PRECISION)
     for i in range(4):
         if simplex[i, WEIGHT] > 0.0:

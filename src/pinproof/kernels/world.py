@@ -47,7 +47,9 @@ BODY_COLUMNS = 28
 # Columns of World.pairs.
 A, B, MARGIN, OUTSIDE = 0, 1, 2, 3
 """The two bodies, the first the robot's; the metres to keep; whether the second is an obstacle."""
-PAIR_COLUMNS = 4
+BEGIN = 4
+"""A direction (3) in the first one's frame in which they may well be apart; zeros where none is known."""
+PAIR_COLUMNS = 7
 
 # Columns of World.tree.
 LOW, HIGH, SKIP, LEAF = 0, 3, 6, 7

@@ -59,7 +59,8 @@ def test_two_boxes_along_the_axes_from_any_start(at, start):
     assert lower <= distance + 1e-12
     assert upper >= distance - 1e-12
     if distance > 1e-6:
-        assert upper - lower <= 2e-9
+        # Corners that are level to 1e-8 tie, and which of them is met decides the last digits of both bounds.
+        assert upper - lower <= 1e-8
         assert np.linalg.norm(u) == pytest.approx(1.0, abs=1e-12)
     if gap.max() < -1e-6:
         assert upper == 0.0

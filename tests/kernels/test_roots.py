@@ -75,7 +75,7 @@ def test_a_quartic_has_the_roots_that_were_put_in(values, pair):
     rest = [1.0, -2 * values[2], values[2] ** 2 + values[3] ** 2 + 0.01] if pair else [1.0]
     coefficients = np.polymul(np.poly(real), rest)[::-1].copy()
     found = np.empty(8)
-    count = quartic_roots(coefficients, found)
+    count = quartic_roots(coefficients, 0.0, found)
     all_roots = [*real, complex(values[2], math.hypot(values[3], 0.1))] if pair else real
     for i, root in enumerate(real):
         apart = min(abs(root - other) for k, other in enumerate(all_roots) if k != i)

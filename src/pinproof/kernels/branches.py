@@ -27,6 +27,7 @@ from pinproof.kernels.lanes import ANGLE, DISTANCE, LANES, ROOM, TURN, lane_erro
 from pinproof.kernels.refinement import AT_LIMIT, refined
 from pinproof.kernels.trigonometry import sincos
 from pinproof.kernels.triple import triple
+from pinproof.kernels.twins import WAYS, weakest_motion
 from pinproof.kernels.two_curves import BY_QUARTIC, CANDIDATES, REFERENCE, two_curves
 from pinproof.kernels.vectors import SLIDING, direction, dot, place, turned
 
@@ -51,11 +52,18 @@ GOOD_ENOUGH = 1e-10
 LIMIT_SLACK = 1e-9
 """Rad or m. Rounding may put a joint that stands at its limit beyond it by this; it is brought back."""
 
-NEAR_LIMITS = 0.05
+NEAR_LIMITS = 0.5
 """Rad or m. A branch of an arm that is off the ideal is not worth refining if it is further outside; AT_LIMIT else."""
 
 SAME_BRANCH = 1e-6
 """Rad or m. Branches nearer than this in every joint are one, which rounding of a double root took apart."""
+
+NEARLY_SINGULAR = 0.5
+"""Of the smallest singular value of the Jacobian, in parts of the arm's size and of the root of SPREAD: below, being
+off the ideal may have moved two branches far along, or left one of them alone."""
+
+ASTRAY = 0.05
+"""M. What refinement left further off than this is not near any solution."""
 
 BAD_TARGET = -1
 
@@ -188,7 +196,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
     curves = two_curves(lines, planar, p, p0, normal, n1, border, spread, chosen)
     by_quartic = curves >= BY_QUARTIC
     curves %= BY_QUARTIC
-    count = 0
+    count = curves - curves  # typed as a number, not as the literal 0: the triple is compiled once
     freed = 0
     for i in range(curves):
         freed |= int(chosen[i, 6])
@@ -242,32 +250,20 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
         distance, angle = lanes[DISTANCE + b], lanes[ANGLE + b]
         if distance > GOOD_ENOUGH or angle > GOOD_ENOUGH or not beyond <= 0.0:
             distance, angle, beyond = refined(plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK)
-            if beyond > 0.0:
-                outside += 1
-                continue
-        if not (distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]):
-            failed += 1
-            continue
-        fresh = True
-        for i in range(kept):
-            same = True
-            for j in range(n):
-                gap = abs(Q[j, b] - out[i, j])
-                if gap > SAME_BRANCH and abs(gap - TURN * math.floor(gap / TURN + 0.5)) > SAME_BRANCH:
-                    same = False
-                    break
-            fresh = fresh and not same
-        if not fresh or kept == out.shape[0] - 1:
-            continue
-        for j in range(n):
-            out[kept, j] = Q[j, b]
         mask = 0
         for row in range(6):
             own = int(plan[int(lines[row, SOURCE]), OWN])
             if int(states[12, b]) & 1 << row and own >= 0:
                 mask |= 1 << own
-        out[kept, n], out[kept, n + 1], out[kept, n + 2], out[kept, n + 3] = distance, angle, mask, states[13, b]
-        kept += 1
+        before = kept
+        if beyond > 0.0:
+            outside += 1
+        elif not (distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]):
+            failed += 1
+        else:
+            kept = _keep(Q, b, n, distance, angle, mask, states[13, b], out, kept)
+        if spread > 0.0 and locked < 0 and (kept > before or beyond > 0.0 or distance < ASTRAY):
+            kept = _twins(plan, n, top, locked, pose, reference, Q, b, states[13, b], out, kept)
     mask = 0
     for row in range(6):
         own = int(plan[int(lines[row, SOURCE]), OWN])
@@ -280,6 +276,47 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
         outside,
         by_quartic,
     )
+    return kept
+
+
+@inlined
+def _keep(Q: Any, b: int, n: int, distance: float, angle: float, mask: int, which: float, out: Any, kept: int) -> int:
+    """Column b of Q as a row of ``out`` behind the ``kept`` ones, unless it is one of them; how many then."""
+    for i in range(kept):
+        same = True
+        for j in range(n):
+            gap = abs(Q[j, b] - out[i, j])
+            if gap > SAME_BRANCH and abs(gap - TURN * math.floor(gap / TURN + 0.5)) > SAME_BRANCH:
+                same = False
+                break
+        if same:
+            return kept
+    if kept == out.shape[0] - 1:
+        return kept
+    for j in range(n):
+        out[kept, j] = Q[j, b]
+    out[kept, n], out[kept, n + 1], out[kept, n + 2], out[kept, n + 3] = distance, angle, mask, which
+    return kept + 1
+
+
+@compiled
+def _twins(
+    plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any, Q: Any, b: int,
+    which: float, out: Any, kept: int,
+) -> int:  # fmt: skip
+    """Solutions of an arm off the ideal that nearly meet column b of Q; see :mod:`pinproof.kernels.twins`."""
+    q, motion = np.empty(n), np.zeros(n)
+    for j in range(n):
+        q[j] = Q[j, b]
+    fixed = -1 if locked < 0 else int(plan[top + locked, OWN])
+    if weakest_motion(plan, n, fixed, q, motion) > NEARLY_SINGULAR * math.sqrt(plan[0, SPREAD]) * plan[0, SIZE]:
+        return kept
+    for way in WAYS:
+        for j in range(n):
+            Q[j, b] = q[j] + way * motion[j]
+        distance, angle, beyond = refined(plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK)
+        if beyond <= 0.0 and distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]:
+            kept = _keep(Q, b, n, distance, angle, 0, which, out, kept)
     return kept
 
 

@@ -15,9 +15,10 @@ from pinproof.kernels.vectors import SLIDING
 
 __all__ = ["AT_LIMIT", "refined"]
 
+SPREAD = 8
 OWN, LOWER, UPPER = 8, 9, 10
 
-STEPS = 40
+STEPS = 60
 
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-13, 1e-4
 """Added to J J^T. Near a singular target the lost direction has no residual; the others shall not notice."""
@@ -25,8 +26,17 @@ SMALLEST_DAMPING, LARGEST_DAMPING = 1e-13, 1e-4
 AT_LIMIT = 1e-5
 """Rad or m. Where two branches meet, rounding (1e-16) moves joints by its root (1e-8), and by more where several do."""
 
-SMALL_ENOUGH = 1e-14
+GROWTH, RELIEF = 8.0, 0.25
+"""Of the damping, after a step that made things worse, or better."""
+
+SMALL_ENOUGH, ROUNDING = 1e-14, 1e-11
+"""What is left (m and rad) is as small as it gets; or no longer worth steps more damped."""
+
+SLOW, PATIENCE = 0.5, 3
+"""Steps in a row that leave more than this of what is left, squared: there is no solution here."""
+
 LONGEST = 0.3
+"""Rad or m: the longest step."""
 
 
 @compiled
@@ -52,33 +62,41 @@ def refined(plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any,
     for j in range(n):
         q[j] = best[j] = Q[j, b]
 
+    # What is off an ideal arm is rounding: a step or two mend it, or nothing does.
+    patience = PATIENCE if plan[0, SPREAD] > 0.0 else 0
     distance = angle = beyond = math.inf
     for again in range(2):
-        least = math.inf
+        least, growth, slow = math.inf, 1.0, 0
         for _ in range(STEPS):
             walk(chain, start, q, turns, axes, end)
-            vectors[0, 0], vectors[0, 1], vectors[0, 2] = end[0, 3], end[1, 3], end[2, 3]
-            # Twice the sine of the angle about its axis: the rotation vector, where it is small.
+            # The rotation vector, where it is small: half of what R - R^T holds.
             x, y, z = 0.5 * (end[2, 1] - end[1, 2]), 0.5 * (end[0, 2] - end[2, 0]), 0.5 * (end[1, 0] - end[0, 1])
-            vectors[0, 3], vectors[0, 4], vectors[0, 5] = x, y, z
             sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (end[0, 0] + end[1, 1] + end[2, 2] - 1.0)
             way = math.sqrt(end[0, 3] * end[0, 3] + end[1, 3] * end[1, 3] + end[2, 3] * end[2, 3])
             left = way * way + sine * sine
-            if not left < least or cosine < 0.0:
+            if cosine < 0.0:
                 break
-            slow = left > 0.5 * least and left < 1e-12
-            least, distance, angle = left, way, math.atan2(sine, cosine)
-            for j in range(n):
-                best[j] = q[j]
-            if left < SMALL_ENOUGH * SMALL_ENOUGH or slow:
-                break
-            jacobian_of(chain, axes, end, jacobian)
-            for j in range(n):
-                if held[j] != 0.0:
-                    for i in range(6):
-                        jacobian[i, j] = 0.0
-            gram(jacobian, square)
-            if not factor(square, min(max(left, SMALLEST_DAMPING), LARGEST_DAMPING), lower):
+            if left < least:
+                slow = slow + 1 if left > SLOW * least else 0
+                least, distance, angle = left, way, math.atan2(sine, cosine)
+                growth = max(growth * RELIEF, 1.0)
+                for j in range(n):
+                    best[j] = q[j]
+                if left < SMALL_ENOUGH * SMALL_ENOUGH or slow > patience:
+                    break
+                vectors[0, 0], vectors[0, 1], vectors[0, 2] = end[0, 3], end[1, 3], end[2, 3]
+                vectors[0, 3], vectors[0, 4], vectors[0, 5] = x, y, z
+                jacobian_of(chain, axes, end, jacobian)
+                for j in range(n):
+                    if held[j] != 0.0:
+                        for i in range(6):
+                            jacobian[i, j] = 0.0
+                gram(jacobian, square)
+            else:
+                if least < ROUNDING * ROUNDING or patience == 0:
+                    break
+                growth *= GROWTH
+            if not factor(square, growth * min(max(least, SMALLEST_DAMPING), LARGEST_DAMPING), lower):
                 break
             solve_factored(lower, vectors, 0, 1)
             longest = 0.0

@@ -69,12 +69,13 @@ def linear_roots(slides: Any, A: float, B: float, C: float, square: float, borde
 
 
 @compiled
-def quartic_roots(a: Any, found: Any) -> int:
+def quartic_roots(a: Any, nearly: float, found: Any) -> int:
     """The real roots of a[0] + ... + a[4] t^4 = 0 into ``found`` (8,), how many; a[4] is not small.
 
     All four complex roots at once, by Aberth's iteration (1973, "Iteration methods for finding all zeros of a
-    polynomial simultaneously"), which needs no guess of where they are. Of a root that is real but for its imaginary
-    part, both ends of it are told: of two that nearly meet, one starts at either side.
+    polynomial simultaneously"), which needs no guess of where they are. A complex pair whose imaginary parts are small
+    (below NEARLY_REAL, or ``nearly``) counts as two that nearly meet: one starts at either side of them, and at the
+    middle, if rounding took one apart.
     """
     lead = 1.0 / a[4]
     b0, b1, b2, b3 = a[0] * lead, a[1] * lead, a[2] * lead, a[3] * lead
@@ -103,10 +104,11 @@ def quartic_roots(a: Any, found: Any) -> int:
     count = 0
     for z in (z0, z1, z2, z3):
         size = 1.0 + abs(z)
-        if abs(z.imag) < NEARLY_REAL * size:
-            found[count] = z.real
+        if abs(z.imag) < max(NEARLY_REAL, nearly) * size:
+            # Of a pair, one starts at either side; and at the middle, if they are one.
+            found[count] = z.real + z.imag
             count += 1
-            if abs(z.imag) > 1e-12 * size:
-                found[count] = z.real + z.imag
+            if 1e-12 * size < abs(z.imag) < NEARLY_REAL * size:
+                found[count] = z.real
                 count += 1
     return count

@@ -225,7 +225,9 @@ def two_curves(
                 count += 1
         exact = ratioG < EXACT
     else:
-        count = _by_quartic(F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, detG, first_slides, second_slides, out)
+        count = _by_quartic(
+            F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, detG, first_slides, second_slides, spread, out
+        )
         exact = False
     if not exact:
         for i in range(count):
@@ -267,7 +269,7 @@ def two_curves(
 @compiled
 def _by_quartic(
     F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
-    k0: float, k1: float, det: float, first_slides: Any, second_slides: Any, out: Any,
+    k0: float, k1: float, det: float, first_slides: Any, second_slides: Any, spread: float, out: Any,
 ) -> int:  # fmt: skip
     """Solutions (x, y) into ``out``, where G can be inverted: det(G) b(y) = -(P, Q), both linear in b(x).
 
@@ -308,7 +310,7 @@ def _by_quartic(
                 a[i + j] += P + form[1, i] * form[1, j] - d * d * form[2, i] * form[2, j]
     if best < 1e-30:
         return 0
-    found = quartic_roots(a, roots)
+    found = quartic_roots(a, math.sqrt(spread), roots)
     roots[:found].sort()
     count = 0
     for i in range(found):

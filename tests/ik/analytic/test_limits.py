@@ -195,6 +195,16 @@ def test_calibrated_arms(seed, name, amount):
             assert_reaches(arm, answer, target)
 
 
+def test_calibrated_arms_near_their_singularities():
+    """There the true arm's branches lie far from the ideal one's, or exist alone: few are missed."""
+    arm = calibrated("ur5", np.random.default_rng(4), 5e-4)
+    q = random_configurations(arm, 6000, seed=9)
+    q = np.array([one for one in q if np.linalg.svd(arm.jacobian(one), compute_uv=False)[-1] < 0.02])
+    assert len(q) > 300
+    found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
+    assert (misses(arm, found.q, q) > 1e-4).mean() < 0.02
+
+
 def test_a_calibrated_arm_has_the_branches_that_a_search_finds():
     arm = calibrated("ur5", np.random.default_rng(1), 2e-3)
     q = np.array([0.3, -0.8, 1.1, 0.4, 1.2, -0.5])

@@ -89,8 +89,8 @@ def fk(
         print_json({"base": arm.base, "frame": frame or arm.tcp, "q": named, **place})
         return
     say(f"{arm.base} -> {frame or arm.tcp}")
-    say("xyz [m]   " + " ".join(f"{value: .6f}" for value in vector[:3]))
-    say("rpy [rad] " + " ".join(f"{value: .6f}" for value in vector[3:]))
+    say("xyz [m]   " + " ".join(_decimals(value) for value in vector[:3]))
+    say("rpy [rad] " + " ".join(_decimals(value) for value in vector[3:]))
 
 
 def ik(
@@ -142,7 +142,7 @@ def ik(
         )
     else:
         for name, value in zip(arm.joint_names, found.q, strict=True):
-            say(f"{name:30s} {value: .6f}")
+            say(f"{name:30s} {_decimals(value)}")
         say(found.message)
     if not found.ok:
         raise typer.Exit(1)
@@ -157,8 +157,13 @@ def _print_all(found: IkBranches, as_json: bool) -> None:
     else:
         say("  ".join(f"{name[-14:]:>14s}" for name in names))
         for q in found.branches:
-            say("  ".join(f"{value:14.6f}" for value in q))
+            say("  ".join(f"{_decimals(value):>14s}" for value in q))
         turns = f" ({len(found)} with whole turns)" if len(found) > len(found.branches) else ""
         say(f"{found.message}{turns}")
     if not found.ok:
         raise typer.Exit(1)
+
+
+def _decimals(value: float) -> str:
+    """Six of them; what rounds to zero has no sign."""
+    return f"{round(float(value), 6) + 0.0: .6f}"

@@ -33,7 +33,7 @@ _HOME = {
     "pinproof.description": ("DhRow", "DhTable"),
     "pinproof.model": ("Arm", "JointLimits", "Robot", "RobotInfo", "describe", "load_robot"),
     "pinproof.conversion": ("dh_to_urdf", "urdf_to_dh", "write_urdf"),
-    "pinproof.motion": ("CubicPath", "JointPath", "Trajectory", "time_parametrise"),
+    "pinproof.motion": ("BlendedPath", "CubicPath", "JointPath", "Trajectory", "time_parametrise"),
     "pinproof.ik": (
         "AnalyticIk",
         "Clik",

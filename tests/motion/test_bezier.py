@@ -136,3 +136,15 @@ def test_a_piece_of_zero_width_is_its_configuration():
     knots, control = np.zeros(2), np.full((1, 4, 3), 0.7)
     np.testing.assert_array_equal(bezier.evaluate(knots, control, 0.0), np.full(3, 0.7))
     np.testing.assert_array_equal(bezier.derivative(knots, control), np.zeros((1, 3, 3)))
+
+
+def test_elevated_pieces_are_the_same_pieces() -> None:
+    rng = np.random.default_rng(0)
+    knots, control = np.array([0.0, 1.0, 3.0]), rng.normal(size=(2, 3, 4))
+    control[1, 0] = control[0, -1]
+    raised = bezier.elevate(control, 5)
+    assert raised.shape == (2, 6, 4)
+    t = np.linspace(0, 3, 100)
+    assert np.allclose(bezier.evaluate(knots, raised, t), bezier.evaluate(knots, control, t), atol=1e-14)
+    assert np.array_equal(raised[:, [0, -1]], control[:, [0, -1]])
+    assert bezier.elevate(control, 2) is control

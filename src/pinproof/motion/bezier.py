@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["degree", "derivative", "evaluate", "extremes", "hermite", "hull", "split"]
+__all__ = ["degree", "derivative", "elevate", "evaluate", "extremes", "hermite", "hull", "split"]
 
 Array = npt.NDArray[np.float64]
 
@@ -89,6 +89,15 @@ def derivative(knots: Array, control: Array) -> Array:
     width = np.diff(knots)[:, None, None]
     rise = degree(control) * np.diff(control, axis=1)
     return np.divide(rise, width, out=np.zeros_like(rise), where=width > 0.0)
+
+
+def elevate(control: Array, to: int) -> Array:
+    """The same pieces with control points (k, to+1, n) of a degree that is not below theirs (Farouki 2012, 5.2)."""
+    while (n := degree(control)) < to:
+        share = (np.arange(n + 2) / (n + 1))[:, None]
+        before = np.concatenate([control[:, :1], control], axis=1)  # the doubled ends have no weight
+        control = share * before + (1.0 - share) * np.concatenate([control, control[:, -1:]], axis=1)
+    return control
 
 
 def hull(control: Array) -> tuple[Array, Array]:

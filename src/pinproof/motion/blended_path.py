@@ -1,0 +1,230 @@
+"""A path that runs through its corners: polynomial pieces with equal tangents, and the few stops that are left."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.motion import bezier, corner
+from pinproof.motion.cubic_path import CubicPath
+from pinproof.motion.curve import Array, checked_joint_names, ends_meet, read_only
+from pinproof.motion.joint_path import JointPath
+from pinproof.spatial import finite
+
+__all__ = ["MAX_DEGREE", "BlendedPath"]
+
+MAX_DEGREE = 5
+"""What a corner needs: position, tangent and no curvature at both of its ends."""
+
+SAME_TANGENT = 1e-6
+"""Relative to the faster of two pieces: derivatives that differ by less are equal. What rounding makes of short pieces
+is let pass besides; anything else is a corner."""
+
+ROUNDINGS = 16
+"""Units in the last place by which control points may be off, after the few sums that made them."""
+
+GAUSS_POINTS = 16
+"""Of the rule that measures a piece's length: 1e-9 of it for any corner up to a right angle, 1e-6 for sharper ones."""
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class BlendedPath:
+    """Polynomial pieces over a path parameter that meet with equal derivatives, but for the stops; no timing.
+
+    The parameter of what :meth:`rounded` makes is the arc length on straight stretches and close to it in corners.
+
+    Parameters
+    ----------
+    knots
+        (k+1,) path parameter at the ends of the pieces, strictly increasing; equal only where there is one piece of
+        zero width, a path that stands still.
+    control
+        (k, degree+1, n) control points in radians or metres, degree 1 to :data:`MAX_DEGREE`, see
+        :mod:`pinproof.motion.bezier`. Each piece begins where the one before ends, bit for bit.
+    joint_names
+        The n joints, in the order of the columns.
+    corners
+        Inner knots at which the arm must stop: only there may the derivative jump. Increasing.
+
+    Raises
+    ------
+    InputError
+        For a wrong shape or degree, a number that is not finite, knots that do not increase, pieces that do not meet,
+        a derivative that jumps where no corner is, a corner that is no inner knot, or bad joint names.
+    """
+
+    knots: Array
+    control: Array
+    joint_names: tuple[str, ...]
+    corners: tuple[float, ...] = ()
+
+    def __init__(
+        self,
+        knots: npt.ArrayLike,
+        control: npt.ArrayLike,
+        joint_names: Iterable[str],
+        corners: Iterable[float] = (),
+    ) -> None:
+        names = checked_joint_names(joint_names)
+        points = finite("control", control, (None, None, len(names)))
+        if len(points) == 0 or not 1 <= bezier.degree(points) <= MAX_DEGREE:
+            raise InputError(
+                f"control must hold a piece at least, of degree 1 to {MAX_DEGREE}; its shape is {points.shape}"
+            )
+        parameter = finite("knots", knots, (len(points) + 1,))
+        stops = tuple(finite("corners", list(corners), (None,)).tolist())
+        _check_pieces(parameter, points, stops)
+        object.__setattr__(self, "knots", read_only(parameter))
+        object.__setattr__(self, "control", read_only(points))
+        object.__setattr__(self, "joint_names", names)
+        object.__setattr__(self, "corners", stops)
+
+    @classmethod
+    def rounded(cls, path: JointPath, reach: npt.ArrayLike) -> BlendedPath:
+        """A path of straight segments whose corners are rounded by quintic pieces: twice differentiable there.
+
+        Parameters
+        ----------
+        path
+            The path, without equal neighbours.
+        reach
+            (m,) how far before and behind each waypoint (rad or m, Euclidean) its rounding begins and ends; 0 keeps
+            the corner, and the arm stops there. First and last must be 0. By how far the rounding then misses the
+            waypoint says :func:`pinproof.motion.corner.miss`.
+
+        Raises
+        ------
+        InputError
+            For equal neighbours, a reach that is negative, two that together exceed their segment, or one at a
+            waypoint where the path turns back on itself.
+        """
+        length = finite("reach", reach, (len(path),))
+        knots, control = corner.round_off(path.q, length)
+        return cls(knots, control, path.joint_names, knots[1:-1][_jumps(knots, control)].tolist())
+
+    @classmethod
+    def join(cls, *parts: JointPath | CubicPath | BlendedPath) -> BlendedPath:
+        """The parts one after another, each keeping its parameter's scale; a stop where the derivatives differ.
+
+        Pieces that stand still are left out, unless all do.
+
+        Raises
+        ------
+        InputError
+            Without parts, or where the end of one is not the start of the next.
+        """
+        if not parts:
+            raise InputError("BlendedPath.join needs at least one path")
+        for i, (first, second) in enumerate(pairwise(parts)):
+            ends_meet(first, second, f"parts {i} and {i + 1}")
+        pieces = [part.bezier() for part in parts]
+        degree = max(bezier.degree(control) for _, control in pieces)
+        control = np.concatenate([bezier.elevate(control, degree) for _, control in pieces])
+        width = np.concatenate([np.diff(knots) for knots, _ in pieces])
+        moving = (control != control[:, :1]).any(axis=(1, 2))
+        if not moving.any():
+            return cls(np.zeros(2), control[:1], parts[0].joint_names)
+        control, width = control[moving], width[moving]
+        control[1:, 0] = control[:-1, -1]  # they meet to rounding; from here on, bit for bit
+        knots = np.concatenate([[0.0], np.cumsum(width)])
+        return cls(knots, control, parts[0].joint_names, knots[1:-1][_jumps(knots, control)].tolist())
+
+    def __call__(self, t: npt.ArrayLike) -> Array:
+        """The configuration (n,) at ``t`` in the domain, or (N, n) at (N,) of them; InputError outside."""
+        return bezier.evaluate(self.knots, self.control, t)
+
+    def bezier(self) -> tuple[Array, Array]:
+        """Knots (k+1,) and control points (k, degree+1, n)."""
+        return self.knots, self.control
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """First and last parameter."""
+        return float(self.knots[0]), float(self.knots[-1])
+
+    @property
+    def start(self) -> Array:
+        """(n,) first configuration."""
+        point: Array = self.control[0, 0]
+        return point
+
+    @property
+    def end(self) -> Array:
+        """(n,) last configuration."""
+        point: Array = self.control[-1, -1]
+        return point
+
+    @cached_property
+    def length(self) -> float:
+        """Euclidean length in joint space (radians and metres count alike), by Gauss-Legendre quadrature."""
+        nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+        width = np.diff(self.knots)[:, None]
+        at = (self.knots[:-1, None] + width * (0.5 + 0.5 * nodes)).ravel()
+        velocity = bezier.evaluate(self.knots, bezier.derivative(self.knots, self.control), at)
+        speed = np.linalg.norm(velocity, axis=1).reshape(len(width), -1)
+        return float((0.5 * width * weights * speed).sum())
+
+    def reversed(self) -> BlendedPath:
+        """The same image from end to start, over the same domain."""
+        first, last = self.domain
+        knots = np.concatenate([[first], first + (last - self.knots[-2:0:-1]), [last]])
+        inner = dict(zip(self.knots[1:-1].tolist(), knots[-2:0:-1].tolist(), strict=True))
+        return BlendedPath(
+            knots, self.control[::-1, ::-1], self.joint_names, [inner[stop] for stop in self.corners[::-1]]
+        )
+
+    def is_close(self, other: BlendedPath, tolerance: float = 1e-9) -> bool:
+        """Whether joints, number and degree of pieces agree, and control points, knots and corners to ``tolerance``."""
+        same = self.joint_names == other.joint_names and self.control.shape == other.control.shape
+        if not same or len(self.corners) != len(other.corners):
+            return False
+        mine = (self.control, self.knots, np.array(self.corners))
+        theirs = (other.control, other.knots, np.array(other.corners))
+        return all(bool(np.abs(a - b).max(initial=0.0) <= tolerance) for a, b in zip(mine, theirs, strict=True))
+
+    def __len__(self) -> int:
+        """The number of pieces."""
+        return len(self.control)
+
+    def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
+        return BlendedPath, (self.knots, self.control, self.joint_names, self.corners)
+
+    def __repr__(self) -> str:
+        stops = f", {len(self.corners)} stops" if self.corners else ""
+        return f"BlendedPath({len(self)} pieces, {len(self.joint_names)} joints, length {self.length:.6g}{stops})"
+
+
+def _check_pieces(knots: Array, control: Array, corners: tuple[float, ...]) -> None:
+    still = len(control) == 1 and knots[0] == knots[1]
+    if still and (control != control[0, 0]).any():
+        raise InputError("a piece of zero width stands still; its control points differ")
+    if not still and not (np.diff(knots) > 0.0).all():
+        i = int(np.flatnonzero(np.diff(knots) <= 0.0)[0])
+        raise InputError(f"knots must increase strictly; {knots[i]} is followed by {knots[i + 1]} at index {i + 1}")
+    apart = (control[1:, 0] != control[:-1, -1]).any(axis=1)
+    if apart.any():
+        i = int(np.flatnonzero(apart)[0])
+        raise InputError(f"the pieces {i} and {i + 1} do not meet: {control[i, -1]} and {control[i + 1, 0]}")
+    if list(corners) != sorted(set(corners)) or not set(corners) <= set(knots[1:-1].tolist()):
+        raise InputError(f"corners must be inner knots, increasing; they are {corners}")
+    sharp = [t for t in knots[1:-1][_jumps(knots, control)].tolist() if t not in corners]
+    if sharp:
+        raise InputError(f"the derivative jumps at {sharp[0]}, which is not among the corners {corners}")
+
+
+def _jumps(knots: Array, control: Array) -> npt.NDArray[np.bool_]:
+    """(k-1,) at which inner knots the derivative by the parameter jumps."""
+    if len(control) == 1:
+        return np.zeros(0, dtype=bool)
+    slope = bezier.derivative(knots, control)
+    fastest = np.abs(slope).max(axis=(1, 2))
+    rounding = ROUNDINGS * np.spacing(np.abs(control).max()) * bezier.degree(control) / np.diff(knots)
+    gap = np.abs(slope[1:, 0] - slope[:-1, -1]).max(axis=1)
+    allowed = SAME_TANGENT * np.maximum(fastest[1:], fastest[:-1]) + np.maximum(rounding[1:], rounding[:-1])
+    return np.asarray(gap > allowed)

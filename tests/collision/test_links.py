@@ -8,7 +8,7 @@ import trimesh
 
 from pinproof import CollisionChecker, InputError, MeshError, UnknownNameError
 from pinproof.collision.links import link_bodies, meshes_of
-from pinproof.model.robot import load_robot_from_text
+from pinproof.model.robot import load_robot, load_robot_from_text
 
 
 def test_one_word_or_a_mapping_speaks_for_every_link():
@@ -78,3 +78,25 @@ def test_pairs_that_an_srdf_disables_without_a_reason_are_met_by_closer_hulls(ur
     assert all(coarse or not fine for coarse, fine in zip(*touching, strict=True))
     assert sum(touching[0]) <= sum(touching[1]) + 6
     assert not [b for b in CollisionChecker(ur5, trust_disabled=True).bodies if b.detail]
+
+
+def test_a_geometry_without_parts_stands_beside_the_parts_of_its_link(tmp_path):
+    """Where an SRDF disables a pair without a reason: a ring is met in parts, the box on the same link as it is."""
+    trimesh.creation.annulus(0.2, 0.25, 0.05).export(tmp_path / "ring.stl")
+    box = '<collision><origin xyz="0 0 0.5"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    ring = '<collision><geometry><mesh filename="ring.stl"/></geometry></collision>'
+    limit = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
+    joints = "".join(
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="1 0 0"/><axis xyz="0 1 0"/>{limit}</joint>'
+        for name, parent, child in (("j1", "base", "middle"), ("j2", "middle", "tip"))
+    )
+    links = "".join(f'<link name="{n}">{g}</link>' for n, g in (("base", box), ("middle", box), ("tip", ring + box)))
+    (tmp_path / "r.urdf").write_text(f'<robot name="r">{links}{joints}</robot>')
+    (tmp_path / "r.srdf").write_text('<robot name="r"><disable_collisions link1="base" link2="tip"/></robot>')
+    robot = load_robot(tmp_path / "r.urdf", srdf=tmp_path / "r.srdf")
+    checker = CollisionChecker(robot.arm(tcp="tip"))
+    met = {checker.bodies[j].name for i, j in checker.pairs if checker.bodies[i].owner == "base"}
+    assert "tip_1" in met
+    assert "tip_0" not in met
+    assert met - {"tip_1"} == {body.name for body in checker.bodies if body.detail}

@@ -37,9 +37,12 @@ from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import matrix
 
-__all__ = ["Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
+__all__ = ["PART", "Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
 
 Array = npt.NDArray[np.float64]
+
+PART = "_part_"
+"""Between the name of a link's geometry and the number of a hull that is a part of it."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.bodies import Body, hull_body, shape_body, triangles_of
+from pinproof.collision.bodies import PART, Body, hull_body, shape_body, triangles_of
 from pinproof.collision.decomposition import clusters
 from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from pinproof.collision.solid import Solid
@@ -86,7 +86,7 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
         return [shape_body(geometry.name, geometry.link, geometry.link, replace(shape, hull=False), at)]
     path = Path(shape.path)  # type: ignore[arg-type]  # resolved gave a path
     parts = _cover(path, path.stat().st_mtime_ns, shape.scale)
-    return [hull_body(f"{geometry.name}_part_{i}", geometry.link, part, at) for i, part in enumerate(parts)]
+    return [hull_body(f"{geometry.name}{PART}{i}", geometry.link, part, at) for i, part in enumerate(parts)]
 
 
 def detail_bodies(geometry: LinkGeometry) -> list[Body]:

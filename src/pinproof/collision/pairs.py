@@ -16,7 +16,7 @@ from itertools import combinations, product
 import numpy as np
 import pinocchio as pin
 
-from pinproof.collision.bodies import Body
+from pinproof.collision.bodies import PART, Body
 from pinproof.collision.scene import ANYTHING, Scene
 from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
@@ -65,7 +65,8 @@ def choose_pairs(
         raise InputError(f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}")
     reasons = _reasons(bodies, robot, scene, allowed, trust_disabled)
     neighbours = _Neighbours(robot, {body.link for body in bodies if body.link is not None and body.owner == body.link})
-    detailed = {body.owner for body in bodies if body.detail}
+    # By geometry and not by link: of a link's several geometries some have parts, and the others stand as they are.
+    in_parts = {body.name.rpartition(PART)[0] for body in bodies if body.detail}
     unexplained = unexplained_pairs(robot)
     chosen: list[tuple[int, int]] = []
     excluded: dict[frozenset[str], ExcludedPair] = {}
@@ -76,7 +77,7 @@ def choose_pairs(
         if a.owner == b.owner:
             continue
         key = frozenset((a.owner, b.owner))
-        if any(body.detail != (body.owner in detailed and key in unexplained) for body in (a, b)):
+        if any(body.name in in_parts if key in unexplained else body.detail for body in (a, b)):
             continue  # hull against hull, or detail against detail where there is one
         reason = reasons.get(key) or neighbours.reason(a, b)
         if reason:

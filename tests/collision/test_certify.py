@@ -51,15 +51,6 @@ def test_inside_a_room_of_thin_walls_is_free_and_inside_a_solid_is_not(ur5, mesh
     assert certificate.first_contact.penetrating
 
 
-def test_what_is_hollow_is_said_in_the_certificate(slider, mesh_file, path):
-    box = trimesh.creation.box((0.4, 0.4, 0.4))
-    open_box = mesh_file(trimesh.Trimesh(box.vertices, box.faces[1:], process=False))
-    checker = CollisionChecker(slider, Scene([Obstacle("open", Mesh(open_box, hull=False, hollow=True))]))
-    certificate = certify(path(slider, [-0.05], [0.05]), checker)
-    assert certificate.hollow == ("open",)
-    assert "open" in certificate.message
-
-
 # -- grazes ------------------------------------------------------------------------------------------------------------
 
 

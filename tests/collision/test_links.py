@@ -49,7 +49,7 @@ def test_an_open_mesh_is_hulled_and_says_so(tmp_path, how):
     assert body.support is not None
     assert "open.stl is not watertight: its hull is taken" in body.remark
     (plain,) = link_bodies(robot.urdf.collisions[0], "hull")
-    assert plain.remark == ""
+    assert plain.remark == "taken as the convex hull of the mesh"
 
 
 def test_a_mesh_that_is_nowhere_is_named():

@@ -235,4 +235,5 @@ def _verdict(certificate: Certificate) -> dict[str, Any]:
             "proven_free_until": contact.proven_free_until,
         },
         "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
+        "notes": list(certificate.notes),
     }

@@ -151,7 +151,15 @@ def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_
         If points have no hull, or a half-space is to move with a link.
     """
     geometry, box, support, solid = _made(shape, owner, link)
-    return Body(name, owner, link, geometry, link_from_body.copy(), box, support, solid)
+    return Body(name, owner, link, geometry, link_from_body.copy(), box, support, solid, _remark(shape, solid))
+
+
+def _remark(shape: Shape, solid: Inside | None) -> str:
+    if isinstance(shape, Mesh) and shape.hull:
+        return "taken as the convex hull of the mesh"
+    if isinstance(shape, PointCloud):
+        return f"points of a sensor in cells of {shape.resolution:g} m; what no point told of is free"
+    return "" if solid is None or solid.watertight else "not watertight, so hollow: being wholly inside is not seen"
 
 
 def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, remark: str = "") -> Body:

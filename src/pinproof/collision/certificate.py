@@ -130,8 +130,8 @@ class Certificate:
         The pairs that were not checked, with the reasons.
     tolerance
         Metres: an interval in which bodies move less than this is not cut any further.
-    hollow
-        Exact meshes that are not watertight: there, being wholly inside does not count as contact.
+    notes
+        What the verdict takes for granted, in sentences: what was hulled, what is hollow, what stands still.
     tube
         The deviations that were allowed for, and the largest ones the proof bears.
     evidence
@@ -153,7 +153,7 @@ class Certificate:
     tolerance: float
     curve: str
     setup: str
-    hollow: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     tube: Tube | None = None
     evidence: Array | None = None
 
@@ -179,7 +179,7 @@ class Certificate:
         return self
 
     def __str__(self) -> str:
-        return f"{self.status.name}: {self.message}"
+        return "\n".join((f"{self.status.name}: {self.message}", *(f"note: {note}" for note in self.notes)))
 
 
 def curve_hash(curve: Curve) -> str:

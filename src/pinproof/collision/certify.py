@@ -26,6 +26,7 @@ from pinproof.collision.certificate import (
 )
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import Contact
+from pinproof.collision.notes import notes_of
 from pinproof.collision.placed import NEAREST, Distance
 from pinproof.errors import InputError
 from pinproof.motion import Curve
@@ -250,8 +251,6 @@ class _Proof:
         message = f"no contact anywhere: clearance proven {proven_millimetres(proven)}{nearest}, over {count} pairs"
         if self._tolerances:
             message += f", {self._tolerances}"
-        if self._checker.hollow:
-            message += f"; not watertight, so hollow: {', '.join(self._checker.hollow)}"
         return self._certificate(CertificateStatus.FREE, message, clearance=proven)
 
     @property
@@ -308,7 +307,7 @@ class _Proof:
             tolerance=float(self._settings[k.TOLERANCE]),
             curve=curve_hash(self._curve),
             setup=setup_hash(checker.arm, checker.scene, checker.attached),
-            hollow=checker.hollow,
+            notes=notes_of(checker),
             tube=Tube(
                 read_only(self._joints),
                 self._obstacles,

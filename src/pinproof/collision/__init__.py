@@ -1,7 +1,7 @@
 """Collision: shapes, scenes, the checker, and certificates that hold between samples (coal)."""
 
 from pinproof.collision.audit import Audit, audit
-from pinproof.collision.certificate import Certificate, CertificateStatus, FirstContact, UndecidedSpan
+from pinproof.collision.certificate import Certificate, CertificateStatus, FirstContact, Parting, UndecidedSpan
 from pinproof.collision.certify import certify
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import CheckResult, Contact
@@ -41,6 +41,7 @@ __all__ = [
     "HeightMap",
     "Mesh",
     "Obstacle",
+    "Parting",
     "PointCloud",
     "Scene",
     "Shape",

@@ -22,9 +22,11 @@ __all__ = [
     "Certificate",
     "CertificateStatus",
     "FirstContact",
+    "Parting",
     "Tube",
     "UndecidedSpan",
     "curve_hash",
+    "free_sentence",
     "proven_millimetres",
     "setup_hash",
 ]
@@ -106,18 +108,54 @@ class Tube:
 
 
 @dataclass(frozen=True, eq=False)
+class Parting:
+    """Two bodies that may touch at the start and were proven to part.
+
+    Parameters
+    ----------
+    bodies
+        What leaves (a link or attached object), and the obstacle it leaves.
+    normal
+        (3,) the unit vector in the root frame along which it leaves: on the whole span up to ``end`` no point of it
+        moves against this direction, by more than rounding in all.
+    gap
+        Metres between the two along ``normal`` at the start; below 0 they overlap by that much, 1 mm at most.
+    until
+        The parameter from which on they are farther apart than their margin, to the curve's end.
+    end
+        The parameter up to which the first is proven not to approach; behind it stands the ordinary proof.
+    """
+
+    bodies: tuple[str, str]
+    normal: Array
+    gap: float
+    until: float
+    end: float
+
+    def __str__(self) -> str:
+        one, other = self.bodies
+        along = ", ".join(f"{x:.3g}" for x in self.normal + 0.0)
+        return (
+            f"{one} may touch {other} until {self.until:.4g} (gap {self.gap * 1e3:+.2f} mm at the start): proven never "
+            f"to approach it along ({along}) until {self.end:.4g}, and to keep its margin afterwards"
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Certificate:
     """A verdict over a whole curve, between samples too.
 
     Parameters
     ----------
     status
-        FREE: at every point of the tube every checked pair is farther apart than its margin. COLLIDING: a
+        FREE: at every point of the tube every checked pair is farther apart than its margin, a pair of ``partings``
+        once it has parted. COLLIDING: a
         configuration on the curve was found where a pair is not. UNDECIDED: neither could be shown at the tolerance.
     margin
         The distance (m) that was asked for, of all pairs without a margin of their own.
     clearance
-        Proven lower bound (m) of every distance in the tube; NaN unless FREE.
+        Proven lower bound (m) of every distance in the tube, of a pair of ``partings`` behind its ``end``; NaN unless
+        FREE.
     observed
         The smallest distance (m) that was measured along the way: an upper bound of the true clearance.
     first_contact, undecided
@@ -138,6 +176,8 @@ class Certificate:
         (K, 7) if it was asked to be recorded, what a proof has to tell: rows of start and end of an interval of the
         parameter, pair, distance (m) proven of it there, a unit vector (3) in the root frame along which the supports
         of the two bodies are apart at the middle (zeros where balls or boxes around them are).
+    partings
+        The pairs that were allowed to touch at the start, each with the proof that it parts.
     """
 
     status: CertificateStatus
@@ -156,6 +196,7 @@ class Certificate:
     notes: tuple[str, ...] = ()
     tube: Tube | None = None
     evidence: Array | None = None
+    partings: tuple[Parting, ...] = ()
 
     @property
     def free(self) -> bool:
@@ -204,6 +245,12 @@ def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str
             continue
         digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
     return digest.hexdigest()
+
+
+def free_sentence(proven: float, seen: float, pairs: int) -> str:
+    """What FREE says: the clearance (m) proven and seen, over how many pairs."""
+    nearest = f", seen {seen * 1e3:.1f} mm" if math.isfinite(seen) else ""
+    return f"no contact anywhere: clearance proven {proven_millimetres(proven)}{nearest}, over {pairs} pairs"
 
 
 def proven_millimetres(clearance: float) -> str:

@@ -9,6 +9,7 @@ until everything before the contact is proven free or the tolerance is met. The 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -21,12 +22,13 @@ from pinproof.collision.certificate import (
     Tube,
     UndecidedSpan,
     curve_hash,
-    proven_millimetres,
+    free_sentence,
     setup_hash,
 )
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import Contact
 from pinproof.collision.notes import notes_of
+from pinproof.collision.parting import prove_parting
 from pinproof.collision.placed import NEAREST, Distance
 from pinproof.errors import InputError
 from pinproof.motion import Curve
@@ -59,6 +61,7 @@ def certify(
     max_intervals: int = 200_000,
     joint_tolerance: npt.ArrayLike = 0.0,
     obstacle_tolerance: float = 0.0,
+    parting: Sequence[tuple[str, str]] = (),
     record: bool = False,
 ) -> Certificate:
     """Prove that a curve is free of contact, or show where it is not.
@@ -80,6 +83,10 @@ def certify(
     obstacle_tolerance
         Metres: prove it for obstacles any of which may be moved, turned or grown, as long as no point of its surface
         comes farther than this.
+    parting
+        Pairs of names, a link or attached object and an obstacle each, that may touch at the start, such as a part and
+        what it lies on: proven never to approach until they have left each other, and to keep their margin from then
+        on. So they are not just left out, as :meth:`CollisionChecker.allowing` does. Not with ``joint_tolerance``.
     record
         Keep what a proof has to tell in :attr:`Certificate.evidence`.
 
@@ -93,6 +100,8 @@ def certify(
     ------
     InputError
         If the curve's joints are not the arm's, or a setting makes no sense.
+    UnknownNameError
+        If ``parting`` names nothing that is there.
     """
     if tuple(curve.joint_names) != checker.arm.joint_names:
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm {checker.arm.joint_names}")
@@ -105,7 +114,23 @@ def certify(
         raise InputError(
             f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; they are 0 or more"
         )
-    return _Proof(curve, checker, tolerance, max_intervals, joints, float(obstacle_tolerance), record).run()
+
+    def prove(part: Curve, judge: CollisionChecker) -> Certificate:
+        return _Proof(part, judge, tolerance, max_intervals, joints, float(obstacle_tolerance), record).run()
+
+    if not parting:
+        return prove(curve, checker)
+    if joints.any() or record:
+        raise InputError("parting goes with no joint_tolerance, and cannot be recorded: it is proven of the bare curve")
+    return prove_parting(
+        curve,
+        checker,
+        parting,
+        prove,
+        tolerance=tolerance,
+        max_intervals=max_intervals,
+        obstacle_tolerance=float(obstacle_tolerance),
+    )
 
 
 class _Proof:
@@ -247,8 +272,7 @@ class _Proof:
     def _free(self) -> Certificate:
         count, seen = len(self._checker.pairs), float(self._state[self._kernel.OBSERVED])
         proven = float(self._state[self._kernel.PROVEN])
-        nearest = f", seen {seen * 1e3:.1f} mm" if np.isfinite(seen) else ""
-        message = f"no contact anywhere: clearance proven {proven_millimetres(proven)}{nearest}, over {count} pairs"
+        message = free_sentence(proven, seen, count)
         if self._tolerances:
             message += f", {self._tolerances}"
         return self._certificate(CertificateStatus.FREE, message, clearance=proven)

@@ -200,8 +200,8 @@ class CollisionChecker:
     def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
         """The same with more pairs of names that may touch: a gripper and what it grasps, a part and its support.
 
-        A certificate lists them as not checked. So allow a contact for the stage that means it, and for no other: part
-        and support while the part is lifted off, not while it is brought near.
+        A certificate lists them as not checked. So allow a contact for the stage that means it, and for no other. For a
+        part and the support it is lifted off, ``certify(..., parting=)`` allows less and proves more: that they part.
         """
         return self._derived(self.scene, self.attached, (*self._allowed, *((str(a), str(b)) for a, b in pairs)))
 

@@ -74,7 +74,8 @@ def caption(
         proof = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
         clearance = ("Proven clearance", proven_millimetres(certificate.clearance))
         left_out = tuple(f"{' and '.join(pair.owners)}: {pair.reason}" for pair in certificate.excluded)
-        return Caption("FREE", proof, "free", (*figures, clearance, duration), left_out)
+        leaves = tuple(("Begins in contact", str(parting)) for parting in certificate.partings)
+        return Caption("FREE", proof, "free", (*figures, clearance, duration, *leaves), left_out)
     if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
         reason = _contact(certificate.first_contact, certificate.margin)
         return Caption("NOT VALIDATED", reason, "colliding", (*figures, duration), contact=certificate.first_contact)

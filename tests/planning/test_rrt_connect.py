@@ -68,16 +68,18 @@ def test_through_a_narrow_slot(gantry: pp.Arm, slotted: pp.Scene) -> None:
 
 
 def test_a_tree_grows_where_no_whole_step_fits(gantry: pp.Arm) -> None:
-    # A box with 6 cm of room on every side of the ball, and no way out.
+    # Two boxes with 6 cm of room on every side of the ball, and no way from one to the other.
     walls = [
-        pp.Obstacle(f"wall{i}", pp.Box(0.4 if y else 0.1, 0.4 if x else 0.1, 1.0), pp.pose((x, y, 0.0)))
+        pp.Obstacle(f"wall{cell:+}{i}", pp.Box(0.4 if y else 0.1, 0.4 if x else 0.1, 1.0), pp.pose((cell + x, y, 0.0)))
+        for cell in (-0.5, 0.5)
         for i, (x, y) in enumerate(((-0.16, 0.0), (0.16, 0.0), (0.0, -0.16), (0.0, 0.16)))
     ]
-    planner = pp.RrtConnect(step=0.5, max_samples=300, time_limit=600.0)
-    plan = planner.plan(pp.CollisionChecker(gantry, pp.Scene(walls)), (0.0, 0.0), (0.8, 0.8))
-    reached = re.search(r"x stayed in \[(.*), (.*)\] from the start", plan.message)
-    assert float(reached[1]) <= -0.03
-    assert float(reached[2]) >= 0.03
+    planner = pp.RrtConnect(step=0.25, max_samples=300, time_limit=600.0)
+    plan = planner.plan(pp.CollisionChecker(gantry, pp.Scene(walls)), (-0.5, 0.0), (0.5, 0.0))
+    reached = re.search(r"x stayed in \[(.*), (.*)\] from the start and in \[(.*), (.*)\] from the goal", plan.message)
+    for cell, low, high in ((-0.5, reached[1], reached[2]), (0.5, reached[3], reached[4])):
+        assert 0.03 <= cell - float(low) <= 0.0601
+        assert 0.03 <= float(high) - cell <= 0.0601
 
 
 def test_the_search_keeps_off_the_margin_so_that_proofs_succeed(gantry: pp.Arm) -> None:

@@ -38,7 +38,7 @@ from typing import Any
 from pinproof.kernels.compiled import compiled
 from pinproof.kernels.world import BALL, HALF, LEADER, MIDDLE, MULTIPLIER, PARENT, SLIDES
 
-__all__ = ["CHORD", "CURVE", "MORE", "TURN_COLUMNS", "closely", "roughly", "speeds", "swings", "way"]
+__all__ = ["CHORD", "CURVE", "MORE", "TURN_COLUMNS", "closely", "roughly", "speed", "speeds", "swings", "way"]
 
 CHORD, BEND, ANGLE, SHARE, CURVE = 0, 1, 2, 3, 4
 """Columns of the swings of joints, for a half width delta: how far a point at radius 1 moves, 2 sin(delta / 2); how far
@@ -71,11 +71,11 @@ def speeds(world: Any, at: Any, axes: Any, rho: Any) -> None:
     """The largest speed of a point of each body of the robot per rate of each joint, into ``rho`` (R, m)."""
     for body in range(rho.shape[0]):
         for k in range(rho.shape[1]):
-            rho[body, k] = _speed(world.joints, world.bodies, at, axes, body, k)
+            rho[body, k] = speed(world.joints, world.bodies, at, axes, body, k)
 
 
 @compiled
-def _speed(joints: Any, bodies: Any, at: Any, axes: Any, body: int, k: int) -> float:
+def speed(joints: Any, bodies: Any, at: Any, axes: Any, body: int, k: int) -> float:
     """Of the ball about a body: the distance of its centre from the axis, and its radius."""
     if joints[k, SLIDES] != 0.0:
         return 1.0
@@ -195,10 +195,10 @@ def closely(
         while (i >= 0) if side == 0 else (i < count):
             k = path[i]
             chord, share = turns[k, CHORD], turns[k, SHARE]
-            rate = rho[body, k] if body < rho.shape[0] else _speed(joints, world.bodies, at, axes, body, k)
-            speed = _along(joints, world.bodies, at, axes, body, k, u)
-            near += speed * share * extra[int(joints[k, LEADER])] + rate * (turns[k, BEND] + turned * chord)
-            growth += speed * share + rate * (shares * (chord + MORE * share) + (turned + MORE * shares) * share)
+            rate = rho[body, k] if body < rho.shape[0] else speed(joints, world.bodies, at, axes, body, k)
+            outward = _along(joints, world.bodies, at, axes, body, k, u)
+            near += outward * share * extra[int(joints[k, LEADER])] + rate * (turns[k, BEND] + turned * chord)
+            growth += outward * share + rate * (shares * (chord + MORE * share) + (turned + MORE * shares) * share)
             if joints[k, SLIDES] == 0.0:
                 growth += rate * share * min(2.0 * (turns[k, ANGLE] + MORE * share), 2.42)  # 1 - cos x + sin x
                 turned += chord

@@ -36,8 +36,10 @@ __all__ = [
     "FIRST_ONLY",
     "NEAREST",
     "PRECISION",
+    "TALLY",
     "apart",
     "ball_to_node",
+    "judge",
     "measure",
     "near",
     "near_many",
@@ -51,6 +53,8 @@ PRECISION = 1e-9
 """Metres between the two bounds of a distance at which the walk between two bodies is content."""
 
 CONTACTS, LEFT, LOWER, UPPER, PAIR = 0, 1, 2, 3, 4
+"""The tally of one question: pairs in contact, pairs left to coal, and what is asked as ``NEAREST``."""
+TALLY = 5
 
 
 @compiled
@@ -67,7 +71,7 @@ def near(numbers: Any, indices: Any, at: Any, q: Any, question: int, pairs: Any)
     if not place(world, q, np.empty((world.joints.shape[0], 12)), at):
         return -1, 0, 0.0, 0.0, -1
     found, asked = pairs[0], pairs[1]
-    tally, rel, direction, simplex = np.zeros(5), np.empty(12), np.empty(3), np.empty(SIMPLEX)
+    tally, rel, direction, simplex = np.zeros(TALLY), np.empty(12), np.empty(3), np.empty(SIMPLEX)
     tally[LOWER], tally[UPPER], tally[PAIR] = np.inf, np.inf, -1.0
     bodies, tree, robot = world.bodies, world.tree, world.outer.shape[0]
     for i in range(robot):
@@ -83,19 +87,19 @@ def near(numbers: Any, indices: Any, at: Any, q: Any, question: int, pairs: Any)
             if leaf < 0 or apart(bodies, at, body, leaf, limit) > limit:
                 continue
             k = world.outer[body, leaf - robot]
-            if k >= 0 and _judge(world, at, k, question, found, asked, tally, rel, direction, simplex):
+            if k >= 0 and judge(world, at, k, question, found, asked, tally, rel, direction, simplex):
                 return 1, 0, 0.0, 0.0, -1
     for k in world.own:
         limit = world.pairs[k, MARGIN] + world.widest[1] if question != NEAREST else tally[UPPER]
         if apart(bodies, at, int(world.pairs[k, A]), int(world.pairs[k, B]), limit) > limit:
             continue
-        if _judge(world, at, k, question, found, asked, tally, rel, direction, simplex):
+        if judge(world, at, k, question, found, asked, tally, rel, direction, simplex):
             return 1, 0, 0.0, 0.0, -1
     return int(tally[CONTACTS]), int(tally[LEFT]), tally[LOWER], tally[UPPER], int(tally[PAIR])
 
 
 @compiled
-def _judge(
+def judge(
     world: Any,
     at: Any,
     k: int,

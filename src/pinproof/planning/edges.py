@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import numpy.typing as npt
 
@@ -30,42 +28,59 @@ class Edges:
     checker
         What an edge must be free of.
     resolution
-        Largest joint step (rad or m) between two samples of a quick look. It steers the search and decides nothing.
+        Metres that bodies move between two samples of a quick look. It steers the search and decides nothing.
     ends
         (e, n) free configurations that must stay within reach: where one of them stands nearer to a body, the search
         keeps less than :data:`PAD`.
+
+    Attributes
+    ----------
+    steering
+        The checker with the margin of quick looks.
+    resolution
+        As it is now.
+    asked, counts
+        What :func:`pinproof.kernels.rrt_edge.look` works in: (s, n) samples that only coal can judge; how many these
+        are, samples looked at so far, and the pair that touched last.
     """
 
     def __init__(self, checker: CollisionChecker, resolution: float, ends: Array) -> None:
+        from pinproof.kernels import rrt_edge
+
         if not resolution > 0:
-            raise InputError(f"resolution = {resolution}; it is a joint step in rad or m, above 0")
-        self._checker, self._resolution, self._finest = checker, resolution, resolution / FINEST
+            raise InputError(f"resolution = {resolution}; it is the metres between two samples, above 0")
+        self._kernel = rrt_edge
+        self._checker, self.resolution, self._finest = checker, resolution, resolution / FINEST
         spare = min((checker.clearance(q) for q in ends), default=np.inf) - checker.margin
-        self._steering = checker.with_margin(checker.margin + min(PAD, max(spare, 0.0) / 2))
+        self.steering = checker.with_margin(checker.margin + min(PAD, max(spare, 0.0) / 2))
+        self.asked = np.empty((rrt_edge.MOST_LOOKS, checker.arm.dof))
+        self.counts = np.array([0, 0, -1])
+        self._edge = np.empty((2, checker.arm.dof))
+
+    @property
+    def looks(self) -> int:
+        """Samples looked at so far."""
+        return int(self.counts[self._kernel.LOOKS])
 
     def looks_free(self, a: Array, b: Array) -> bool:
         """Whether the samples after a (n,) up to and with b (n,) are free: the end first, then ever finer halvings."""
-        steps = max(int(np.ceil(np.abs(b - a).max() / self._resolution)), 1)
-        return all(self._steering.is_free_unchecked(a + (b - a) * share) for share in _spread(steps))
+        k, steering = self._kernel, self.steering
+        if steering.still.touching:
+            return False
+        self._edge[:] = a, b
+        at, edge = steering.workspace.at, self._edge
+        said = k.look(steering.numbers, steering.indices, at, edge, self.resolution, self.asked, self.counts)
+        return self.judged_free() if said == k.ASK else said == k.FREE
+
+    def judged_free(self) -> bool:
+        """Whether the samples that were left to coal are free."""
+        count = self.counts[self._kernel.ASKED]
+        return all(self.steering.is_free_unchecked(q) for q in self.asked[:count])
 
     def look_closer(self) -> None:
         """Halve the resolution, after an edge that looked free was not: something here is thinner than a step."""
-        self._resolution = max(self._resolution / 2, self._finest)
+        self.resolution = max(self.resolution / 2, self._finest)
 
     def prove(self, a: Array, b: Array) -> Certificate:
         """The certificate of the straight edge from a (n,) to b (n,)."""
         return certify(JointPath([a, b], self._checker.arm.joint_names), self._checker)
-
-
-@cache
-def _spread(steps: int) -> tuple[float, ...]:
-    """1/steps .. steps/steps, so ordered that contacts are met early: the end, the middle, the quarters, ..."""
-    order, stride = [steps], 1 << (steps - 1).bit_length()
-    seen = {0, steps}
-    while stride >= 1:
-        for index in range(stride, steps, stride):
-            if index not in seen:
-                seen.add(index)
-                order.append(index)
-        stride //= 2
-    return tuple(index / steps for index in order)

@@ -22,7 +22,7 @@ from pinproof.planning.apart import how_far_apart
 from pinproof.planning.edges import Edges
 from pinproof.planning.goals import read_goals, with_turns
 from pinproof.planning.result import PlanResult, PlanStatus
-from pinproof.planning.tree import Tree
+from pinproof.planning.trees import Trees
 
 __all__ = ["RrtConnect"]
 
@@ -38,7 +38,7 @@ class RrtConnect:
     step
         Longest edge (Euclidean, in rad or m).
     resolution
-        Largest joint step (rad or m) between the samples that steer the search; the proof does not depend on it.
+        Metres that bodies move between two samples that steer the search; the proof does not depend on it.
     max_nodes
         Configurations in both trees after which the search ends.
     max_samples
@@ -130,49 +130,69 @@ class _Search:
         turns: bool,
         rng: np.random.Generator,
     ) -> None:
+        from pinproof.kernels import rrt
+
+        self._kernel = rrt
         self._settings, self._checker, self._rng = settings, checker, rng
         self._edges = Edges(checker, settings.resolution, np.vstack([start, goals]))
         self._start, self._goals, self._indices, self._turns = start, goals, indices, turns
-        self._trees = (Tree(start[None]), Tree(goals))
-        self._wide = _sampling_box(checker.arm, np.vstack([start, goals]), np.inf)
-        self._near = [_sampling_box(checker.arm, np.array([start, goal]), np.pi) for goal in goals]
+        self._state = np.zeros(rrt.STATE_SIZE, dtype=np.int64)
+        self._state[[rrt.TOLD, rrt.MOST_NODES, rrt.MOST_SAMPLES]] = rrt.ASK, settings.max_nodes, settings.max_samples
+        self._trees = Trees(start, goals, self._state[rrt.SIZE : rrt.SIZE + 2])
+        self._boxes = np.array(
+            [
+                *(_sampling_box(checker.arm, np.array([start, goal]), np.pi) for goal in goals),
+                _sampling_box(checker.arm, np.vstack([start, goals]), np.inf),
+            ]
+        )
+        self._draws, self._ends = np.empty((0, len(start) + 2)), np.empty((2, len(start)))
         self._cut, self._last_cut = 0, ""
 
     def run(self) -> PlanResult:
         deadline = time.monotonic() + self._settings.time_limit
         if (result := self._straight()) is not None:
             return result
-        samples, budget = 0, ""
+        k, state = self._kernel, self._state
+        budget = ""
         while not budget:
-            grow = 0 if len(self._trees[0]) <= len(self._trees[1]) else 1  # the smaller one
-            samples += 1
-            node = self._extend(self._trees[grow], self._sample())
-            if node is not None:
-                other = self._connect(self._trees[1 - grow], self._trees[grow].q[node].copy())
-                if other is not None:
-                    at_start, at_goal = (node, other) if grow == 0 else (other, node)
-                    if (result := self._join(at_start, at_goal)) is not None:
-                        return result
-            budget = self._spent(samples, deadline)
+            ended = self._grow()
+            if ended == k.MET:
+                if (result := self._join(int(state[k.AT_START]), int(state[k.AT_GOAL]))) is not None:
+                    return result
+            elif ended == k.SPENT:
+                nodes = len(self._trees) >= self._settings.max_nodes
+                budget = self._named("max_nodes" if nodes else "max_samples")
+            if time.monotonic() >= deadline:
+                budget = budget or f"time_limit = {self._settings.time_limit:g} s"
         failed = f", {self._cut} edges failed the proof, the last because {self._last_cut}" if self._cut else ""
-        apart = how_far_apart(self._checker.arm, *(tree.living() for tree in self._trees), turns=self._turns)
+        apart = how_far_apart(self._checker.arm, self._trees.living(0), self._trees.living(1), turns=self._turns)
         message = (
-            f"no path within {budget} ({self._nodes} nodes, {samples} samples{failed}); {apart}. "
+            f"no path within {budget} ({len(self._trees)} nodes, {state[k.SAMPLES]} samples{failed}); {apart}. "
             "Give it more, another rng, or other goals"
         )
-        return PlanResult(PlanStatus.OUT_OF_BUDGET, None, None, None, message, self._nodes, self._cut)
+        return PlanResult(PlanStatus.OUT_OF_BUDGET, None, None, None, message, len(self._trees), self._cut)
 
-    @property
-    def _nodes(self) -> int:
-        return sum(map(len, self._trees))
+    def _named(self, budget: str) -> str:
+        return f"{budget} = {getattr(self._settings, budget)}"
 
-    def _spent(self, samples: int, deadline: float) -> str:
-        """Which budget is spent; empty while none is."""
-        if self._nodes >= self._settings.max_nodes:
-            return f"max_nodes = {self._settings.max_nodes}"
-        if samples >= self._settings.max_samples:
-            return f"max_samples = {self._settings.max_samples}"
-        return f"time_limit = {self._settings.time_limit:g} s" if time.monotonic() >= deadline else ""
+    def _grow(self) -> int:
+        """Let the trees grow until something is to be done about it here."""
+        k, state, trees, edges, steering = self._kernel, self._state, self._trees, self._edges, self._edges.steering
+        state[k.UNTIL] = edges.looks + LOOKS_AT_ONCE
+        while True:
+            settings = np.array([self._settings.step, edges.resolution, NEAR_SHARE])
+            ended: int = k.grow(
+                steering.numbers, steering.indices, steering.workspace.at, settings, self._boxes, self._draws,
+                trees.q, trees.parents, state, self._ends, edges.asked, edges.counts,
+            )  # fmt: skip
+            if ended == k.COAL:
+                state[k.TOLD] = k.FREE if edges.judged_free() else k.BLOCKED
+            elif ended == k.DRAWS:
+                self._draws, state[k.DRAWN] = self._rng.random((DRAWS, self._draws.shape[1])), 0
+            elif ended == k.NODES:
+                trees.make_room()
+            else:
+                return ended
 
     def _straight(self) -> PlanResult | None:
         """The straight way to a goal, the nearest first."""
@@ -184,54 +204,18 @@ class _Search:
                 return result
         return None
 
-    def _sample(self) -> Array:
-        """A configuration around the start and one of the goals, or now and then anywhere."""
-        if self._rng.random() < NEAR_SHARE:
-            return self._rng.uniform(*self._near[self._rng.integers(len(self._near))])
-        return self._rng.uniform(*self._wide)
-
-    def _extend(self, tree: Tree, target: Array) -> int | None:
-        """One step from the nearest node towards a target; the new node, or None when the way is blocked.
-
-        Where a whole step is blocked, ever shorter ones are tried: in a tight place they are all there is.
-        """
-        near = tree.nearest(target)
-        a = tree.q[near].copy()
-        towards = target - a
-        distance = float(np.linalg.norm(towards))
-        if distance == 0:
-            return None
-        share = min(1.0, self._settings.step / distance)
-        for _ in range(SHORTENINGS + 1):
-            b = target if share == 1.0 else a + towards * share
-            if self._edges.looks_free(a, b):
-                return tree.add(b, near)
-            share /= 2
-        return None
-
-    def _connect(self, tree: Tree, target: Array) -> int | None:
-        """Steps from the nearest node all the way to a target; the node at it, or None when the way is blocked."""
-        node = tree.nearest(target)
-        while not np.array_equal(tree.q[node], target):
-            a = tree.q[node].copy()
-            distance = float(np.linalg.norm(target - a))
-            b = target if distance <= self._settings.step else a + (target - a) * (self._settings.step / distance)
-            if not self._edges.looks_free(a, b):
-                return None
-            node = tree.add(b, node)
-        return node
-
     def _join(self, at_start: int, at_goal: int) -> PlanResult | None:
         """The certified path through two nodes that coincide, or None after cutting the edge that failed."""
-        forth, back = self._trees[0].branch(at_start)[::-1], self._trees[1].branch(at_goal)
-        way = np.concatenate([self._trees[0].q[forth], self._trees[1].q[back[1:]]])
+        trees = self._trees
+        forth, back = trees.branch(0, at_start)[::-1], trees.branch(1, at_goal)
+        way = np.concatenate([trees.q[0, forth], trees.q[1, back[1:]]])
         result, failed = self._prove(way, back[-1])
         if result is None:
             # edge i leads from waypoint i to i + 1; a tree hangs an edge on its end that is farther from the root
             if failed < len(forth) - 1:
-                self._trees[0].cut(forth[failed + 1])
+                trees.cut(0, forth[failed + 1])
             else:
-                self._trees[1].cut(back[failed - (len(forth) - 1)])
+                trees.cut(1, back[failed - (len(forth) - 1)])
         return result
 
     def _prove(self, way: Array, row: int) -> tuple[PlanResult | None, int]:
@@ -241,7 +225,7 @@ class _Search:
         if certificate.free:
             message = f"a path of {len(path)} waypoints and {path.length:.3g} rad, {certificate.message}"
             goal = self._indices[row]
-            return PlanResult(PlanStatus.FOUND, path, certificate, goal, message, self._nodes, self._cut), -1
+            return PlanResult(PlanStatus.FOUND, path, certificate, goal, message, len(self._trees), self._cut), -1
         self._cut, self._last_cut = self._cut + 1, certificate.message
         self._edges.look_closer()
         return None, _failed_edge(certificate, len(way) - 1)
@@ -250,8 +234,11 @@ class _Search:
 NEAR_SHARE = 0.75
 """The share of samples within half a turn of start and a goal; with joints that turn several times the rest is vast."""
 
-SHORTENINGS = 3
-"""How often a blocked step is halved before a tree gives a sample up."""
+DRAWS = 256
+"""Random samples that are drawn at a time."""
+
+LOOKS_AT_ONCE = 2000
+"""Samples of edges that are looked at before the clock is: some 10 ms."""
 
 
 def _failed_edge(certificate: Certificate, edges: int) -> int:

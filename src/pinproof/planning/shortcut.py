@@ -41,7 +41,7 @@ def shortcut(
     attempts
         How many random shortcuts are tried, after skipping waypoints wherever that is proven free.
     resolution
-        Joint step (rad or m) of the samples looked at before a proof is begun.
+        Metres that bodies move between two samples looked at before a proof is begun.
 
     Raises
     ------

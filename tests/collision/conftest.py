@@ -111,7 +111,7 @@ class Oracle:
         shapes = [_link_shape(geometry) for geometry in arm.robot.urdf.collisions]
         local = [pin.SE3(np.array(geometry.origin)) for geometry in arm.robot.urdf.collisions]
         frames: list[str | None] = [geometry.link for geometry in arm.robot.urdf.collisions]
-        for part in (body for body in checker.bodies if body.detail):
+        for part in (body for body in checker.bodies if body.level):
             hull = trimesh.Trimesh(part.support.points).convex_hull
             shapes.append(_triangles(hull))
             local.append(part.link_from_body)

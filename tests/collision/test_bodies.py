@@ -32,8 +32,8 @@ from pinproof import (
     pose,
 )
 from pinproof.collision.bodies import shape_body
+from pinproof.collision.by_coal import GJK_SLACK
 from pinproof.collision.height_map import Ground, ground_surface
-from pinproof.collision.placed import GJK_SLACK
 from pinproof.collision.point_cloud import cell_faces
 from pinproof.collision.solid import Solid
 

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, load_robot, pose
-from pinproof.collision.placed import GJK_SLACK
+from pinproof.collision.by_coal import GJK_SLACK
 from pinproof.kernels.world import BEGIN, world_of
 
 

@@ -13,9 +13,9 @@ import trimesh
 
 from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, MeshError, Obstacle, Scene, Sphere, pose
 from pinproof.collision.bodies import shape_body
+from pinproof.collision.by_coal import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.hulls import bvh
 from pinproof.collision.links import link_bodies
-from pinproof.collision.placed import GJK_SLACK, GJK_TOLERANCE
 from pinproof.description import read_urdf
 from pinproof.description.packages import example_robot_data
 

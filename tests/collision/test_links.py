@@ -29,7 +29,7 @@ def test_what_does_not_exist_is_refused(told):
 
 def test_each_link_is_met_as_told(ur5):
     checker = CollisionChecker(ur5, link_meshes={"forearm_link": "mesh", "upper_arm_link": "decomposed"})
-    bodies = {link: [b for b in checker.bodies if b.owner == link and not b.detail] for link in ur5.robot.urdf.links}
+    bodies = {link: [b for b in checker.bodies if b.owner == link and not b.level] for link in ur5.robot.urdf.links}
     assert [b.support is None for b in bodies["forearm_link"]] == [True]
     assert len(bodies["upper_arm_link"]) > 2
     assert all(b.support is not None for b in bodies["upper_arm_link"])
@@ -66,18 +66,16 @@ def test_pairs_that_an_srdf_disables_without_a_reason_are_met_by_closer_hulls(ur
     """The hull of a UR5's upper arm overlaps its base at every third configuration; the arm itself hardly ever does."""
     usual, exact = CollisionChecker(ur5), CollisionChecker(ur5, link_meshes="mesh")
     pair = {"base_link", "upper_arm_link"}
-    details = {body.owner for body in usual.bodies if body.detail}
+    details = {body.owner for body in usual.bodies if body.level}
     assert pair <= details
     met = [(usual.bodies[i], usual.bodies[j]) for i, j in usual.pairs]
-    assert all(a.detail and b.detail for a, b in met if {a.owner, b.owner} == pair)
-    assert not [
-        1 for a, b in met if {a.owner, b.owner} == {"upper_arm_link", "wrist_1_link"} and (a.detail or b.detail)
-    ]
+    assert all(a.level and b.level for a, b in met if {a.owner, b.owner} == pair)
+    assert not [1 for a, b in met if {a.owner, b.owner} == {"upper_arm_link", "wrist_1_link"} and (a.level or b.level)]
     q = np.random.default_rng(0).uniform(*ur5.limits.sampling_range(), (200, 6))
     touching = [[pair in [set(c.bodies) for c in checker.check(x).contacts] for x in q] for checker in (usual, exact)]
     assert all(coarse or not fine for coarse, fine in zip(*touching, strict=True))
     assert sum(touching[0]) <= sum(touching[1]) + 6
-    assert not [b for b in CollisionChecker(ur5, trust_disabled=True).bodies if b.detail]
+    assert not [b for b in CollisionChecker(ur5, trust_disabled=True).bodies if b.level]
 
 
 def test_a_geometry_without_parts_stands_beside_the_parts_of_its_link(tmp_path):
@@ -99,4 +97,4 @@ def test_a_geometry_without_parts_stands_beside_the_parts_of_its_link(tmp_path):
     met = {checker.bodies[j].name for i, j in checker.pairs if checker.bodies[i].owner == "base"}
     assert "tip_1" in met
     assert "tip_0" not in met
-    assert met - {"tip_1"} == {body.name for body in checker.bodies if body.detail}
+    assert met - {"tip_1"} == {body.name for body in checker.bodies if body.level}

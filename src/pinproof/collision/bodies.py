@@ -37,12 +37,9 @@ from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import matrix
 
-__all__ = ["PART", "Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
+__all__ = ["Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
 
 Array = npt.NDArray[np.float64]
-
-PART = "_part_"
-"""Between the name of a link's geometry and the number of a hull that is a part of it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,8 +98,10 @@ class Body:
         What it encloses, where coal alone would not see what lies wholly inside. None for what is convex.
     remark
         What was done with it that its maker may not expect, for people to read.
-    detail
-        Whether it is a part of a link whose hull is a body too, and stands for it in the pairs that call for it.
+    source
+        The collision geometry of a link that it is made of.
+    level
+        How finely: 0 as told; else it stands for the bodies as told of its source, in the pairs that call for it.
     """
 
     name: str
@@ -114,7 +113,8 @@ class Body:
     support: Support | None
     solid: Inside | None = None
     remark: str = ""
-    detail: bool = False
+    source: str = ""
+    level: int = 0
 
     @property
     def witnesses(self) -> Array:
@@ -125,7 +125,7 @@ class Body:
 
     def content(self) -> bytes:
         """All that its verdicts depend on, for a fingerprint; its name and its colour are no part of it."""
-        parts = [repr((type(self.geometry).__name__, self.owner, self.link, self.detail)).encode(), self.box.tobytes()]
+        parts = [repr((type(self.geometry).__name__, self.owner, self.link, self.level)).encode(), self.box.tobytes()]
         parts.append(matrix(self.link_from_body).tobytes())
         if self.support is not None:
             s = self.support

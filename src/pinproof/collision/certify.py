@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision.by_coal import Distance
 from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
@@ -29,7 +30,7 @@ from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import Contact
 from pinproof.collision.notes import notes_of
 from pinproof.collision.parting import prove_parting
-from pinproof.collision.placed import NEAREST, Distance
+from pinproof.collision.placed import NEAREST
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.motion.curve import read_only

@@ -11,14 +11,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-import pinocchio as pin
 
 from pinproof.collision.bodies import Body, shape_body
+from pinproof.collision.by_coal import Distance, geometry_model
 from pinproof.collision.contact import CheckResult, Contact
-from pinproof.collision.links import LinkMeshes, detail_bodies, link_bodies, meshes_of
-from pinproof.collision.margins import Margins
+from pinproof.collision.finer import Levels, finer_levels
+from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
+from pinproof.collision.margins import Margins, checked_margin
 from pinproof.collision.pairs import choose_pairs, unexplained_pairs
-from pinproof.collision.placed import FIRST_ONLY, NEAREST, Distance, Placed
+from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -107,16 +108,13 @@ class CollisionChecker:
     ) -> None:
         urdf = arm.robot.urdf
         self.arm, self._shape = arm, (arm.dof,)
-        self._meshes = meshes_of(urdf.links, link_meshes)
+        self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
         unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
-        coarse = {link for pair in unexplained for link in pair if self._meshes.get(link) == "hull"}
-        self._links = (
-            *(body for geometry in urdf.collisions for body in link_bodies(geometry, self._meshes[geometry.link])),
-            *(body for geometry in urdf.collisions if geometry.link in coarse for body in detail_bodies(geometry)),
-        )
+        self._levels: Levels = dict.fromkeys(unexplained, DECOMPOSED)
         self._trust_disabled = trust_disabled
-        self._margins = Margins(margin, margins or {})
+        self._margins, self._moved = Margins(margin, margins or {}), 0.0
         self._still: Still | None = None
+        self._geometry_model: Any = None
         self._made: dict[tuple[int, str | None], tuple[Obstacle, Body]] = {}
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
 
@@ -183,10 +181,17 @@ class CollisionChecker:
         other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
         return other
 
+    def padded(self, by: float) -> CollisionChecker:
+        """The same, with every margin larger by ``by`` metres, those of single pairs too."""
+        other = copy(self)
+        other._set_margins(self._margins.padded(by))
+        return other
+
     def moved_obstacles(self, by: float) -> CollisionChecker:
         """The same, but every obstacle may stand elsewhere by up to ``by`` metres: its margins are that much larger."""
         other = copy(self)
-        other._set_margins(self._margins, outside=by)
+        other._moved = self._moved + checked_margin("by", by)
+        other._set_margins(self._margins)
         return other
 
     def with_scene(self, scene: Scene) -> CollisionChecker:
@@ -205,11 +210,34 @@ class CollisionChecker:
         """
         return self._derived(self.scene, self.attached, (*self._allowed, *((str(a), str(b)) for a, b in pairs)))
 
+    def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
+        """The same, but pairs that touch at q (n,) by coarse bodies alone are judged by closer ones, as far as needed.
+
+        Those of the links whose exact meshes are farther apart than the margin at q, though their bodies as told are
+        not: by several hulls, or by the meshes themselves where these touch, too. Whatever is derived from it keeps
+        that. :attr:`finer` lists them, and so do certificates. This checker itself where nothing touches at q, or
+        whatever does is truly in contact.
+        """
+        at = self.arm.configuration(q)
+
+        def touching(levels: Levels) -> set[frozenset[str]]:
+            judge = self if levels == self._levels else self._on(levels)
+            owners = (frozenset(judge._owners(k)) for k in judge._in_contact(at))
+            return {pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))}
+
+        levels = finer_levels(touching, self._levels)
+        return self if levels == self._levels else self._on(levels)
+
+    def _on(self, levels: Levels) -> CollisionChecker:
+        other = copy(self)
+        other._levels = levels
+        other._assemble(self.scene, self.attached, self._allowed)
+        return other
+
     def _derived(
         self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
     ) -> CollisionChecker:
         other = copy(self)
-        other._made = self._made
         gone = {*self.scene.names, *(o.name for o in self.attached)} - {*scene.names, *(o.name for o in attached)}
         allowed = tuple(pair for pair in allowed if not gone & set(pair))
         other._margins = self._margins.without(gone)
@@ -241,11 +269,18 @@ class CollisionChecker:
             self._still = Still(touching, lower, min((near.upper, *(measured.attained for measured in judged))))
         return self._still
 
+    @property
+    def geometry_model(self) -> Any:
+        """Pinocchio's model of all bodies and of the pairs that are checked, made when first asked for."""
+        if self._geometry_model is None:
+            self._geometry_model = geometry_model(self.arm.model, self.bodies, self.pairs)
+        return self._geometry_model
+
     def fingerprint(self) -> str:
         """A hash of all that a verdict depends on: kinematics, held joints, geometry, placements, pairs, margins."""
         digest = hashlib.sha256()
         words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
-        digest.update(repr((words, self._trust_disabled, sorted(self._meshes.items()), self.excluded)).encode())
+        digest.update(repr((words, self._trust_disabled, self._link_bodies, self.excluded, self.finer)).encode())
         digest.update(self.margins.tobytes() + repr(self.margin).encode())
         for body in self.bodies:
             digest.update(body.content())
@@ -259,9 +294,18 @@ class CollisionChecker:
 
     def contact(self, k: int, measured: Distance) -> Contact:
         """The contact of pair k."""
+        return Contact(self._owners(k), measured.distance, measured.points, measured.normal)
+
+    def _owners(self, k: int) -> tuple[str, str]:
         i, j = self.pairs[k]
-        owners = (self.bodies[i].owner, self.bodies[j].owner)
-        return Contact(owners, measured.distance, measured.points, measured.normal)
+        return self.bodies[i].owner, self.bodies[j].owner
+
+    def _in_contact(self, q: Array) -> list[int]:
+        """The pairs in contact at q (n,), finite."""
+        space = self.workspace
+        near = space.near(q, EVERY)
+        still = [k for k, _ in self.still.touching]
+        return [*still, *near.contacts, *(k for k in near.left_to_coal if space.touches(k))]
 
     # -- how it is made -----------------------------------------------------------------------------------------------
 
@@ -277,27 +321,27 @@ class CollisionChecker:
                 known = obstacle, shape_body(obstacle.name, obstacle.name, link, obstacle.shape, obstacle.pose)
             self._made[id(obstacle), link] = known
             added.append(known[1])
-        self.bodies: tuple[Body, ...] = (*self._links, *added)
+        self.bodies: tuple[Body, ...] = (*self._link_bodies.of(self._levels), *added)
         _check_names(self.bodies, arm.robot.urdf.links)
-        self.pairs, self.excluded = choose_pairs(
-            self.bodies, arm.robot, scene, allowed=allowed, trust_disabled=self._trust_disabled
+        self.pairs, self.excluded, self.finer = choose_pairs(
+            self.bodies, arm.robot, scene, levels=self._levels, allowed=allowed, trust_disabled=self._trust_disabled
         )
-        self.geometry_model = _geometry_model(arm.model, self.bodies, self.pairs)
+        self._geometry_model = None
         widest = (np.abs(b.box[np.isfinite(b.box)]).max(initial=0.0) + b.reach for b in self.bodies)
         self.rounding = ROUNDING * max((1.0, *widest))
         self._world, self.at, self.still_pairs = pack_world(arm, self.bodies, self.pairs, self.rounding)
         self.convex = convex_pairs(self._world)
         self._set_margins(self._margins)
 
-    def _set_margins(self, margins: Margins, outside: float = 0.0) -> None:
-        """The margins of all pairs, more by ``outside`` (m) for those with an obstacle, and what follows from them."""
+    def _set_margins(self, margins: Margins) -> None:
+        """The margins of all pairs, larger where obstacles may be moved, and what follows from them."""
         from pinproof.collision.packed import with_margins
         from pinproof.kernels.world import flatten
 
         self._margins, self.margin = margins, margins.common
         owners = [(self.bodies[i].owner, self.bodies[j].owner) for i, j in self.pairs]
         with_obstacle = np.array([self.bodies[j].link is None for _, j in self.pairs], dtype=float)
-        self.margins = margins.of(owners, self.obstacles_and_links) + outside * with_obstacle
+        self.margins = margins.of(owners, self.obstacles_and_links) + self._moved * with_obstacle
         world = with_margins(self._world, self.margins)
         self.numbers, self.indices = flatten(world)
         self._still_world = flatten(world._replace(own=self.still_pairs, tree=world.tree[:0]))
@@ -337,21 +381,6 @@ class CollisionChecker:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._made, self._threads = {}, threading.local()
-
-
-def _geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:
-    geometry_model = pin.GeometryModel()
-    for body in bodies:
-        if body.link is None:
-            frame, joint, placement = 0, 0, body.link_from_body
-        else:
-            frame = model.getFrameId(body.link, pin.FrameType.BODY)
-            joint = model.frames[frame].parentJoint
-            placement = model.frames[frame].placement * body.link_from_body
-        geometry_model.addGeometryObject(pin.GeometryObject(body.name, joint, frame, placement, body.geometry))
-    for i, j in pairs:
-        geometry_model.addCollisionPair(pin.CollisionPair(i, j))
-    return geometry_model
 
 
 def _check_names(bodies: Sequence[Body], links: Sequence[str]) -> None:

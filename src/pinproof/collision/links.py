@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.bodies import PART, Body, hull_body, shape_body, triangles_of
+from pinproof.collision.bodies import Body, hull_body, shape_body, triangles_of
 from pinproof.collision.decomposition import clusters
 from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from pinproof.collision.solid import Solid
@@ -20,10 +20,16 @@ from pinproof.description import LinkGeometry
 from pinproof.description.meshes import read_mesh, resolved
 from pinproof.errors import InputError, MeshError, UnknownNameError
 
-__all__ = ["LinkMeshes", "detail_bodies", "link_bodies", "meshes_of"]
+__all__ = ["AS_TOLD", "DECOMPOSED", "EXACT", "LinkBodies", "LinkMeshes", "link_bodies", "meshes_of"]
 
 LinkMeshes = Literal["hull", "mesh", "decomposed"]
 """How a link's mesh is collided with: as its convex hull, as its triangles, or as several hulls that cover it."""
+
+AS_TOLD, DECOMPOSED, EXACT = 0, 1, 2
+"""How finely a pair of bodies is judged: by the meshes as the caller wants them, by several hulls, by the triangles."""
+
+COARSER: dict[int, tuple[LinkMeshes, ...]] = {DECOMPOSED: ("hull",), EXACT: ("hull", "decomposed")}
+"""Which ways of meeting a mesh each level is finer than."""
 
 KINDS: dict[str, type[Box] | type[Sphere] | type[Cylinder] | type[Capsule]] = {
     "box": Box,
@@ -84,28 +90,90 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
         return [replace(body, remark=f"{shape.path.name} is not watertight: its hull is taken")]  # type: ignore[union-attr]
     if how == "mesh":
         return [shape_body(geometry.name, geometry.link, geometry.link, replace(shape, hull=False), at)]
-    path = Path(shape.path)  # type: ignore[arg-type]  # resolved gave a path
-    parts = _cover(path, path.stat().st_mtime_ns, shape.scale)
-    return [hull_body(f"{geometry.name}{PART}{i}", geometry.link, part, at) for i, part in enumerate(parts)]
+    parts = _cover(*_file(shape))
+    return [hull_body(f"{geometry.name}_part_{i}", geometry.link, part, at) for i, part in enumerate(parts)]
 
 
-def detail_bodies(geometry: LinkGeometry) -> list[Body]:
-    """The parts of a link's mesh that stand for its hull where that is too coarse; none where it fits closely.
+class LinkBodies:
+    """The bodies of a robot's links: of each geometry as told and, for pairs that call for it, more finely.
+
+    What was made is kept, for all checkers that are derived from one.
+
+    Parameters
+    ----------
+    geometries
+        The collision geometries of all links.
+    meshes
+        How each link's meshes are met.
 
     Raises
     ------
     MeshError
-        If the mesh is missing or cannot be read.
+        If a mesh is missing or cannot be collided with as told.
     """
-    if geometry.kind != "mesh":
+
+    def __init__(self, geometries: Sequence[LinkGeometry], meshes: Mapping[str, LinkMeshes]) -> None:
+        self._geometries, self._meshes = tuple(geometries), dict(meshes)
+        self._finer: dict[tuple[str, int], tuple[Body, ...]] = {}
+        self._told = tuple(
+            replace(body, source=geometry.name)
+            for geometry in self._geometries
+            for body in link_bodies(geometry, self._meshes[geometry.link])
+        )
+
+    def of(self, levels: Mapping[frozenset[str], int]) -> tuple[Body, ...]:
+        """All bodies that are needed where pairs of owners are judged on these levels, those as told first."""
+        wanted = {(owner, level) for pair, level in levels.items() for owner in pair}
+        return self._told + tuple(
+            body
+            for geometry in self._geometries
+            for level in (DECOMPOSED, EXACT)
+            if (geometry.link, level) in wanted
+            for body in self._more_finely(geometry, level)
+        )
+
+    def can_be_finer(self, owner: str) -> bool:
+        """Whether it is a link with a mesh that is not met as its triangles already."""
+        return any(
+            geometry.link == owner and geometry.kind == "mesh" and self._meshes[owner] in COARSER[EXACT]
+            for geometry in self._geometries
+        )
+
+    def _more_finely(self, geometry: LinkGeometry, level: int) -> tuple[Body, ...]:
+        """What stands for a geometry on a level; nothing where the bodies as told are as fine as that."""
+        key = geometry.name, level
+        if key not in self._finer:
+            self._finer[key] = tuple(_finer_bodies(geometry, self._meshes[geometry.link], level))
+        return self._finer[key]
+
+    def __repr__(self) -> str:
+        return f"LinkBodies({sorted(self._meshes.items())!r})"
+
+
+def _finer_bodies(geometry: LinkGeometry, told: LinkMeshes, level: int) -> list[Body]:
+    if geometry.kind != "mesh" or told not in COARSER[level]:
         return []
-    bodies = link_bodies(geometry, "decomposed")
-    return [replace(body, detail=True) for body in bodies] if len(bodies) > 1 else []
+    bodies = link_bodies(geometry, "decomposed" if level == DECOMPOSED else "mesh")
+    if level == DECOMPOSED and len(bodies) == 1:  # its hull fits closely, or it is not watertight
+        return []
+    if level == EXACT and bodies[0].support is not None:  # not watertight
+        return []
+    name = f"{geometry.name}_exact"
+    return [
+        replace(body, name=body.name if level == DECOMPOSED else name, source=geometry.name, level=level)
+        for body in bodies
+    ]
+
+
+def _file(shape: Mesh) -> tuple[Path, int, tuple[float, float, float]]:
+    """What tells one mesh from another, and a file from what it was before somebody changed it."""
+    path = Path(shape.path)  # type: ignore[arg-type]  # meshes of links have one
+    return path, path.stat().st_mtime_ns, shape.scale  # type: ignore[return-value]  # made three numbers by Mesh
 
 
 @lru_cache(maxsize=COVERS_KEPT)
 def _cover(path: Path, _changed: int, scale: tuple[float, float, float]) -> list[npt.NDArray[np.float64]]:
-    """The clusters of a watertight mesh; finding them takes some tenths of a second."""
+    """The clusters of a watertight mesh; finding them takes some hundredths of a second."""
     mesh = read_mesh(path, scale)
     solid = Solid(mesh.vertices, mesh.triangles)
     return clusters(solid.corners, solid.contains)

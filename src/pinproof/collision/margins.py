@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError, UnknownNameError
 
-__all__ = ["Margins"]
+__all__ = ["Margins", "checked_margin"]
 
 Array = npt.NDArray[np.float64]
 
@@ -32,15 +32,15 @@ class Margins:
     """
 
     def __init__(self, common: float, single: Mapping[tuple[str, str], float]) -> None:
-        self.common = _checked("margin", common)
+        self.common = checked_margin("margin", common)
         self.single: dict[frozenset[str], float] = {}
         for pair, margin in single.items():
             names = frozenset(pair) if isinstance(pair, tuple) else frozenset()
             if len(names) != 2 or len(pair) != 2:
                 raise InputError(f"margins has the key {pair!r}; it must be two names")
-            self.single[names] = _checked(f"margins[{pair!r}]", margin)
+            self.single[names] = checked_margin(f"margins[{pair!r}]", margin)
 
-    def of(self, owners: Iterable[tuple[str, str]], names: Sequence[str]) -> Array:
+    def of(self, owners: Sequence[tuple[str, str]], names: Sequence[str]) -> Array:
         """(P,) the margins of pairs of owners.
 
         Raises
@@ -52,12 +52,21 @@ class Margins:
             for name in sorted(pair):
                 if name not in names:
                     raise UnknownNameError("body", name, names, "margins")
+        if not self.single:
+            return np.full(len(owners), self.common)
         return np.array([self.single.get(frozenset(pair), self.common) for pair in owners], dtype=float)
 
     def under(self, common: float) -> Margins:
         """The same margins of single pairs, another one for all others."""
         other = Margins(common, {})
         other.single = dict(self.single)
+        return other
+
+    def padded(self, by: float) -> Margins:
+        """All margins larger by this (m)."""
+        more = checked_margin("by", by)
+        other = Margins(self.common + more, {})
+        other.single = {pair: margin + more for pair, margin in self.single.items()}
         return other
 
     def without(self, names: set[str]) -> Margins:
@@ -71,7 +80,14 @@ class Margins:
         return f"Margins({self.common!r}, {single!r})"
 
 
-def _checked(name: str, margin: float) -> float:
+def checked_margin(name: str, margin: float) -> float:
+    """A margin as a number.
+
+    Raises
+    ------
+    InputError
+        If it is negative, not finite, or no number.
+    """
     try:
         value = float(margin)
     except (TypeError, ValueError):

@@ -25,6 +25,10 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
         if body.remark:
             by_remark.setdefault(body.remark, {})[body.owner] = None
     said += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
+    how: dict[str, list[str]] = {}
+    for pair in checker.finer:
+        how.setdefault(f"judged by {pair.by}, since {pair.reason}", []).append(" and ".join(pair.owners))
+    said += [f"{_some(pairs)}: {judged}" for judged, pairs in how.items()]
     solid = {body.link for body in checker.bodies if body.owner == body.link}
     if not solid:
         said.append("the robot has no collision geometry: its links touch nothing")

@@ -9,20 +9,22 @@ them. Nothing is left out without its reason.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
+from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
 
-from pinproof.collision.bodies import PART, Body
+from pinproof.collision.bodies import Body
+from pinproof.collision.links import DECOMPOSED, EXACT
 from pinproof.collision.scene import ANYTHING, Scene
 from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Robot
 
-__all__ = ["ExcludedPair", "choose_pairs", "unexplained_pairs"]
+__all__ = ["ExcludedPair", "FinerPair", "Pairs", "choose_pairs", "unexplained_pairs"]
 
 HOUSING = 0.05
 """Metres. Joints nearer than this share a housing: the links on both sides of a link without geometry meet there."""
@@ -35,6 +37,12 @@ TOUCHING = ("adjacent", "always", "default", "user", "overlaps in every sampled 
 """Reasons, in lower case, why an SRDF says that two links touch and are meant to: what MoveIt's Setup Assistant writes
 (``Default``: they overlap where every joint stands at its default; ``User``: somebody decided), and the catalogue's."""
 
+BY = {DECOMPOSED: "several hulls", EXACT: "exact meshes"}
+"""What a pair is judged by on each level."""
+
+DISABLED, TOUCHED = "the SRDF disables them without a reason", "they touch by their hulls where their meshes do not"
+"""Why a pair is judged more finely than as told."""
+
 
 @dataclass(frozen=True)
 class ExcludedPair:
@@ -44,15 +52,36 @@ class ExcludedPair:
     reason: str
 
 
+@dataclass(frozen=True)
+class FinerPair:
+    """Two owners that are judged by closer bodies than those of the links as told, by what, and why."""
+
+    owners: tuple[str, str]
+    by: str
+    reason: str
+
+
+class Pairs(NamedTuple):
+    """What is checked, and how."""
+
+    checked: list[tuple[int, int]]
+    """Index pairs of bodies, in order."""
+    excluded: list[ExcludedPair]
+    """Owners that are left out."""
+    finer: list[FinerPair]
+    """Owners for which closer bodies stand in."""
+
+
 def choose_pairs(
     bodies: Sequence[Body],
     robot: Robot,
     scene: Scene,
     *,
+    levels: Mapping[frozenset[str], int] | None = None,
     allowed: Iterable[Sequence[str]] = (),
     trust_disabled: bool = False,
-) -> tuple[list[tuple[int, int]], list[ExcludedPair]]:
-    """The index pairs of bodies to check, and the pairs of owners left out.
+) -> Pairs:
+    """Which bodies to check against each other; ``levels`` are the pairs of owners to judge more finely than as told.
 
     Raises
     ------
@@ -63,28 +92,40 @@ def choose_pairs(
     """
     if scene.frame and not _stands_at_root(robot, scene.frame):
         raise InputError(f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}")
-    reasons = _reasons(bodies, robot, scene, allowed, trust_disabled)
+    levels = levels or {}
+    members: dict[str, list[int]] = {}
+    for i, body in enumerate(bodies):
+        members.setdefault(body.owner, []).append(i)
+    reasons = _reasons(members, robot, scene, allowed, trust_disabled)
     neighbours = _Neighbours(robot, {body.link for body in bodies if body.link is not None and body.owner == body.link})
-    # By geometry and not by link: of a link's several geometries some have parts, and the others stand as they are.
-    in_parts = {body.name.rpartition(PART)[0] for body in bodies if body.detail}
     unexplained = unexplained_pairs(robot)
-    chosen: list[tuple[int, int]] = []
-    excluded: dict[frozenset[str], ExcludedPair] = {}
-    for i, j in combinations(range(len(bodies)), 2):
-        a, b = bodies[i], bodies[j]
-        if a.link is None and b.link is None:
-            continue  # obstacle against obstacle is never a question
-        if a.owner == b.owner:
-            continue
-        key = frozenset((a.owner, b.owner))
-        if any(body.name in in_parts if key in unexplained else body.detail for body in (a, b)):
-            continue  # hull against hull, or detail against detail where there is one
-        reason = reasons.get(key) or neighbours.reason(a, b)
+    moving = [owner for owner, own in members.items() if bodies[own[0]].link is not None]
+    # Obstacle against obstacle is never a question; those that nothing is said of are many, and all alike.
+    named = {owner for pair in (*reasons, *levels) for owner in pair}
+    standing = [owner for owner, own in members.items() if bodies[own[0]].link is None]
+    plain = [i for owner in standing if owner not in named for i in members[owner]]
+    pairs = Pairs([(i, j) for a in moving for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
+    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in standing if owner in named))):
+        key = frozenset((a, b))
+        reason = reasons.get(key) or neighbours.reason(bodies[members[a][0]], bodies[members[b][0]])
         if reason:
-            excluded.setdefault(key, ExcludedPair((a.owner, b.owner), reason))
-        else:
-            chosen.append((i, j))
-    return chosen, list(excluded.values())
+            pairs.excluded.append(ExcludedPair((a, b), reason))
+            continue
+        level = levels.get(key, 0)
+        sides = [_on_level(bodies, members[owner], level) for owner in (a, b)]
+        pairs.checked.extend((min(i, j), max(i, j)) for i, j in product(*sides))
+        if any(bodies[i].level for side in sides for i in side):
+            reason = DISABLED if level == DECOMPOSED and key in unexplained else TOUCHED
+            pairs.finer.append(FinerPair((a, b), BY[level], reason))
+    pairs.checked.sort()
+    return pairs
+
+
+def _on_level(bodies: Sequence[Body], members: Sequence[int], level: int) -> list[int]:
+    """Those of the bodies of one owner that judge it on a level: as told, but where there are closer ones."""
+    closer = [i for i in members if level and bodies[i].level == level]
+    replaced = {bodies[i].source for i in closer}
+    return [i for i in members if bodies[i].level == 0 and not (closer and bodies[i].source in replaced)] + closer
 
 
 def unexplained_pairs(robot: Robot) -> set[frozenset[str]]:
@@ -106,16 +147,15 @@ def _stands_at_root(robot: Robot, link: str) -> bool:
 
 
 def _reasons(
-    bodies: Sequence[Body], robot: Robot, scene: Scene, allowed: Iterable[Sequence[str]], trust_disabled: bool
+    owners: Collection[str], robot: Robot, scene: Scene, allowed: Iterable[Sequence[str]], trust_disabled: bool
 ) -> dict[frozenset[str], str]:
-    owners = {body.owner for body in bodies}
     reasons: dict[frozenset[str], str] = {}
     if trust_disabled:
         reasons.update({frozenset(pair): "scene: disabled without a reason" for pair in scene.disabled})
     for pair in robot.srdf.disabled:
         if trust_disabled or pair.reason.lower() in TOUCHING:
             reasons[frozenset(pair.links)] = f"SRDF: {pair.reason or 'disabled without a reason'}"
-    silent = set(robot.urdf.links) - owners  # links without geometry touch nothing
+    silent = set(robot.urdf.links) - set(owners)  # links without geometry touch nothing
     for source, where, pairs in (("scene", scene.where, scene.allowed), ("caller", "the caller", tuple(allowed))):
         for first, second in pairs:
             for name in (first, second):

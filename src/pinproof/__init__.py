@@ -71,8 +71,21 @@ _HOME = {
         "certify",
     ),
     "pinproof.planning": ("LinearMove", "PlanResult", "PlanStatus", "RrtConnect", "plan_linear", "shortcut"),
-    "pinproof.viewer": ("show", "write_html"),
-    "pinproof.picks": ("Pick", "PickReport", "PickVerdict", "Picks", "read_picks", "validate_picks"),
+    "pinproof.viewer": ("ColouredPoints", "show", "write_html"),
+    "pinproof.picks": (
+        "Pick",
+        "PickReport",
+        "PickVerdict",
+        "Picks",
+        "ReachChange",
+        "ReachMap",
+        "Region",
+        "approach_directions",
+        "reach_map",
+        "read_picks",
+        "tool_orientations",
+        "validate_picks",
+    ),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 

@@ -122,3 +122,16 @@ def test_a_path_without_timing_is_refused() -> None:
     arm = small_arm()
     with pytest.raises(InputError, match="time_parametrise"):
         checked_motion(arm, JointPath([[0.0, 0.0], [1.0, 0.0]], arm.joint_names))
+
+
+def test_coloured_points_are_drawn_where_they_are_with_their_legend() -> None:
+    from pinproof.viewer import ColouredPoints
+    from pinproof.viewer.wire import Commands
+
+    points = ColouredPoints.of_values([[0.0, 0.0, 0.5], [0.2, 0.0, 0.5]], [0.0, 1.0], label="share")
+    commands = Commands()
+    points.draw(commands)
+    assert commands.items[0]["object"]["object"]["type"] == "Points"
+    assert points.rgb[0] == pytest.approx([0.267, 0.005, 0.329], abs=1e-3)  # viridis' ends, as matplotlib lists them
+    assert points.rgb[1] == pytest.approx([0.993, 0.906, 0.144], abs=1e-3)
+    assert [text for text, _ in points.legend] == ["share 0", "share 0.25", "share 0.5", "share 0.75", "share 1"]

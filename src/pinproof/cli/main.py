@@ -22,6 +22,7 @@ from pinproof.cli.info import info
 from pinproof.cli.kinematics import fk, ik
 from pinproof.cli.motion import certify_motion, check, plan, view
 from pinproof.cli.pick import pick
+from pinproof.cli.reach import reach
 from pinproof.errors import NoAnswer, PinproofError
 
 __all__ = ["main"]
@@ -38,6 +39,7 @@ app = typer.Typer(
 COMMANDS: dict[str, Callable[..., None]] = {
     "demo": demo,
     "pick": pick,
+    "reach": reach,
     "info": info,
     "fk": fk,
     "ik": ik,

@@ -1,4 +1,4 @@
-"""Writing a text file whole or not at all."""
+"""Writing a file whole or not at all."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from pathlib import Path
 
 from pinproof.errors import FileError
 
-__all__ = ["write_text_whole"]
+__all__ = ["write_bytes_whole", "write_text_whole"]
 
 
 def write_text_whole(path: str | Path, text: str) -> None:
-    """Write ``text`` as UTF-8 to ``path``, or leave what stands there untouched.
+    """Write ``text`` as UTF-8, its line ends as they are; else as :func:`write_bytes_whole`."""
+    write_bytes_whole(path, text.encode("utf-8"))
 
-    The text goes to a new file in the same folder, which then takes the place of ``path`` in one step: a crash, a full
+
+def write_bytes_whole(path: str | Path, content: bytes) -> None:
+    """Write ``content`` to ``path``, or leave what stands there untouched.
+
+    It goes to a new file in the same folder, which then takes the place of ``path`` in one step: a crash, a full
     disk or a reader at the wrong moment never sees half a file.
 
     Raises
@@ -27,8 +32,8 @@ def write_text_whole(path: str | Path, text: str) -> None:
     scratch = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
     try:
         try:
-            with scratch.open("x", encoding="utf-8", newline="\n") as file:
-                file.write(text)
+            with scratch.open("xb") as file:
+                file.write(content)
                 file.flush()
                 os.fsync(file.fileno())
             scratch.replace(target)

@@ -32,6 +32,8 @@ class Caption:
         What the proof did not look at, and why.
     contact
         The contact that the picture marks.
+    legend
+        What the colours of drawn points mean: (text, (r, g, b)) pairs.
     """
 
     headline: str
@@ -40,6 +42,7 @@ class Caption:
     figures: tuple[tuple[str, str], ...]
     left_out: tuple[str, ...] = ()
     contact: FirstContact | None = None
+    legend: tuple[tuple[str, tuple[float, float, float]], ...] = ()
 
     def html(self, notes: Sequence[str] = ()) -> str:
         """As HTML; every text is escaped."""
@@ -50,8 +53,16 @@ class Caption:
         left_out = f"<details><summary>{summary}</summary><ul>{_items(self.left_out)}</ul></details>" if count else ""
         return (
             f'<p class="verdict {escape(self.tone)}" id="verdict">{escape(self.headline)}</p>'
-            f'<p id="reason">{escape(self.reason)}</p><dl>{rows}</dl>{left_out}{remarks}'
+            f'<p id="reason">{escape(self.reason)}</p><dl>{rows}</dl>{self._legend()}{left_out}{remarks}'
         )
+
+    def _legend(self) -> str:
+        items = "".join(
+            f'<li><span class="swatch" style="background:rgb({r * 255:.0f},{g * 255:.0f},{b * 255:.0f})"></span>'
+            f"{escape(text)}</li>"
+            for text, (r, g, b) in self.legend
+        )
+        return f'<ul class="legend" aria-label="What the colours mean">{items}</ul>' if items else ""
 
 
 def caption(

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, FirstContact, Obstacle, Scene
@@ -23,6 +24,7 @@ from pinproof.viewer.animation import Film, animate, checked_motion, film, still
 from pinproof.viewer.appearance import ball, tube
 from pinproof.viewer.camera import FIELD_OF_VIEW, View, choose_view
 from pinproof.viewer.caption import Caption, caption
+from pinproof.viewer.cloud import ColouredPoints
 from pinproof.viewer.stage import Stage, set_stage
 from pinproof.viewer.surfaces import Rgba
 from pinproof.viewer.surroundings import add_surroundings
@@ -66,6 +68,7 @@ def write_html(
     attached: Sequence[Obstacle] = (),
     q: npt.ArrayLike | None = None,
     title: str | None = None,
+    points: ColouredPoints | None = None,
 ) -> None:
     """Write a page that shows an arm, its scene and a motion; it opens anywhere, offline.
 
@@ -88,6 +91,8 @@ def write_html(
         (n,) the configuration of a still picture; by default the arm's home.
     title
         The title of the page; by default the robot's name.
+    points
+        Coloured points to draw, with their legend.
 
     Raises
     ------
@@ -96,7 +101,9 @@ def write_html(
     ViewerError
         If the page cannot be written, or meshcat's viewer is not installed.
     """
-    page = render_page(arm, scene, trajectory, certificate=certificate, attached=attached, q=q, title=title)
+    page = render_page(
+        arm, scene, trajectory, certificate=certificate, attached=attached, q=q, title=title, points=points
+    )
     try:
         write_text_whole(path, page.text)
     except FileError as error:
@@ -113,6 +120,7 @@ def render_page(
     q: npt.ArrayLike | None = None,
     title: str | None = None,
     live: bool = False,
+    points: ColouredPoints | None = None,
 ) -> Page:
     """The page; ``live`` lets it listen to the server it came from."""
     if trajectory is not None and q is not None:
@@ -125,9 +133,13 @@ def render_page(
         shown = film(stage, checked_motion(arm, trajectory))
     else:
         shown = still(stage, arm.home if q is None else arm.configuration(q))
-    view = choose_view(stage, shown.poses, shown.tcp)
+    marks = np.empty((0, 3)) if points is None else points.xyz
+    view = choose_view(stage, shown.poses, np.concatenate([shown.tcp, marks]))
     commands = stage_commands(stage, shown, view)
     words = caption(arm, scene, trajectory, certificate, attached)
+    if points is not None:
+        points.draw(commands)
+        words = replace(words, legend=points.legend)
     if words.contact is not None:
         mark_contact(commands, words.contact)
     text = _assemble(stage, shown, view, commands, words, title or arm.robot.name, live)

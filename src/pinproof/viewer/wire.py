@@ -85,6 +85,19 @@ class Commands:
         look = {"type": "LineBasicMaterial", "color": r << 16 | g << 8 | b, "opacity": rgba[3], "transparent": True}
         self.set_object(path, "LineSegments", {"geometry": geometry, "material": look})
 
+    def set_points(self, path: str, points: Array, rgb: Array, size: float) -> None:
+        """Draw ``points`` (N, 3) in their colours ``rgb`` (N, 3), as squares of ``size`` metres."""
+        attributes = {
+            "position": self._attribute(points.astype(np.float32)),
+            "color": self._attribute(rgb.astype(np.float32)),
+        }
+        geometry = {"type": "BufferGeometry", "data": {"attributes": attributes}}
+        self.set_object(
+            path,
+            "Points",
+            {"geometry": geometry, "material": {"type": "PointsMaterial", "size": size, "vertexColors": 2}},
+        )
+
     def set_object(self, path: str, kind: str, parts: dict[str, Any], **properties: Any) -> None:
         """Put a three.js object of a kind at a node; ``parts`` (geometry, material) get running numbers."""
         self._objects += 1

@@ -1,0 +1,137 @@
+"""``pinproof reach``: which share of orientations an arm reaches, free of contact, all over a region."""
+
+from __future__ import annotations
+
+from enum import Enum
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.console import Console
+from rich.progress import Progress
+
+from pinproof.cli.console import print_json, say
+from pinproof.cli.options import (
+    Base,
+    Group,
+    Json,
+    Margin,
+    PackageDirs,
+    Robot,
+    SceneFile,
+    Seed,
+    SrdfFile,
+    Tcp,
+    load_arm,
+    load_scene,
+    numbers,
+)
+from pinproof.cli.outputs import check_outputs
+from pinproof.collision import CollisionChecker
+from pinproof.errors import InputError
+from pinproof.picks.reach import ReachChange, ReachMap, Region, approach_directions, reach_map, tool_orientations
+from pinproof.spatial import pose
+from pinproof.viewer import ColouredPoints, write_html
+
+__all__ = ["reach"]
+
+SUFFIXES = (".csv", ".npz", ".png", ".html")
+
+
+class Orientations(str, Enum):
+    """The sets of orientations that have a name."""
+
+    DOWN = "down"
+    CONE = "cone"
+    ALL = "all"
+
+
+def reach(
+    robot: Robot,
+    region: Annotated[str, typer.Option(help='Metres, from and to: "x0 x1 y0 y1 z0 z1"; equal ends make a surface.')],
+    step: Annotated[float, typer.Option(help="Largest distance (m) between neighbouring points.")] = 0.1,
+    orientations: Annotated[
+        Orientations, typer.Option(help="Of the tool's z: straight down, in a cone about that, or all.")
+    ] = Orientations.DOWN,
+    angle: Annotated[float, typer.Option(help="Half the angle of the cone, in degrees.", min=0.0, max=180.0)] = 30.0,
+    directions: Annotated[int, typer.Option(help="Directions in the cone, or all round.", min=1)] = 12,
+    spins: Annotated[int, typer.Option(help="Turns about each direction.", min=1)] = 8,
+    tip: Annotated[str, typer.Option(help='Where on the tcp the tool\'s tip is, in metres: "0 0 0.1".')] = "0 0 0",
+    output: Annotated[
+        list[Path] | None,
+        typer.Option("-o", "--output", help="The map: .csv, .npz, .png (slices), .html; repeatable."),
+    ] = None,
+    against: Annotated[
+        Path | None, typer.Option(help="A map (.npz) of another set-up: say what was won and lost since.")
+    ] = None,
+    threads: Annotated[int, typer.Option(help="Threads that share the work.", min=1)] = 1,
+    scene: SceneFile = None,
+    margin: Margin = 0.0,
+    seed: Seed = 0,
+    tcp: Tcp = None,
+    base: Base = None,
+    group: Group = None,
+    srdf: SrdfFile = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+) -> None:
+    """Say where an arm can be used: at each point, the share of orientations it reaches free of contact.
+
+    Exit code 1 if it reaches none at all.
+
+    Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
+    """
+    outputs = output or []
+    for path in outputs:
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{path}: a reach map is written as {', '.join(SUFFIXES)}")
+    check_outputs(outputs, [robot, scene, srdf, against])
+    before = None if against is None else ReachMap.load(against)
+    grid = _region(region, step)
+    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
+    world = load_scene(scene)
+    checker = CollisionChecker(arm, world, margin=margin)
+    half = {Orientations.DOWN: 0.0, Orientations.CONE: np.radians(angle), Orientations.ALL: np.pi}[orientations]
+    frames = tool_orientations(approach_directions(half_angle=half, count=directions), spins)
+    tcp_from_tip = pose(numbers(tip, "--tip"))
+    with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
+        task = bar.add_task("reach map", total=len(grid) * len(frames))
+        found = reach_map(
+            checker,
+            grid,
+            frames,
+            tip=tcp_from_tip,
+            rng=seed,
+            threads=threads,
+            progress=lambda done, _: bar.update(task, completed=done),
+        )
+    change = None if before is None else ReachChange(before, found)
+    for path in outputs:
+        if path.suffix.lower() == ".html":
+            words = ColouredPoints.of_values(
+                grid.points, found.free_share, label="share free:", size=min(0.35 * step, 0.03)
+            )
+            write_html(path, arm, world, points=words, title=f"{arm.robot.name}: reach")
+        else:
+            found.save(path)
+    if as_json:
+        figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
+        counts = {"points": len(grid), "orientations": len(frames), "complete": found.complete}
+        compared = {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
+        print_json({"ok": bool(found.free.any()), **counts, **figures, **compared})
+    else:
+        say(found.summary)
+        if change is not None:
+            say(f"against {against}: {change.summary}")
+        if outputs:
+            say(f"wrote {', '.join(map(str, outputs))}")
+    if not found.free.any():
+        raise typer.Exit(1)
+
+
+def _region(text: str, step: float) -> Region:
+    ends = numbers(text, "--region")
+    if len(ends) != 6:
+        raise InputError(f'--region: "x0 x1 y0 y1 z0 z1" are six numbers, not {len(ends)}')
+    return Region.box(ends[0::2], ends[1::2], step)

@@ -1,0 +1,189 @@
+"""Reach maps: what they say of a pose is what inverse kinematics and the checker say of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.errors import FileError
+from pinproof.spatial import matrix
+
+TABLE = pp.Obstacle("table", pp.Box(2.0, 2.0, 0.05), pp.pose(xyz=(0.6, 0.0, -0.2)))
+WALL = pp.Obstacle("wall", pp.Box(0.05, 1.0, 1.0), pp.pose(xyz=(0.45, 0.3, 0.2)))
+BOX = pp.Region.box((-0.6, -0.6, 0.1), (0.6, 0.6, 0.5), 0.4)
+DOWN = pp.tool_orientations(spins=3)
+
+
+@pytest.fixture(scope="module")
+def ur5() -> pp.CollisionChecker:
+    return pp.CollisionChecker(pp.load_robot("ur5").arm("tool0"), pp.Scene([TABLE, WALL]), margin=0.002)
+
+
+@pytest.fixture(scope="module")
+def map_of_ur5(ur5: pp.CollisionChecker) -> pp.ReachMap:
+    return pp.reach_map(ur5, BOX, DOWN)
+
+
+def _targets(arm: pp.Arm, found: pp.ReachMap) -> list[tuple[tuple[int, int], np.ndarray]]:
+    frames = []
+    for i, point in enumerate(found.region.points):
+        for k, rotation in enumerate(found.orientations):
+            root_from_tip = np.eye(4)
+            root_from_tip[:3, :3], root_from_tip[:3, 3] = rotation, point
+            frames.append(((i, k), np.linalg.inv(matrix(arm.root_from_base)) @ root_from_tip))
+    return frames
+
+
+def test_a_closed_form_judges_every_branch(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+    assert map_of_ur5.complete
+    for where, target in _targets(ur5.arm, map_of_ur5):
+        branches = pp.AnalyticIk().solve_all(ur5.arm, target).branches
+        assert map_of_ur5.reachable[where] == bool(len(branches))
+        assert map_of_ur5.free[where] == any(ur5.is_free(q) for q in branches)
+
+
+def test_what_is_told_of_a_free_pose_is_that_of_its_most_manipulable_branch(
+    ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap
+) -> None:
+    for where, target in _targets(ur5.arm, map_of_ur5):
+        free = [q for q in pp.AnalyticIk().solve_all(ur5.arm, target).branches if ur5.is_free(q)]
+        if free:
+            volumes = [np.sqrt(np.linalg.det(J @ J.T)) for J in map(ur5.arm.jacobian, free)]
+            assert map_of_ur5.manipulability[where] == pytest.approx(max(volumes), rel=1e-6)
+            assert any(map_of_ur5.clearance[where] == pytest.approx(ur5.clearance(q)) for q in free)
+        else:
+            assert np.isnan(map_of_ur5.manipulability[where])
+            assert np.isnan(map_of_ur5.clearance[where])
+
+
+def test_the_map_knows_poses_of_every_kind(map_of_ur5: pp.ReachMap) -> None:
+    assert 0 < map_of_ur5.free.sum() < map_of_ur5.reachable.sum() < map_of_ur5.reachable.size
+
+
+def test_a_redundant_arm_is_searched_and_what_is_free_is_free() -> None:
+    checker = pp.CollisionChecker(pp.load_robot("panda").arm(), pp.Scene([TABLE, WALL]))
+    found = pp.reach_map(checker, BOX, DOWN)
+    assert not found.complete
+    assert 0 < found.free.sum() < found.free.size
+    for where, target in _targets(checker.arm, found):
+        if found.reachable[where]:
+            assert pp.Clik().solve(checker.arm, target).ok
+        elif np.linalg.norm(target[:3, 3]) < 0.3:
+            assert not pp.Clik(restarts=3).solve(checker.arm, target).ok
+
+
+def test_what_is_beyond_the_span_of_an_arm_is_not_searched_for() -> None:
+    """On an arm that is searched: poses that its own configurations take are never left out."""
+    from pinproof.picks.reach.mapping import _Span
+
+    rng = np.random.default_rng(1)
+    for name in ("panda", "stanford", "scara", "ur5", "iiwa14"):
+        arm = pp.load_robot(name).arm()
+        low, high = arm.limits.sampling_range()
+        targets = arm.forward_kinematics_batch(rng.uniform(low, high, (300, arm.dof)))
+        assert _Span(arm).may_reach(targets).all()
+        targets[:, :3, 3] += 10.0
+        assert not _Span(arm).may_reach(targets).any()
+
+
+def test_the_answers_do_not_depend_on_the_number_of_threads(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+    again = pp.reach_map(ur5, BOX, DOWN, threads=3)
+    assert np.array_equal(again.free, map_of_ur5.free)
+    assert np.array_equal(again.clearance, map_of_ur5.clearance, equal_nan=True)
+
+
+def test_the_tip_is_what_reaches_the_points(ur5: pp.CollisionChecker) -> None:
+    tip = pp.pose(xyz=(0.0, 0.0, 0.1))
+    point = np.array([0.3, -0.4, 0.2])
+    of_tip = pp.reach_map(ur5, pp.Region(point[None]), DOWN, tip=tip)
+    of_tcp = pp.reach_map(ur5, pp.Region(point[None] + [0.0, 0.0, 0.1]), DOWN)  # the tool looks down
+    assert of_tip.manipulability == pytest.approx(of_tcp.manipulability)
+
+
+def test_a_wall_taken_away_is_only_won(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+    change = pp.ReachChange(map_of_ur5, pp.reach_map(ur5.with_scene(pp.Scene([TABLE])), BOX, DOWN))
+    assert change.won.any()
+    assert not change.lost.any()
+    assert "won" in change.summary
+
+
+def test_maps_of_other_poses_are_not_compared(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
+    other = pp.reach_map(ur5, pp.Region.box((0, 0, 0), (0.4, 0, 0), 0.2), DOWN)
+    with pytest.raises(pp.InputError, match="different regions"):
+        pp.ReachChange(map_of_ur5, other)
+
+
+def test_a_map_comes_back_from_its_file(map_of_ur5: pp.ReachMap, tmp_path: Path) -> None:
+    map_of_ur5.save(tmp_path / "map.npz")
+    back = pp.ReachMap.load(tmp_path / "map.npz")
+    assert back.same_question(map_of_ur5) == ""
+    assert np.array_equal(back.free, map_of_ur5.free)
+    assert back.summary == map_of_ur5.summary
+
+
+def test_the_table_has_a_row_for_each_point(map_of_ur5: pp.ReachMap, tmp_path: Path) -> None:
+    map_of_ur5.save(tmp_path / "map.csv")
+    rows = (tmp_path / "map.csv").read_text().splitlines()
+    assert len(rows) == 1 + len(BOX)
+    assert float(rows[1].split(",")[4]) == pytest.approx(map_of_ur5.free_share[0])
+
+
+def test_the_slices_show_the_share_by_colour(map_of_ur5: pp.ReachMap, tmp_path: Path) -> None:
+    from PIL import Image
+
+    map_of_ur5.save(tmp_path / "map.png")
+    pixels = np.asarray(Image.open(tmp_path / "map.png").convert("RGB")).reshape(-1, 3)
+    for colour in ((253, 231, 36), (68, 1, 84)):  # all and none, in matplotlib's viridis
+        assert (np.abs(pixels.astype(int) - colour).max(axis=1) <= 2).sum() > 500
+
+
+@pytest.mark.parametrize("content", [b"", b"PK nonsense", b"x,y\n1,2\n"])
+def test_a_file_that_is_no_map_is_refused(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "odd.npz").write_bytes(content)
+    with pytest.raises(FileError, match=r"odd\.npz"):
+        pp.ReachMap.load(tmp_path / "odd.npz")
+
+
+def test_single_points_have_no_slices(ur5: pp.CollisionChecker, tmp_path: Path) -> None:
+    with pytest.raises(pp.InputError, match="grid"):
+        pp.reach_map(ur5, pp.Region([[0.3, 0.0, 0.3]]), DOWN).save(tmp_path / "map.png")
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "step", "words"),
+    [
+        ((0, 0, 0), (1, -1, 0), 0.1, "lower y"),
+        ((0, 0, 0), (1, 1, 1), 0.0, "step"),
+        ((0, 0, 0), (1, 1, 1), 1e-4, "larger"),
+        ((0, 0, np.nan), (1, 1, 1), 0.1, "lower"),
+    ],
+)
+def test_a_region_that_makes_no_sense_is_refused(
+    lower: tuple[float, ...], upper: tuple[float, ...], step: float, words: str
+) -> None:
+    with pytest.raises(pp.InputError, match=words):
+        pp.Region.box(lower, upper, step)
+
+
+@given(st.integers(1, 60), st.floats(0.01, np.pi), st.integers(1, 12), st.integers(0, 1000))
+@settings(deadline=None, max_examples=50)
+def test_orientations_are_rotations_inside_their_cone(count: int, angle: float, spins: int, seed: int) -> None:
+    axis = np.random.default_rng(seed).normal(size=3)
+    directions = pp.approach_directions(axis, angle, count)
+    frames = pp.tool_orientations(directions, spins)
+    assert frames.shape == (count * spins, 3, 3)
+    assert np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
+    assert np.linalg.det(frames) == pytest.approx(1.0)
+    assert frames[::spins, :, 2] == pytest.approx(directions)
+    assert (directions @ (axis / np.linalg.norm(axis)) >= np.cos(angle) - 1e-9).all()
+
+
+def test_directions_all_round_weigh_the_sphere_evenly() -> None:
+    directions = pp.approach_directions(half_angle=np.pi, count=500)
+    assert np.abs(directions.mean(axis=0)).max() < 0.01
+    assert np.abs(directions.T @ directions / 500 - np.eye(3) / 3).max() < 0.01

@@ -54,6 +54,73 @@ def test_extremes_hold_for_dense_samples_and_are_reached(trajectory):
     assert (samples.max(axis=0) >= high - slack).all()
 
 
+def rebuilt(trajectory, t):
+    """q, v, a (n,) at t as ros2_control's joint_trajectory_controller finds them from the points of a message.
+
+    It solves for the coefficients of the lowest polynomial in the time since the point before that has what both
+    points state: positions and velocities, or accelerations too. Here by a linear system, not by its formulas.
+    """
+    times = trajectory.times
+    i = min(int(np.searchsorted(times, t, side="right")) - 1, len(times) - 2)
+    order = 2 if trajectory.accelerations is None else 3
+    width = times[i + 1] - times[i]
+
+    def row(at, k):  # the k-th derivative of 1, x, x^2, ... at x = at
+        return [np.prod(np.arange(p - k + 1, p + 1)) * at ** (p - k) if p >= k else 0.0 for p in range(2 * order)]
+
+    stated = [trajectory.q, trajectory.velocities, trajectory.accelerations][:order]
+    left, right = ([values[j] for values in stated] for j in (i, i + 1))
+    system = [row(at, k) for at in (0.0, width) for k in range(order)]
+    coefficients = np.linalg.solve(system, np.array(left + right))
+    return [np.array(row(t - times[i], k)) @ coefficients for k in range(3)]
+
+
+@settings(deadline=None)
+@given(trajectories(), st.booleans(), st.data())
+def test_a_controller_rebuilds_the_same_curve_from_the_points(cubic, quintic, data):
+    accelerations = data.draw(arrays(float, cubic.q.shape, elements=value)) if quintic else None
+    trajectory = Trajectory(cubic.times, cubic.q, cubic.velocities, NAMES, accelerations=accelerations)
+    assert trajectory.bezier()[1].shape[1] == (6 if quintic else 4)
+    for t in np.setdiff1d(np.linspace(0, trajectory.duration, 23), trajectory.times):
+        q, v, a = rebuilt(trajectory, t)
+        np.testing.assert_allclose(trajectory(t), q, atol=1e-8)
+        np.testing.assert_allclose(trajectory.velocity(t), v, atol=1e-7)
+        np.testing.assert_allclose(trajectory.acceleration(t), a, atol=1e-6)
+
+
+@st.composite
+def quintics(draw):
+    cubic = draw(trajectories())
+    accelerations = draw(arrays(float, cubic.q.shape, elements=value))
+    return Trajectory(cubic.times, cubic.q, cubic.velocities, NAMES, accelerations=accelerations)
+
+
+@settings(deadline=None, max_examples=50)
+@given(quintics())
+def test_extremes_of_quintics_hold_for_dense_samples_and_are_reached(trajectory):
+    t = np.linspace(0, trajectory.duration, 4001)
+    step = trajectory.duration / 4000
+    bounds = [trajectory.max_velocity(), trajectory.max_acceleration(), trajectory.max_jerk()]
+    samples = [np.abs(rate(t)).max(axis=0) for rate in (trajectory.velocity, trajectory.acceleration, trajectory.jerk)]
+    for bound, seen in zip(bounds, samples, strict=True):
+        assert (seen <= bound * (1 + 1e-9) + 1e-9).all()
+    for bound, seen, rate in zip(bounds[:2], samples[:2], bounds[1:], strict=True):
+        assert (seen >= bound - rate * step - 1e-9 * (1 + bound)).all()
+    low, high = trajectory.range()
+    assert (trajectory(t) >= low - 1e-12).all()
+    assert (trajectory(t) <= high + 1e-12).all()
+
+
+def test_jerk_is_the_slope_of_the_acceleration_and_infinite_for_what_moves_along_a_cubic():
+    ends = [[0.0, 0], [1, 0]], np.zeros((2, 2))
+    quintic = Trajectory([0, 1], *ends, NAMES, accelerations=np.zeros((2, 2)))
+    np.testing.assert_allclose(quintic.max_jerk(), [60, 0])  # 10 u^3 - 15 u^4 + 6 u^5
+    t = np.linspace(0.01, 0.99, 9)
+    slope = (quintic.acceleration(t + 1e-5) - quintic.acceleration(t - 1e-5)) / 2e-5
+    np.testing.assert_allclose(quintic.jerk(t), slope, atol=1e-6)
+    np.testing.assert_array_equal(Trajectory([0, 1], *ends, NAMES).max_jerk(), [np.inf, 0])
+
+
 def test_a_speed_peak_between_points_is_seen():
     trajectory = Trajectory([0, 1], [[0.0, 0], [1, 0]], np.zeros((2, 2)), NAMES)
     np.testing.assert_allclose(trajectory.max_velocity(), [1.5, 0])
@@ -143,11 +210,21 @@ def test_motions_that_do_not_meet_are_not_joined():
         Trajectory.join(still, away)
     with pytest.raises(InputError, match="different velocities of joint 'turn'"):
         Trajectory.join(still, moving)
+    at_rest, pushed = (
+        Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES, accelerations=[[0, a], [0, 0]]) for a in (0, 1)
+    )
+    assert Trajectory.join(at_rest, at_rest).accelerations.shape == (3, 2)
+    with pytest.raises(InputError, match="different accelerations of joint 'turn'"):
+        Trajectory.join(at_rest, pushed)
+    with pytest.raises(InputError, match="a cubic and a quintic"):
+        Trajectory.join(still, at_rest)
 
 
-def test_pickled_trajectories_are_equal_and_still_locked():
-    trajectory = Trajectory([0, 1 / 3], [[0, 0], [1, 2]], np.ones((2, 2)), NAMES, "note")
+@pytest.mark.parametrize("accelerations", [None, np.ones((2, 2))])
+def test_pickled_trajectories_are_equal_and_still_locked(accelerations):
+    trajectory = Trajectory([0, 1 / 3], [[0, 0], [1, 2]], np.ones((2, 2)), NAMES, "note", accelerations=accelerations)
     copy = pickle.loads(pickle.dumps(trajectory))
     assert copy.is_close(trajectory, 0)
     assert copy.limits_note == "note"
     assert not copy.q.flags.writeable
+    assert copy.interpolant == trajectory.interpolant

@@ -18,21 +18,26 @@ def trajectory():
     return Trajectory([0, 0.1, 1 / 3], [[0.1, -0.0], [1 / 3, 2], [1, 1e-300]], np.eye(3, 2) / 7, NAMES, "as\ngiven: é")
 
 
+def points_of(trajectory):
+    points = [trajectory.times, trajectory.q, trajectory.velocities, trajectory.accelerations]
+    return [numbers for numbers in points if numbers is not None]
+
+
 @pytest.mark.parametrize("ending", [".json", ".csv"])
 @settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(data=st.data())
-def test_a_saved_trajectory_comes_back_bit_for_bit(tmp_path, ending, data):
+@given(data=st.data(), quintic=st.booleans())
+def test_a_saved_trajectory_comes_back_bit_for_bit(tmp_path, ending, data, quintic):
     m = data.draw(st.integers(1, 4))
     clock = np.cumsum([0, *data.draw(st.lists(st.integers(1, 10**12), min_size=m - 1, max_size=m - 1))])
     q = data.draw(arrays(float, (m, 2), elements=number))
     v = data.draw(arrays(float, (m, 2), elements=number)) if m > 1 else np.zeros((1, 2))
-    saved = Trajectory(clock / 10**9, q, v, NAMES, "as given")
+    a = (data.draw(arrays(float, (m, 2), elements=number)) if m > 1 else np.zeros((1, 2))) if quintic else None
+    saved = Trajectory(clock / 10**9, q, v, NAMES, "as given", accelerations=a)
     saved.save(tmp_path / f"t{ending}")
     loaded = Trajectory.load(tmp_path / f"t{ending}")
     assert (loaded.joint_names, loaded.limits_note) == (NAMES, "as given")
-    for ours, theirs in zip(
-        (saved.times, saved.q, saved.velocities), (loaded.times, loaded.q, loaded.velocities), strict=True
-    ):
+    assert loaded.interpolant == ("quintic" if quintic else "cubic")
+    for ours, theirs in zip(points_of(saved), points_of(loaded), strict=True):
         assert ours.tobytes() == theirs.tobytes()
 
 
@@ -56,6 +61,20 @@ def test_json_is_a_joint_trajectory_message_plus_one_key(tmp_path, trajectory):
     assert data["points"][2]["time_from_start"] == {"sec": 0, "nanosec": 333333333}
 
 
+def test_a_quintic_says_so_and_bears_accelerations(tmp_path):
+    v, a = np.zeros((2, 2)), np.array([[0.0, 1.0], [2.0, 3.0]])
+    Trajectory([0, 1], [[0, 1], [2, 3]], v, NAMES, accelerations=a).save(tmp_path / "t.json")
+    data = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
+    assert data["pinproof"]["interpolant"] == "quintic Hermite between points"
+    assert "accelerations" in data["pinproof"]["units"]
+    assert [point["accelerations"] for point in data["points"]] == a.tolist()
+    for point in data["points"]:
+        del point["accelerations"]
+    (tmp_path / "t.json").write_text(json.dumps(data))
+    with pytest.raises(TrajectoryError, match="interpolant must be 'cubic"):  # the file says what the points do not
+        Trajectory.load(tmp_path / "t.json")
+
+
 def test_a_plain_message_with_empty_optional_lists_is_read(tmp_path):
     point = {"positions": [1], "velocities": [0], "accelerations": [], "effort": []}
     points = [{**point, "time_from_start": {"sec": t, "nanosec": 5 * t}} for t in (0, 2)]
@@ -63,6 +82,90 @@ def test_a_plain_message_with_empty_optional_lists_is_read(tmp_path):
     loaded = Trajectory.load(tmp_path / "t.json")
     assert loaded.times.tolist() == [0, 2.00000001]
     assert loaded.limits_note == ""
+
+
+@pytest.mark.parametrize(
+    "spelled",
+    [{"sec": 1, "nanosec": 250000000}, {"secs": 1, "nsecs": 250000000}, 1.25],
+    ids=["ROS 2", "ROS 1", "seconds"],
+)
+def test_times_are_read_as_either_ros_and_as_plain_seconds(tmp_path, spelled):
+    points = [{"positions": [0.0], "velocities": [0.0], "time_from_start": t} for t in (0, spelled)]
+    (tmp_path / "t.json").write_text(json.dumps({"joint_names": ["j"], "points": points}))
+    assert Trajectory.load(tmp_path / "t.json").times.tolist() == [0.0, 1.25]
+
+
+ECHO = """header:
+  stamp:
+    sec: 0
+    nanosec: 0
+  frame_id: ''
+joint_names:
+- shoulder
+- elbow
+points:
+- positions:
+  - 0.1
+  - 1.0e-05
+  velocities:
+  - 0.0
+  - 0.0
+  accelerations: []
+  effort: []
+  time_from_start:
+    sec: 0
+    nanosec: 0
+- positions:
+  - 0.5
+  - -1.0
+  velocities:
+  - 0.0
+  - 0.25
+  accelerations: []
+  effort: []
+  time_from_start:
+    sec: 2
+    nanosec: 500000000
+---
+"""
+
+
+@pytest.mark.parametrize("ending", [".yaml", ".yml"])
+def test_what_ros2_topic_echo_prints_is_read(tmp_path, ending):
+    (tmp_path / f"t{ending}").write_text(ECHO)
+    loaded = Trajectory.load(tmp_path / f"t{ending}", ["elbow", "shoulder"])
+    assert loaded.times.tolist() == [0.0, 2.5]
+    assert loaded.q.tolist() == [[1e-5, 0.1], [-1.0, 0.5]]
+    assert loaded.velocities.tolist() == [[0.0, 0.0], [0.25, 0.0]]
+    assert loaded.interpolant == "cubic"
+
+
+def test_bad_yaml_is_refused_with_file_and_place(tmp_path):
+    (tmp_path / "t.yaml").write_text(ECHO.replace("  - 0.25\n", ""))
+    with pytest.raises(TrajectoryError, match=r"t\.yaml: points\[1\].velocities: must be a list of 2"):
+        Trajectory.load(tmp_path / "t.yaml")
+    (tmp_path / "t.yaml").write_text(ECHO.replace("header:", "header: {", 1))
+    with pytest.raises(TrajectoryError, match=r"t\.yaml: line \d+: is no valid YAML"):
+        Trajectory.load(tmp_path / "t.yaml")
+
+
+def test_a_key_given_twice_is_refused(tmp_path):
+    (tmp_path / "t.json").write_text('{"joint_names": ["a"], "joint_names": ["b"], "points": []}')
+    with pytest.raises(TrajectoryError, match="'joint_names' twice"):
+        Trajectory.load(tmp_path / "t.json")
+
+
+def test_joints_of_the_rest_of_the_robot_are_left_out_on_request_if_they_stand_still(tmp_path):
+    q = np.array([[0.0, 5.0, 1.0], [1.0, 5.0, 2.0]])
+    Trajectory([0, 1], q, np.zeros((2, 3)), ["a", "finger", "b"]).save(tmp_path / "t.json")
+    with pytest.raises(TrajectoryError, match="subset=True"):
+        Trajectory.load(tmp_path / "t.json", ["b", "a"])
+    loaded = Trajectory.load(tmp_path / "t.json", ["b", "a"], subset=True)
+    assert loaded.q.tolist() == [[1.0, 0.0], [2.0, 1.0]]
+    with pytest.raises(TrajectoryError, match="'b' moves"):
+        Trajectory.load(tmp_path / "t.json", ["a", "finger"], subset=True)
+    with pytest.raises(TrajectoryError, match=r"differ in \['wrist'\]"):
+        Trajectory.load(tmp_path / "t.json", ["a", "wrist", "b", "finger"], subset=True)
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv"])
@@ -105,16 +208,23 @@ def set_at(data, *keys_and_value):
         (("points", 1, "positions", [1.0, "2"]), r"points\[1\].positions: '2' is no number"),
         (("points", 1, "positions", [1.0, True]), r"points\[1\].positions: True is no number"),
         (("points", 1, "positions", [1.0, 10**400]), r"points\[1\].positions"),
-        (("points", 1, "accelerations", [1.0, 2.0]), r"points\[1\].accelerations: .* quintic"),
+        (("points", 1, "accelerations", [1.0, 2.0]), r"points: some points bear accelerations"),
+        (("points", 1, "accelerations", [1.0]), r"points\[1\].accelerations: must be a list of 2"),
+        (("points", 1, "velocities", []), r"points\[1\]: lacks velocities: .* JointPath"),
         (("points", 1, "effort", [1.0, 2.0]), r"points\[1\].effort"),
         (("points", 1, "speed", []), r"points\[1\]: has unknown keys speed"),
-        (("points", 1, "time_from_start", 1.5), r"points\[1\].time_from_start: must be"),
+        (("points", 1, "time_from_start", -1.5), r"points\[1\].time_from_start: must be"),
+        (("points", 1, "time_from_start", True), r"points\[1\].time_from_start: must be"),
+        (("points", 1, "time_from_start", float("inf")), "Infinity"),
+        (("points", 1, "time_from_start", {"sec": 1, "nsecs": 0}), r"points\[1\].time_from_start: must be"),
         (("points", 1, "time_from_start", {"sec": 1.0, "nanosec": 0}), r"points\[1\].time_from_start: must be"),
         (("points", 1, "time_from_start", {"sec": 1, "nanosec": 10**9}), r"points\[1\].time_from_start: .* nanosec"),
         (("points", 1, "time_from_start", {"sec": 2, "nanosec": 0}), r"points\[2\].time_from_start: .* increase"),
         (("points", 0, "time_from_start", {"sec": 0, "nanosec": 1}), r"points\[0\].time_from_start: .* time 0"),
         (("pinproof", {"version": 1, "interpolant": "linear"}), "pinproof: interpolant must be"),
         (("pinproof", {"version": 2}), "pinproof: version must be 1"),
+        (("pinproof", {"version": 1, "interpolant": "quintic Hermite between points"}), "interpolant must be 'cubic"),
+        (("pinproof", 7), "pinproof: must be an object"),
         (("frame", 1), "unknown keys frame"),
     ],
 )
@@ -194,7 +304,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
 
 
 def test_other_endings_and_places_that_do_not_exist_are_refused(tmp_path, trajectory):
-    with pytest.raises(TrajectoryError, match=r"a \.json or a \.csv"):
+    with pytest.raises(TrajectoryError, match=r"written as \.json, \.csv, not \.txt"):
         trajectory.save(tmp_path / "t.txt")
     with pytest.raises(TrajectoryError, match="cannot be written"):
         trajectory.save(tmp_path / "no" / "t.json")

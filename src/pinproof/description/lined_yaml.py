@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,9 @@ from pinproof.errors import FileError, UnknownNameError
 __all__ = ["YAML_SUFFIXES", "LinedMapping", "listed", "read_yaml", "refuse_unknown"]
 
 YAML_SUFFIXES = (".yaml", ".yml")
+
+_END_MARK = re.compile(r"\n---\s*\Z")
+"""What ``ros2 topic echo`` prints after each message; it would begin a second, empty document."""
 
 
 def read_yaml(path: Path, keys: Iterable[str], error: type[FileError]) -> LinedMapping:
@@ -30,7 +34,8 @@ def read_yaml(path: Path, keys: Iterable[str], error: type[FileError]) -> LinedM
     if path.suffix.lower() not in YAML_SUFFIXES:
         raise error(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
     try:
-        content = yaml.load(path.read_text(encoding="utf-8-sig"), Loader=_LinedLoader)
+        text = _END_MARK.sub("\n", path.read_text(encoding="utf-8-sig"))
+        content = yaml.load(text, Loader=_LinedLoader)
     except OSError as caught:
         raise error(path, f"cannot be read: {caught.strerror or caught}") from caught
     except UnicodeDecodeError as caught:

@@ -19,9 +19,24 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["degree", "derivative", "elevate", "evaluate", "extremes", "hermite", "hull", "split"]
+__all__ = [
+    "EXTREME_TOLERANCE",
+    "degree",
+    "derivative",
+    "elevate",
+    "evaluate",
+    "extremes",
+    "hermite",
+    "hermite_slope",
+    "hull",
+    "split",
+]
 
 Array = npt.NDArray[np.float64]
+
+EXTREME_TOLERANCE = 1e-12
+"""By how much, relative to its largest coefficient, an extremum may be overstated where none is in closed form: far
+above the rounding of de Casteljau's averages, far below every limit's tolerance."""
 
 
 def degree(control: Array) -> int:
@@ -106,18 +121,17 @@ def hull(control: Array) -> tuple[Array, Array]:
 
 
 def extremes(control: Array) -> tuple[Array, Array]:
-    """Per piece and joint, the least and greatest value taken, each (k, n); for degrees up to 3.
+    """Per piece and joint, the least and greatest value taken, each (k, n).
 
-    The derivative's roots are found in closed form and the curve is evaluated there, so both values are attained: a
-    root that is off by e moves the value by order e^2 only.
-
-    Raises
-    ------
-    InputError
-        For a degree above 3.
+    Up to degree 3 the derivative's roots are found in closed form and the curve is evaluated there, so both values are
+    attained: a root that is off by e moves the value by order e^2 only. Above that, pieces are halved until their hull
+    is within :data:`EXTREME_TOLERANCE` of a value that is taken (Farouki 2012, 3 and 5: a hull is off by a quarter
+    after each halving); what is returned then bounds the curve and is above what it takes by no more than that.
     """
     if degree(control) > 3:
-        raise InputError(f"extremes are in closed form up to degree 3, this curve has degree {degree(control)}")
+        pieces, points, n = control.shape
+        rows = np.swapaxes(control, 1, 2).reshape(pieces * n, points)
+        return -_upper(-rows).reshape(pieces, n), _upper(rows).reshape(pieces, n)
     low = np.minimum(control[:, 0], control[:, -1])
     high = np.maximum(control[:, 0], control[:, -1])
     for u in _critical(np.diff(control, axis=1)):
@@ -126,12 +140,58 @@ def extremes(control: Array) -> tuple[Array, Array]:
     return low, high
 
 
-def hermite(knots: Array, values: Array, slopes: Array) -> Array:
-    """Control points (k, 4, n) of the cubic pieces with these ``values`` and ``slopes`` (k+1, n) at the knots."""
-    third = np.diff(knots)[:, None] / 3.0
-    return np.stack(
-        [values[:-1], values[:-1] + third * slopes[:-1], values[1:] - third * slopes[1:], values[1:]], axis=1
-    )
+def hermite(knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Array:
+    """Control points of the pieces with these derivatives (k+1, n) at the knots.
+
+    Cubic, (k, 4, n), through ``values`` with ``slopes``; with ``curvatures``, the second derivatives, quintic,
+    (k, 6, n). The first two (three) points follow from the derivatives at the left end alone, by the differences of
+    the derivative's coefficients (Farouki 2012, 3), the others from those at the right.
+    """
+    width = np.diff(knots)[:, None]
+    if curvatures is None:
+        third = width / 3.0
+        inner = [values[:-1] + third * slopes[:-1], values[1:] - third * slopes[1:]]
+    else:
+        fifth, square = width / 5.0, width * width / 20.0
+        left, right = fifth * slopes[:-1], fifth * slopes[1:]
+        inner = [
+            values[:-1] + left,
+            values[:-1] + (2.0 * left + square * curvatures[:-1]),
+            values[1:] - (2.0 * right - square * curvatures[1:]),
+            values[1:] - right,
+        ]
+    return np.stack([values[:-1], *inner, values[1:]], axis=1)
+
+
+def hermite_slope(knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Array:
+    """Control points (k, 3 or 5, n) of the derivative of the pieces of :func:`hermite`.
+
+    The outer coefficients are the derivatives at the ends. The one in the middle is what is left of the mean slope,
+    which is the mean of all coefficients. So it comes from the points themselves: differences of inner control points
+    would magnify their rounding by 1 / width.
+    """
+    width = np.diff(knots)[:, None]
+    mean = np.diff(values, axis=0) / width
+    before, after = slopes[:-1], slopes[1:]
+    if curvatures is None:
+        return np.stack([before, 3.0 * mean - before - after, after], axis=1)
+    left, right = before + 0.25 * width * curvatures[:-1], after - 0.25 * width * curvatures[1:]
+    return np.stack([before, left, 5.0 * mean - before - left - right - after, right, after], axis=1)
+
+
+def _upper(rows: Array) -> Array:
+    """A bound (R,) on each polynomial with coefficients ``rows`` (R, degree+1), tight to EXTREME_TOLERANCE."""
+    proven, seen = rows.max(axis=1), np.maximum(rows[:, 0], rows[:, -1])
+    slack = EXTREME_TOLERANCE * np.abs(rows).max(axis=1)
+    owner = np.flatnonzero(proven > seen + slack)
+    parts = rows[owner][:, :, None]
+    while len(owner):
+        left, right = split(parts)
+        np.maximum.at(seen, owner, left[:, -1, 0])
+        parts, owner = np.concatenate([left, right]), np.concatenate([owner, owner])
+        exceeds = parts.max(axis=(1, 2)) > seen[owner] + slack[owner]
+        parts, owner = parts[exceeds], owner[exceeds]
+    return np.minimum(proven, seen + slack)
 
 
 def _de_casteljau(control: Array, u: Array) -> Array:

@@ -22,10 +22,13 @@ __all__ = ["Trajectory"]
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Trajectory:
-    """Cubic Hermite curve between written points in time.
+    """Hermite curve between written points in time: cubic, or quintic where accelerations are given.
 
-    This is the curve that ros2_control's joint_trajectory_controller rebuilds from positions and velocities. Times are
-    rounded to whole nanoseconds here and not when saved, so that the curve that was certified is the one in the file.
+    This is the curve that ros2_control's joint_trajectory_controller rebuilds with its default interpolation
+    (``spline``): between points that bear positions only it goes in a straight line, with velocities too along the
+    cubic, and with accelerations too along the quintic that has them at both ends (ros2_controllers, Trajectory::
+    interpolate_between_points). So accelerations are not a remark: they choose the curve. Times are rounded to whole
+    nanoseconds here and not when saved, so that the curve that was certified is the one in the file.
 
     Parameters
     ----------
@@ -39,6 +42,8 @@ class Trajectory:
         The n joints, in the order of the columns.
     limits_note
         Where the limits it was timed for come from, in words.
+    accelerations
+        (m, n) accelerations in rad/s^2 or m/s^2 of a quintic, or None for a cubic, whose accelerations may jump.
 
     Raises
     ------
@@ -52,6 +57,7 @@ class Trajectory:
     velocities: Array
     joint_names: tuple[str, ...]
     limits_note: str = ""
+    accelerations: Array | None = None
 
     def __init__(
         self,
@@ -60,19 +66,25 @@ class Trajectory:
         velocities: npt.ArrayLike,
         joint_names: Iterable[str],
         limits_note: str = "",
+        *,
+        accelerations: npt.ArrayLike | None = None,
     ) -> None:
         names = checked_joint_names(joint_names)
         positions = finite("q", q, (None, len(names)))
         if len(positions) == 0:
             raise InputError("q has no point; a trajectory needs at least one")
         rates = finite("velocities", velocities, positions.shape)
-        if len(positions) == 1 and rates.any():
-            raise InputError("a trajectory of a single point must be at rest there; its velocity is not zero")
+        second = None if accelerations is None else finite("accelerations", accelerations, positions.shape)
+        if len(positions) == 1 and (rates.any() or (second is not None and second.any())):
+            raise InputError(
+                "a trajectory of a single point must be at rest there; its velocity or acceleration is not 0"
+            )
         object.__setattr__(self, "times", read_only(_checked_times(finite("times", times, (len(positions),)))))
         object.__setattr__(self, "q", read_only(positions))
         object.__setattr__(self, "velocities", read_only(rates))
         object.__setattr__(self, "joint_names", names)
         object.__setattr__(self, "limits_note", str(limits_note))
+        object.__setattr__(self, "accelerations", None if second is None else read_only(second))
 
     @classmethod
     def join(cls, *parts: Trajectory) -> Trajectory:
@@ -87,32 +99,46 @@ class Trajectory:
             raise InputError("Trajectory.join needs at least one trajectory")
         for i, (first, second) in enumerate(pairwise(parts)):
             ends_meet(first, second, f"parts {i} and {i + 1}")
-            jump = np.abs(second.velocities[0] - first.velocities[-1])
-            if jump.max() > MEET_TOLERANCE:
-                name = first.joint_names[int(jump.argmax())]
-                raise InputError(f"parts {i} and {i + 1} meet with different velocities of joint {name!r}")
+            if first.interpolant != second.interpolant:
+                raise InputError(
+                    f"parts {i} and {i + 1} are a {first.interpolant} and a {second.interpolant} curve; time both with "
+                    "a jerk limit, or both without"
+                )
+            for kind in ("velocities", "accelerations"):
+                before, after = getattr(first, kind), getattr(second, kind)
+                if before is not None and (jump := np.abs(after[0] - before[-1])).max() > MEET_TOLERANCE:
+                    name = first.joint_names[int(jump.argmax())]
+                    raise InputError(f"parts {i} and {i + 1} meet with different {kind} of joint {name!r}")
         clocks, start = [whole_nanoseconds(parts[0].times)], 0
         for previous, part in pairwise(parts):
             start += int(whole_nanoseconds(previous.times)[-1])
             clocks.append(start + whole_nanoseconds(part.times)[1:])
+        curvatures = [part.accelerations for part in parts if part.accelerations is not None]
         return cls(
             seconds(np.concatenate(clocks)),
-            np.concatenate([parts[0].q, *(part.q[1:] for part in parts[1:])]),
-            np.concatenate([parts[0].velocities, *(part.velocities[1:] for part in parts[1:])]),
+            _one_after_another([part.q for part in parts]),
+            _one_after_another([part.velocities for part in parts]),
             parts[0].joint_names,
             "; ".join(dict.fromkeys(part.limits_note for part in parts if part.limits_note)),
+            accelerations=_one_after_another(curvatures) if curvatures else None,
         )
 
     @classmethod
-    def load(cls, path: str | Path, joint_names: Iterable[str] | None = None) -> Trajectory:
-        """Read what :meth:`save` wrote, or any trajectory_msgs/JointTrajectory as JSON with positions and velocities.
+    def load(cls, path: str | Path, joint_names: Iterable[str] | None = None, *, subset: bool = False) -> Trajectory:
+        """Read what :meth:`save` wrote, or any trajectory_msgs/JointTrajectory with positions and velocities.
+
+        Points that bear accelerations too make a quintic, as a controller makes of them. Points of positions alone are
+        refused: a straight line from each to the next jumps in speed.
 
         Parameters
         ----------
         path
-            A .json or .csv file.
+            A .json, .yaml or .csv file.
         joint_names
             The joints and their order wanted; the file's columns are matched by name. Without it, the file's order.
+        subset
+            Let the file have other joints too, such as those of the whole robot. They must stand still in it: what
+            moves may not be left out of a motion that is to be proven.
 
         Raises
         ------
@@ -125,17 +151,29 @@ class Trajectory:
         except InputError as error:
             raise TrajectoryError(path, str(error), "joint_names") from error
         wanted = names if joint_names is None else checked_joint_names(joint_names)
-        if set(wanted) != set(names):
-            odd = sorted(set(wanted) ^ set(names))
+        missing, others = (sorted(set(a) - set(b)) for a, b in ((wanted, names), (names, wanted)))
+        if missing or (others and not subset):
+            hint = "" if missing else " (subset=True leaves out joints that stand still)"
             raise TrajectoryError(
                 path,
-                f"the file has the joints {list(names)}, wanted are {list(wanted)}; they differ in {odd}",
+                f"the file has the joints {list(names)}, wanted are {list(wanted)}; they differ in "
+                f"{missing + others}{hint}",
                 "joint_names",
             )
+        for name in others:
+            j = names.index(name)
+            if np.ptp(record.q[:, j]) or any(rates[:, j].any() for rates in record.rates):
+                raise TrajectoryError(path, f"joint {name!r} moves; it cannot be left out", "joint_names")
         order = [names.index(name) for name in wanted]
+        rates = [values[:, order] for values in record.rates]
         try:
             return cls(
-                seconds(record.nanoseconds), record.q[:, order], record.velocities[:, order], wanted, record.limits_note
+                seconds(record.nanoseconds),
+                record.q[:, order],
+                rates[0],
+                wanted,
+                record.limits_note,
+                accelerations=rates[1] if len(rates) > 1 else None,
             )
         except InputError as error:
             raise TrajectoryError(path, str(error)) from error
@@ -144,8 +182,9 @@ class Trajectory:
         """Write the trajectory, whole or not at all; every number comes back bit for bit.
 
         A name ending in .json is written in the shape of trajectory_msgs/JointTrajectory plus one key ``pinproof``
-        (interpolant, units, where the limits come from); .csv has a row a point. Accelerations are left out on
-        purpose: a controller that finds them rebuilds a quintic, which is not the curve that was checked.
+        (interpolant, units, where the limits come from); .csv has a row a point. A cubic is written without
+        accelerations on purpose: a controller that finds them rebuilds a quintic, which is not the curve that was
+        checked.
 
         Raises
         ------
@@ -155,7 +194,12 @@ class Trajectory:
         trajectory_files.write(
             path,
             trajectory_files.Record(
-                self.joint_names, whole_nanoseconds(self.times), self.q, self.velocities, self.limits_note
+                self.joint_names,
+                whole_nanoseconds(self.times),
+                self.q,
+                self.velocities,
+                self.accelerations,
+                self.limits_note,
             ),
         )
 
@@ -171,9 +215,18 @@ class Trajectory:
         """(n,) or (N, n) accelerations in rad/s^2 or m/s^2; where they jump, the value after the jump."""
         return bezier.evaluate(self._pieces[0], self._acceleration_control, t)
 
+    def jerk(self, t: npt.ArrayLike) -> Array:
+        """(n,) or (N, n) derivatives of the acceleration within the pieces, in rad/s^3 or m/s^3; it jumps at points."""
+        return bezier.evaluate(self._pieces[0], self._jerk_control, t)
+
     def bezier(self) -> tuple[Array, Array]:
-        """Knots (k+1,) in seconds and control points (k, 4, n), one piece between neighbouring points."""
+        """Knots (k+1,) in seconds and control points (k, 4 or 6, n), one piece between neighbouring points."""
         return self._pieces
+
+    @property
+    def interpolant(self) -> str:
+        """``"cubic"`` or ``"quintic"``: the Hermite curve between the points."""
+        return "cubic" if self.accelerations is None else "quintic"
 
     @property
     def domain(self) -> tuple[float, float]:
@@ -205,14 +258,23 @@ class Trajectory:
         """(n,) largest acceleration of each joint over the whole motion, exactly as :meth:`max_velocity`."""
         return np.asarray(self.piece_accelerations().max(axis=0))
 
+    def max_jerk(self) -> Array:
+        """(n,) largest jerk of each joint; infinite for a joint that moves along a cubic, whose acceleration jumps."""
+        if self.accelerations is None:
+            return np.where(np.ptp(self._pieces[1], axis=(0, 1)) > 0.0, np.inf, 0.0)
+        return np.asarray(self.piece_jerks().max(axis=0))
+
     def piece_speeds(self) -> Array:
         """(k, n) largest speed of each joint on each piece."""
-        low, high = bezier.extremes(self._velocity_control)
-        return np.maximum(-low, high)
+        return _largest(self._velocity_control)
 
     def piece_accelerations(self) -> Array:
-        """(k, n) largest acceleration of each joint on each piece; it is linear there, so it peaks at an end."""
-        return np.asarray(np.abs(self._acceleration_control).max(axis=1))
+        """(k, n) largest acceleration of each joint on each piece."""
+        return _largest(self._acceleration_control)
+
+    def piece_jerks(self) -> Array:
+        """(k, n) largest jerk of each joint within each piece."""
+        return _largest(self._jerk_control)
 
     def range(self) -> tuple[Array, Array]:
         """Least and greatest position (n,) of each joint that the curve takes, between points too."""
@@ -220,39 +282,63 @@ class Trajectory:
         return low.min(axis=0), high.max(axis=0)
 
     def is_close(self, other: Trajectory, tolerance: float = 1e-9) -> bool:
-        """Whether joints and number of points agree, and times, positions and velocities to ``tolerance``."""
-        mine, theirs = (self.times, self.q, self.velocities), (other.times, other.q, other.velocities)
-        same = self.joint_names == other.joint_names and self.q.shape == other.q.shape
-        return same and all(bool(np.abs(a - b).max() <= tolerance) for a, b in zip(mine, theirs, strict=True))
+        """Whether joints, interpolant and number of points agree, and all numbers of the points to ``tolerance``."""
+        same = self.joint_names == other.joint_names and self.interpolant == other.interpolant
+        return same and all(
+            a.shape == b.shape and bool(np.abs(a - b).max() <= tolerance)
+            for a, b in zip(self._points, other._points, strict=True)
+        )
+
+    @cached_property
+    def _points(self) -> tuple[Array, ...]:
+        """What a file holds of each point: times, positions, velocities, and accelerations if it is a quintic."""
+        cubic = self.times, self.q, self.velocities
+        return cubic if self.accelerations is None else (*cubic, self.accelerations)
 
     @cached_property
     def _pieces(self) -> tuple[Array, Array]:
         if len(self.q) == 1:
             return read_only(np.zeros(2)), read_only(np.stack([self.q] * 4, axis=1))
-        return self.times, read_only(bezier.hermite(self.times, self.q, self.velocities))
+        return self.times, read_only(bezier.hermite(*self._points))
 
     @cached_property
     def _velocity_control(self) -> Array:
-        """Bernstein coefficients (k, 3, n) of the velocity.
-
-        3 (b2 - b1) / h with b1 = q0 + h v0 / 3, b2 = q1 - h v1 / 3 is 3 (q1 - q0) / h - v0 - v1; taken from the
-        points and not from b1 and b2, whose rounding h would magnify.
-        """
+        """Bernstein coefficients (k, degree, n) of the velocity."""
         if len(self.q) == 1:
             return np.zeros((1, 3, len(self.joint_names)))
-        before, after = self.velocities[:-1], self.velocities[1:]
-        mean = np.diff(self.q, axis=0) / np.diff(self.times)[:, None]
-        return np.stack([before, 3.0 * mean - before - after, after], axis=1)
+        return bezier.hermite_slope(*self._points)
 
     @cached_property
     def _acceleration_control(self) -> Array:
         return bezier.derivative(self._pieces[0], self._velocity_control)
 
+    @cached_property
+    def _jerk_control(self) -> Array:
+        return bezier.derivative(self._pieces[0], self._acceleration_control)
+
     def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
-        return Trajectory, (self.times, self.q, self.velocities, self.joint_names, self.limits_note)
+        return _again, (self.times, self.q, self.velocities, self.joint_names, self.limits_note, self.accelerations)
 
     def __repr__(self) -> str:
-        return f"Trajectory({self.duration:.6g} s, {len(self.times)} points, {len(self.joint_names)} joints)"
+        points = f"{len(self.times)} points, {self.interpolant}"
+        return f"Trajectory({self.duration:.6g} s, {points}, {len(self.joint_names)} joints)"
+
+
+def _again(
+    times: Array, q: Array, velocities: Array, names: tuple[str, ...], note: str, accelerations: Array | None
+) -> Trajectory:
+    return Trajectory(times, q, velocities, names, note, accelerations=accelerations)
+
+
+def _largest(control: Array) -> Array:
+    """(k, n) largest magnitude on each piece."""
+    low, high = bezier.extremes(control)
+    return np.maximum(-low, high)
+
+
+def _one_after_another(parts: list[Array]) -> Array:
+    """Rows of all parts, without the first one of each that goes on from another."""
+    return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
 
 
 def _checked_times(times: Array) -> Array:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 _HOME = {
     "pinproof.errors": (
+        "CampaignError",
         "ConversionError",
         "DhTableError",
         "FileError",
@@ -73,14 +74,20 @@ _HOME = {
     "pinproof.planning": ("LinearMove", "PlanResult", "PlanStatus", "RrtConnect", "plan_linear", "shortcut"),
     "pinproof.viewer": ("ColouredPoints", "show", "write_html"),
     "pinproof.picks": (
+        "Campaign",
+        "CampaignResult",
         "Pick",
+        "PickGrid",
         "PickReport",
+        "PickSetup",
+        "PickTable",
         "PickVerdict",
         "Picks",
         "ReachChange",
         "ReachMap",
         "Region",
         "approach_directions",
+        "open_picks",
         "reach_map",
         "read_picks",
         "tool_orientations",

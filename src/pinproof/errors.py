@@ -15,6 +15,7 @@
     │   └── TrajectoryError              a trajectory file
     ├── ConversionError                  a converted robot that does not equal its source
     ├── TimingError                      a path for which no timing within the limits was found
+    ├── CampaignError                    a campaign that cannot go on: another one's folder, workers that do not start
     ├── ViewerError                      a page or a live view that cannot be made
     └── NoAnswer                         an honest "no", raised only by ``.or_raise()``
         ├── IkFailed
@@ -32,6 +33,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 __all__ = [
+    "CampaignError",
     "ConversionError",
     "DhTableError",
     "FileError",
@@ -142,6 +144,10 @@ class ConversionError(PinproofError):
 
 class TimingError(PinproofError):
     """A path for which no timing within the limits was found."""
+
+
+class CampaignError(PinproofError):
+    """A campaign that cannot go on; what it has judged until then is kept."""
 
 
 class ViewerError(PinproofError):

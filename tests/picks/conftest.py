@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import importlib
+import os
+from pathlib import Path
+from types import ModuleType
+
 import numpy as np
 import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
+from pinproof.model import load_robot_from_text
 
 ROBOTS = ("ur5", "generic_6dof", "panda")
 
@@ -83,3 +89,34 @@ def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Pi
 @pytest.fixture(scope="session")
 def recheck():
     return _recheck
+
+
+STICK = """<robot name="stick"><link name="a"/><link name="b"/><joint name="j" type="revolute"><parent link="a"/>
+<child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
+
+
+@pytest.fixture(scope="session")
+def stick_urdf() -> str:
+    return STICK
+
+
+@pytest.fixture(scope="session")
+def stick() -> pp.Arm:
+    """An arm that is as cheap as can be: for campaigns whose judge does not look at it."""
+    return load_robot_from_text(STICK).arm(tcp="b")
+
+
+@pytest.fixture(scope="session")
+def many() -> pp.PickGrid:
+    """120 picks."""
+    return pp.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
+
+
+@pytest.fixture
+def judges(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
+    """The module of judges, importable by name here and in every process that is started from here."""
+    here = str(Path(__file__).parent)
+    monkeypatch.syspath_prepend(here)
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([here, *filter(None, [os.environ.get("PYTHONPATH")])]))
+    monkeypatch.setenv("CAMPAIGN_TEST_FLAG", str(tmp_path / "flag"))
+    return importlib.import_module("campaign_judges")

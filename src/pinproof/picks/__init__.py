@@ -1,17 +1,28 @@
-"""Picks: what to grasp, the stages of a pick, verdicts with reasons, reports, reach maps."""
+"""Picks: what to grasp, the stages of a pick, verdicts with reasons, reports, campaigns, reach maps."""
 
+from pinproof.picks.campaign import Campaign, CampaignResult
 from pinproof.picks.pick import Pick, PickProblem, Picks
-from pinproof.picks.picks_file import read_picks
+from pinproof.picks.picks_file import open_picks, read_picks
 from pinproof.picks.reach import ReachChange, ReachMap, Region, approach_directions, reach_map, tool_orientations
 from pinproof.picks.report import PickReport
+from pinproof.picks.setup import PickSetup
+from pinproof.picks.source import PickGrid, PickList, PickSource
+from pinproof.picks.table import PickTable
 from pinproof.picks.validate import validate_picks
 from pinproof.picks.verdict import PickStatus, PickVerdict, Stage, StageResult
 
 __all__ = [
+    "Campaign",
+    "CampaignResult",
     "Pick",
+    "PickGrid",
+    "PickList",
     "PickProblem",
     "PickReport",
+    "PickSetup",
+    "PickSource",
     "PickStatus",
+    "PickTable",
     "PickVerdict",
     "Picks",
     "ReachChange",
@@ -20,6 +31,7 @@ __all__ = [
     "Stage",
     "StageResult",
     "approach_directions",
+    "open_picks",
     "reach_map",
     "read_picks",
     "tool_orientations",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -110,8 +111,8 @@ class Picks:
     def __post_init__(self) -> None:
         for key in ("picks", "problems", "tool"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
-        names = [pick.name for pick in self.picks]
-        doubled = sorted({name for name in names if names.count(name) > 1})
+        names = Counter(pick.name for pick in self.picks)
+        doubled = sorted(name for name, count in names.items() if count > 1)
         if doubled:
             raise InputError(f"the names of picks must differ; {', '.join(doubled)} stand more than once")
         object.__setattr__(self, "tip", rigid("tip", self.tip))

@@ -17,12 +17,14 @@
 Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``) in the frame of the robot's root link, and may have ``approach``
 and ``retreat`` (metres) and ``retreat_direction``. ``defaults`` fill in what a pick does not state; where a pick states
 neither orientation, nothing is guessed. A row that makes no sense is reported and the others are kept; what all rows
-share must make sense.
+share must make sense. In place of the list, ``picks: many.csv`` names a table (:mod:`pinproof.picks.table`) beside this
+file, of any length.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -32,25 +34,20 @@ from pinproof.collision.shape_file import numbers_of
 from pinproof.description.lined_yaml import LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
 from pinproof.picks.pick import Pick, PickProblem, Picks
+from pinproof.picks.pick_row import DEFAULT_KEYS, PICK_KEYS, POSE_KEYS, is_turned, make_pick, pick_of_row
+from pinproof.picks.source import PickList, PickSource
+from pinproof.picks.table import TABLE_SUFFIX, PickTable
 from pinproof.spatial import SE3, finite, pose
 
-__all__ = ["read_picks"]
+__all__ = ["open_picks", "read_picks"]
 
 Value = TypeVar("Value")
 
-POSE_KEYS = ("xyz", "rpy", "quat_xyzw")
-DEFAULT_KEYS = (*POSE_KEYS, "approach", "retreat", "retreat_direction")
-PICK_KEYS = ("name", *DEFAULT_KEYS)
 FILE_KEYS = ("robot", "tcp", "scene", "margin", "home", "tip", "tool", "defaults", "picks")
 
 
 def read_picks(path: str | Path) -> Picks:
-    """Read a picks file.
-
-    Parameters
-    ----------
-    path
-        The file (YAML); its keys are described in :mod:`pinproof.picks.picks_file`.
+    """Read a picks file, all of it; see :func:`open_picks`.
 
     Returns
     -------
@@ -62,26 +59,36 @@ def read_picks(path: str | Path) -> Picks:
     PicksError
         If the file, or what all rows share, cannot be used; names file, line and key.
     """
+    return open_picks(path).load()
+
+
+def open_picks(path: str | Path) -> PickSource:
+    """A picks file as a source, of which a table with many rows is not held in memory.
+
+    Parameters
+    ----------
+    path
+        The file: YAML, with the keys described in :mod:`pinproof.picks.picks_file`, or a table (CSV) of the columns
+        described in :mod:`pinproof.picks.table`.
+
+    Raises
+    ------
+    PicksError
+        If the file, or what all rows share, cannot be used; names file, line and key.
+    """
     path = Path(path)
+    if path.suffix.lower() == TABLE_SUFFIX:
+        return PickTable(path)
     content = read_yaml(path, FILE_KEYS, PicksError)
     refuse_unknown(PicksError, path, "key", content, FILE_KEYS, "")
-    rows = listed(PicksError, path, "picks", content.get("picks", []))
-    if not rows:
+    stated = content.get("picks", [])
+    table = isinstance(stated, str) and Path(stated).suffix.lower() == TABLE_SUFFIX
+    rows = [] if table else listed(PicksError, path, "picks", stated)
+    if not rows and not table:
         raise PicksError(path, "holds no picks; a list of them stands under 'picks:'")
     defaults = _shared(path, content, "defaults", {}, _defaults)
-    picks: list[Pick] = []
-    problems: list[PickProblem] = []
-    for number, row in enumerate(rows, start=1):
-        name = row.get("name") if isinstance(row, dict) else None
-        try:
-            picks.append(_pick(path, row, defaults, {pick.name for pick in picks}))
-        except (InputError, FileError) as error:
-            where = f"line {row.line}: " if isinstance(row, LinedMapping) else ""
-            reason = error.reason if isinstance(error, FileError) else str(error)
-            problems.append(PickProblem(number, str(name or f"row {number}"), where + reason))
-    return Picks(
-        tuple(picks),
-        tuple(problems),
+    shared = Picks(
+        (),
         tip=_shared(path, content, "tip", {}, _tip),
         tool=_tool(path, content),
         margin=_shared(path, content, "margin", 0.0, _margin),
@@ -91,6 +98,27 @@ def read_picks(path: str | Path) -> Picks:
         home=_shared(path, content, "home", {}, _home),
         source=path,
     )
+    return (
+        PickTable(path.parent / stated, shared=shared, defaults=defaults)
+        if table
+        else _list(path, rows, shared, defaults)
+    )
+
+
+def _list(path: Path, rows: list[Any], shared: Picks, defaults: dict[str, Any]) -> PickList:
+    picks: list[Pick] = []
+    problems: list[PickProblem] = []
+    taken: set[str] = set()
+    for number, row in enumerate(rows, start=1):
+        name = row.get("name") if isinstance(row, dict) else None
+        try:
+            picks.append(_pick(path, row, defaults, taken))
+            taken.add(picks[-1].name)
+        except (InputError, FileError) as error:
+            where = f"line {row.line}: " if isinstance(row, LinedMapping) else ""
+            reason = error.reason if isinstance(error, FileError) else str(error)
+            problems.append(PickProblem(number, str(name or f"row {number}"), where + reason))
+    return PickList(replace(shared, picks=tuple(picks), problems=tuple(problems)))
 
 
 def _shared(path: Path, content: LinedMapping, key: str, default: object, read: Callable[[Any], Value]) -> Value:
@@ -116,12 +144,8 @@ def _mapping(stated: object, keys: tuple[str, ...]) -> dict[str, Any]:
 def _defaults(stated: object) -> dict[str, Any]:
     """The defaults as stated, after a pick was made of them: what is wrong here would be wrong in every row."""
     settings = dict(_mapping(stated, DEFAULT_KEYS))
-    _made("defaults", {"xyz": [0, 0, 0], **({} if _turned(settings) else {"rpy": [0, 0, 0]}), **settings})
+    make_pick("defaults", {"xyz": [0, 0, 0], **({} if is_turned(settings) else {"rpy": [0, 0, 0]}), **settings})
     return settings
-
-
-def _turned(stated: dict[str, Any]) -> bool:
-    return "rpy" in stated or "quat_xyzw" in stated
 
 
 def _pick(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> Pick:
@@ -133,20 +157,7 @@ def _pick(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) ->
         raise InputError(f"has the name {name!r}; a pick needs a name (text, in quotes if it is a number)")
     if name in taken:
         raise InputError(f"a second pick is named {name!r}")
-    # An orientation of its own, however it is written, goes before the default one; two of its own are refused.
-    given = {key: value for key, value in defaults.items() if not (_turned(row) and key in ("rpy", "quat_xyzw"))}
-    stated = {**given, **row}
-    if "xyz" not in stated:
-        raise InputError("does not state its xyz")
-    if not _turned(stated):
-        raise InputError("states no orientation: give it rpy or quat_xyzw, or the defaults")
-    return _made(name, stated)
-
-
-def _made(name: str, stated: dict[str, Any]) -> Pick:
-    numbers = {key: numbers_of(key, stated[key]) for key in DEFAULT_KEYS if key in stated}
-    placed = pose(**{key: numbers.pop(key) for key in POSE_KEYS if key in numbers})
-    return Pick(name, placed, **numbers)
+    return pick_of_row(name, row, defaults)
 
 
 def _tip(stated: object) -> SE3:

@@ -14,7 +14,7 @@ from pinproof.errors import InputError
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.verdict import PickVerdict
 
-__all__ = ["COLUMNS", "SUFFIXES", "PickReport"]
+__all__ = ["COLUMNS", "SUFFIXES", "PickReport", "verdict_row"]
 
 COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason")
 
@@ -99,7 +99,7 @@ class PickReport:
             "ok": self.ok,
             "acceleration_source": self.acceleration_source,
             "notes": list(self.notes),
-            "picks": [_verdict(verdict) for verdict in self.verdicts],
+            "picks": [verdict_row(verdict) for verdict in self.verdicts],
             "problems": [{"row": p.row, "name": p.name, "reason": p.reason} for p in self.problems],
         }
 
@@ -128,7 +128,8 @@ def _bounded(clearance: float) -> float | None:
     return clearance if math.isfinite(clearance) else None
 
 
-def _verdict(verdict: PickVerdict) -> dict[str, Any]:
+def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
+    """A verdict as plain values for JSON."""
     certificate, trajectory = verdict.certificate, verdict.trajectory
     return {
         "name": verdict.pick.name,

@@ -1,0 +1,220 @@
+"""The rows of a campaign on disk: a journal in the order in which they come, then a file in the order of the picks.
+
+Both are JSON lines: a header, then a row a pick, which has its place under ``index``. While the campaign goes on there
+is ``journal.jsonl``, which only grows; in the end ``rows.jsonl`` is written from it, whole or not at all, and takes its
+place. In memory there are nine bytes a row.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from pinproof.errors import CampaignError, FileError
+from pinproof.picks.campaign.line_file import LineFile
+
+__all__ = ["JOURNAL", "ROWS", "SCHEMA", "Journal", "differences", "read_header", "refuse_foreign", "to_line"]
+
+SCHEMA = "pinproof/campaign/1"
+
+JOURNAL, ROWS = "journal.jsonl", "rows.jsonl"
+
+
+def to_line(value: Mapping[str, Any]) -> bytes:
+    """A value as a line of JSON.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it holds what JSON does not know, such as NaN.
+    """
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+
+
+class Journal:
+    """The journal of a campaign, begun or gone on with.
+
+    Parameters
+    ----------
+    folder
+        Where it is.
+    header
+        What stands in its first line; ``header["picks"]`` is the number of rows, ``header["setup"]`` tells this
+        campaign from others.
+
+    Raises
+    ------
+    CampaignError
+        If what is there is of another campaign; names the difference.
+    FileError
+        If it cannot be read or written, or a line of it is damaged.
+    """
+
+    def __init__(self, folder: Path, header: Mapping[str, Any]) -> None:
+        self.path, self.rows_path = folder / JOURNAL, folder / ROWS
+        self._header = to_line(header)
+        total = int(header["picks"])
+        self.done = np.zeros(total, dtype=bool)
+        """(picks,) which rows are there."""
+        self._at = np.zeros(total, dtype=np.int64)  # where each begins
+        self._file = LineFile(self.path)
+        try:
+            if self._file.size:
+                self._go_on(header)
+            else:
+                self._begin()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _begin(self) -> None:
+        """Write the header; over a torn one too, but over nothing else."""
+        if self._file.torn > len(self._header) or not self._header.startswith(_content(self.path)):
+            raise CampaignError(f"{self.path}: is of no campaign; name another folder")
+        self._file.append(self._header)
+
+    def _go_on(self, header: Mapping[str, Any]) -> None:
+        """Read what is there."""
+        try:
+            with self.path.open("rb") as file:
+                refuse_foreign(self.path, _parsed_header(self.path, file.readline()), header)
+                for number, (at, line) in enumerate(_lines(file), start=2):
+                    if at == self._file.size:
+                        break  # a torn line
+                    index = _index_of(line)
+                    if not 0 <= index < len(self.done) or self.done[index]:
+                        raise FileError(
+                            self.path,
+                            "is no row of this campaign; take the line out, and the pick will be judged again",
+                            f"line {number}",
+                        )
+                    self.done[index], self._at[index] = True, at
+        except OSError as error:
+            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from error
+
+    def missing(self) -> list[tuple[int, int]]:
+        """(start, stop) of the rows that are not there yet."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], ~self.done, [False]]).astype(np.int8)))
+        return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+
+    def append(self, start: int, lines: list[bytes]) -> None:
+        """Write the rows from place ``start`` on."""
+        if self.done[start : start + len(lines)].any():
+            raise RuntimeError(f"rows {start} to {start + len(lines) - 1} are there already")
+        lengths = np.array([len(line) for line in lines], dtype=np.int64)
+        at = self._file.size
+        self._file.append(b"".join(lines))
+        self._at[start : start + len(lines)] = at + np.cumsum(lengths) - lengths
+        self.done[start : start + len(lines)] = True
+
+    def finish(self) -> None:
+        """Put the rows in order into the final file, and take the journal away.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written; the journal is then still there.
+        """
+        if not self.done.all():
+            raise RuntimeError(f"{np.count_nonzero(~self.done)} rows are missing")
+        scratch = self.rows_path.with_name(f".{ROWS}.tmp")  # nobody else writes here: the journal is locked
+        try:
+            with self.path.open("rb") as journal, scratch.open("wb") as rows:
+                rows.write(self._header)
+                for at in map(int, self._at):
+                    if journal.tell() != at:  # mostly they follow each other
+                        journal.seek(at)
+                    rows.write(journal.readline())
+                rows.flush()
+                os.fsync(rows.fileno())
+            scratch.replace(self.rows_path)
+            self.path.unlink(missing_ok=True)
+        except OSError as error:
+            scratch.unlink(missing_ok=True)
+            raise FileError(self.rows_path, f"cannot be written: {error.strerror or error}") from error
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """The header of a journal or of a file of rows.
+
+    Raises
+    ------
+    CampaignError
+        If the file is of no campaign, or of another version of its schema.
+    FileError
+        If it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return _parsed_header(path, file.readline())
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+
+
+def _parsed_header(path: Path, line: bytes) -> dict[str, Any]:
+    try:
+        header = json.loads(line)
+        schema = header["schema"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise CampaignError(f"{path}: is of no campaign; name another folder") from error
+    if schema != SCHEMA:
+        raise CampaignError(f"{path}: has the schema {schema}, this is {SCHEMA}; name another folder")
+    return dict(header)
+
+
+def refuse_foreign(path: Path, there: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+    """Refuse to go on with a file whose header is not ``header``; names what differs."""
+    different = differences(there, header)
+    if different:
+        raise CampaignError(
+            f"{path}: is of another campaign, which differs in {'; '.join(different)}. Name another folder, or remove "
+            "this one to begin anew"
+        )
+
+
+def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+    """What two headers do not share, in words."""
+    a, b = (dict(header.get("setup", {})) for header in (there, here))
+    named = [
+        f"{name} ({a.get(name, 'nothing')} there, {b.get(name, 'nothing')} here)"
+        for name in dict.fromkeys([*b, *a])
+        if a.get(name) != b.get(name)
+    ]
+    return named or (["its header"] if to_line(there) != to_line(here) else [])
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+
+
+def _lines(file: Any) -> Iterator[tuple[int, bytes]]:
+    at = file.tell()
+    for line in file:
+        yield at, line
+        at += len(line)
+
+
+def _index_of(line: bytes) -> int:
+    """The place of a row; -1 if the line is none."""
+    try:
+        index = json.loads(line)["index"]
+    except (ValueError, TypeError, KeyError):
+        return -1
+    return index if isinstance(index, int) else -1

@@ -1,0 +1,54 @@
+"""The task of a campaign: a chunk of picks is judged, and becomes lines of JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pinproof.picks.campaign.journal import to_line
+from pinproof.picks.pick import Pick, PickProblem
+from pinproof.picks.report import verdict_row
+from pinproof.picks.setup import PickSetup
+
+__all__ = ["CRASHED", "Judge", "RowTask", "crashed_row", "judge_row"]
+
+Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
+"""Judges the pick at a place, to a row of plain values with a ``verdict``. Importable, as it is sent by name."""
+
+CRASHED = "crashed"
+"""The verdict on a pick that could not be judged: the judge failed, or the process died."""
+
+
+def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    """The verdict through all stages. What is not checked is the same in every row, and stands in the header."""
+    row = verdict_row(setup.judge(index, pick))
+    del row["excluded_pairs"]
+    return row
+
+
+@dataclass(frozen=True, eq=False)
+class RowTask:
+    """Judges chunks with one set-up; the lines of a chunk come back, one a pick."""
+
+    setup: PickSetup
+    judge: Judge
+
+    def __call__(self, start: int, part: Iterable[Pick | PickProblem]) -> list[bytes]:
+        """The rows of the picks from place ``start`` on."""
+        return [self._line(index, item) for index, item in enumerate(part, start)]
+
+    def _line(self, index: int, item: Pick | PickProblem) -> bytes:
+        if isinstance(item, PickProblem):
+            row = {"name": item.name, "verdict": "unreadable", "failed_at": "input", "reason": item.reason}
+            return to_line({"index": index, **row})
+        try:
+            row = self.judge(self.setup, index, item)
+            return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})
+        except Exception as error:  # noqa: BLE001  # one pick that cannot be judged never stops the others
+            return crashed_row(index, item.name, f"the judge failed: {type(error).__name__}: {error}")
+
+
+def crashed_row(index: int, name: str, reason: str) -> bytes:
+    """The row of a pick that could not be judged."""
+    return to_line({"index": index, "name": name, "verdict": CRASHED, "failed_at": None, "reason": reason})

@@ -1,0 +1,241 @@
+"""Picks as a table on disk (CSV), as long as it may be: the file is indexed once and read where it is looked at.
+
+::
+
+    name,x,y,z,roll,pitch,yaw,approach
+    bolt_1,0.46,0.15,0.035,pi,0,0,0.1
+    bolt_2,0.48,0.15,0.035,pi,0,0,
+
+One line a pick; a cell that is empty, and a column that is not there, are as if not stated. Lines that are empty or
+start with ``#`` are skipped. An orientation is either ``roll,pitch,yaw`` or ``qx,qy,qz,qw``; the retreat's direction is
+``retreat_x,retreat_y,retreat_z``. A pick without a name is called after its row.
+"""
+
+from __future__ import annotations
+
+import csv
+from array import array
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from hashlib import blake2b
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinproof.errors import InputError, PicksError, UnknownNameError
+from pinproof.picks.identity import digest
+from pinproof.picks.pick import Pick, PickProblem, Picks
+from pinproof.picks.pick_row import pick_of_row
+from pinproof.picks.source import PickSource
+
+__all__ = ["TABLE_SUFFIX", "PickTable"]
+
+TABLE_SUFFIX = ".csv"
+
+KEYS = {
+    "name": ("name",),
+    "xyz": ("x", "y", "z"),
+    "rpy": ("roll", "pitch", "yaw"),
+    "quat_xyzw": ("qx", "qy", "qz", "qw"),
+    "approach": ("approach",),
+    "retreat": ("retreat",),
+    "retreat_direction": ("retreat_x", "retreat_y", "retreat_z"),
+}
+"""What a row may state, and the columns that state it."""
+
+
+class PickTable(PickSource):
+    """The picks of a CSV file; 16 bytes a row are held in memory.
+
+    Parameters
+    ----------
+    path
+        The file.
+    shared
+        What the picks share.
+    defaults
+        What a row does not state, by key as in a picks file.
+
+    Raises
+    ------
+    PicksError
+        If the file cannot be read, or its header makes no sense, or it has no rows.
+    """
+
+    def __init__(self, path: str | Path, *, shared: Picks | None = None, defaults: Mapping[str, Any] | None = None):
+        self.path = Path(path)
+        self.shared = replace(shared or Picks((), source=self.path), picks=(), problems=())
+        self._defaults = dict(defaults or {})
+        content = blake2b(digest_size=16)
+        self._begin, names = array("q"), array("Q")
+        try:
+            with self.path.open("rb") as file:
+                self._stamp = _stamp(file)
+                self._columns, at = self._header(file, content)
+                self._where = _where(self._columns)
+                for line in file:
+                    content.update(line)
+                    if _counts(line):
+                        self._begin.append(at)
+                        names.append(_short(self._name(_cells(line), len(self._begin))))
+                    at += len(line)
+        except OSError as error:
+            raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
+        if not self._begin:
+            raise PicksError(self.path, "holds no picks")
+        self._begin.append(at)
+        self._digest = f"{content.hexdigest()} {digest(self._defaults)}"
+        self._repeated = self._repeats(np.frombuffer(names, dtype=np.uint64))
+
+    def __len__(self) -> int:
+        return len(self._begin) - 1
+
+    def digest(self) -> str:
+        """A hash of all of them."""
+        return digest(self._digest)
+
+    def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
+        """Those from place ``start`` up to ``stop``.
+
+        Raises
+        ------
+        PicksError
+            If the file is not what it was when it was opened.
+        """
+        stop = min(stop, len(self))
+        try:
+            with self.path.open("rb") as file:
+                if _stamp(file) != self._stamp:
+                    raise PicksError(self.path, "was changed while its picks were being judged")
+                file.seek(self._begin[start])
+                text = file.read(self._begin[stop] - self._begin[start])
+        except OSError as error:
+            raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
+        repeated = self._repeated & set(range(start, stop)) if self._repeated else frozenset()
+        return _TablePart(self._columns, self._defaults, text, start, frozenset(repeated))
+
+    def _header(self, file: Any, content: Any) -> tuple[tuple[str, ...], int]:
+        """The columns, and where the lines after them begin."""
+        at = 0
+        for number, line in enumerate(file, start=1):
+            content.update(line)
+            at += len(line)
+            if not _counts(line):
+                continue
+            try:
+                columns = tuple(cell.strip() for cell in next(csv.reader([line.decode("utf-8-sig")], strict=True)))
+                _check_columns(columns)
+            except (UnicodeDecodeError, csv.Error, InputError) as error:
+                raise PicksError(self.path, str(error), f"line {number}") from error
+            return columns, at
+        raise PicksError(self.path, "is empty; its first line names the columns, such as name,x,y,z,roll,pitch,yaw")
+
+    def _name(self, cells: list[str] | None, number: int) -> str:
+        return _name(self._where, cells, number)
+
+    def _repeats(self, hashes: np.ndarray[Any, Any]) -> frozenset[int]:
+        """Places of picks whose name one before them has."""
+        order = np.argsort(hashes, kind="stable")
+        same = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])
+        first: dict[str, int] = {}
+        repeated = set()
+        for place in np.unique(np.concatenate([order[same], order[same + 1]])).tolist():  # by name, not by hash
+            name = next(iter(_TablePart(self._columns, self._defaults, self._line(place), place))).name
+            if first.setdefault(name, place) != place:
+                repeated.add(place)
+        return frozenset(repeated)
+
+    def _line(self, place: int) -> bytes:
+        with self.path.open("rb") as file:
+            file.seek(self._begin[place])
+            return file.readline()
+
+
+@dataclass(frozen=True, eq=False)
+class _TablePart:
+    columns: tuple[str, ...]
+    defaults: Mapping[str, Any]
+    text: bytes
+    start: int
+    repeated: frozenset[int] = frozenset()
+
+    def __iter__(self) -> Iterator[Pick | PickProblem]:
+        where = _where(self.columns)
+        lines = (line for line in self.text.split(b"\n") if _counts(line))  # as the file was cut into lines
+        for place, line in enumerate(lines, start=self.start):
+            cells = _cells(line)
+            name = _name(where, cells, place + 1)
+            try:
+                if cells is None:
+                    raise InputError("is no line of a CSV file in UTF-8")
+                if place in self.repeated:
+                    raise InputError(f"a second pick is named {name!r}")
+                yield pick_of_row(name, _stated(where, len(self.columns), cells), self.defaults)
+            except InputError as error:
+                yield PickProblem(place + 1, name, str(error))
+
+
+def _where(columns: tuple[str, ...]) -> dict[str, list[int]]:
+    """For each key that the columns state, the places of its cells."""
+    return {
+        key: [columns.index(name) for name in names] for key, names in KEYS.items() if columns and names[0] in columns
+    }
+
+
+def _check_columns(columns: tuple[str, ...]) -> None:
+    known = [name for names in KEYS.values() for name in names]
+    for column in columns:
+        if column not in known:
+            raise UnknownNameError("column", column, known)
+    if len(set(columns)) < len(columns):
+        raise InputError("names a column twice")
+    for names in KEYS.values():
+        missing = [name for name in names if name not in columns]
+        if missing and len(missing) < len(names):
+            raise InputError(f"lacks the column {missing[0]} beside {next(name for name in names if name in columns)}")
+
+
+def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dict[str, Any]:
+    """What a row states, by key."""
+    if len(cells) != width:
+        raise InputError(f"has {len(cells)} cells under {width} columns")
+    stated: dict[str, Any] = {}
+    for key, places in where.items():
+        values = [cells[place].strip() for place in places]
+        if key == "name" or not any(values):
+            continue
+        if not all(values):
+            raise InputError(f"states only a part of {', '.join(KEYS[key])}")
+        stated[key] = values if len(values) > 1 else values[0]
+    return stated
+
+
+def _cells(line: bytes) -> list[str] | None:
+    """The cells of a line; None if it is not to be read."""
+    try:
+        return next(csv.reader([line.decode().rstrip("\r\n")], strict=True))
+    except (UnicodeDecodeError, csv.Error, StopIteration):
+        return None
+
+
+def _name(where: Mapping[str, list[int]], cells: list[str] | None, number: int) -> str:
+    at = where.get("name", [-1])[0]
+    stated = cells[at].strip() if cells is not None and 0 <= at < len(cells) else ""
+    return stated or f"row_{number}"
+
+
+def _counts(line: bytes) -> bool:
+    text = line.strip()
+    return bool(text) and not text.startswith(b"#")
+
+
+def _short(name: str) -> int:
+    return int.from_bytes(blake2b(name.encode("utf-8", "backslashreplace"), digest_size=8).digest(), "big")
+
+
+def _stamp(file: Any) -> tuple[int, int]:
+    from os import fstat
+
+    found = fstat(file.fileno())
+    return found.st_size, found.st_mtime_ns

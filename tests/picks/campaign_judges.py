@@ -1,0 +1,75 @@
+"""Judges for tests of campaigns, imported by name in the workers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+from typing import Any
+
+from pinproof.picks import Pick, PickSetup
+
+FLAG = "CAMPAIGN_TEST_FLAG"
+"""The variable that names a file by which processes know what another has done."""
+
+
+def echo(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    """Says yes to all, with a random number from the pick's own stream."""
+    draw = float(setup.rng(index).random())
+    return {"name": pick.name, "verdict": "good", "failed_at": None, "place": index, "draw": draw}
+
+
+def slow(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    time.sleep(0.01)
+    return echo(setup, index, pick)
+
+
+def no_to_thirds(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    if index % 3 == 0:
+        return {"name": pick.name, "verdict": "not found", "failed_at": "reach", "reason": "no"}
+    return echo(setup, index, pick)
+
+
+def raises_on_7(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    return {**echo(setup, index, pick), "share": 1 / (index - 7)}
+
+
+def nan_on_7(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    return {**echo(setup, index, pick), "share": float("nan") if index == 7 else 0.0}
+
+
+class Died(BaseException):
+    """Raised in place of dying, where the worker is a thread."""
+
+
+def ends_on_7_and_100(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    if index in (7, 100):
+        raise Died
+    return echo(setup, index, pick)
+
+
+def ends_always(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    raise Died
+
+
+def dies_on_7(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    if index == 7:
+        with Path(os.environ[FLAG]).open("a") as deaths:
+            deaths.write("x")
+        os.kill(os.getpid(), signal.SIGKILL)
+    return echo(setup, index, pick)
+
+
+def dies_once_on_7(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    if index == 7 and not Path(os.environ[FLAG]).exists():
+        Path(os.environ[FLAG]).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return echo(setup, index, pick)
+
+
+def waits_for_flag(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    """From the second half on, goes on when the file is there."""
+    while index >= 60 and not Path(os.environ[FLAG]).exists():
+        time.sleep(0.01)
+    return slow(setup, index, pick)

@@ -1,0 +1,262 @@
+"""Campaigns: the same bytes however they are run, gone on with, refused, or stopped by a full disk."""
+
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.errors import CampaignError, FileError, InputError
+from pinproof.picks.campaign.journal import Journal
+from pinproof.picks.pick import PickProblem
+
+
+@pytest.fixture
+def campaign(stick, many, judges) -> pp.Campaign:
+    return pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+
+
+@pytest.fixture
+def threads():
+    with ThreadPoolExecutor(3) as executor:
+        yield executor
+
+
+def bytes_of(folder: Path) -> bytes:
+    return (folder / "rows.jsonl").read_bytes()
+
+
+def rows_in(path: Path) -> list[dict]:
+    return [json.loads(line) for line in path.read_bytes().splitlines()[1:]]
+
+
+def test_the_bytes_are_the_same_for_any_workers_and_chunks(campaign, threads, tmp_path) -> None:
+    campaign.run(tmp_path / "1", workers=1)
+    campaign.run(tmp_path / "2", workers=2, chunk=7)
+    campaign.run(tmp_path / "3", executor=threads, chunk=1)
+    assert len({bytes_of(tmp_path / name) for name in ("1", "2", "3")}) == 1
+    rows = rows_in(tmp_path / "1" / "rows.jsonl")
+    assert [row["index"] for row in rows] == [row["place"] for row in rows] == list(range(120))
+    assert len({row["draw"] for row in rows}) == 120
+
+
+def test_each_pick_has_the_stream_it_has_in_a_list(campaign, threads, tmp_path) -> None:
+    result = campaign.run(tmp_path, executor=threads)
+    streams = np.random.SeedSequence(0).spawn(120)
+    assert [row["draw"] for row in result.rows()] == [np.random.default_rng(s).random() for s in streams]
+
+
+def test_when_it_is_done_only_the_rows_and_the_times_are_left(campaign, threads, tmp_path) -> None:
+    campaign.run(tmp_path, executor=threads, chunk=50)
+    assert {path.name for path in tmp_path.iterdir()} == {"rows.jsonl", "timings.jsonl"}
+    times = [json.loads(line) for line in (tmp_path / "timings.jsonl").read_text().splitlines()]
+    assert sorted((time["start"], time["stop"]) for time in times) == [(0, 50), (50, 100), (100, 120)]
+    assert b"seconds" not in bytes_of(tmp_path)
+
+
+def test_what_is_done_is_not_done_again(campaign, threads, tmp_path) -> None:
+    first = campaign.run(tmp_path, executor=threads)
+    again = campaign.run(tmp_path, executor=lambda: pytest.fail("a worker was asked for"))
+    assert (first.resumed, again.resumed) == (0, 120)
+    assert again.summary == first.summary == "120 of 120 picks good"
+
+
+class Stop(Exception):
+    pass
+
+
+def stopped_after(campaign: pp.Campaign, folder: Path, executor: ThreadPoolExecutor, rows: int) -> None:
+    def stop(done: int, total: int) -> None:
+        if done >= rows:
+            raise Stop
+
+    with pytest.raises(Stop):
+        campaign.run(folder, executor=executor, chunk=5, in_flight=4, progress=stop)
+
+
+@pytest.mark.parametrize("torn", [0, 1, 40])
+def test_a_torn_journal_is_gone_on_with(campaign, threads, tmp_path, torn: int) -> None:
+    campaign.run(tmp_path / "whole", executor=threads)
+    stopped_after(campaign, tmp_path / "torn", threads, 50)
+    journal = tmp_path / "torn" / "journal.jsonl"
+    before = journal.read_bytes()
+    assert not (tmp_path / "torn" / "rows.jsonl").exists()
+    journal.write_bytes(before[: len(before) - torn])
+    result = campaign.run(tmp_path / "torn", executor=threads)
+    assert result.resumed == before.count(b"\n") - 1 - (torn > 0)
+    assert bytes_of(tmp_path / "torn") == bytes_of(tmp_path / "whole")
+
+
+def test_a_torn_header_is_written_anew(campaign, threads, tmp_path) -> None:
+    campaign.run(tmp_path / "whole", executor=threads)
+    (tmp_path / "torn").mkdir()
+    (tmp_path / "torn" / "journal.jsonl").write_bytes(bytes_of(tmp_path / "whole")[:30])
+    campaign.run(tmp_path / "torn", executor=threads)
+    assert bytes_of(tmp_path / "torn") == bytes_of(tmp_path / "whole")
+
+
+def test_the_file_of_rows_is_made_again_from_a_whole_journal(campaign, threads, tmp_path) -> None:
+    # Killed after the last row, while the rows were put in order.
+    campaign.run(tmp_path / "whole", executor=threads)
+    header, *rows = bytes_of(tmp_path / "whole").splitlines(keepends=True)
+    (tmp_path / "late").mkdir()
+    (tmp_path / "late" / "journal.jsonl").write_bytes(header + b"".join(reversed(rows)))
+    (tmp_path / "late" / ".rows.jsonl.tmp").write_bytes(header)
+    campaign.run(tmp_path / "late", executor=lambda: pytest.fail("a worker was asked for"))
+    assert bytes_of(tmp_path / "late") == bytes_of(tmp_path / "whole")
+
+
+def test_another_campaign_in_the_folder_is_refused_with_the_difference(stick, many, judges, threads, tmp_path) -> None:
+    def made(scene=(), picks=many, judge=judges.echo, **settings) -> pp.Campaign:
+        return pp.Campaign(stick, pp.Scene(scene), picks, judge=judge, **settings)
+
+    stopped_after(made(), tmp_path / "begun", threads, 10)
+    made().run(tmp_path / "done", executor=threads)
+    shifted = pp.PickGrid(many.first, many.counts, (0.01, 0.02, 0.031))
+    rock = pp.Obstacle("rock", pp.Sphere(0.1), pp.pose((3, 0, 0)))
+    for folder in (tmp_path / "begun", tmp_path / "done"):
+        before = {path: path.read_bytes() for path in folder.iterdir()}
+        for other, named in (
+            (made(rng=1), r"differs in seed \(0 there, 1 here\)\."),
+            (made(scene=[rock]), r"scene \(0 obstacles \w+ there, 1 obstacles"),
+            (made(picks=shifted), r"differs in picks \(120 picks \w+ there, 120 picks \w+ here\)\."),
+            (made(home=[0.5]), r"differs in home \(\[0.0\] there, \[0.5\] here\)\."),
+            (made(judge=judges.slow), r"differs in judge \(\S*echo there, \S*slow here\)\."),
+        ):
+            with pytest.raises(CampaignError, match=named):
+                other.run(folder, executor=threads)
+        assert {path: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_a_robot_with_other_limits_is_another_campaign(stick, many, judges, threads, tmp_path) -> None:
+    pp.Campaign(stick, pp.Scene(), many, judge=judges.echo).run(tmp_path, executor=threads)
+    limits = stick.limits
+    faster = stick.with_limits(pp.JointLimits(limits.lower, limits.upper, limits.velocity * 2, limits.acceleration))
+    with pytest.raises(CampaignError, match="differs in limits"):
+        pp.Campaign(faster, pp.Scene(), many, judge=judges.echo).run(tmp_path, executor=threads)
+
+
+@pytest.mark.parametrize("content", [b"", b"my own notes", b"my own notes\n", b'{"a": 1}\n', b"[1]\nx"])
+def test_a_file_of_somebody_else_is_left_alone(campaign, threads, tmp_path, content: bytes) -> None:
+    (tmp_path / "journal.jsonl").write_bytes(content)
+    if content:
+        with pytest.raises(CampaignError, match=r"journal.jsonl: is of no campaign; name another folder"):
+            campaign.run(tmp_path, executor=threads)
+        assert (tmp_path / "journal.jsonl").read_bytes() == content
+    else:
+        assert campaign.run(tmp_path, executor=threads).ok
+
+
+@pytest.mark.parametrize("damage", [b"\x00\x00\n", b'{"index": 3}\n{"index": 3}\n', b'{"index": 120}\n', b"7\n"])
+def test_a_damaged_line_is_named(campaign, threads, tmp_path, damage: bytes) -> None:
+    campaign.run(tmp_path, executor=threads)
+    header, first, *_ = bytes_of(tmp_path).splitlines(keepends=True)
+    (tmp_path / "rows.jsonl").unlink()
+    (tmp_path / "journal.jsonl").write_bytes(header + first + damage + b"{")
+    with pytest.raises(FileError, match=r"journal.jsonl: line [34]: is no row of this campaign; take the line out"):
+        campaign.run(tmp_path, executor=threads)
+
+
+def test_two_cannot_write_to_one_folder(campaign, threads, tmp_path) -> None:
+    with (
+        Journal(tmp_path, campaign.header()),
+        pytest.raises(FileError, match=r"journal.jsonl: is being written by another process"),
+    ):
+        campaign.run(tmp_path, executor=threads)
+
+
+def test_a_row_that_makes_no_sense_is_a_row(stick, judges, threads, tmp_path) -> None:
+    picks = pp.Picks((pp.Pick("a", pp.pose()),), (PickProblem(2, "b", "xyz is far"),))
+    result = pp.Campaign(stick, pp.Scene(), picks, judge=judges.echo).run(tmp_path, executor=threads)
+    assert list(result.rows())[1] == {
+        "index": 1,
+        "name": "b",
+        "verdict": "unreadable",
+        "failed_at": "input",
+        "reason": "xyz is far",
+    }
+    assert not result.ok
+    assert result.summary == "1 of 2 picks good; failed: 1 at input"
+
+
+@pytest.mark.parametrize(("name", "said"), [("raises_on_7", "ZeroDivisionError: "), ("nan_on_7", "ValueError: ")])
+def test_a_pick_on_which_the_judge_fails_is_a_row(stick, many, judges, threads, tmp_path, name: str, said: str) -> None:
+    result = pp.Campaign(stick, pp.Scene(), many, judge=getattr(judges, name)).run(tmp_path, executor=threads)
+    rows = list(result.rows())
+    assert rows[7]["verdict"] == "crashed"
+    assert rows[7]["reason"].startswith(f"the judge failed: {said}")
+    assert [row["verdict"] for row in rows].count("good") == 119
+    assert result.summary == "119 of 120 picks good; failed: 1 at no stage (crashed)"
+
+
+def test_the_result_counts_verdicts_and_stages(stick, many, judges, threads, tmp_path) -> None:
+    seen = []
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.no_to_thirds)
+    result = made.run(tmp_path, executor=threads, chunk=60, progress=lambda *at: seen.append(at))
+    assert seen == [(0, 120), (60, 120), (120, 120)]
+    assert (result.verdicts, result.failed_at) == ({"not found": 40, "good": 80}, {"reach": 40})
+    assert result.summary == "80 of 120 picks good; failed: 40 at reach"
+    assert not result.ok
+    assert pp.CampaignResult.open(tmp_path) == result
+    told = json.loads(json.dumps(result.to_dict()))
+    assert (told["total"], told["ok"], told["failed_at"]) == (120, False, {"reach": 40})
+
+
+def test_no_picks_are_no_yes(stick, judges, tmp_path) -> None:
+    result = pp.Campaign(stick, pp.Scene(), pp.Picks(()), judge=judges.echo).run(tmp_path)
+    assert (result.total, result.ok) == (0, False)
+
+
+def test_a_folder_without_a_result_is_refused(tmp_path) -> None:
+    with pytest.raises(CampaignError, match="no rows"):
+        pp.CampaignResult.open(tmp_path)
+    (tmp_path / "journal.jsonl").touch()
+    with pytest.raises(CampaignError, match="not done yet"):
+        pp.CampaignResult.open(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_one_clear_error(campaign, threads, tmp_path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match=r"file.deep: cannot be made a folder: Not a directory"):
+        campaign.run(tmp_path / "file" / "deep", executor=threads)
+
+
+def test_a_full_disk_is_one_clear_error_and_what_was_done_is_kept(campaign, threads, tmp_path, monkeypatch) -> None:
+    import resource
+
+    campaign.run(tmp_path / "whole", executor=threads)
+    size = len(bytes_of(tmp_path / "whole"))
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (size // 2, before[1]))  # no file may grow beyond that
+        with pytest.raises(FileError, match=r"journal.jsonl: cannot be written: File too large"):
+            campaign.run(tmp_path / "full", executor=threads, chunk=5)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert (tmp_path / "full" / "journal.jsonl").stat().st_size == size // 2  # the last line is torn
+    assert campaign.run(tmp_path / "full", executor=threads).resumed > 0
+    assert bytes_of(tmp_path / "full") == bytes_of(tmp_path / "whole")
+
+
+@pytest.mark.parametrize(
+    ("settings", "said"),
+    [
+        ({"workers": 0}, "workers must be"),
+        ({"chunk": 0}, "chunk must be"),
+        ({"in_flight": 0}, "in_flight must be"),
+        ({"workers": 2, "executor": ThreadPoolExecutor}, "the executor that is given has its own"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(campaign, tmp_path, settings, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        campaign.run(tmp_path, **settings)
+
+
+def test_a_judge_that_cannot_be_sent_is_refused(stick, many, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=lambda setup, index, pick: {})
+    with pytest.raises(InputError, match="importable by name"):
+        made.run(tmp_path)

@@ -1,0 +1,235 @@
+"""Workers that die, of a pick or of something else; campaigns that are killed."""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+import pinproof as pp
+from pinproof.errors import CampaignError
+from pinproof.picks.campaign import worker
+
+PATIENCE = 60.0
+"""Seconds after which a test gives up waiting for another process."""
+
+
+class Fragile(Executor):
+    """One thread that works through what is handed to it; where that ends it, all that was handed to it fails.
+
+    So it breaks as a pool of processes does, but at once, and with several chunks under suspicion.
+    """
+
+    made = 0
+
+    def __init__(self) -> None:
+        type(self).made += 1
+        self._queue: queue.SimpleQueue = queue.SimpleQueue()
+        self._broken = False
+        threading.Thread(target=self._run, daemon=True).start()
+
+    def submit(self, fn, /, *args, **settings) -> Future:
+        if self._broken:
+            raise BrokenExecutor("it broke before")
+        future: Future = Future()
+        self._queue.put((future, fn, args))
+        return future
+
+    def _run(self) -> None:
+        while (job := self._queue.get()) is not None:
+            future, fn, args = job
+            try:
+                future.set_result(fn(*args))
+            except Exception as error:  # noqa: BLE001  # as a pool does
+                future.set_exception(error)
+            except BaseException:  # noqa: BLE001
+                self._broken = True
+                time.sleep(0.02)  # more is handed over meanwhile
+                failed = [future]
+                while not self._queue.empty():
+                    failed.append(self._queue.get()[0])
+                for each in failed:
+                    each.set_exception(BrokenExecutor("a worker died"))
+                return
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        self._queue.put(None)
+
+
+@pytest.fixture(autouse=True)
+def none_made_yet() -> None:
+    Fragile.made = 0
+
+
+def wait_for(what) -> None:
+    end = time.monotonic() + PATIENCE
+    while not what():
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.02)
+
+
+def is_alive(pid: int) -> bool:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def crashed(result: pp.CampaignResult) -> list[int]:
+    rows = list(result.rows())
+    assert [row["index"] for row in rows] == list(range(120))
+    assert all(row["verdict"] == "good" for row in rows if row["verdict"] != "crashed")
+    return [row["index"] for row in rows if row["verdict"] == "crashed"]
+
+
+@pytest.mark.parametrize(("chunk", "in_flight"), [(1, 1), (1, 16), (8, 1), (8, 16), (120, 3), (None, 8)])
+def test_the_picks_at_fault_are_found_and_no_other(stick, many, judges, tmp_path, chunk, in_flight) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
+    result = made.run(tmp_path, executor=Fragile, chunk=chunk, in_flight=in_flight)
+    assert crashed(result) == [7, 100]
+    reasons = {row["reason"] for row in result.rows() if row["verdict"] == "crashed"}
+    assert reasons == {"every process that judged it, alone, has died of it"}
+    assert Fragile.made > 6  # each has killed three when it was alone
+
+
+def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, judges, tmp_path) -> None:
+    class Tired(Fragile):
+        """Breaks after nine chunks, whatever they are."""
+
+        left = 9
+
+        def submit(self, fn, /, *args, **settings):
+            if args[-1] is not None:
+                self.left -= 1
+            return super().submit(_end if self.left < 0 else fn, *args)
+
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    assert crashed(made.run(tmp_path, executor=Tired, chunk=1, in_flight=4)) == []
+    assert Tired.made > 5
+
+
+def _end(*args) -> None:
+    raise KeyboardInterrupt
+
+
+def test_an_executor_that_cannot_be_made_anew_ends_the_run_and_another_goes_on(stick, many, judges, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
+    with pytest.raises(CampaignError, match=r"the executor broke \(BrokenExecutor: .*give a function that makes one"):
+        made.run(tmp_path, executor=Fragile(), chunk=5, in_flight=1)
+    result = made.run(tmp_path, executor=Fragile, chunk=5)
+    assert crashed(result) == [7, 100]
+    assert result.resumed == 5
+
+
+def test_workers_that_never_start_are_told_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
+    class Dead(Fragile):
+        def submit(self, fn, /, *args, **settings):
+            return super().submit(_end)
+
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    with pytest.raises(CampaignError, match=r"no worker starts .* if __name__ == '__main__'"):
+        made.run(tmp_path, executor=Dead)
+    assert Dead.made == 3
+    assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
+
+
+def test_a_task_that_workers_cannot_take_is_told(stick, many, judges, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(worker, "_known", {})
+
+    class Foreign(Fragile):
+        def submit(self, fn, /, key, package, start, part):
+            return super().submit(fn, key, package and package[:50], start, part)
+
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    with pytest.raises(CampaignError, match="the workers cannot take the task"):
+        made.run(tmp_path, executor=Foreign)
+
+
+def test_workers_that_join_are_told_the_task_once(stick, many, judges, tmp_path, monkeypatch) -> None:
+    class Joined(Fragile):
+        """Each chunk without the task meets a worker that does not know it, until every worker was sent the task."""
+
+        def submit(self, fn, /, *args, **settings):
+            packed.append(args[1] is not None)
+            new = 2 <= len(packed) < 12 and not packed[-1]
+            return super().submit(_as_stranger if new else fn, *args)
+
+    packed: list[bool] = []
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    assert crashed(made.run(tmp_path, executor=Joined, chunk=4, in_flight=10)) == []
+    assert sum(packed) == 2  # the first of all, and the first that the stranger returned
+
+
+def _as_stranger(*args):
+    return worker.Answer(known=False, worker="stranger:1")
+
+
+def test_a_process_that_a_pick_kills(stick, many, judges, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_on_7)
+    assert crashed(made.run(tmp_path / "out", workers=2, chunk=2)) == [7]
+    assert len((tmp_path / "flag").read_text()) == 6  # three times with its neighbour, three times alone
+
+
+def test_a_process_that_dies_once_costs_nothing(stick, many, judges, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_once_on_7)
+    assert crashed(made.run(tmp_path / "out", workers=1, chunk=10)) == []
+    assert (tmp_path / "flag").exists()
+
+
+RUN = """
+import sys, campaign_judges, pinproof as pp
+from pinproof.model import load_robot_from_text
+if __name__ == "__main__":
+    arm = load_robot_from_text(sys.argv[2]).arm(tcp="b")
+    many = pp.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
+    pp.Campaign(arm, pp.Scene(), many, judge=campaign_judges.waits_for_flag).run(sys.argv[1], workers=2, chunk=4)
+"""
+
+
+@pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT])
+def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
+    stick, stick_urdf, many, judges, tmp_path, by
+) -> None:
+    folder, program = tmp_path / "out", tmp_path / "program.py"
+    program.write_text(RUN)
+    running = subprocess.Popen([sys.executable, str(program), str(folder), stick_urdf], stderr=subprocess.DEVNULL)
+    try:
+        journal, times = folder / "journal.jsonl", folder / "timings.jsonl"
+        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40)
+        running.send_signal(by)
+        assert running.wait(PATIENCE) != 0
+    finally:
+        running.kill()
+    workers = {int(json.loads(line)["worker"].rpartition(":")[2]) for line in times.read_text().splitlines()}
+    assert workers
+    assert os.getpid() not in workers
+    wait_for(lambda: not any(map(is_alive, workers)))
+    there = journal.read_bytes().count(b"\n") - 1
+    assert 40 <= there < 120
+
+    (tmp_path / "flag").touch()
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.waits_for_flag)
+    with ThreadPoolExecutor(3) as threads:
+        assert made.run(folder, executor=threads).resumed == there
+        made.run(tmp_path / "whole", executor=threads)
+    assert (folder / "rows.jsonl").read_bytes() == (tmp_path / "whole" / "rows.jsonl").read_bytes()
+
+
+def test_a_pool_of_processes_is_made_anew(stick, many, judges, tmp_path) -> None:
+    import multiprocessing
+
+    def pool() -> ProcessPoolExecutor:
+        return ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn"))
+
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_once_on_7)
+    assert crashed(made.run(tmp_path / "out", executor=pool, chunk=4, in_flight=4)) == []
+    assert (tmp_path / "flag").exists()

@@ -71,7 +71,17 @@ _HOME = {
         "Sphere",
         "certify",
     ),
-    "pinproof.planning": ("LinearMove", "PlanResult", "PlanStatus", "RrtConnect", "plan_linear", "shortcut"),
+    "pinproof.planning": (
+        "LinearMove",
+        "PlanResult",
+        "PlanStatus",
+        "RrtConnect",
+        "Simplified",
+        "blend",
+        "plan_linear",
+        "shortcut",
+        "simplify",
+    ),
     "pinproof.viewer": ("ColouredPoints", "show", "write_html"),
     "pinproof.picks": (
         "Campaign",

@@ -2,7 +2,7 @@
 
 from pinproof.collision.audit import Audit, audit
 from pinproof.collision.certificate import Certificate, CertificateStatus, FirstContact, Parting, UndecidedSpan
-from pinproof.collision.certify import certify
+from pinproof.collision.certify import certify, is_proven_free
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.pairs import ExcludedPair
@@ -49,4 +49,5 @@ __all__ = [
     "UndecidedSpan",
     "audit",
     "certify",
+    "is_proven_free",
 ]

@@ -21,7 +21,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["TURNS_BACK", "miss", "round_off", "spacing"]
+__all__ = ["TURNS_BACK", "miss", "round_off", "rounding", "spacing"]
 
 Array = npt.NDArray[np.float64]
 
@@ -43,6 +43,13 @@ def miss(into: Array, out: Array) -> Array:
     """(k,) by how far roundings of reach 1 miss their corners, for unit directions (k, n) into and out of them."""
     result: Array = np.linalg.norm(out - into, axis=-1) * (16.0 - 25.0 * spacing(into, out)) / 32.0
     return result
+
+
+def rounding(at: Array, into: Array, out: Array, reach: float) -> tuple[float, Array]:
+    """The width of its parameter, and the control points (6, n), of the rounding of a corner ``at`` (n,)."""
+    h = reach * float(spacing(into, out))
+    before, behind = reach - h * np.arange(3.0)[:, None], reach - h * np.arange(2.0, -1.0, -1.0)[:, None]
+    return 5.0 * h, np.concatenate([at - before * into, at + behind * out])
 
 
 def round_off(q: Array, reach: Array) -> tuple[Array, Array]:
@@ -75,16 +82,14 @@ def round_off(q: Array, reach: Array) -> tuple[Array, Array]:
             pieces.append(here * (1.0 - share) + there * share)
             widths.append(rest[i])
         if reach[i + 1]:
-            d, away = reach[i + 1], way[i + 1]
+            away = way[i + 1]
             if np.linalg.norm(towards + away) < TURNS_BACK:
                 raise InputError(f"the path turns back on itself at waypoint {i + 1}; it cannot be rounded there")
-            h = d * float(spacing(towards, away))
-            before, behind = d - h * np.arange(3.0)[:, None], d - h * np.arange(2.0, -1.0, -1.0)[:, None]
-            rounding = np.concatenate([q[i + 1] - before * towards, q[i + 1] + behind * away])
-            rounding[0] = pieces[-1][-1] if pieces else q[0]  # bit for bit
-            pieces.append(rounding)
-            widths.append(5.0 * h)
-            there = rounding[-1]
+            width, piece = rounding(q[i + 1], towards, away, reach[i + 1])
+            piece[0] = pieces[-1][-1] if pieces else q[0]  # bit for bit
+            pieces.append(piece)
+            widths.append(width)
+            there = piece[-1]
         here = there
     pieces[-1][-1] = q[-1]
     return np.concatenate([[0.0], np.cumsum(widths)]), np.array(pieces)

@@ -1,10 +1,12 @@
 """Planning: RRT-Connect, shortcuts and straight lines; every answer carries its certificate."""
 
+from pinproof.planning.blend import blend
 from pinproof.planning.linear import plan_linear
 from pinproof.planning.linear_move import LinearMove, LinearStatus
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.shortcut import shortcut
+from pinproof.planning.simplify import Simplified, simplify
 
 __all__ = [
     "LinearMove",
@@ -12,6 +14,9 @@ __all__ = [
     "PlanResult",
     "PlanStatus",
     "RrtConnect",
+    "Simplified",
+    "blend",
     "plan_linear",
     "shortcut",
+    "simplify",
 ]

@@ -1,0 +1,101 @@
+"""Simplified paths: shorter, rounder, with the certificate of exactly the curve that comes out."""
+
+from __future__ import annotations
+
+import importlib
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+
+from .arms import assert_free
+
+
+@pytest.fixture
+def checker(gantry: pp.Arm, slotted: pp.Scene) -> pp.CollisionChecker:
+    return pp.CollisionChecker(gantry, slotted, margin=0.005)
+
+
+@pytest.fixture
+def detour(checker: pp.CollisionChecker) -> pp.JointPath:
+    """Round by the slot, with corners to spare."""
+    q = [(-0.8, -0.8), (-0.8, 0.0), (-0.4, 0.2), (-0.8, 0.6), (0.8, 0.6), (0.4, 0.2), (0.8, 0.0), (0.8, -0.8)]
+    return pp.JointPath(q, checker.arm.joint_names)
+
+
+@pytest.mark.parametrize("blend", [True, False])
+def test_shorter_and_proven_with_figures_before_and_after(
+    checker: pp.CollisionChecker, detour: pp.JointPath, blend: bool
+) -> None:
+    found = pp.simplify(detour, checker, blend=blend).or_raise()
+    assert isinstance(found.path, pp.BlendedPath if blend else pp.JointPath)
+    assert found.certificate.matches(found.path, checker.arm, checker.scene)
+    assert found.before.matches(detour, checker.arm, checker.scene)
+    assert found.length_before == detour.length
+    assert found.length_after == found.path.length < 0.9 * detour.length
+    assert found.clearance_after >= checker.margin
+    assert found.clearance_before <= found.observed_before
+    assert found.clearance_after <= found.observed_after
+    assert np.array_equal(found.path.start, detour.start)
+    assert np.array_equal(found.path.end, detour.end)
+    assert f"{found.length_after:.3g}" in found.message
+    assert_free(found.path, checker)
+
+
+def test_rounded_is_shorter_than_not(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
+    rounded, straight = (pp.simplify(detour, checker, blend=blend) for blend in (True, False))
+    assert rounded.length_after < straight.length_after
+    assert rounded.path.corners == ()
+
+
+def test_same_rng_same_curve(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
+    curves = [pp.simplify(detour, checker, rng=seed).path.control.tobytes() for seed in (3, 3, 4)]
+    assert curves[0] == curves[1] != curves[2]
+
+
+def test_the_planner_s_certificate_is_taken_if_it_is_for_this_path(
+    checker: pp.CollisionChecker, detour: pp.JointPath
+) -> None:
+    proof = pp.certify(detour, checker)
+    assert pp.simplify(detour, checker, certificate=proof).before is proof
+    other = pp.certify(detour.reversed(), checker)
+    assert pp.simplify(detour, checker, certificate=other).before is not other
+    wider = pp.certify(detour, checker.with_margin(0.01))
+    assert pp.simplify(detour, checker, certificate=wider).before is not wider
+
+
+def test_a_curve_that_fails_its_last_proof_is_given_up_for_the_one_before(
+    checker: pp.CollisionChecker, detour: pp.JointPath, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home = importlib.import_module("pinproof.planning.simplify")
+    through_the_wall = pp.BlendedPath.join(pp.JointPath(detour.q[[0, -1]], detour.joint_names))
+    monkeypatch.setattr(home, "round_corners", lambda *args, **settings: through_the_wall)
+    found = pp.simplify(detour, checker).or_raise()
+    assert isinstance(found.path, pp.JointPath)
+    assert "given up" in found.message
+    monkeypatch.setattr(home, "shortcut", lambda *args, **settings: pp.JointPath(detour.q[[0, -1]], detour.joint_names))
+    found = pp.simplify(detour, checker).or_raise()
+    assert found.path is detour
+    assert found.certificate.matches(detour, checker.arm, checker.scene)
+
+
+def test_a_path_that_is_not_free_is_no_yes(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
+    through = pp.JointPath(detour.q[[0, -1]], detour.joint_names)
+    found = pp.simplify(through, checker)
+    assert not found.ok
+    assert not found.before.free
+    with pytest.raises(pp.NotProvenFree):
+        found.or_raise()
+
+
+def test_a_panda_s_plan(panda: pp.Arm) -> None:
+    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose((0.5, 0.0, 0.5)))
+    checker = pp.CollisionChecker(panda, pp.Scene([post]), margin=0.002)
+    start, goal = panda.home.copy(), panda.home.copy()
+    start[0], goal[0] = -0.8, 0.8
+    plan = pp.RrtConnect(time_limit=600.0).plan(checker, start, goal, rng=1).or_raise()
+    found = pp.simplify(plan.path, checker, certificate=plan.certificate).or_raise()
+    assert found.before is plan.certificate
+    assert found.length_after <= found.length_before
+    assert_free(found.path, checker)

@@ -136,3 +136,13 @@ def test_bodies_are_placed_where_pinocchio_places_them(name):
             size = 1 + np.abs(placed.oMg[i].translation).max()
             np.testing.assert_allclose(at[i, :9].reshape(3, 3), placed.oMg[i].rotation, atol=1e-9)
             np.testing.assert_allclose(at[i, 9:12], placed.oMg[i].translation, atol=1e-9 * size, err_msg=body.name)
+
+
+def test_no_answer_depends_on_what_was_asked_before(ur5):
+    """Pairs that touched lately are asked first; whether there is a contact must not change with that."""
+    checker, many = CollisionChecker(ur5, Scene([BALL, TABLE])), random_q(ur5, 300)
+    fresh = [CollisionChecker.is_free(checker.with_margin(0.0), q) for q in many]
+    assert 20 < sum(fresh) < 280
+    for order in (np.arange(300), np.random.default_rng(1).permutation(300)):
+        assert [checker.is_free(q) for q in many[order]] == [fresh[i] for i in order]
+        assert checker.is_free_batch(many[order]).tolist() == [fresh[i] for i in order]

@@ -37,7 +37,7 @@ class Bounds:
         self.piece, self.q = np.array([q - delta, q + delta]) if piece is None else piece, q
         place(self.world, q, self.axes, self.at)
         swings(self.world.joints, np.abs(self.piece - q).max(axis=0), self.extra, self.turns)
-        speeds(self.world, self.at, self.axes, self.rho)
+        speeds(self.world.joints, self.world.bodies, self.at, self.axes, self.rho)
         self.path = np.empty(m, dtype=np.int64)
 
     def _way(self, k):
@@ -53,7 +53,7 @@ class Bounds:
         a, b, count, up = self._way(k)
         split = self.roughly(k)[3] if split is None else split
         return closely(
-            self.world, self.at, self.axes, self.rho, self.turns, self.extra,
+            self.world.joints, self.world.bodies, self.at, self.axes, self.rho, self.turns, self.extra,
             self.path, count, up, split, a, b, u, self.piece, self.q,
         )  # fmt: skip
 

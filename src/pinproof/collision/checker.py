@@ -19,7 +19,7 @@ from pinproof.collision.finer import Levels, finer_levels
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
 from pinproof.collision.margins import Margins, checked_margin
 from pinproof.collision.pairs import choose_pairs, unexplained_pairs
-from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, Placed
+from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, NOT_FINITE, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -33,6 +33,8 @@ Indices = npt.NDArray[np.int64]
 ROUNDING = 1e-9
 """Metres by which floating point may be off in placements and supports, for each metre the scene is wide (seen: 3e-9 m
 at 100 m), with room. It is taken off every distance before anything is called free."""
+
+DOUBLE = np.dtype(np.float64)
 
 CHUNK = 64
 """Configurations that a thread takes at a time."""
@@ -122,19 +124,21 @@ class CollisionChecker:
 
     def is_free(self, q: npt.ArrayLike) -> bool:
         """Whether every checked pair is proven farther apart than its margin at q (n,). Limits are not looked at."""
-        if type(q) is np.ndarray and q.dtype == np.float64 and q.shape == self._shape:
+        if type(q) is np.ndarray and q.dtype is DOUBLE and q.shape == self._shape:
             return self.is_free_unchecked(q)
         return self.is_free_unchecked(self.arm.configuration(q))
 
     def is_free_unchecked(self, q: Array) -> bool:
         """:meth:`is_free` for loops that made q (n,) themselves."""
         space = self.workspace
-        contacts, left = space.judge(q)
-        if contacts < 0:
+        left = space.judge(q)
+        if left == 0:
+            return not (self._still or self.still).touching
+        if left == NOT_FINITE:
             self.arm.configuration(q)  # says what is wrong with it
-        if contacts or self.still.touching:
+        if left < 0:
             return False
-        return not left or not any(space.touches(k) for k in space.left_to_coal(left))
+        return not self.still.touching and not any(space.touches(k) for k in space.left_to_coal(left))
 
     def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
         """(N,) :meth:`is_free` at each row of Q (N, n); the same for any number of ``threads``."""
@@ -351,10 +355,11 @@ class CollisionChecker:
     @property
     def workspace(self) -> Placed:
         """The workspace of this thread."""
-        space: Placed | None = getattr(self._threads, "space", None)
-        if space is None:
+        try:
+            return self._threads.space
+        except AttributeError:
             space = self._threads.space = Placed(self, self.numbers, self.indices)
-        return space
+            return space
 
     def _batch(self, Q: npt.ArrayLike, question: int, threads: int) -> tuple[Array, Array]:
         """Q (N, n) checked, and the answers (N, 5) of :func:`pinproof.kernels.near.near`."""

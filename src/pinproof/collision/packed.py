@@ -56,8 +56,9 @@ def pack_world(
         at[body, :12] = rows[body, w.PLACE : w.PLACE + 12]
         at[body, w.MIDDLE :] = at[body, :9].reshape(3, 3) @ rows[body, w.CENTRE : w.CENTRE + 3] + at[body, 9:12]
     tree = _tree(rows, at, robot)
+    around = np.flatnonzero((outer >= 0).any(axis=1))[::-1]
     world = w.World(
-        joints, rows, vertices, table, np.array(own, dtype=np.int64), outer, tree, np.array([0.0, rounding])
+        joints, rows, vertices, table, np.array(own, dtype=np.int64), around, outer, tree, np.array([0.0, rounding])
     )
     _begin(world, at, parted_once, arm.dof)
     return world, at, np.array(still, dtype=np.int64)

@@ -16,13 +16,16 @@ from pinproof.collision.by_coal import ByCoal, Distance
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
 
-__all__ = ["EVERY", "FIRST_ONLY", "NEAREST", "Near", "Placed"]
+__all__ = ["CONTACT", "EVERY", "FIRST_ONLY", "NEAREST", "NOT_FINITE", "Near", "Placed"]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 FIRST_ONLY, EVERY, NEAREST = 0, 1, 2
 """What :mod:`pinproof.kernels.near` can be asked, which is only imported where it is called."""
+
+CONTACT, NOT_FINITE = -1, -2
+"""What its answer may be besides a number of pairs that are left to coal."""
 
 
 class Near(NamedTuple):
@@ -49,20 +52,19 @@ class Placed:
     def __init__(self, checker: CollisionChecker, numbers: Array, indices: Indices) -> None:
         from pinproof.kernels import near
 
-        self._kernels = near
+        self._kernels, self._touching = near, near.touching
         self._checker, self._numbers, self._indices = checker, numbers, indices
         self.at = checker.at.copy()
         self._q = np.zeros(checker.arm.dof)
-        self._pairs = np.empty((2, max(len(checker.pairs), 1)), dtype=np.int64)
+        self._pairs = np.full((3, max(len(checker.pairs), near.LIKELY)), -1)
         self._moves = 0
         self._coal: ByCoal | None = None
 
-    def judge(self, q: Array) -> tuple[int, int]:
-        """Place every body at q (n,): is there a contact (1, 0, or -1 if q is not finite), and what is left to coal."""
+    def judge(self, q: Array) -> int:
+        """Place every body at q (n,), and say what :func:`pinproof.kernels.near.touching` does."""
         self._q[:] = q
         self._moves += 1
-        answer = self._kernels.near(self._numbers, self._indices, self.at, self._q, FIRST_ONLY, self._pairs)
-        return answer[0], answer[1]
+        return self._touching(self._numbers, self._indices, self.at, self._q, self._pairs)
 
     def left_to_coal(self, count: int) -> list[int]:
         """The pairs that the last question left to coal."""

@@ -67,11 +67,11 @@ def swings(joints: Any, delta: Any, extra: Any, turns: Any) -> None:
 
 
 @compiled
-def speeds(world: Any, at: Any, axes: Any, rho: Any) -> None:
+def speeds(joints: Any, bodies: Any, at: Any, axes: Any, rho: Any) -> None:
     """The largest speed of a point of each body of the robot per rate of each joint, into ``rho`` (R, m)."""
     for body in range(rho.shape[0]):
         for k in range(rho.shape[1]):
-            rho[body, k] = speed(world.joints, world.bodies, at, axes, body, k)
+            rho[body, k] = speed(joints, bodies, at, axes, body, k)
 
 
 @compiled
@@ -133,7 +133,8 @@ def roughly(rho: Any, turns: Any, path: Any, count: int, a: int, b: int) -> Any:
 
 @compiled
 def closely(
-    world: Any,
+    joints: Any,
+    bodies: Any,
     at: Any,
     axes: Any,
     rho: Any,
@@ -154,7 +155,7 @@ def closely(
     On a single piece (degree + 1, n) of the curve about its ``middle`` (n,). The growth holds for up to :data:`MORE`
     more.
     """
-    joints, last = world.joints, piece.shape[0] - 1
+    last = piece.shape[0] - 1
     first = 0.0
     for r in range(last + 1 if last > 1 else 1):  # a straight piece is the same on both sides of its middle
         along = 0.0
@@ -183,9 +184,9 @@ def closely(
                 bx, by, bz = bx + angle * gx, by + angle * gy, bz + angle * gz
         towards = abs(along) if last <= 1 else -along
         if split > 0:
-            towards += _extent(world.bodies, at, a, ax, ay, az)
+            towards += _extent(bodies, at, a, ax, ay, az)
         if split < count:
-            towards += _extent(world.bodies, at, b, bx, by, bz)
+            towards += _extent(bodies, at, b, bx, by, bz)
         first = max(first, towards)
     near, growth = first, 0.0
     for side in range(2):
@@ -195,8 +196,8 @@ def closely(
         while (i >= 0) if side == 0 else (i < count):
             k = path[i]
             chord, share = turns[k, CHORD], turns[k, SHARE]
-            rate = rho[body, k] if body < rho.shape[0] else speed(joints, world.bodies, at, axes, body, k)
-            outward = _along(joints, world.bodies, at, axes, body, k, u)
+            rate = rho[body, k] if body < rho.shape[0] else speed(joints, bodies, at, axes, body, k)
+            outward = _along(joints, bodies, at, axes, body, k, u)
             near += outward * share * extra[int(joints[k, LEADER])] + rate * (turns[k, BEND] + turned * chord)
             growth += outward * share + rate * (shares * (chord + MORE * share) + (turned + MORE * shares) * share)
             if joints[k, SLIDES] == 0.0:

@@ -32,18 +32,22 @@ from pinproof.kernels.world import (
 )
 
 __all__ = [
+    "CONTACT",
     "EVERY",
     "FIRST_ONLY",
+    "LIKELY",
     "NEAREST",
+    "NOT_FINITE",
     "PRECISION",
     "TALLY",
     "apart",
     "ball_to_node",
-    "judge",
+    "look_around",
     "measure",
     "near",
     "near_many",
     "place_bodies",
+    "touching",
 ]
 
 FIRST_ONLY, EVERY, NEAREST = 0, 1, 2
@@ -57,28 +61,99 @@ CONTACTS, LEFT, LOWER, UPPER, PAIR = 0, 1, 2, 3, 4
 TALLY = 5
 
 
+LIKELY = 8
+"""Pairs that were in contact lately are asked first, this many: at other configurations they often touch again. Whether
+there is a contact does not depend on the order."""
+
+CONTACT, NOT_FINITE = -1, -2
+"""What :func:`touching` says besides how many pairs are left to coal."""
+
+
+@compiled
+def touching(numbers: Any, indices: Any, at: Any, q: Any, pairs: Any) -> int:
+    """How many pairs only coal can judge at q (n,), CONTACT where another is in contact, NOT_FINITE where q is not.
+
+    ``pairs`` (3, max(P, LIKELY)) are those in contact, those left to coal and those that are likely to touch, which are
+    kept from one question to the next; see :func:`near`.
+    """
+    world = world_of(numbers, indices)
+    if not place(world, q, np.empty((world.joints.shape[0], 12)), at):
+        return NOT_FINITE
+    tally, rel, direction, simplex = np.zeros(TALLY), np.empty(12), np.empty(3), np.empty(SIMPLEX)
+    if look_around(
+        world.bodies, world.vertices, world.pairs, world.own, world.around, world.outer, world.tree, world.widest,
+        at, FIRST_ONLY, pairs[0], pairs[1], pairs[2, :LIKELY], tally, rel, direction, simplex,
+    ):  # fmt: skip
+        return CONTACT
+    return int(tally[LEFT])
+
+
 @compiled
 def near(numbers: Any, indices: Any, at: Any, q: Any, question: int, pairs: Any) -> Any:
     """``(contacts, left to coal, lower, upper, nearest)`` at q (n,); -1 contacts where q is not finite.
 
     A pair is in contact unless it is proven farther apart than its margin; for ``NEAREST``, than 0. The pairs in
-    contact go to ``pairs[0]``, those left to coal to ``pairs[1]``, each (P,). ``lower`` and ``upper`` bound the least
-    distance (m) over all pairs but these, ``nearest`` is the pair of ``upper``; only ``NEAREST`` looks for them.
-    ``numbers`` and ``indices`` are a flattened :class:`~pinproof.kernels.world.World`, ``at`` the placements that
-    :func:`place` writes.
+    contact go to ``pairs[0]``, those left to coal to ``pairs[1]``. ``lower`` and ``upper`` bound the least distance (m)
+    over all pairs but these, ``nearest`` is the pair of ``upper``; only ``NEAREST`` looks for them. ``numbers`` and
+    ``indices`` are a flattened :class:`~pinproof.kernels.world.World`, ``at`` the placements that :func:`place` writes.
     """
     world = world_of(numbers, indices)
     if not place(world, q, np.empty((world.joints.shape[0], 12)), at):
         return -1, 0, 0.0, 0.0, -1
-    found, asked = pairs[0], pairs[1]
     tally, rel, direction, simplex = np.zeros(TALLY), np.empty(12), np.empty(3), np.empty(SIMPLEX)
     tally[LOWER], tally[UPPER], tally[PAIR] = np.inf, np.inf, -1.0
-    bodies, tree, robot = world.bodies, world.tree, world.outer.shape[0]
-    for i in range(robot):
-        body = robot - 1 - i  # from the hand inwards: it is the likeliest to touch
-        row = 0
+    look_around(
+        world.bodies, world.vertices, world.pairs, world.own, world.around, world.outer, world.tree, world.widest,
+        at, question, pairs[0], pairs[1], pairs[2, :LIKELY], tally, rel, direction, simplex,
+    )  # fmt: skip
+    return int(tally[CONTACTS]), int(tally[LEFT]), tally[LOWER], tally[UPPER], int(tally[PAIR])
+
+
+@compiled
+def look_around(
+    bodies: Any,
+    vertices: Any,
+    table: Any,
+    own: Any,
+    around: Any,
+    outer: Any,
+    tree: Any,
+    widest: Any,
+    at: Any,
+    question: int,
+    found: Any,
+    asked: Any,
+    likely: Any,
+    tally: Any,
+    rel: Any,
+    direction: Any,
+    simplex: Any,
+) -> bool:
+    """Judge all pairs where the bodies stand; whether there is a contact, where the ``FIRST_ONLY`` was asked for.
+
+    The arrays of the world come one by one: handing it over whole costs more than a distance does. ``likely`` are pairs
+    to begin with, -1 where there is none; the one in contact is noted there. ``tally`` comes with zero contacts and
+    zero pairs left to coal.
+    """
+    rounding, robot = widest[1], outer.shape[0]
+    if question == FIRST_ONLY:
+        for i in range(likely.shape[0]):
+            k = likely[i]
+            if k < 0:
+                continue
+            limit = table[k, MARGIN] + rounding
+            if apart(bodies, at, int(table[k, A]), int(table[k, B]), limit) > limit:
+                continue
+            if _judge(bodies, vertices, table, rounding, at, k, question, found, asked, tally, rel, direction, simplex):
+                if i > 0:  # the more often, the earlier
+                    likely[i], likely[i - 1] = likely[i - 1], k
+                return True
+    limit = widest[0] + rounding
+    for i in range(around.shape[0]):
+        body, row = around[i], 0
         while row < tree.shape[0]:
-            limit = world.widest[0] + world.widest[1] if question != NEAREST else tally[UPPER]
+            if question == NEAREST:
+                limit = tally[UPPER]
             if ball_to_node(at, body, bodies[body, BALL], tree, row) > limit:
                 row = int(tree[row, SKIP])
                 continue
@@ -86,21 +161,29 @@ def near(numbers: Any, indices: Any, at: Any, q: Any, question: int, pairs: Any)
             row += 1
             if leaf < 0 or apart(bodies, at, body, leaf, limit) > limit:
                 continue
-            k = world.outer[body, leaf - robot]
-            if k >= 0 and judge(world, at, k, question, found, asked, tally, rel, direction, simplex):
-                return 1, 0, 0.0, 0.0, -1
-    for k in world.own:
-        limit = world.pairs[k, MARGIN] + world.widest[1] if question != NEAREST else tally[UPPER]
-        if apart(bodies, at, int(world.pairs[k, A]), int(world.pairs[k, B]), limit) > limit:
+            k = outer[body, leaf - robot]
+            if k >= 0 and _judge(
+                bodies, vertices, table, rounding, at, k, question, found, asked, tally, rel, direction, simplex
+            ):
+                likely[likely.shape[0] - 1] = k
+                return True
+    for i in range(own.shape[0]):
+        k = own[i]
+        limit = table[k, MARGIN] + rounding if question != NEAREST else tally[UPPER]
+        if apart(bodies, at, int(table[k, A]), int(table[k, B]), limit) > limit:
             continue
-        if judge(world, at, k, question, found, asked, tally, rel, direction, simplex):
-            return 1, 0, 0.0, 0.0, -1
-    return int(tally[CONTACTS]), int(tally[LEFT]), tally[LOWER], tally[UPPER], int(tally[PAIR])
+        if _judge(bodies, vertices, table, rounding, at, k, question, found, asked, tally, rel, direction, simplex):
+            likely[likely.shape[0] - 1] = k
+            return True
+    return False
 
 
 @compiled
-def judge(
-    world: Any,
+def _judge(
+    bodies: Any,
+    vertices: Any,
+    table: Any,
+    rounding: float,
     at: Any,
     k: int,
     question: int,
@@ -112,17 +195,17 @@ def judge(
     simplex: Any,
 ) -> bool:
     """Judge pair k, which balls and boxes did not settle; whether the question is answered."""
-    a, b, margin = int(world.pairs[k, A]), int(world.pairs[k, B]), world.pairs[k, MARGIN]
-    limit = margin + world.widest[1] if question != NEAREST else tally[UPPER]
-    if world.bodies[a, CONVEX] == 0.0 or world.bodies[b, CONVEX] == 0.0:
+    a, b, margin = int(table[k, A]), int(table[k, B]), table[k, MARGIN]
+    limit = margin + rounding if question != NEAREST else tally[UPPER]
+    if bodies[a, CONVEX] == 0.0 or bodies[b, CONVEX] == 0.0:
         asked[int(tally[LEFT])] = k
         tally[LEFT] += 1
         return False
     relative(at, a, b, rel)
     for c in range(3):
-        direction[c] = world.pairs[k, BEGIN + c]
+        direction[c] = table[k, BEGIN + c]
     below = margin if question != NEAREST else -1.0
-    lower, upper = between(world.bodies, world.vertices, a, b, rel, direction, simplex, limit, below, PRECISION)
+    lower, upper = between(bodies, vertices, a, b, rel, direction, simplex, limit, below, PRECISION)
     if lower > limit:
         return False
     if question == NEAREST:

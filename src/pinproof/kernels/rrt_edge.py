@@ -15,19 +15,13 @@ import numpy as np
 from pinproof.kernels.approach import speed
 from pinproof.kernels.compiled import compiled
 from pinproof.kernels.gjk import SIMPLEX
-from pinproof.kernels.near import CONTACTS, FIRST_ONLY, LEFT, TALLY, apart, ball_to_node, judge
+from pinproof.kernels.near import CONTACTS, FIRST_ONLY, LEFT, TALLY, look_around
 from pinproof.kernels.placing import place
 from pinproof.kernels.world import (
-    BALL,
     JOINT,
     LEADER,
-    LEAF,
-    MARGIN,
     MULTIPLIER,
     PARENT,
-    SKIP,
-    A,
-    B,
     world_of,
 )
 
@@ -122,41 +116,17 @@ def look_along(world: Any, a: Any, b: Any, resolution: float, room: Any) -> int:
 @compiled
 def _look(world: Any, room: Any) -> bool:
     """Whether the sample ``room.q`` is in contact; if only coal can tell, it is put down among the asked."""
-    at, pairs, tally, counts = room.at, room.pairs, room.tally, room.counts
-    rel, direction, simplex = room.rel, room.direction, room.simplex
-    found, left = pairs[0], pairs[1]
+    tally, counts = room.tally, room.counts
     counts[LOOKS] += 1
-    if not place(world, room.q, room.axes, at):
+    if not place(world, room.q, room.axes, room.at):
         return True
     tally[CONTACTS] = tally[LEFT] = 0.0
-    k = counts[CULPRIT]
-    if k >= 0 and judge(world, at, k, FIRST_ONLY, found, left, tally, rel, direction, simplex):
+    if look_around(
+        world.bodies, world.vertices, world.pairs, world.own, world.around, world.outer, world.tree, world.widest,
+        room.at, FIRST_ONLY, room.pairs[0], room.pairs[1], counts[CULPRIT:], tally,
+        room.rel, room.direction, room.simplex,
+    ):  # fmt: skip
         return True
-    bodies, tree, outer, table, rounding = world.bodies, world.tree, world.outer, world.pairs, world.widest[1]
-    robot, level = outer.shape[0], world.widest[0] + rounding
-    tally[LEFT] = 0.0
-    for i in range(robot):
-        body = robot - 1 - i  # from the hand inwards: it is the likeliest to touch
-        row, ball = 0, bodies[body, BALL]
-        while row < tree.shape[0]:
-            if ball_to_node(at, body, ball, tree, row) > level:
-                row = int(tree[row, SKIP])
-                continue
-            leaf = int(tree[row, LEAF])
-            row += 1
-            if leaf < 0 or apart(bodies, at, body, leaf, level) > level:
-                continue
-            k = outer[body, leaf - robot]
-            if k >= 0 and judge(world, at, k, FIRST_ONLY, found, left, tally, rel, direction, simplex):
-                counts[CULPRIT] = k
-                return True
-    for k in world.own:
-        limit = table[k, MARGIN] + rounding
-        if apart(bodies, at, int(table[k, A]), int(table[k, B]), limit) > limit:
-            continue
-        if judge(world, at, k, FIRST_ONLY, found, left, tally, rel, direction, simplex):
-            counts[CULPRIT] = k
-            return True
     if tally[LEFT] > 0.0:
         asked, row = room.asked, counts[ASKED]
         for j in range(room.q.shape[0]):

@@ -107,8 +107,10 @@ def sweep(
         (L, 7) rows of :data:`LOG_COLUMNS`; with L = 0 nothing is written down.
     """
     world = world_of(numbers, indices)
-    joints, bodies, pairs, rounding = world.joints, world.bodies, world.pairs, world.widest[1]
-    m, robot, n, last = joints.shape[0], world.outer.shape[0], extra.shape[0], control.shape[1] - 1
+    joints, bodies, vertices, pairs = world.joints, world.bodies, world.vertices, world.pairs
+    own, around, outer, tree = world.own, world.around, world.outer, world.tree
+    widest, rounding = world.widest[0], world.widest[1]
+    m, robot, n, last = joints.shape[0], outer.shape[0], extra.shape[0], control.shape[1] - 1
     turns, rho, path = np.empty((m, TURN_COLUMNS)), np.empty((robot, m)), np.empty(m, np.int64)
     axes, u = np.empty((m, 12)), np.empty(3)
     rel, simplex = np.empty(12), np.empty(SIMPLEX)
@@ -132,32 +134,32 @@ def sweep(
             _widen(piece, middle, delta)
         place(world, middle, axes, at)
         swings(joints, delta, extra, turns)
-        speeds(world, at, axes, rho)
+        speeds(joints, bodies, at, axes, rho)
         proven, joint_tube, obstacle_tube = state[PROVEN], state[JOINT_TUBE], state[OBSTACLE_TUBE]
         if length == EVERYTHING:
             if lists.shape[0] < begin + pairs.shape[0]:
                 return GROW
-            length = world.own.shape[0]
+            length = own.shape[0]
             for i in range(length):
-                lists[begin + i] = world.own[i]
-            level = world.widest[0]
+                lists[begin + i] = own[i]
+            level = widest
             if math.isfinite(state[SPARE]):
                 level += settings[GOAL_SHARE] * max(state[SPARE], 0.0)
-            for body in range(robot):
+            for body in around:
                 count, _ = way(joints, int(bodies[body, JOINT]), -1, path)
                 near, growth, _, _ = roughly(rho, turns, path, count, body, robot)
                 row, left_out = 0, False
-                while row < world.tree.shape[0]:
-                    if ball_to_node(at, body, bodies[body, BALL], world.tree, row) - near - rounding > level:
-                        row, left_out = int(world.tree[row, SKIP]), True
+                while row < tree.shape[0]:
+                    if ball_to_node(at, body, bodies[body, BALL], tree, row) - near - rounding > level:
+                        row, left_out = int(tree[row, SKIP]), True
                         continue
-                    leaf = int(world.tree[row, LEAF])
+                    leaf = int(tree[row, LEAF])
                     row += 1
-                    if leaf >= 0 and world.outer[body, leaf - robot] >= 0:
-                        lists[begin + length] = world.outer[body, leaf - robot]
+                    if leaf >= 0 and outer[body, leaf - robot] >= 0:
+                        lists[begin + length] = outer[body, leaf - robot]
                         length += 1
                 if left_out:
-                    room = level - world.widest[0]
+                    room = level - widest
                     proven, obstacle_tube = min(proven, level - settings[OBSTACLES]), min(obstacle_tube, room)
                     joint_tube = min(joint_tube, room / growth if growth > 0.0 else np.inf)
         here = begin + length
@@ -196,7 +198,7 @@ def sweep(
                     relative(at, a, b, rel)
                     lower, distance = between(
                         bodies,
-                        world.vertices,
+                        vertices,
                         a,
                         b,
                         rel,
@@ -213,7 +215,7 @@ def sweep(
                             x, y, z = at[a, 3 * i], at[a, 3 * i + 1], at[a, 3 * i + 2]
                             u[i] = x * directions[k, 0] + y * directions[k, 1] + z * directions[k, 2]
                         tighter, steeper = closely(
-                            world, at, axes, rho, turns, extra, path, count, up, split, a, b, u, piece, middle
+                            joints, bodies, at, axes, rho, turns, extra, path, count, up, split, a, b, u, piece, middle
                         )
                         if tighter < near:
                             near, growth, most = tighter, steeper, MORE

@@ -65,7 +65,7 @@ PLACEMENT_COLUMNS = 15
 class World(NamedTuple):
     """The arrays; shared by threads, so nothing may be written to them.
 
-    Handing eight arrays over to a kernel takes longer than a whole check may, so they go as two (:func:`flatten`), and
+    Handing nine arrays over to a kernel takes longer than a whole check may, so they go as two (:func:`flatten`), and
     are taken apart again inside (:func:`world_of`).
     """
 
@@ -79,6 +79,8 @@ class World(NamedTuple):
     """(P, 4)"""
     own: Indices
     """The pairs among bodies of the robot between which a joint moves."""
+    around: Indices
+    """The bodies of the robot that are checked against obstacles, from the hand inwards: that is likeliest to touch."""
     outer: Indices
     """(R, O) the pair of a robot's body and an obstacle, -1 where it is not checked or no joint moves it."""
     tree: Array
@@ -88,13 +90,13 @@ class World(NamedTuple):
 
 
 def flatten(world: World) -> tuple[Array, Indices]:
-    """All numbers and all indices, one behind the other; the indices begin with the sizes m, B, V, P, K, R, O, N."""
+    """All numbers and all indices, one behind the other; the indices begin with the sizes m, B, V, P, K, R, O, N, A."""
     sizes = [*map(len, (world.joints, world.bodies)), world.vertices.shape[1], *map(len, (world.pairs, world.own))]
-    sizes += [*world.outer.shape, len(world.tree)]
+    sizes += [*world.outer.shape, len(world.tree), len(world.around)]
     numbers = (world.widest, world.joints, world.bodies, world.vertices, world.pairs, world.tree)
     return (
         np.concatenate([part.ravel() for part in numbers]),
-        np.concatenate([np.array(sizes, dtype=np.int64), world.own, world.outer.ravel()]),
+        np.concatenate([np.array(sizes, dtype=np.int64), world.own, world.around, world.outer.ravel()]),
     )
 
 
@@ -102,7 +104,9 @@ def flatten(world: World) -> tuple[Array, Indices]:
 def world_of(numbers: Any, indices: Any) -> Any:
     """The :class:`World` that was flattened."""
     m, bodies, points, pairs = indices[0], indices[1], indices[2], indices[3]
-    own, robot, obstacles, nodes = indices[4], indices[5], indices[6], indices[7]
+    own, robot, obstacles, nodes, around = indices[4], indices[5], indices[6], indices[7], indices[8]
+    f = 9 + own
+    g = f + around
     a = 2
     b = a + m * JOINT_COLUMNS
     c = b + bodies * BODY_COLUMNS
@@ -113,8 +117,9 @@ def world_of(numbers: Any, indices: Any) -> Any:
         numbers[b:c].reshape((bodies, BODY_COLUMNS)),
         numbers[c:d].reshape((4, points)),
         numbers[d:e].reshape((pairs, PAIR_COLUMNS)),
-        indices[8 : 8 + own],
-        indices[8 + own :].reshape((robot, obstacles)),
+        indices[9:f],
+        indices[f:g],
+        indices[g:].reshape((robot, obstacles)),
         numbers[e:].reshape((nodes, TREE_COLUMNS)),
         numbers[:2],
     )

@@ -6,6 +6,7 @@ The rules read the source with ``ast``; each is also shown to catch a small tree
 from __future__ import annotations
 
 import ast
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 PACKAGE = Path(__file__).parents[1] / "src" / "pinproof"
 
 ROOMS = (
+    "verifier",
     "errors",
     "spatial",
     "kernels",
@@ -35,6 +37,7 @@ BEHIND_THE_MODEL = {"pinocchio", "coal", "hppfcl"}
 MAY_TOUCH_THEM = {"spatial", "model", "collision", "viewer"}
 HEAVY = {"matplotlib", "meshcat", "numba", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
 HEAVY_ALLOWED = {"cli": {"typer"}, "kernels": {"numba"}}
+VERIFIER_NEEDS = {"numpy", *sys.stdlib_module_names}
 
 
 @dataclass(frozen=True)
@@ -117,6 +120,16 @@ def pinocchio_stays_behind_the_model(package: Path) -> list[str]:
     ]
 
 
+def the_verifier_stands_alone(package: Path) -> list[str]:
+    """It re-checks what the rest of the house proves, so it may share no code with it, and runs where only NumPy is."""
+    own = "pinproof.verifier"
+    return [
+        str(each)
+        for each in imports(package)
+        if each.room == "verifier" and each.top not in VERIFIER_NEEDS and not f"{each.target}.".startswith(f"{own}.")
+    ]
+
+
 def heavy_libraries_wait(package: Path) -> list[str]:
     """What is slow to import is imported by the function that needs it."""
     return [
@@ -141,6 +154,7 @@ RULES: list[Rule] = [
     unknown_rooms,
     upward_only,
     pinocchio_stays_behind_the_model,
+    the_verifier_stands_alone,
     heavy_libraries_wait,
     only_the_command_line_prints,
 ]
@@ -167,6 +181,8 @@ def test_package_keeps_the_rule(rule: Rule) -> None:
         (upward_only, "spatial.py", "from .model import Robot"),
         (pinocchio_stays_behind_the_model, "planning/rrt.py", "import pinocchio as pin"),
         (pinocchio_stays_behind_the_model, "picks/stages.py", "def f():\n    from coal import Box"),
+        (the_verifier_stands_alone, "verifier/proof.py", "from pinproof.errors import InputError"),
+        (the_verifier_stands_alone, "verifier/proof.py", "def f():\n    import scipy"),
         (heavy_libraries_wait, "motion/timing.py", "import toppra.algorithm"),
         (heavy_libraries_wait, "ik/clik.py", "try:\n    from scipy.linalg import solve\nexcept ImportError:\n    pass"),
         (heavy_libraries_wait, "viewer/page.py", "class Page:\n    import meshcat"),
@@ -184,6 +200,7 @@ def test_rule_catches_a_breach(rule: Rule, module: str, source: str, tmp_path: P
     [
         ("__init__.py", "from pinproof.cli import main"),
         ("planning/rrt.py", "from pinproof.collision import CollisionChecker\nfrom .tree import Tree"),
+        ("verifier/proof.py", "import json\nimport numpy as np\nfrom .reading import load"),
         ("planning/__init__.py", "from . import rrt\nfrom pinproof import __version__, spatial"),
         ("ik/clik.py", "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import pinocchio as pin"),
         ("model/robot.py", "import pinocchio as pin\nimport numpy as np"),

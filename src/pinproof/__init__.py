@@ -30,6 +30,7 @@ _HOME = {
         "UrdfError",
         "ViewerError",
     ),
+    "pinproof.verifier": ("ProofVerdict",),
     "pinproof.spatial": ("pose", "xyz_rpy"),
     "pinproof.description": ("DhRow", "DhTable"),
     "pinproof.model": ("Arm", "JointLimits", "Robot", "RobotInfo", "describe", "load_robot"),
@@ -53,6 +54,7 @@ _HOME = {
         "track",
     ),
     "pinproof.collision": (
+        "Audit",
         "Box",
         "Capsule",
         "Certificate",
@@ -69,7 +71,10 @@ _HOME = {
         "PointCloud",
         "Scene",
         "Sphere",
+        "Tube",
+        "audit",
         "certify",
+        "verify_proof",
     ),
     "pinproof.planning": (
         "LinearMove",
@@ -119,6 +124,7 @@ if TYPE_CHECKING:
     from pinproof.picks import *  # noqa: F403
     from pinproof.planning import *  # noqa: F403
     from pinproof.spatial import *  # noqa: F403
+    from pinproof.verifier import *  # noqa: F403
     from pinproof.viewer import *  # noqa: F403
 
 

@@ -39,6 +39,10 @@ def test_a_free_swing_is_clean_and_dense(arm):
     assert seen.clean
     assert seen.samples >= 151
     assert "no contact" in seen.message
+    assert seen.geometry.startswith("7 triangle meshes, 1 simple shapes (")
+    least = min(checker.clearance(q) for q in swing(arm)(np.linspace(0, 1, 16)))
+    assert seen.distance == pytest.approx(least, abs=2e-3)
+    assert f"{seen.distance * 1e3:.1f} mm" in seen.message
 
 
 def test_a_start_inside_a_closed_box_mesh_is_seen(arm):

@@ -15,12 +15,13 @@ import typer
 
 from pinproof import __version__
 from pinproof.cli.bench import bench
+from pinproof.cli.certify import certify_motion
 from pinproof.cli.console import complain
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
 from pinproof.cli.info import info
 from pinproof.cli.kinematics import fk, ik
-from pinproof.cli.motion import certify_motion, check, plan, view
+from pinproof.cli.motion import check, plan, view
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
 from pinproof.errors import NoAnswer, PinproofError

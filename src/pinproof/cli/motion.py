@@ -1,16 +1,18 @@
-"""``pinproof check``, ``plan``, ``certify`` and ``view``: configurations and motions in a scene."""
+"""``pinproof check``, ``plan`` and ``view``: configurations and motions in a scene."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
+from pinproof.cli.certify import verdict
 from pinproof.cli.console import print_json, say, working
 from pinproof.cli.options import (
     Base,
     Group,
+    Html,
     Json,
     Margin,
     PackageDirs,
@@ -24,19 +26,14 @@ from pinproof.cli.options import (
     parse_configuration,
 )
 from pinproof.cli.outputs import check_outputs
-from pinproof.collision import Certificate, CollisionChecker, certify
-from pinproof.model import Arm
+from pinproof.collision import CollisionChecker, certify
 from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import RrtConnect, shortcut
 from pinproof.viewer import show, write_html
 
-__all__ = ["certify_motion", "check", "plan", "view"]
-
-ROUNDING = 1e-6
-"""Rad or m, and relative for speeds: motions written by others state their limits to about so many digits."""
+__all__ = ["check", "plan", "view"]
 
 Configuration = Annotated[str | None, typer.Option(help='Joint values in rad or m: "0 -pi/2 pi/2 ...", or home.')]
-Html = Annotated[Path | None, typer.Option("--html", help="Write a page that shows it.")]
 
 
 def check(
@@ -117,51 +114,13 @@ def plan(
         written.append(html)
     if as_json:
         figures = {"waypoints": len(path), "length": path.length, "duration": trajectory.duration}
-        print_json({"ok": certificate.free, **figures, **_verdict(certificate)})
+        print_json({"ok": certificate.free, **figures, **verdict(certificate)})
     else:
         say(f"{len(path)} waypoints, {path.length:.3g} rad, {trajectory.duration:.2f} s ({trajectory.limits_note})")
         say(str(certificate))
         if written:
             say(f"wrote {' and '.join(map(str, written))}")
     if not certificate.free:
-        raise typer.Exit(1)
-
-
-def certify_motion(
-    robot: Robot,
-    motion: Annotated[Path, typer.Argument(help="A motion (.json, .csv).", metavar="MOTION")],
-    scene: SceneFile = None,
-    margin: Margin = 0.0,
-    html: Html = None,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
-    as_json: Json = False,
-) -> None:
-    """Prove that a motion touches nothing, between its points too. Exit code 1 unless it is FREE and inside the limits.
-
-    Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml
-    """
-    check_outputs([html], [robot, motion, scene, srdf])
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
-    world = load_scene(scene)
-    trajectory = Trajectory.load(motion, arm.joint_names)
-    with working("proving"):
-        certificate = certify(trajectory, CollisionChecker(arm, world, margin=margin))
-    if html is not None:
-        write_html(html, arm, world, trajectory, certificate=certificate)
-    beyond = _beyond_limits(trajectory, arm)
-    if as_json:
-        print_json({**_verdict(certificate), "outside_limits": beyond})
-    else:
-        say(str(certificate))
-        for sentence in beyond:
-            say(f"outside the limits: {sentence}")
-        for pair in certificate.excluded:
-            say(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
-    if beyond or not certificate.free:
         raise typer.Exit(1)
 
 
@@ -199,41 +158,3 @@ def view(
     with show(arm, world, trajectory, certificate=certificate, q=still, port=port, open_browser=browser) as shown:
         print_json({"url": shown.url}) if as_json else say(f"{shown.url} (Ctrl-C ends it)")
         shown.wait()
-
-
-def _beyond_limits(trajectory: Trajectory, arm: Arm) -> list[str]:
-    """Where a motion leaves the limits of position and speed, between its points too; rounding is let pass."""
-    limits, said = arm.limits, []
-    low, high = trajectory.range()
-    speeds = trajectory.max_velocity()
-    for i, name in enumerate(arm.joint_names):
-        if low[i] < limits.lower[i] - ROUNDING or high[i] > limits.upper[i] + ROUNDING:
-            said.append(
-                f"{name} moves in [{low[i]:.6g}, {high[i]:.6g}], not [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}]"
-            )
-        if speeds[i] > limits.velocity[i] * (1 + ROUNDING):
-            said.append(f"{name} reaches {speeds[i]:.6g} per second, above {limits.velocity[i]:.6g}")
-    return said
-
-
-def _verdict(certificate: Certificate) -> dict[str, Any]:
-    contact = certificate.first_contact
-    return {
-        "status": certificate.status.name,
-        "message": certificate.message,
-        "margin": certificate.margin,
-        "clearance_proven": certificate.clearance if certificate.free else None,
-        "clearance_observed": certificate.observed,
-        "first_contact": None
-        if contact is None
-        else {
-            "time": contact.time,
-            "q": contact.q.tolist(),
-            "bodies": contact.bodies,
-            "distance": contact.distance,
-            "points": contact.points.tolist(),
-            "proven_free_until": contact.proven_free_until,
-        },
-        "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
-        "notes": list(certificate.notes),
-    }

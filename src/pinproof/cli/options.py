@@ -17,6 +17,7 @@ from pinproof.model import Arm, load_robot
 __all__ = [
     "Base",
     "Group",
+    "Html",
     "Json",
     "Margin",
     "PackageDirs",
@@ -45,6 +46,7 @@ SceneFile = Annotated[
 ]
 Margin = Annotated[float, typer.Option(help="Metres that must stay between any two bodies.", min=0.0)]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice.", min=0)]
+Html = Annotated[Path | None, typer.Option("--html", help="Write a page that shows it.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the answer as JSON.")]
 
 

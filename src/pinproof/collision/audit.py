@@ -28,6 +28,10 @@ INSIDE_EVERY = 50
 """Samples between two looks at whether a body lies wholly inside another: to get there its surface has to cross."""
 
 
+MEASURE_EVERY = 10
+"""Samples between two looks at how far apart all bodies are, which takes longer than whether they touch."""
+
+
 @dataclass(frozen=True, eq=False)
 class Audit:
     """What dense sampling saw.
@@ -38,12 +42,18 @@ class Audit:
         How many configurations were looked at.
     contacts
         For each pair of owners that touched, the parameter of the curve where that was first seen, in that order.
+    distance
+        The smallest distance (m) seen, at every :data:`MEASURE_EVERY`-th sample; inf if there is no pair.
+    geometry
+        What was sampled: how many bodies as triangles, as hulls, as simple shapes, and how many pairs of them.
     message
         The same in a sentence.
     """
 
     samples: int
     contacts: tuple[tuple[float, tuple[str, str]], ...]
+    distance: float
+    geometry: str
     message: str
 
     @property
@@ -80,7 +90,7 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP) -> Aud
     for k in range(len(checker.pairs)):
         bodies.collisionRequests[k] = request
     found: dict[tuple[str, str], float] = {}
-    times = _dense(curve, step)
+    times, distance = _dense(curve, step), np.inf
     for number, t in enumerate(times):
         q = arm.model_configuration(curve(t))
         pin.computeCollisions(model, data, geometry, bodies, q, False)
@@ -89,9 +99,22 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP) -> Aud
             touching = bodies.collisionResults[k].isCollision()
             if touching or (inside is not None and inside.one_inside_other(k)):
                 found.setdefault((checker.bodies[i].owner, checker.bodies[j].owner), float(t))
+        if number % MEASURE_EVERY == 0 and checker.pairs:
+            nearest = pin.computeDistances(geometry, bodies)
+            distance = min(distance, float(bodies.distanceResults[nearest].min_distance))
     contacts = tuple((t, pair) for pair, t in sorted(found.items(), key=lambda item: item[1]))
     seen = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
-    return Audit(len(times), contacts, f"{len(times)} samples: {seen or 'no contact'}")
+    what = _geometry(checker)
+    message = f"{len(times)} samples on {what}: {seen or f'no contact, {distance * 1e3:.1f} mm at the least'}"
+    return Audit(len(times), contacts, distance, what, message)
+
+
+def _geometry(checker: CollisionChecker) -> str:
+    kinds = {"triangle meshes": coal.BVHModelBase, "hulls": coal.ConvexBase}
+    counts = {name: sum(isinstance(b.geometry, kind) for b in checker.bodies) for name, kind in kinds.items()}
+    counts["simple shapes"] = len(checker.bodies) - sum(counts.values())
+    told = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    return f"{told or 'no bodies'} ({len(checker.pairs)} pairs)"
 
 
 def _dense(curve: Curve, step: float) -> Array:

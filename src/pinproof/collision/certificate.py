@@ -5,18 +5,24 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.scene import Obstacle, Scene
-from pinproof.errors import NotProvenFree
+from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion import Curve
 from pinproof.spatial import matrix
+from pinproof.verifier import curve_digest
+
+if TYPE_CHECKING:
+    from pinproof.collision.checker import CollisionChecker
 
 __all__ = [
     "Certificate",
@@ -178,6 +184,8 @@ class Certificate:
         of the two bodies are apart at the middle (zeros where balls or boxes around them are).
     partings
         The pairs that were allowed to touch at the start, each with the proof that it parts.
+    subject
+        What it was recorded of, for :meth:`save`.
     """
 
     status: CertificateStatus
@@ -197,6 +205,7 @@ class Certificate:
     tube: Tube | None = None
     evidence: Array | None = None
     partings: tuple[Parting, ...] = ()
+    subject: tuple[Curve, CollisionChecker] | None = field(default=None, repr=False)
 
     @property
     def free(self) -> bool:
@@ -206,6 +215,30 @@ class Certificate:
     def matches(self, curve: Curve, arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> bool:
         """Whether this certificate was made for exactly this curve, arm, scene and attached objects."""
         return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached)
+
+    def save(self, path: str | Path) -> None:
+        """Write the proof to a ``.json`` or ``.json.gz`` file, for ``pinproof.verifier`` to re-check anywhere.
+
+        The format is described in docs/certificates.md. What is written has passed the verifier; where its bounds are
+        less tight than those that made the proof, intervals are cut further. The file is written whole or not at all.
+
+        Raises
+        ------
+        InputError
+            If nothing was recorded, the verdict is not FREE, the name has another ending, or a checked body is not
+            convex, so that no direction tells how far it is from another.
+        NotProvenFree
+            If the verifier cannot confirm the proof.
+        FileError
+            If the file cannot be written.
+        """
+        from pinproof.collision.proof_file import write_proof
+
+        if not self.free:
+            raise InputError(f"only a FREE certificate is a proof to save; this one is {self.status.name}")
+        if self.evidence is None or self.subject is None:
+            raise InputError("this certificate kept no evidence: make it with certify(..., record=True) to save it")
+        write_proof(self, *self.subject, path)
 
     def or_raise(self) -> Certificate:
         """Return the certificate if it is FREE.
@@ -225,10 +258,7 @@ class Certificate:
 
 def curve_hash(curve: Curve) -> str:
     """A hash of a curve's joints, knots and polynomial pieces, to the last bit."""
-    knots, control = curve.bezier()
-    digest = hashlib.sha256(repr((tuple(curve.joint_names), control.shape)).encode())
-    digest.update(np.ascontiguousarray(knots).tobytes() + np.ascontiguousarray(control).tobytes())
-    return digest.hexdigest()
+    return curve_digest(tuple(curve.joint_names), *curve.bezier())
 
 
 def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:

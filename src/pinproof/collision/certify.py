@@ -95,7 +95,7 @@ def certify(
         what it lies on: proven never to approach until they have left each other, and to keep their margin from then
         on. So they are not just left out, as :meth:`CollisionChecker.allowing` does. Not with ``joint_tolerance``.
     record
-        Keep what a proof has to tell in :attr:`Certificate.evidence`.
+        Keep what a proof has to tell in :attr:`Certificate.evidence`, for :meth:`Certificate.save`.
 
     Returns
     -------
@@ -361,4 +361,5 @@ class _Proof:
                 max(float(state[k.OBSTACLE_TUBE]), 0.0) if free else np.nan,
             ),
             evidence=read_only(self._log[: int(state[k.LOGGED])].copy()) if self._record else None,
+            subject=(self._curve, self._checker) if self._record else None,
         )

@@ -18,7 +18,7 @@ from pinproof.errors import InputError
 if TYPE_CHECKING:
     from pinproof.model.arm import Arm
 
-__all__ = ["pack_chain"]
+__all__ = ["joint_axis", "pack_chain"]
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +31,7 @@ def pack_chain(arm: Arm) -> Array:
     rows = np.zeros((len(joints) + 1, 16))
     behind = arm.root_from_base.inverse()  # what stands before the next joint
     for row, joint in zip(rows, joints, strict=False):
-        axis, slides = _axis(model, joint)
+        axis, slides = joint_axis(model, joint)
         aligned = _from_z(axis)
         row[:12] = (behind * model.jointPlacements[joint] * aligned).homogeneous[:3].ravel()
         leader = int(np.abs(arm.scale[joint - 1]).argmax())
@@ -41,7 +41,7 @@ def pack_chain(arm: Arm) -> Array:
     return rows
 
 
-def _axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
+def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
     """The unit axis (3,) of a joint in its own frame, and whether it slides."""
     kind = model.joints[joint]
     data = kind.createData()

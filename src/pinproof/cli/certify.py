@@ -1,0 +1,195 @@
+"""``pinproof certify``: prove a motion, save the proof, re-check a saved one, and look a second time by samples."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pinproof.cli.console import print_json, say, working
+from pinproof.cli.options import (
+    Base,
+    Group,
+    Html,
+    Json,
+    Margin,
+    PackageDirs,
+    SceneFile,
+    SrdfFile,
+    Tcp,
+    load_arm,
+    load_scene,
+)
+from pinproof.cli.outputs import check_outputs
+from pinproof.collision import Audit, Certificate, CollisionChecker, Scene, audit, certify, verify_proof
+from pinproof.errors import InputError
+from pinproof.model import Arm
+from pinproof.motion import Trajectory
+from pinproof.verifier import ProofVerdict
+from pinproof.viewer import write_html
+
+__all__ = ["certify_motion", "verdict"]
+
+ROUNDING = 1e-6
+"""Rad or m, and relative for speeds: motions written by others state their limits to about so many digits."""
+
+
+def certify_motion(
+    robot: Annotated[
+        str | None, typer.Argument(help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT")
+    ] = None,
+    motion: Annotated[Path | None, typer.Argument(help="A motion (.json, .csv).", metavar="MOTION")] = None,
+    scene: SceneFile = None,
+    margin: Margin = 0.0,
+    joint_tolerance: Annotated[
+        float, typer.Option(help="Prove it for joints that are off by up to this, rad or m.", min=0.0)
+    ] = 0.0,
+    obstacle_tolerance: Annotated[
+        float, typer.Option(help="Prove it for obstacles that are off by up to this, m.", min=0.0)
+    ] = 0.0,
+    save_proof: Annotated[
+        Path | None, typer.Option(help="Write the proof (.json, .json.gz) for others to re-check.")
+    ] = None,
+    verify: Annotated[
+        Path | None,
+        typer.Option(
+            help="Re-check a saved proof instead, by other code than made it; with ROBOT, --scene and MOTION also that "
+            "it is of them."
+        ),
+    ] = None,
+    sample: Annotated[
+        bool, typer.Option("--audit", help="Look for contacts a second time: dense samples, exact meshes, coal alone.")
+    ] = False,
+    audit_step: Annotated[
+        float, typer.Option(help="No joint moves farther between two samples, rad or m.", min=1e-6)
+    ] = 0.002,
+    html: Html = None,
+    tcp: Tcp = None,
+    base: Base = None,
+    group: Group = None,
+    srdf: SrdfFile = None,
+    package_dir: PackageDirs = None,
+    as_json: Json = False,
+) -> None:
+    """Prove that a motion touches nothing, between its points too. Exit code 1 unless it is FREE and inside the limits.
+
+    A saved proof is re-checked by the same line with --verify in place of --save-proof, or by --verify alone.
+
+    Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml --save-proof proof.json
+    """
+    arm = None if robot is None else load_arm(robot, tcp, base, group, srdf, package_dir)
+    if verify is not None:
+        if save_proof is not None or html is not None or sample or joint_tolerance or obstacle_tolerance:
+            raise InputError("--verify re-checks a proof: it writes nothing, and the tolerances are those of the proof")
+        _verify(verify, arm, motion, scene, margin, as_json)
+        return
+    if arm is None or motion is None:
+        raise InputError("what is to be proven? Name ROBOT and MOTION, or a saved proof with --verify")
+    check_outputs([html, save_proof], [robot, motion, scene, srdf])
+    world = load_scene(scene)
+    trajectory = Trajectory.load(motion, arm.joint_names)
+    with working("proving"):
+        certificate = certify(
+            trajectory,
+            CollisionChecker(arm, world, margin=margin),
+            joint_tolerance=joint_tolerance,
+            obstacle_tolerance=obstacle_tolerance,
+            record=save_proof is not None,
+        )
+    seen = _second_look(trajectory, arm, world, audit_step) if sample else None
+    if html is not None:
+        write_html(html, arm, world, trajectory, certificate=certificate)
+    if save_proof is not None and certificate.free:
+        certificate.save(save_proof)
+    beyond = _beyond_limits(trajectory, arm)
+    if as_json:
+        looked = None if seen is None else {"samples": seen.samples, "distance": seen.distance, "message": seen.message}
+        print_json({**verdict(certificate), "outside_limits": beyond, "audit": looked})
+    else:
+        say(str(certificate))
+        for sentence in beyond:
+            say(f"outside the limits: {sentence}")
+        for pair in certificate.excluded:
+            say(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
+        if seen is not None:
+            say(f"audit: {seen.message}")
+        if save_proof is not None:
+            say(f"wrote {save_proof}" if certificate.free else f"{save_proof} not written: there is no proof")
+    if beyond or not certificate.free or (seen is not None and not seen.clean):
+        raise typer.Exit(1)
+
+
+def _verify(
+    proof: Path, arm: Arm | None, motion: Path | None, scene: Path | None, margin: float, as_json: bool
+) -> None:
+    if arm is None and (scene is not None or margin):
+        raise InputError("--scene and --margin are of a robot: name ROBOT too")
+    checker = None if arm is None else CollisionChecker(arm, load_scene(scene), margin=margin)
+    curve = None if motion is None or arm is None else Trajectory.load(motion, arm.joint_names)
+    found: ProofVerdict = verify_proof(proof, checker, curve)
+    if as_json:
+        print_json(
+            {
+                "ok": found.ok,
+                "reasons": found.reasons,
+                "clearance": found.clearance,
+                "margin": found.margin,
+                "joint_tolerance": found.joint_tolerance,
+                "obstacle_tolerance": found.obstacle_tolerance,
+                "pairs": found.pairs,
+                "excluded": found.excluded,
+                "compared": found.compared,
+                "not_compared": found.not_compared,
+            }
+        )
+    else:
+        say(str(found))
+        for a, b, reason in found.excluded:
+            say(f"not checked: {a} and {b} ({reason})")
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def _second_look(trajectory: Trajectory, arm: Arm, scene: Scene, step: float) -> Audit:
+    with working("sampling"):
+        return audit(trajectory, CollisionChecker(arm, scene, link_meshes="mesh"), step=step)
+
+
+def _beyond_limits(trajectory: Trajectory, arm: Arm) -> list[str]:
+    """Where a motion leaves the limits of position and speed, between its points too; rounding is let pass."""
+    limits, said = arm.limits, []
+    low, high = trajectory.range()
+    speeds = trajectory.max_velocity()
+    for i, name in enumerate(arm.joint_names):
+        if low[i] < limits.lower[i] - ROUNDING or high[i] > limits.upper[i] + ROUNDING:
+            said.append(
+                f"{name} moves in [{low[i]:.6g}, {high[i]:.6g}], not [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}]"
+            )
+        if speeds[i] > limits.velocity[i] * (1 + ROUNDING):
+            said.append(f"{name} reaches {speeds[i]:.6g} per second, above {limits.velocity[i]:.6g}")
+    return said
+
+
+def verdict(certificate: Certificate) -> dict[str, Any]:
+    """A certificate for machines."""
+    contact = certificate.first_contact
+    return {
+        "status": certificate.status.name,
+        "message": certificate.message,
+        "margin": certificate.margin,
+        "clearance_proven": certificate.clearance if certificate.free else None,
+        "clearance_observed": certificate.observed,
+        "first_contact": None
+        if contact is None
+        else {
+            "time": contact.time,
+            "q": contact.q.tolist(),
+            "bodies": contact.bodies,
+            "distance": contact.distance,
+            "points": contact.points.tolist(),
+            "proven_free_until": contact.proven_free_until,
+        },
+        "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
+        "notes": list(certificate.notes),
+    }

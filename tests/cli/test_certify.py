@@ -1,0 +1,111 @@
+"""``pinproof certify`` with a proof to save, one to re-check, and a second look by samples."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cli.main import main
+
+HOME = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run ``certify`` in a folder with a motion and a scene: exit code, stdout, stderr."""
+    arm = pp.load_robot("ur5").arm()
+    q = HOME + np.array([[0, 0, 0, 0, 0, 0], [0.3, 0.1, 0, 0, 0, 0.2]])
+    pp.time_parametrise(pp.JointPath(q, arm.joint_names), arm.limits).save(tmp_path / "motion.json")
+    pp.Scene([pp.Obstacle("box", pp.Box(0.2, 0.2, 0.2), pp.pose((0.9, 0.3, 0.4)))]).save(tmp_path / "scene.yaml")
+    pp.Scene([pp.Obstacle("box", pp.Box(0.2, 0.2, 0.2), pp.pose((0.9, 0.3, 0.3)))]).save(tmp_path / "moved.yaml")
+    wall = pp.Box(0.02, 1.0, 1.0)
+    across = arm.forward_kinematics(q.mean(axis=0)).translation
+    pp.Scene([pp.Obstacle("wall", wall, pp.pose(across))]).save(tmp_path / "wall.yaml")
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", "certify", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+def test_a_proof_is_saved_and_verified_by_the_same_line(run: Run) -> None:
+    words = ("ur5", "motion.json", "--scene", "scene.yaml", "--margin", "0.002")
+    code, out, _ = run(*words, "--obstacle-tolerance", "0.003", "--save-proof", "proof.json.gz")
+    assert code == 0
+    assert "obstacles by up to 3 mm" in out
+    assert "wrote proof.json.gz" in out
+    code, out, _ = run(*words, "--verify", "proof.json.gz")
+    assert code == 0
+    assert "compared: the robot, the scene, the motion" in out
+    assert "not checked: base_link and shoulder_link" in out
+    code, out, _ = run("--verify", "proof.json.gz", "--json")
+    answer = json.loads(out)
+    assert code == 0
+    assert answer["ok"] is True
+    assert answer["margin"] == 0.002
+    assert answer["obstacle_tolerance"] == 0.003
+    assert answer["not_compared"] == ["the robot", "the scene", "the motion"]
+
+
+def test_a_proof_of_something_else_is_a_no(run: Run) -> None:
+    assert run("ur5", "motion.json", "--scene", "scene.yaml", "--save-proof", "proof.json")[0] == 0
+    code, out, _ = run("ur5", "motion.json", "--scene", "moved.yaml", "--verify", "proof.json")
+    assert code == 1
+    assert "REFUSED: bodies" in out
+    assert "your box" in out
+    Path("proof.json").write_text(
+        Path("proof.json").read_text().replace('"obstacle_tolerance":0.0', '"obstacle_tolerance":1.0')
+    )
+    code, out, _ = run("--verify", "proof.json")
+    assert code == 1
+    assert "more than 1 m" in out
+
+
+def test_no_proof_is_written_of_a_contact(run: Run) -> None:
+    code, out, _ = run("ur5", "motion.json", "--scene", "wall.yaml", "--save-proof", "proof.json")
+    assert code == 1
+    assert "proof.json not written" in out
+    assert not Path("proof.json").exists()
+
+
+def test_the_audit_says_what_it_sampled_and_what_it_saw(run: Run) -> None:
+    code, out, _ = run("ur5", "motion.json", "--scene", "scene.yaml", "--audit", "--audit-step", "0.01")
+    assert code == 0
+    assert "triangle meshes" in out
+    assert "mm at the least" in out
+    code, out, _ = run("ur5", "motion.json", "--scene", "wall.yaml", "--audit", "--audit-step", "0.01", "--json")
+    answer = json.loads(out)
+    assert code == 1
+    assert "touches wall" in answer["audit"]["message"]
+    assert answer["audit"]["samples"] > 20
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ((), "ROBOT and MOTION"),
+        (("ur5",), "ROBOT and MOTION"),
+        (("--verify", "nowhere.json"), "nowhere.json"),
+        (("--verify", "scene.yaml"), "scene.yaml"),
+        (("--verify", "motion.json", "--scene", "scene.yaml"), "name ROBOT too"),
+        (("--verify", "motion.json", "--audit"), "--verify"),
+        (("ur5", "motion.json", "--save-proof", "motion.json"), "motion.json"),
+        (("ur5", "motion.json", "--save-proof", "proof.yaml"), "proof.yaml"),
+    ],
+)
+def test_wrong_usage_is_told_from_a_no(run: Run, words: tuple[str, ...], named: str) -> None:
+    code, _, err = run(*words)
+    assert code == 2
+    assert named in err

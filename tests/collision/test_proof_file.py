@@ -1,0 +1,279 @@
+"""Certificates as files: every kind of arm and curve, told so that other code confirms it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from pinproof import (
+    Box,
+    Capsule,
+    CollisionChecker,
+    Cone,
+    Cylinder,
+    Ellipsoid,
+    FileError,
+    HalfSpace,
+    InputError,
+    JointPath,
+    Mesh,
+    Obstacle,
+    Scene,
+    Sphere,
+    certify,
+    load_robot,
+    pose,
+    time_parametrise,
+    verify_proof,
+)
+from pinproof.motion import CubicPath
+from pinproof.verifier import load, verify
+
+LARGEST_FILE = 5e6
+"""Bytes: what a proof may take up."""
+
+SHELF = Scene(
+    [
+        Obstacle("board", Box(0.6, 0.6, 0.02), pose((0.6, 0, 0.2))),
+        Obstacle("upper", Box(0.6, 0.6, 0.02), pose((0.7, 0, 0.9))),
+        Obstacle("side", Box(0.6, 0.02, 0.8), pose((0.6, 0.5, 0.5), (0, 0, 0.1))),
+        Obstacle("can", Cylinder(0.03, 0.12), pose((0.5, -0.2, 0.28))),
+        Obstacle("ball", Sphere(0.05), pose((0.3, -0.6, 0.5))),
+        Obstacle("floor", HalfSpace(), pose((0, 0, -0.3))),
+    ]
+)
+"""A shelf as those of MotionBenchMaker's bookshelves: boards, sides, things on them."""
+
+ROUND = Scene(
+    [
+        Obstacle("pill", Capsule(0.05, 0.3), pose((0.9, 0.6, 0.3), (1, 0.3, 0))),
+        Obstacle("tip", Cone(0.1, 0.2), pose((-0.9, 0.4, 0.1), (0.5, 0, 0))),
+        Obstacle("egg", Ellipsoid(0.05, 0.1, 0.15), pose((0.2, -1.2, 0.4), (0.3, 0.3, 0.3))),
+    ]
+)
+
+PANDA_HOME = np.array([0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785])
+
+
+def way(arm, start, *steps):
+    points = [np.asarray(start, dtype=float)]
+    for step in steps:
+        points.append(points[-1] + step)
+    return JointPath(np.array(points), arm.joint_names)
+
+
+def saved(tmp_path, curve, checker, name="proof.json", **settings):
+    certificate = certify(curve, checker, record=True, **settings).or_raise()
+    certificate.save(tmp_path / name)
+    return certificate, tmp_path / name
+
+
+def test_a_panda_in_a_shelf(tmp_path, panda):
+    checker, curve = CollisionChecker(panda, SHELF), way(panda, PANDA_HOME, [0.5, 0.2, 0, 0.3, 0.2, 0, 0.4])
+    certificate, file = saved(tmp_path, curve, checker)
+    verdict = verify_proof(file, checker, curve)
+    assert verdict.ok, verdict
+    assert verdict.not_compared == ()
+    assert verdict.clearance >= certificate.clearance - 1e-6
+    assert file.stat().st_size < LARGEST_FILE
+    least = min(checker.clearance(q) for q in curve(np.linspace(*curve.domain, 300)))
+    assert verdict.clearance <= least
+    told = load(file)
+    assert {tuple(row[:2]) for row in told["excluded"]} == {pair.owners for pair in certificate.excluded}
+    assert told["hashes"]["curve"] == certificate.curve
+    assert told["hashes"]["setup"] == certificate.setup
+
+
+def test_fingers_that_move_with_their_leader(tmp_path):
+    """An arm whose q opens a finger, and the other finger mimics it."""
+    arm = load_robot("panda").arm(tcp="panda_leftfinger")
+    assert arm.followers
+    curve = way(arm, np.append(PANDA_HOME, 0.005), np.append([0.3, 0, 0, 0, 0, 0.2, 0.3], 0.03))
+    checker = CollisionChecker(arm, SHELF)
+    _, file = saved(tmp_path, curve, checker)
+    assert verify_proof(file, checker, curve).ok
+    followers = [row for row in load(file)["joints"] if row["name"] in arm.followers]
+    assert [row["leader"] for row in followers] == [arm.dof - 1]
+
+
+@pytest.mark.parametrize("name", ["generic_6dof", "stanford", "scara", "ur5"])
+def test_other_arms_among_round_things_in_a_tube(tmp_path, name):
+    arm = load_robot(name).arm()
+    rng, proven = np.random.default_rng(1), 0
+    lower, upper = arm.limits.sampling_range()
+    while proven < 2:
+        start = rng.uniform(lower, upper)
+        curve = way(arm, start, 0.15 * rng.uniform(-1, 1, (1, arm.dof))[0])
+        checker = CollisionChecker(arm, ROUND, margin=0.001)
+        certificate = certify(curve, checker, joint_tolerance=1e-3, obstacle_tolerance=2e-3, record=True)
+        if not certificate.free:
+            continue
+        proven += 1
+        certificate.save(tmp_path / "proof.json.gz")
+        verdict = verify_proof(tmp_path / "proof.json.gz", checker, curve)
+        assert verdict.ok, verdict
+        assert verdict.clearance >= certificate.clearance - 1e-6
+        assert verdict.joint_tolerance == (1e-3,) * arm.dof
+        assert verdict.obstacle_tolerance == 2e-3
+
+
+def test_curves_of_every_kind(tmp_path, generic_6dof):
+    path = way(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0], [0.2, -0.1, 0.1, 0, 0, 0.3])
+    checker = CollisionChecker(generic_6dof, ROUND)
+    cubic = CubicPath(path.q, [[0.4, 0, 0, 0, 0, 0], [0, 0.4, 0, 0, 0, 0], [0.3] * 6], [0, 1, 3], path.joint_names)
+    still = JointPath(path.q[:1], generic_6dof.joint_names)
+    for curve in (path, cubic, time_parametrise(path, generic_6dof.limits), still):
+        _, file = saved(tmp_path, curve, checker)
+        assert verify_proof(file, checker, curve).ok
+
+
+def test_an_arm_with_nothing_to_touch(tmp_path, slider, path):
+    """No pair: no clearance to speak of, and a proof all the same."""
+    checker = CollisionChecker(slider)
+    certificate, file = saved(tmp_path, path(slider, [0.0], [0.1]), checker)
+    assert certificate.pairs == 0
+    verdict = verify_proof(file, checker)
+    assert verdict.ok
+    assert verdict.clearance == np.inf
+
+
+def test_the_same_certificate_is_the_same_file(tmp_path, generic_6dof):
+    curve = way(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
+    for name in ("a.json", "b.json", "a.json.gz", "b.json.gz"):
+        saved(tmp_path, curve, CollisionChecker(generic_6dof, ROUND), name)
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    assert (tmp_path / "a.json.gz").read_bytes() == (tmp_path / "b.json.gz").read_bytes()
+    assert load(tmp_path / "a.json") == load(tmp_path / "a.json.gz")
+
+
+def test_the_verifier_runs_alone_where_only_numpy_is(tmp_path, generic_6dof):
+    curve = way(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
+    _, file = saved(tmp_path, curve, CollisionChecker(generic_6dof, ROUND))
+    watch = (
+        "import runpy, sys\n"
+        f"sys.argv = ['verifier', {str(file)!r}]\n"
+        "try:\n    runpy.run_module('pinproof.verifier', run_name='__main__')\n"
+        "except SystemExit as ended:\n    print('code', ended.code)\n"
+        "print(sorted({'pinocchio', 'coal', 'numba', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", watch], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.startswith("HOLDS")
+    assert done.stdout.splitlines()[-2:] == ["code 0", "[]"]
+
+
+# -- what is refused -----------------------------------------------------------------------------------------------
+
+
+def test_a_certificate_without_evidence_says_how_to_get_it(tmp_path, slider, path):
+    with pytest.raises(InputError, match="record=True"):
+        certify(path(slider, [0.0], [0.1]), CollisionChecker(slider)).save(tmp_path / "proof.json")
+
+
+def test_a_contact_is_no_proof(tmp_path, slider, path):
+    wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.3, 0, 0)))])
+    certificate = certify(path(slider, [0.0], [0.4]), CollisionChecker(slider, wall), record=True)
+    with pytest.raises(InputError, match="COLLIDING"):
+        certificate.save(tmp_path / "proof.json")
+    assert not list(tmp_path.iterdir())
+
+
+def test_surfaces_are_named_with_the_remedy(tmp_path, slider, path):
+    box = trimesh.creation.box((0.1, 0.1, 0.1))
+    part = Mesh.from_arrays(box.vertices + np.array([0, 0.5, 0]), box.faces, hull=False)
+    scene = Scene([Obstacle("part", part)])
+    certificate = certify(path(slider, [0.0], [0.1]), CollisionChecker(slider, scene), record=True)
+    with pytest.raises(InputError, match=r"part.*hull=True"):
+        certificate.save(tmp_path / "proof.json")
+
+
+@pytest.mark.parametrize("name", ["proof.yaml", "proof", "proof.gz"])
+def test_another_ending_is_refused(tmp_path, slider, path, name):
+    certificate = certify(path(slider, [0.0], [0.1]), CollisionChecker(slider), record=True)
+    with pytest.raises(InputError, match=r"\.json"):
+        certificate.save(tmp_path / name)
+
+
+@pytest.mark.parametrize("data", [b"", b"{", b"\x1f\x8b broken", b'{"a": 1, "a": 2}', b"\xff\xfe", b"[" * 100_000])
+def test_a_file_that_holds_no_json_is_an_error_and_no_verdict(tmp_path, data):
+    (tmp_path / "proof.json").write_bytes(data)
+    with pytest.raises(FileError, match=r"proof\.json"):
+        verify_proof(tmp_path / "proof.json")
+    with pytest.raises(FileError):
+        verify_proof(tmp_path / "nowhere.json")
+
+
+# -- whose proof it is ---------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def known(tmp_path_factory, generic_6dof):
+    """A proof file, with its checker and curve."""
+    checker = CollisionChecker(generic_6dof, ROUND, margin=0.001)
+    curve = way(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
+    _, file = saved(tmp_path_factory.mktemp("proof"), curve, checker)
+    return file, checker, curve
+
+
+def test_what_was_not_compared_is_said(known):
+    file, checker, curve = known
+    assert verify_proof(file).not_compared == ("the robot", "the scene", "the motion")
+    assert verify_proof(file, curve=curve).not_compared == ("the robot", "the scene")
+    assert verify_proof(file, checker).not_compared == ("the motion",)
+    assert "NOT compared" in str(verify_proof(file))
+    less = verify_proof(file, checker.with_scene(ROUND.remove("egg")), curve)
+    assert less.ok
+    assert less.not_compared == ("egg (not in yours)",)
+
+
+@pytest.mark.parametrize(
+    ("other", "place"),
+    [
+        (lambda c: c.with_scene(ROUND.move("egg", pose((0.2, -1.2, 0.4001), (0.3, 0.3, 0.3)))), "your egg"),
+        (lambda c: c.with_scene(ROUND.remove("egg").add(Obstacle("egg", Sphere(0.05)))), "your egg"),
+        (lambda c: c.with_scene(ROUND.add(Obstacle("more", Sphere(0.05), pose((3, 0, 0))))), "your more"),
+        (lambda c: c.with_margin(0.002), "settings.margin"),
+        (lambda c: CollisionChecker(load_robot("ur5").arm(), ROUND), "joint_names"),
+        (lambda c: c.with_attached(Obstacle("tool", Sphere(0.001), pose((0, 0, 0.05)))), "your tool"),
+    ],
+)
+def test_another_robot_or_scene_is_told_from_that_of_the_proof(known, other, place):
+    file, checker, curve = known
+    verdict = verify_proof(file, other(checker), curve)
+    assert not verdict.ok
+    assert place in str(verdict)
+
+
+def test_pairs_left_out_by_the_makers_word_are_asked_for(tmp_path, known):
+    _, checker, curve = known
+    allowed = checker.allowing(("link_6", "egg"))
+    _, file = saved(tmp_path, curve, allowed)
+    assert verify_proof(file, allowed, curve).ok
+    assert "link_6_0 and egg are checked by you" in str(verify_proof(file, checker, curve))
+
+
+def test_another_motion_is_told_from_that_of_the_proof(known):
+    file, checker, curve = known
+    nearly = JointPath(curve.q + 1e-6, curve.joint_names)
+    assert "curve.control[0]" in str(verify_proof(file, checker, nearly))
+    longer = way(checker.arm, curve.q[0], [0.1] * 6, [0.1] * 6)
+    assert "other pieces" in str(verify_proof(file, checker, longer))
+    assert verify_proof(file, checker, JointPath(curve.q + 1e-12, curve.joint_names)).ok
+
+
+def test_a_robot_whose_geometry_was_shrunk_in_the_file_is_not_yours(tmp_path, known):
+    """With the hash made right it is a proof, only of another robot."""
+    from pinproof.verifier import body_digest
+
+    file, checker, curve = known
+    document = json.loads(file.read_text())
+    body = next(row for row in document["bodies"] if row["shape"]["disc_radii"][0] > 0)
+    body["shape"]["disc_radii"] = [0.9 * radius for radius in body["shape"]["disc_radii"]]
+    body["sha256"] = body_digest(body)
+    assert verify(document).ok
+    (tmp_path / "shrunk.json").write_text(json.dumps(document))
+    assert f"is not that of your {body['name']}" in str(verify_proof(tmp_path / "shrunk.json", checker, curve))

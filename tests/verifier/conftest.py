@@ -1,0 +1,155 @@
+"""Proofs to take apart, and an oracle that looks at what a proof file says by sampling."""
+
+from __future__ import annotations
+
+import copy
+
+import coal
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.collision.hulls import hull_of_any
+from pinproof.collision.proof_file import proof_document
+from pinproof.model.robot import load_robot_from_text
+from pinproof.verifier import body_digest, curve_digest
+
+LIMIT = '<limit lower="-7" upper="7" velocity="1" effort="1"/>'
+
+
+def joint(name, kind, parent, child, xyz, axis, extra=""):
+    ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+    return f'<joint name="{name}" type="{kind}">{ends}{LIMIT}{extra}</joint>'
+
+
+def link(name, *boxes):
+    told = "".join(
+        f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>' for size, xyz in boxes
+    )
+    return f'<link name="{name}">{told}</link>'
+
+
+@pytest.fixture(scope="session")
+def crane():
+    """A bar that turns, one that slides out of it, a turning hand across it and a finger that follows the slide."""
+    parts = [
+        link("base", ("0.1 0.1 0.1", "0 0 -0.2")),
+        link("bar", ("0.5 0.04 0.04", "0.25 0 0")),
+        link("slide", ("0.3 0.03 0.03", "0.15 0 0.1")),
+        link("hand", ("0.05 0.2 0.05", "0.1 0 0")),
+        link("finger", ("0.02 0.02 0.1", "0 0 -0.06")),
+        joint("turn", "revolute", "base", "bar", "0 0 0", "0 0 1"),
+        joint("out", "prismatic", "bar", "slide", "0.4 0 0", "1 0 0"),
+        joint("twist", "revolute", "slide", "hand", "0.3 0 0.2", "0 0.6 0.8"),
+        joint("grip", "prismatic", "hand", "finger", "0.2 0 0", "0 0 1", '<mimic joint="out" multiplier="-0.5"/>'),
+    ]
+    return load_robot_from_text(f'<robot name="crane">{"".join(parts)}</robot>').arm(tcp="finger")
+
+
+@pytest.fixture(scope="session")
+def cell():
+    """What the crane passes by."""
+    return pp.Scene(
+        [
+            pp.Obstacle("post", pp.Box(0.06, 0.06, 0.6), pp.pose((0.62, 0.56, 0.0), (0, 0, 0.3))),
+            pp.Obstacle("ball", pp.Sphere(0.05), pp.pose((0.3, 0.1, 0.2))),
+            pp.Obstacle("floor", pp.HalfSpace(), pp.pose((0, 0, -0.4))),
+        ]
+    )
+
+
+WAYPOINTS = np.array([[-0.6, 0.0, 0.0], [0.3, 0.15, 0.8], [0.5, 0.05, 1.2]])
+
+
+@pytest.fixture(scope="session")
+def proof(crane, cell):
+    """A proof with a tube and margins, as a file holds it."""
+    checker = pp.CollisionChecker(crane, cell, margin=0.002, margins={("hand", "post"): 0.004})
+    path = pp.JointPath(WAYPOINTS, crane.joint_names)
+    certificate = pp.certify(path, checker, joint_tolerance=1e-3, obstacle_tolerance=1e-3, record=True)
+    return proof_document(certificate.or_raise(), path, checker)
+
+
+@pytest.fixture
+def tampered(proof):
+    """The same, to be changed."""
+    return copy.deepcopy(proof)
+
+
+@pytest.fixture(scope="session")
+def rehashed():
+    """Makes the hashes of a changed proof right, as somebody would who means it."""
+
+    def right(document):
+        for body in document["bodies"]:
+            body["sha256"] = body_digest(body)
+        c = document["curve"]
+        names = tuple(c["joint_names"])
+        document["hashes"]["curve"] = curve_digest(names, np.array(c["knots"]), np.array(c["control"], dtype=float))
+        return document
+
+    return right
+
+
+class Oracle:
+    """The distances that a proof file's own robot has to its own scene, by plain products of matrices and coal."""
+
+    def __init__(self, document) -> None:
+        self.document = document
+        self.shapes = [self._shape(body["shape"]) for body in document["bodies"]]
+        self.joint_tolerance = np.array(document["settings"]["joint_tolerance"])
+
+    @staticmethod
+    def _shape(shape):
+        if shape == "half_space":
+            return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0)
+        points = np.array(shape["points"], dtype=float)
+        return coal.Sphere(shape["radius"]) if len(points) == 1 else hull_of_any(points)
+
+    def distances(self, q):
+        """(P,) of every pair that is checked, at q (n,)."""
+        return np.array([result.min_distance for result in self._results(q)])
+
+    def normals(self, q):
+        """(P, 3) from the first to the second."""
+        return np.array([result.normal for result in self._results(q)])
+
+    def _results(self, q):
+        frames = []
+        for row in self.document["joints"]:
+            above = np.eye(4) if row["parent"] < 0 else frames[row["parent"]]
+            value = row["multiplier"] * q[row["leader"]] + row["offset"]
+            move, axis = np.eye(4), np.array(row["axis"])
+            if row["type"] == "slides":
+                move[:3, 3] = value * axis
+            else:
+                half = np.append(np.cos(value / 2), np.sin(value / 2) * axis)
+                move[:3, :3] = coal.Transform3s(
+                    pp.pose(quat_xyzw=np.roll(half, -1)).rotation, np.zeros(3)
+                ).getRotation()
+            frames.append(above @ np.vstack([row["placement"], [0, 0, 0, 1]]) @ move)
+        places = []
+        for row in self.document["bodies"]:
+            above = np.eye(4) if row["joint"] < 0 else frames[row["joint"]]
+            at = above @ np.vstack([row["placement"], [0, 0, 0, 1]])
+            places.append(coal.Transform3s(at[:3, :3], at[:3, 3]))
+        found = []
+        for pair in self.document["pairs"]:
+            i, j = pair["bodies"]
+            found.append(coal.DistanceResult())
+            coal.distance(self.shapes[i], places[i], self.shapes[j], places[j], coal.DistanceRequest(), found[-1])
+        return found
+
+    def least(self, samples=60):
+        """The smallest on the curve, whose pieces are straight, with the joints off as far as they may be."""
+        rng, least = np.random.default_rng(0), np.inf
+        for piece in np.array(self.document["curve"]["control"], dtype=float):
+            for s in np.linspace(0, 1, samples):
+                off = self.joint_tolerance * rng.choice([-1.0, 0.0, 1.0], len(self.joint_tolerance))
+                least = min(least, self.distances(piece[0] + s * (piece[-1] - piece[0]) + off).min())
+        return least
+
+
+@pytest.fixture(scope="session")
+def oracle():
+    return Oracle

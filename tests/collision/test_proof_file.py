@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
 
+import pinproof.verifier
 from pinproof import (
     Box,
     Capsule,
@@ -151,17 +154,19 @@ def test_the_same_certificate_is_the_same_file(tmp_path, generic_6dof):
     assert load(tmp_path / "a.json") == load(tmp_path / "a.json.gz")
 
 
-def test_the_verifier_runs_alone_where_only_numpy_is(tmp_path, generic_6dof):
+def test_a_copy_of_the_verifier_runs_without_the_rest(tmp_path, generic_6dof):
     curve = way(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
     _, file = saved(tmp_path, curve, CollisionChecker(generic_6dof, ROUND))
+    shutil.copytree(Path(pinproof.verifier.__file__).parent, tmp_path / "verifier")
     watch = (
         "import runpy, sys\n"
-        f"sys.argv = ['verifier', {str(file)!r}]\n"
-        "try:\n    runpy.run_module('pinproof.verifier', run_name='__main__')\n"
+        f"sys.argv = ['verifier', {file.name!r}]\n"
+        "try:\n    runpy.run_module('verifier', run_name='__main__')\n"
         "except SystemExit as ended:\n    print('code', ended.code)\n"
-        "print(sorted({'pinocchio', 'coal', 'numba', 'scipy'} & set(sys.modules)))"
+        "print(sorted({'pinproof', 'pinocchio', 'coal', 'numba', 'scipy'} & set(sys.modules)))"
     )
-    done = subprocess.run([sys.executable, "-c", watch], capture_output=True, text=True, check=True, timeout=60)
+    words = [sys.executable, "-c", watch]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.startswith("HOLDS")
     assert done.stdout.splitlines()[-2:] == ["code 0", "[]"]
 

@@ -106,7 +106,7 @@ def numbers(holder: Any, where: str, key: str, shape: tuple[int | None, ...], la
     """The finite numbers under a key, in an array of the given shape; None stands for any length."""
     place = f"{where}{'.' if where else ''}{key}"
     stated = member(holder, where, key)
-    if stated == [] and shape and shape[0] in (None, 0):
+    if isinstance(stated, list) and not stated and shape and shape[0] in (None, 0):
         return np.zeros([0, *(size or 0 for size in shape[1:])])
     try:
         array = np.array(stated)

@@ -7,7 +7,19 @@ import sys
 
 import pytest
 
-SLOW = {"coal", "matplotlib", "meshcat", "numba", "pinocchio", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
+SLOW = {
+    "coal",
+    "distributed",
+    "matplotlib",
+    "meshcat",
+    "numba",
+    "pinocchio",
+    "scipy",
+    "toppra",
+    "trimesh",
+    "typer",
+    "yourdfpy",
+}
 # Of these the truth is made; every room that moves a robot needs them.
 FOUNDATION = {"coal", "pinocchio"}
 

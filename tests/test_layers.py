@@ -35,7 +35,7 @@ ROOMS = (
 SIBLINGS = ({"ik", "collision"},)
 BEHIND_THE_MODEL = {"pinocchio", "coal", "hppfcl"}
 MAY_TOUCH_THEM = {"spatial", "model", "collision", "viewer"}
-HEAVY = {"matplotlib", "meshcat", "numba", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
+HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "numba", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
 HEAVY_ALLOWED = {"cli": {"typer"}, "kernels": {"numba"}}
 VERIFIER_NEEDS = {"numpy", *sys.stdlib_module_names}
 

@@ -16,7 +16,7 @@ from rich.text import Text
 from pinproof.picks import PickReport
 from pinproof.picks.report import COLUMNS
 
-__all__ = ["complain", "print_json", "print_report", "say", "working"]
+__all__ = ["complain", "print_json", "print_report", "remark", "say", "working"]
 
 _STYLES = {"good": "green", "not found": "red", "unreadable": "yellow"}
 
@@ -35,6 +35,11 @@ def print_json(value: dict[str, Any]) -> None:
     """A value for machines, to stdout; numbers that JSON does not know (infinite, undefined) become null."""
     json.dump(_finite(value), sys.stdout, indent=2, allow_nan=False)
     sys.stdout.write("\n")
+
+
+def remark(text: str) -> None:
+    """One line to stderr that is no complaint."""
+    Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"pinproof: {text}")
 
 
 @contextmanager

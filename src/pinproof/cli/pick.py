@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from pinproof.cli.campaign import run_campaign
 from pinproof.cli.console import print_json, print_report, say, working
 from pinproof.cli.outputs import file_stems, make_folder, write_motion
+from pinproof.cli.workers import Dask, WorkerCount, chosen_workers
 from pinproof.collision import Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
-from pinproof.picks import PickReport, Picks, read_picks, validate_picks
+from pinproof.picks import Campaign, PickReport, Picks, PickSource, open_picks, validate_picks
 from pinproof.picks.report import SUFFIXES
 
 __all__ = ["judge_file", "pick"]
 
 
 def pick(
-    file: Annotated[Path, typer.Argument(help="The picks (YAML).", metavar="PICKS")],
+    file: Annotated[Path, typer.Argument(help="The picks (YAML, or a table: CSV).", metavar="PICKS")],
     robot: Annotated[str | None, typer.Option(help="A catalogue name or a URDF; by default the file's.")] = None,
     tcp: Annotated[str | None, typer.Option(help="The tcp frame; by default the file's, else the robot's.")] = None,
     scene: Annotated[Path | None, typer.Option(help="The scene (YAML); by default the file's.")] = None,
@@ -27,6 +29,12 @@ def pick(
         Path | None,
         typer.Option("-o", "--output", help="A report (.json, .md), or a folder for it and the good motions."),
     ] = None,
+    campaign: Annotated[
+        Path | None,
+        typer.Option(help="For very many picks: stream rows to this folder, or go on with what was begun there."),
+    ] = None,
+    workers: WorkerCount = None,
+    dask: Dask = None,
     seed: Annotated[int, typer.Option(help="Seed of every random choice.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
@@ -36,10 +44,16 @@ def pick(
 
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
+    if campaign is not None:
+        if output is not None:
+            raise InputError("--campaign writes rows to its folder as they come; -o is for a report held in memory")
+        arm, world, source = _read(open_picks(file), file, robot, tcp, scene)
+        run_campaign(Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
+        return
     if output is not None:
         _check_output(output)
-    with working(f"judging {file}"):
-        arm, world, picks, report = judge_file(file, robot, tcp, scene, seed)
+    with working(f"judging {file}"), chosen_workers(workers, dask) as where:
+        arm, world, picks, report = judge_file(file, robot, tcp, scene, seed, **where)
     if as_json:
         print_json(report.to_dict())
     else:
@@ -53,17 +67,29 @@ def pick(
 
 
 def judge_file(
-    file: Path, robot: str | None = None, tcp: str | None = None, scene: Path | None = None, seed: int = 0
+    file: Path,
+    robot: str | None = None,
+    tcp: str | None = None,
+    scene: Path | None = None,
+    seed: int = 0,
+    **where: Any,
 ) -> tuple[Arm, Scene, Picks, PickReport]:
     """The arm, the scene, the picks and the report of a picks file; what is given goes before what the file names."""
-    picks = read_picks(file)
-    source = robot or picks.robot
-    if source is None:
+    arm, world, source = _read(open_picks(file), file, robot, tcp, scene)
+    picks = source.load()
+    return arm, world, picks, validate_picks(arm, world, picks, rng=seed, **where)
+
+
+def _read(
+    source: PickSource, file: Path, robot: str | None, tcp: str | None, scene: Path | None
+) -> tuple[Arm, Scene, PickSource]:
+    named = source.shared
+    name = robot or named.robot
+    if name is None:
         raise InputError(f"{file} names no robot; add 'robot: ur5' to it or give --robot")
-    arm = load_robot(source).arm(tcp or picks.tcp)
-    place = scene or picks.scene
-    world = Scene() if place is None else Scene.load(place)
-    return arm, world, picks, validate_picks(arm, world, picks, rng=seed)
+    arm = load_robot(name).arm(tcp or named.tcp)
+    place = scene or named.scene
+    return arm, Scene() if place is None else Scene.load(place), source
 
 
 def _is_folder(output: Path) -> bool:

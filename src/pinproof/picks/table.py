@@ -65,7 +65,8 @@ class PickTable(PickSource):
 
     def __init__(self, path: str | Path, *, shared: Picks | None = None, defaults: Mapping[str, Any] | None = None):
         self.path = Path(path)
-        self.shared = replace(shared or Picks((), source=self.path), picks=(), problems=())
+        named = Picks((), source=self.path) if shared is None else shared
+        self.shared = replace(named, picks=(), problems=())
         self._defaults = dict(defaults or {})
         content = blake2b(digest_size=16)
         self._begin, names = array("q"), array("Q")

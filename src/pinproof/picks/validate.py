@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy.typing as npt
 
@@ -11,7 +12,7 @@ from pinproof.collision import Scene
 from pinproof.errors import CampaignError
 from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
-from pinproof.picks.campaign.crew import Workers, do_chunks
+from pinproof.picks.campaign.crew import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.report import PickReport
 from pinproof.picks.setup import PickSetup
@@ -28,6 +29,8 @@ def validate_picks(
     home: npt.ArrayLike | None = None,
     rng: Rng = 0,
     executor: Workers | None = None,
+    workers: int | None = None,
+    in_flight: int = IN_FLIGHT,
 ) -> PickReport:
     """Judge every pick: reachable, inside limits, free at the grasp, straight approach and retreat, transit from home.
 
@@ -48,6 +51,10 @@ def validate_picks(
         the number of workers.
     executor
         Where the picks are judged, or a function that makes that; by default here, one after another.
+    workers
+        Judge them in so many processes of this machine, without an executor.
+    in_flight
+        How many chunks of picks are handed to ``executor`` at a time.
 
     Raises
     ------
@@ -60,7 +67,10 @@ def validate_picks(
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng)
     seed_sequence(rng).spawn(len(picks))  # the streams that are used here; a Generator gives the next call others
     task = _VerdictTask(setup)
-    verdicts = task(0, picks.picks) if executor is None else _by_workers(task, picks, executor)
+    if executor is None and workers is None:
+        verdicts = task(0, picks.picks)
+    else:
+        verdicts = _by_workers(task, picks, executor=executor, workers=workers, in_flight=in_flight)
     return PickReport(
         arm.robot.name, tuple(verdicts), picks.problems, arm.limits.acceleration_source, setup.not_covered()
     )
@@ -74,9 +84,9 @@ class _VerdictTask:
         return [self.setup.judge(index, pick) for index, pick in enumerate(part, start)]
 
 
-def _by_workers(task: _VerdictTask, picks: Picks, executor: Workers) -> list[PickVerdict]:
+def _by_workers(task: _VerdictTask, picks: Picks, **where: Any) -> list[PickVerdict]:
     found: dict[int, list[PickVerdict]] = {}
-    for outcome in do_chunks(task, lambda i, j: picks.picks[i:j], [(0, len(picks))], executor=executor):
+    for outcome in do_chunks(task, lambda i, j: picks.picks[i:j], [(0, len(picks))], **where):
         if outcome.crashed:
             name = picks.picks[outcome.start].name
             raise CampaignError(f"every process that judged pick {name!r}, alone, has died of it")

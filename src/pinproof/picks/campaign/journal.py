@@ -19,7 +19,17 @@ import numpy as np
 from pinproof.errors import CampaignError, FileError
 from pinproof.picks.campaign.line_file import LineFile
 
-__all__ = ["JOURNAL", "ROWS", "SCHEMA", "Journal", "differences", "read_header", "refuse_foreign", "to_line"]
+__all__ = [
+    "JOURNAL",
+    "ROWS",
+    "SCHEMA",
+    "Journal",
+    "differences",
+    "read_header",
+    "refuse_foreign",
+    "rows_there",
+    "to_line",
+]
 
 SCHEMA = "pinproof/campaign/1"
 
@@ -146,6 +156,15 @@ class Journal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+
+
+def rows_there(folder: Path) -> int:
+    """How many rows the journal of a campaign holds; 0 where there is none."""
+    try:
+        with (folder / JOURNAL).open("rb") as file:
+            return max(0, sum(line.endswith(b"\n") for line in file) - 1)
+    except OSError:
+        return 0
 
 
 def read_header(path: Path) -> dict[str, Any]:

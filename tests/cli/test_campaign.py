@@ -1,0 +1,146 @@
+"""``pinproof pick --campaign``: rows in a folder, gone on with after Ctrl-C; mistakes told in a line."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pinproof.cli import workers
+from pinproof.cli.main import main
+from pinproof.description import robots_folder
+from pinproof.picks import Campaign
+
+Run = Callable[..., tuple[int, str, str]]
+RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main\nif __name__ == '__main__': main()"
+SHARED = "robot: generic_6dof\nscene: scene.yaml\nmargin: 0.002\ntip: {xyz: [0, 0, 0.005]}\n"
+DEFAULTS = "defaults: {rpy: [pi, 0, 0], approach: 0.02, retreat: 0.02}\npicks: many.csv\n"
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run a command line in this process, in a folder with a file of picks: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+    shutil.copy(robots_folder() / "generic_6dof" / "scene.yaml", tmp_path)
+    (tmp_path / "picks.yaml").write_text(SHARED + DEFAULTS)
+    table(3)
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+def table(count: int, *more: str) -> None:
+    """A table of good picks beside the picks file, and what is to stand behind them."""
+    rows = [f"pin_{k},{0.4 - 0.0005 * k},-0.15,0.035" for k in range(count)]
+    Path("many.csv").write_text("\n".join(["name,x,y,z", *rows, *more]) + "\n")
+
+
+def test_rows_stream_to_the_folder_and_all_good_is_0(run: Run) -> None:
+    code, out, err = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1")
+    assert (code, err) == (0, "")
+    assert out.startswith("3 of 3 picks good\nnot covered: what is picked is not carried")
+    assert out.endswith("wrote out/rows.jsonl\n")
+    header, *rows = [json.loads(line) for line in Path("out/rows.jsonl").read_text().splitlines()]
+    assert header["setup"]["robot"].startswith("generic_6dof ")
+    assert [row["name"] for row in rows] == ["pin_0", "pin_1", "pin_2"]
+
+
+def test_one_that_is_not_good_is_1_and_another_campaign_in_the_folder_2(run: Run) -> None:
+    table(1, "far,2,0,0", "torn,nan,0,0")
+    first = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "--json")
+    again = run("pick", "picks.yaml", "--campaign", "out", "--json")
+    assert (first[0], first[2]) == (again[0], again[2]) == (1, "")
+    told = json.loads(again[1])
+    assert told == {**json.loads(first[1]), "resumed": 3}
+    assert told["summary"] == "1 of 3 picks good; failed: 1 at reach, 1 at input"
+    assert told["verdicts"] == {"good": 1, "not found": 1, "unreadable": 1}
+    code, out, err = run("pick", "picks.yaml", "--campaign", "out", "--seed", "1")
+    assert (code, out) == (2, "")
+    assert "is of another campaign, which differs in seed (0 there, 1 here). Name another folder" in err
+    assert err.count("\n") == 1
+
+
+def test_workers_change_no_report(run: Run) -> None:
+    table(2, "far,2,0,0")
+    code, here, _ = run("pick", "picks.yaml", "--json")
+    assert (code, here) == run("pick", "picks.yaml", "--json", "--workers", "1")[:2]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("-o", "report.json"), "--campaign writes rows to its folder"),
+        (("--workers", "2", "--dask", "tcp://127.0.0.1:1"), "give one of them"),
+        (("--dask", "tcp://127.0.0.1:1"), "no Dask scheduler answers at tcp://127.0.0.1:1"),
+        (("--dask", "nonsense"), "no Dask scheduler answers at nonsense"),
+    ],
+)
+def test_wrong_usage_is_2(run: Run, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], said: str) -> None:
+    monkeypatch.setattr(workers, "CONNECT_SECONDS", 1)
+    code, out, err = run("pick", "picks.yaml", "--campaign", "out", *words)
+    assert (code, out) == (2, "")
+    assert said in err
+    assert not Path("out/rows.jsonl").exists()
+
+
+def test_a_folder_that_cannot_be_is_2(run: Run) -> None:
+    code, out, err = run("pick", "picks.yaml", "--campaign", "scene.yaml/out")
+    assert (code, out) == (2, "")
+    assert err == "pinproof: scene.yaml/out: cannot be made a folder: Not a directory\n"
+
+
+def test_without_dask_the_extra_is_named(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    code, _, err = run("pick", "picks.yaml", "--dask", "tcp://127.0.0.1:1")
+    assert code == 2
+    assert "pip install 'pinproof[dask]'" in err
+
+
+def test_an_internal_error_is_3(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: object, **settings: object) -> None:
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr(Campaign, "run", broken)
+    code, out, err = run("pick", "picks.yaml", "--campaign", "out")
+    assert (code, out) == (3, "")
+    assert "internal error: ZeroDivisionError: oops" in err
+
+
+def test_ctrl_c_keeps_what_was_done_and_the_same_command_goes_on(run: Run) -> None:
+    table(12)
+    words = ("pick", "picks.yaml", "--workers", "1", "--campaign")
+    running = subprocess.Popen(
+        [sys.executable, "-c", RUN_CLI, *words, "out"], stderr=subprocess.PIPE, text=True, env=os.environ
+    )
+    journal, end = Path("out/journal.jsonl"), time.monotonic() + 120
+    while not journal.exists() or journal.read_bytes().count(b"\n") < 3:
+        assert running.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.01)
+    running.send_signal(signal.SIGINT)
+    _, err = running.communicate(timeout=120)
+    there = journal.read_bytes().count(b"\n") - 1
+    assert running.returncode == 130
+    assert 2 <= there < 12
+    assert f"interrupted after {there} of 12 picks; the same command goes on there" in err
+    assert "Traceback" not in err
+    code, out, err = run(*words, "out")
+    assert code == 0
+    assert f"going on: {there} of 12 picks were judged before" in err
+    assert out.startswith("12 of 12 picks good")
+    rows = [json.loads(line) for line in Path("out/rows.jsonl").read_text().splitlines()[1:]]
+    assert [row["name"] for row in rows] == [f"pin_{k}" for k in range(12)]

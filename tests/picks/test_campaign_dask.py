@@ -1,0 +1,100 @@
+"""Campaigns on a Dask cluster: a real scheduler, real worker processes, some of which die."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pytest
+
+import pinproof as pp
+from pinproof.cli.main import main
+from pinproof.description import robots_folder
+
+distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+
+# What Dask leaves open when its processes are killed is not ours to close.
+pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory) -> Iterator[distributed.LocalCluster]:
+    """A scheduler and two worker processes on this machine, which are made anew when they die."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(Path(__file__).parent))  # the processes have the paths of this one
+        patch.setenv("CAMPAIGN_TEST_FLAG", str(tmp_path_factory.mktemp("dask") / "flag"))
+        with distributed.LocalCluster(
+            n_workers=2,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            local_directory=str(tmp_path_factory.mktemp("scratch")),
+        ) as made:
+            yield made
+
+
+@pytest.fixture
+def client(cluster) -> Iterator[distributed.Client]:
+    with distributed.Client(cluster) as made:
+        made.wait_for_workers(2, timeout=60)
+        yield made
+
+
+def run_by_threads(made: pp.Campaign, folder: Path) -> bytes:
+    with ThreadPoolExecutor(2) as threads:
+        return made.run(folder, executor=threads).path.read_bytes()
+
+
+def test_a_worker_killed_half_way_costs_nothing(client, stick, many, judges, tmp_path) -> None:
+    killed: list[int] = []
+
+    def kill_one(done: int, total: int) -> None:
+        if done >= 60 and not killed:
+            killed.append(next(iter(client.run(os.getpid).values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.slow)
+    result = made.run(tmp_path / "dask", executor=client.get_executor(), chunk=3, in_flight=4, progress=kill_one)
+    assert killed
+    assert result.ok
+    assert result.path.read_bytes() == run_by_threads(made, tmp_path / "threads")
+    times = [json.loads(line) for line in (tmp_path / "dask" / "timings.jsonl").read_text().splitlines()]
+    assert len({time["worker"] for time in times} - {f"{os.uname().nodename}:{os.getpid()}"}) >= 2
+
+
+def test_a_pick_that_kills_its_workers_is_found(cluster, client, stick, many, judges, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr(cluster.scheduler, "allowed_failures", 0)  # by default Dask tries four times itself
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_on_7)
+    result = made.run(tmp_path, executor=client.get_executor(), chunk=2, in_flight=2)
+    rows = list(result.rows())
+    assert [row["index"] for row in rows if row["verdict"] == "crashed"] == [7]
+    assert result.summary == "119 of 120 picks good; failed: 1 at no stage (crashed)"
+
+
+def test_real_picks_have_the_same_rows_and_verdicts_as_here(client, arms, cells, reports, tmp_path) -> None:
+    arm, (scene, picks) = arms["generic_6dof"], cells["generic_6dof"]
+    made = pp.Campaign(arm, scene, picks)
+    result = made.run(tmp_path / "dask", executor=client.get_executor(), chunk=1)
+    assert result.path.read_bytes() == run_by_threads(made, tmp_path / "threads")
+    told = [
+        {k: v for k, v in pick.items() if k != "excluded_pairs"} for pick in reports["generic_6dof"].to_dict()["picks"]
+    ]
+    assert [{k: v for k, v in row.items() if k != "index"} for row in result.rows()] == told
+    report = pp.validate_picks(arm, scene, picks, executor=client.get_executor())
+    assert report.to_dict() == reports["generic_6dof"].to_dict()
+
+
+def test_the_command_line_takes_a_scheduler(cluster, monkeypatch, capsys, tmp_path) -> None:
+    picks = str(robots_folder() / "generic_6dof" / "picks.yaml")
+    for more in (("--campaign", str(tmp_path / "out")), ("-o", str(tmp_path / "report.json"))):
+        monkeypatch.setattr("sys.argv", ["pinproof", "pick", picks, "--dask", cluster.scheduler_address, *more])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        assert ended.value.code == 1
+        assert "2 of 4 picks good" in capsys.readouterr().out
+    assert pp.CampaignResult.open(tmp_path / "out").good == 2

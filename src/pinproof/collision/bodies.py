@@ -6,8 +6,11 @@ exact mesh carries the points that tell whether it lies inside another (coal's m
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import coal
@@ -37,9 +40,15 @@ from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import matrix
 
-__all__ = ["Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
+__all__ = ["MESHES_KEPT", "Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
 
 Array = npt.NDArray[np.float64]
+
+MESHES_KEPT = 128
+"""Mesh files of which the hull, or the solid, is kept for the next checker with the same link or obstacle."""
+
+CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
+"""Those of a box of half sides 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,9 +144,10 @@ class Body:
         return b"|".join(parts)
 
     @property
-    def reach(self) -> float:
-        """How far (m) its origin lies from that of its link, or of the root for an obstacle."""
-        return float(np.linalg.norm(self.link_from_body.translation))
+    def extent(self) -> float:
+        """How far (m) its numbers reach: of its box where that ends, and from its link, or the root, to its origin."""
+        sides = [abs(x) for corner in self.box.tolist() for x in corner if math.isfinite(x)]
+        return max(sides, default=0.0) + math.dist((0, 0, 0), self.link_from_body.translation)
 
 
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
@@ -195,8 +205,7 @@ def _primitive(shape: Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid) -> t
     """Coal shape, box and support."""
     if isinstance(shape, Box):
         half = np.array([shape.x, shape.y, shape.z]) / 2
-        corners = np.array(np.meshgrid(*zip(-half, half, strict=True))).reshape(3, 8).T
-        geometry, support = coal.Box(shape.x, shape.y, shape.z), Support(corners)
+        geometry, support = coal.Box(shape.x, shape.y, shape.z), Support(CORNERS * half)
     elif isinstance(shape, Sphere):
         half = np.full(3, shape.radius)
         geometry, support = coal.Sphere(shape.radius), Support(np.zeros((1, 3)), shape.radius)
@@ -218,6 +227,21 @@ def _primitive(shape: Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid) -> t
 
 
 def _mesh(shape: Mesh) -> Made:
+    if shape.path is None:
+        return _made_of_mesh(shape)
+    try:
+        status = Path(shape.path).stat()
+    except OSError:
+        return _made_of_mesh(shape)  # says what is wrong with the file
+    return _made_of_file(shape.path, shape.scale, shape.hull, shape.hollow, (status.st_mtime_ns, status.st_size))
+
+
+@lru_cache(maxsize=MESHES_KEPT)
+def _made_of_file(path: Any, scale: Any, hull: bool, hollow: bool, _changed: tuple[int, int]) -> Made:
+    return _made_of_mesh(Mesh(path, scale, hull=hull, hollow=hollow))
+
+
+def _made_of_mesh(shape: Mesh) -> Made:
     mesh = triangles_of(shape)
     what = "a mesh of arrays" if shape.path is None else shape.path
     if shape.hull:

@@ -264,7 +264,10 @@ class CollisionChecker:
     def still(self) -> Still:
         """The verdict on the pairs between which no joint moves; found once, by whoever asks first."""
         if self._still is None:
-            space = Placed(self, *self._still_world)
+            from pinproof.kernels.world import flatten
+
+            world = self._margined
+            space = Placed(self, *flatten(world._replace(own=self.still_pairs, tree=world.tree[:0])))
             q = np.zeros(self.arm.dof)
             touching = tuple(space.touching(q))
             near = space.near(q, NEAREST)
@@ -331,8 +334,7 @@ class CollisionChecker:
             self.bodies, arm.robot, scene, levels=self._levels, allowed=allowed, trust_disabled=self._trust_disabled
         )
         self._geometry_model = None
-        widest = (np.abs(b.box[np.isfinite(b.box)]).max(initial=0.0) + b.reach for b in self.bodies)
-        self.rounding = ROUNDING * max((1.0, *widest))
+        self.rounding = ROUNDING * max((1.0, *(body.extent for body in self.bodies)))
         self._world, self.at, self.still_pairs = pack_world(arm, self.bodies, self.pairs, self.rounding)
         self.convex = convex_pairs(self._world)
         self._set_margins(self._margins)
@@ -343,12 +345,12 @@ class CollisionChecker:
         from pinproof.kernels.world import flatten
 
         self._margins, self.margin = margins, margins.common
-        owners = [(self.bodies[i].owner, self.bodies[j].owner) for i, j in self.pairs]
-        with_obstacle = np.array([self.bodies[j].link is None for _, j in self.pairs], dtype=float)
-        self.margins = margins.of(owners, self.obstacles_and_links) + self._moved * with_obstacle
-        world = with_margins(self._world, self.margins)
-        self.numbers, self.indices = flatten(world)
-        self._still_world = flatten(world._replace(own=self.still_pairs, tree=world.tree[:0]))
+        owners = map(self._owners, range(len(self.pairs)))
+        self.margins = margins.of(owners, len(self.pairs), self.obstacles_and_links)
+        if self._moved:
+            self.margins += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
+        self._margined = with_margins(self._world, self.margins)
+        self.numbers, self.indices = flatten(self._margined)
         self._still = None
         self._threads = threading.local()
 

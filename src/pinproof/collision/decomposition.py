@@ -18,8 +18,9 @@ the hull's volume it falls with each wall that is cut off a hollow thing, long b
 from __future__ import annotations
 
 import heapq
+from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations, product
 from typing import TYPE_CHECKING
 
@@ -45,14 +46,23 @@ WORTH = 0.02
 IDLE = 0.01
 """Hulls are joined where that adds less than this share of the volume of the whole hull."""
 
+SNUG = 1.1
+"""A hull that is no larger than this many times the body is left whole: there is little to gain."""
+
 CLOSE = 1.15
 """A cover by halves that is no larger than this many times the body is good enough; else cuts are searched for."""
 
 SHARES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
 """Where cuts are tried along a cell; and along as many of the largest faces that stand across the axis."""
 
+AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)])
+"""(13, 3) Directions in which, and against which, it is looked how far a surface reaches."""
+
 ACROSS = 0.999
 """A face stands across an axis if its unit normal has this much of it."""
+
+FEW = 400
+"""Triangles, spread evenly by area, of which it is judged where to cut; what is kept holds all of them."""
 
 SAMPLES = 400
 """Places on the surface at which the way to the hull is measured, spread evenly by area."""
@@ -69,25 +79,51 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
         Whether any of the points (N, 3) lies in the body; never for a surface without an inside.
     """
     flat = corners.reshape(-1, 3)
-    whole = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), contains)
-    halves = _joined(_cut_up(whole, False, pieces), pieces)
+    # Cells share their corners, and it takes long to tell whether one lies in the body.
+    known = cache(lambda *corner: contains(np.array([corner])))
+    whole = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), known)
     enclosed = abs(float(np.linalg.det(corners - whole.box.mean(axis=0)).sum())) / 6
-    if sum(_hull_volume(part) for part in halves) <= CLOSE * enclosed:
-        return halves
-    covers = [halves, _joined(_cut_up(whole, True, pieces), pieces)]
-    return min(covers, key=lambda parts: sum(_hull_volume(part) for part in parts))
+    if 0 < whole.hull.volume <= SNUG * enclosed:
+        return [whole.hull.points]
+    halves = _joined(_cut_up(whole, False, pieces), pieces)
+    if sum(hull.volume for hull in halves) > CLOSE * enclosed:
+        covers = [halves, _joined(_cut_up(whole, True, pieces), pieces)]
+        halves = min(covers, key=lambda hulls: sum(hull.volume for hull in hulls))
+    return [hull.points for hull in halves]
 
 
-def _cut_up(whole: _Cell, closely: bool, pieces: int) -> list[Array]:
-    """The points of the cells: cut where it leaves least space, or in halves, which suits what is round and hollow."""
+class _Hull:
+    """The convex hull of points (V, 3): those on it, its faces as planes (E, 4), and its volume, 0 where it is flat."""
+
+    def __init__(self, points: Array) -> None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        self.points, self.planes, self.volume = points, np.empty((0, 4)), 0.0
+        if len(points) > 3:
+            with suppress(QhullError):
+                hull = ConvexHull(points)
+                self.points, self.planes, self.volume = points[hull.vertices], hull.equations, float(hull.volume)
+        self.box = np.array([points.min(axis=0), points.max(axis=0)])
+
+    def beside(self, other: _Hull) -> bool:
+        """Whether the boxes around both meet."""
+        return bool((self.box[0] <= other.box[1]).all() and (other.box[0] <= self.box[1]).all())
+
+    def with_other(self, other: _Hull) -> _Hull:
+        """The hull of both."""
+        return _Hull(np.concatenate([self.points, other.points]))
+
+
+def _cut_up(whole: _Cell, closely: bool, pieces: int) -> list[_Hull]:
+    """The hulls of the cells: cut where it leaves least space, or in halves, which suits what is round and hollow."""
     least = WORTH * float(np.prod(np.ptp(whole.box, axis=0)))
     number = 0
     queue = [(-whole.space, number, whole)]
-    done: list[Array] = []
+    done: list[_Hull] = []
     while queue:
         cell = heapq.heappop(queue)[2]
         if len(queue) + len(done) + 1 >= max(CELLS, pieces) or cell.space <= least:
-            done.append(cell.points)
+            done.append(cell.hull)
             continue
         for half in cell.cut(*(cell.best_cut if closely else cell.middle)):
             if len(half.corners) or len(half.inner):
@@ -96,34 +132,27 @@ def _cut_up(whole: _Cell, closely: bool, pieces: int) -> list[Array]:
     return done
 
 
-def _joined(parts: list[Array], pieces: int) -> list[Array]:
+def _joined(hulls: list[_Hull], pieces: int) -> list[_Hull]:
     """Fewer clusters: those joined whose common hull is hardly larger; the hull of both holds both."""
-    volumes = [_hull_volume(part) for part in parts]
-    idle = IDLE * _hull_volume(np.concatenate(parts))
-    added: dict[tuple[int, int], tuple[float, float]] = {}
-    alive = list(range(len(parts)))
+    idle = IDLE * _Hull(np.concatenate([hull.points for hull in hulls])).volume
+    both: dict[tuple[int, int], tuple[float, _Hull]] = {}
+    alive = dict(enumerate(hulls))
     while len(alive) > 1:
-        for i, j in combinations(alive, 2):
-            if (i, j) not in added:
-                both = _hull_volume(np.concatenate([parts[i], parts[j]]))
-                added[i, j] = both - volumes[i] - volumes[j], both
-        (i, j), (more, both) = min(((key, added[key]) for key in combinations(alive, 2)), key=lambda entry: entry[1][0])
+        pairs = list(combinations(alive, 2))
+        near = [(i, j) for i, j in pairs if alive[i].beside(alive[j])]
+        if not near and len(alive) <= pieces:
+            break
+        for i, j in near or pairs:
+            if (i, j) not in both:
+                hull = alive[i].with_other(alive[j])
+                both[i, j] = hull.volume - alive[i].volume - alive[j].volume, hull
+        i, j = min(near or pairs, key=lambda pair: both[pair][0])
+        more, hull = both[i, j]
         if more > idle and len(alive) <= pieces:
             break
-        parts.append(np.unique(np.concatenate([parts[i], parts[j]]), axis=0))
-        volumes.append(both)
-        alive = [k for k in alive if k not in (i, j)] + [len(parts) - 1]
-    return [parts[k] for k in alive]
-
-
-def _hull_volume(points: Array) -> float:
-    """The volume (m^3) of the hull, 0 where it is flat."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return float(ConvexHull(points).volume) if len(points) > 3 else 0.0
-    except QhullError:
-        return 0.0
+        del alive[i], alive[j]
+        alive[max(i, j, *alive, *map(max, both)) + 1] = hull
+    return list(alive.values())
 
 
 @dataclass
@@ -132,18 +161,23 @@ class _Cell:
 
     corners: Array
     box: Array
-    contains: Callable[[Array], bool] = field(repr=False)
+    contains: Callable[[float, float, float], bool] = field(repr=False)
 
     @cached_property
     def inner(self) -> Array:
         """The corners of the cell that lie in the body."""
-        here = np.array(list(product(*self.box.T)))
-        return here[[self.contains(corner[None]) for corner in here]]
+        inside = [corner for corner in product(*self.box.T.tolist()) if self.contains(*corner)]
+        return np.array(inside).reshape(-1, 3)
 
     @cached_property
     def points(self) -> Array:
         """What the hull is taken of."""
         return np.unique(np.concatenate([self.corners.reshape(-1, 3), self.inner]), axis=0)
+
+    @cached_property
+    def hull(self) -> _Hull:
+        """What covers the body in this cell."""
+        return _Hull(self.points)
 
     @property
     def middle(self) -> tuple[int, float]:
@@ -155,45 +189,55 @@ class _Cell:
     @cached_property
     def best_cut(self) -> tuple[int, float]:
         """The axis and place of the cut that leaves least space; the middle where none leaves less."""
+        few = _Cell(self._few(), self.box, lambda *_: False)
         best, least = self.middle, self.space * (1 - 1e-9)
         for axis in range(3):
             for place in _places(self.corners, axis):
-                left = sum(half.space for half in self.cut(axis, place, quick=True))
+                left = sum(half.space for half in few.cut(axis, place))
                 if left < least:
                     best, least = (axis, place), left * (1 - 1e-9)
         return best
 
+    def _few(self) -> Array:
+        """Enough of the triangles to tell where to cut: spread by area, and those that reach farthest."""
+        corners, _, areas = _faces(self.corners)
+        if len(corners) <= FEW:
+            return corners
+        flat = corners.reshape(-1, 3)
+        farthest = np.concatenate([(flat @ AROUND.T).argmax(axis=0), (flat @ AROUND.T).argmin(axis=0)]) // 3
+        return corners[np.union1d(_spread(areas, FEW), farthest)]
+
     @cached_property
     def space(self) -> float:
         """The space (m^3) between surface and hull, as the module says; 0 where the hull is flat."""
-        from scipy.spatial import ConvexHull, QhullError
-
         corners, normals, areas = _faces(self.corners)
         # A face in a wall of the cell that looks into it is the skin of what lies in the next cell.
         for axis in range(3):
             low, high = ((corners[:, :, axis] == wall).all(axis=1) for wall in self.box[:, axis])
             areas = np.where((low & (normals[:, axis] > 0)) | (high & (normals[:, axis] < 0)), 0.0, areas)
         total = float(areas.sum())
-        if total == 0 or len(self.points) < 4:
+        planes = self.hull.planes
+        if total == 0 or len(planes) == 0:
             return 0.0
-        try:
-            planes = ConvexHull(self.points).equations
-        except QhullError:
-            return 0.0
-        chosen = np.searchsorted(np.cumsum(areas), (np.arange(SAMPLES) + 0.5) * total / SAMPLES)
-        chosen, times = np.unique(np.minimum(chosen, len(areas) - 1), return_counts=True)
+        chosen, times = np.unique(_spread(areas, SAMPLES), return_counts=True)
         height = -(corners[chosen].mean(axis=1) @ planes[:, :3].T + planes[:, 3])
         slope = normals[chosen] @ planes[:, :3].T
         way = np.where(slope > 1e-9, np.maximum(height, 0.0) / np.maximum(slope, 1e-9), np.inf).min(axis=1)
         return float(np.minimum(way, np.linalg.norm(np.ptp(self.points, axis=0))) @ times) * total / SAMPLES
 
-    def cut(self, axis: int, place: float, *, quick: bool = False) -> tuple[_Cell, _Cell]:
-        """The two cells on both sides of a plane; ``quick`` ones do not look for corners that lie in the body."""
-        contains = (lambda _: False) if quick else self.contains
+    def cut(self, axis: int, place: float) -> tuple[_Cell, _Cell]:
+        """The two cells on both sides of a plane."""
         below, above = self.box.copy(), self.box.copy()
         below[1, axis] = above[0, axis] = place
         lower, upper = _split(self.corners, axis, place)
-        return _Cell(lower, below, contains), _Cell(upper, above, contains)
+        return _Cell(lower, below, self.contains), _Cell(upper, above, self.contains)
+
+
+def _spread(areas: Array, count: int) -> npt.NDArray[np.int64]:
+    """Which faces lie at ``count`` places that are spread evenly over the areas (F,)."""
+    ends = np.cumsum(areas)
+    here = np.searchsorted(ends, (np.arange(count) + 0.5) * ends[-1] / count)
+    return np.minimum(here, len(areas) - 1)
 
 
 def _faces(corners: Array) -> tuple[Array, Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -40,8 +40,8 @@ class Margins:
                 raise InputError(f"margins has the key {pair!r}; it must be two names")
             self.single[names] = checked_margin(f"margins[{pair!r}]", margin)
 
-    def of(self, owners: Sequence[tuple[str, str]], names: Sequence[str]) -> Array:
-        """(P,) the margins of pairs of owners.
+    def of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
+        """(P,) the margins of ``count`` pairs of owners, which are only looked at where single pairs have their own.
 
         Raises
         ------
@@ -53,7 +53,7 @@ class Margins:
                 if name not in names:
                     raise UnknownNameError("body", name, names, "margins")
         if not self.single:
-            return np.full(len(owners), self.common)
+            return np.full(count, self.common)
         return np.array([self.single.get(frozenset(pair), self.common) for pair in owners], dtype=float)
 
     def under(self, common: float) -> Margins:

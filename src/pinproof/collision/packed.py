@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.bodies import Body, boxes
+from pinproof.collision.bodies import Body, Support, boxes
 from pinproof.kernels import world as w
 from pinproof.model import Arm
 
@@ -36,32 +36,27 @@ def pack_world(
     joints, aligned = _joints(arm)
     rows, vertices = _bodies(arm, bodies, aligned)
     robot = sum(body.link is not None for body in bodies)
+    first, second = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    outside = second >= robot
     table = np.zeros((len(pairs), w.PAIR_COLUMNS))
+    table[:, w.A], table[:, w.B], table[:, w.OUTSIDE] = first, second, outside
+    moved = _moved_by(joints)[rows[:, w.JOINT].astype(int)]
+    between = (moved[first] != moved[second]).sum(axis=1)  # the last row, of joint -1, is the root's
     outer = np.full((robot, len(bodies) - robot), -1, dtype=np.int64)
-    own, still, parted_once = [], [], []
-    moved = _moved_by(joints)
-    for k, (i, j) in enumerate(pairs):
-        table[k, : w.BEGIN] = i, j, 0.0, j >= robot
-        joint_i, joint_j = int(rows[i, w.JOINT]), int(rows[j, w.JOINT])
-        if moved[joint_i] == moved[joint_j]:
-            still.append(k)
-        elif j >= robot:
-            outer[i, j - robot] = k
-        else:
-            own.append(k)
-            if len(set(moved[joint_i]) ^ set(moved[joint_j])) == 1:
-                parted_once.append(k)
+    around = np.flatnonzero(outside & (between > 0))
+    outer[first[around], second[around] - robot] = around
+    own = ~outside & (between > 0)
     at = np.zeros((len(bodies), w.PLACEMENT_COLUMNS))
-    for body in np.flatnonzero(rows[:, w.JOINT] < 0):
-        at[body, :12] = rows[body, w.PLACE : w.PLACE + 12]
-        at[body, w.MIDDLE :] = at[body, :9].reshape(3, 3) @ rows[body, w.CENTRE : w.CENTRE + 3] + at[body, 9:12]
+    fixed = rows[:, w.JOINT] < 0
+    at[fixed, :12] = rows[fixed, w.PLACE : w.PLACE + 12]
+    turned = np.einsum("bij,bj->bi", at[:, :9].reshape(-1, 3, 3), rows[:, w.CENTRE : w.CENTRE + 3])
+    at[:, w.MIDDLE :] = at[:, 9:12] + turned
     tree = _tree(rows, at, robot)
-    around = np.flatnonzero((outer >= 0).any(axis=1))[::-1]
-    world = w.World(
-        joints, rows, vertices, table, np.array(own, dtype=np.int64), around, outer, tree, np.array([0.0, rounding])
-    )
-    _begin(world, at, parted_once, arm.dof)
-    return world, at, np.array(still, dtype=np.int64)
+    inwards = np.unique(first[around])[::-1]
+    widest = np.array([0.0, rounding])
+    world = w.World(joints, rows, vertices, table, np.flatnonzero(own), inwards, outer, tree, widest)
+    _begin(world, at, np.flatnonzero(own & (between == 1)), arm.dof)
+    return world, at, np.flatnonzero(between == 0)
 
 
 def with_margins(world: w.World, margins: Array) -> w.World:
@@ -72,7 +67,7 @@ def with_margins(world: w.World, margins: Array) -> w.World:
     return world._replace(pairs=pairs, widest=np.array([outside.max(initial=0.0), world.widest[1]]))
 
 
-def _begin(world: w.World, at: Array, pairs: Sequence[int], n: int) -> None:
+def _begin(world: w.World, at: Array, pairs: Indices, n: int) -> None:
     """Note in which direction bodies are apart that only one joint parts: it hardly changes, and they are always near.
 
     Found at q = 0 and not where the arm was last, so that no answer depends on what was asked before.
@@ -115,9 +110,12 @@ def _joints(arm: Arm) -> tuple[Array, list[pin.SE3]]:
 
 
 def _bodies(arm: Arm, bodies: Sequence[Body], aligned: Sequence[pin.SE3]) -> tuple[Array, Array]:
-    rows, points, count = np.zeros((len(bodies), w.BODY_COLUMNS)), [np.empty((4, 0))], 0
-    centres, halves = boxes(bodies)
-    for row, body, centre, half in zip(rows, bodies, centres, halves, strict=True):
+    rows = np.zeros((len(bodies), w.BODY_COLUMNS))
+    parts = [Support(np.empty((0, 3))) if body.support is None else body.support for body in bodies]
+    points = np.concatenate([np.empty((0, 3)), *(part.points for part in parts)])
+    discs = np.concatenate([np.empty(0), *(part.disc_radii for part in parts)])
+    counts = np.array([len(part.points) for part in parts], dtype=np.int64)
+    for row, body, part in zip(rows, bodies, parts, strict=True):
         joint, place = -1, body.link_from_body
         if body.link is not None:
             frame = arm.model.frames[arm.model.getFrameId(body.link, pin.FrameType.BODY)]
@@ -125,57 +123,64 @@ def _bodies(arm: Arm, bodies: Sequence[Body], aligned: Sequence[pin.SE3]) -> tup
         if joint >= 0:
             place = aligned[joint].inverse() * place
         row[w.JOINT] = joint
-        row[w.PLACE : w.PLACE + 12] = [*place.rotation.ravel(), *place.translation]
-        if not np.isfinite([centre, half]).all():  # without an end: never settled by its box
-            centre, half = np.zeros(3), np.full(3, np.inf)
-        row[w.CENTRE : w.CENTRE + 3], row[w.HALF : w.HALF + 3] = centre, half
-        row[w.BALL] = np.linalg.norm(half)
-        row[w.FIRST] = row[w.LAST] = count
-        if isinstance(body.geometry, coal.Halfspace):
+        row[w.PLACE : w.PLACE + 9], row[w.PLACE + 9 : w.PLACE + 12] = place.rotation.ravel(), place.translation
+        row[w.RADIUS], row[w.SEMI : w.SEMI + 3] = part.radius, part.semi_axes
+        if body.support is not None:
+            row[w.CONVEX] = 1.0
+        elif isinstance(body.geometry, coal.Halfspace):
             row[w.CONVEX] = w.HALF_SPACE
-        if body.support is None:
-            continue
-        s = body.support
-        around = np.linalg.norm(s.points - centre, axis=1) + s.disc_radii
-        row[w.BALL] = min(row[w.BALL], around.max() + s.radius + s.semi_axes.max())
-        points.append(np.vstack([s.points.T, s.disc_radii]))
-        count += len(s.points)
-        row[w.LAST], row[w.DISCS], row[w.RADIUS], row[w.CONVEX] = count, s.disc_radii.any(), s.radius, 1.0
-        row[w.SEMI : w.SEMI + 3] = s.semi_axes
-    return rows, np.ascontiguousarray(np.hstack(points))
+    centres, halves = boxes(bodies)
+    endless = ~(np.isfinite(centres) & np.isfinite(halves)).all(axis=1)  # never settled by its box
+    centres[endless], halves[endless] = 0.0, np.inf
+    rows[:, w.CENTRE : w.CENTRE + 3], rows[:, w.HALF : w.HALF + 3] = centres, halves
+    rows[:, w.LAST] = np.cumsum(counts)
+    rows[:, w.FIRST] = rows[:, w.LAST] - counts
+    rows[:, w.BALL] = np.linalg.norm(halves, axis=1)
+    some = np.flatnonzero(counts)
+    if len(some):
+        starts = rows[some, w.FIRST].astype(np.int64)
+        reach = np.linalg.norm(points - np.repeat(centres, counts, axis=0), axis=1) + discs
+        grown = rows[some, w.RADIUS] + rows[some, w.SEMI : w.SEMI + 3].max(axis=1)
+        rows[some, w.BALL] = np.minimum(rows[some, w.BALL], np.maximum.reduceat(reach, starts) + grown)
+        rows[some, w.DISCS] = np.logical_or.reduceat(discs != 0.0, starts)
+    return rows, np.ascontiguousarray(np.column_stack([points, discs]).T)
 
 
-def _moved_by(joints: Array) -> list[tuple[int, ...]]:
-    """For each joint, the joints with an influence that carry what hangs on it; the last entry is the root's: none."""
-    carried: list[tuple[int, ...]] = []
+def _moved_by(joints: Array) -> npt.NDArray[np.bool_]:
+    """(m + 1, m) for each joint, which joints with an influence carry what hangs on it; the last row is the root's."""
+    carried = np.zeros((len(joints) + 1, len(joints)), dtype=bool)
     for k, row in enumerate(joints):
-        parent = int(row[w.PARENT])
-        above = carried[parent] if parent >= 0 else ()
-        carried.append((*above, k) if row[w.MULTIPLIER] != 0.0 else above)
-    return [*carried, ()]
+        carried[k] = carried[int(row[w.PARENT])]  # parents come first; -1 is the root
+        carried[k, k] = row[w.MULTIPLIER] != 0.0
+    return carried
 
 
 def _tree(rows: Array, at: Array, robot: int) -> Array:
-    """Boxes around the boxes of the obstacles, halved along the longest side."""
+    """Boxes around the boxes of the obstacles, halved along the longest side, level by level.
+
+    A box around n obstacles and all within it fill 2 n - 1 rows, so it is known where each goes.
+    """
     rotation = at[robot:, :9].reshape(-1, 3, 3)
     with np.errstate(invalid="ignore"):
         reach = np.einsum("bij,bj->bi", np.abs(rotation), rows[robot:, w.HALF : w.HALF + 3])
     reach = np.where(np.isnan(reach), np.inf, reach)  # 0 times a side without end
-    low, high = at[robot:, w.MIDDLE :] - reach, at[robot:, w.MIDDLE :] + reach
-    tree: list[list[float]] = []
-
-    def add(members: Indices) -> None:
-        row = [*low[members].min(axis=0), *high[members].max(axis=0), 0.0, -1.0]
-        tree.append(row)
-        if len(members) == 1:
-            row[w.LEAF] = float(robot + members[0])
-        else:
-            centre = at[robot + members, w.MIDDLE :]
-            order = members[np.argsort(centre[:, int(np.ptp(centre, axis=0).argmax())], kind="stable")]
-            add(order[: len(order) // 2])
-            add(order[len(order) // 2 :])
-        row[w.SKIP] = float(len(tree))
-
-    if len(low):
-        add(np.arange(len(low)))
-    return np.array(tree).reshape(-1, w.TREE_COLUMNS)
+    centre = at[robot:, w.MIDDLE :]
+    low, high = centre - reach, centre + reach
+    tree = np.zeros((max(2 * len(low) - 1, 0), w.TREE_COLUMNS))
+    members, counts, here = np.arange(len(low)), np.array([len(low)]), np.array([0])
+    while len(members):
+        starts, group = np.cumsum(counts) - counts, np.repeat(np.arange(len(counts)), counts)
+        tree[here, w.LOW : w.LOW + 3] = np.minimum.reduceat(low[members], starts)
+        tree[here, w.HIGH : w.HIGH + 3] = np.maximum.reduceat(high[members], starts)
+        tree[here, w.SKIP] = here + 2 * counts - 1
+        tree[here, w.LEAF] = np.where(counts == 1, robot + members[starts], -1)
+        middles = centre[members]
+        widths = np.maximum.reduceat(middles, starts) - np.minimum.reduceat(middles, starts)
+        along = middles[np.arange(len(members)), widths.argmax(axis=1)[group]]
+        members = members[np.lexsort((along, group))][counts[group] > 1]
+        parted = counts > 1
+        counts, here = counts[parted], here[parted]
+        half = counts // 2
+        here = np.stack([here + 1, here + 2 * half], axis=1).ravel()
+        counts = np.stack([half, counts - half], axis=1).ravel()
+    return tree

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from pinproof.benchmarks.plan_judge import Judged
 from pinproof.cli.main import main
 
 SMALL = ("bench", "ik", "ur5", "--points", "3", "--no-peers", "--methods", "clik, fabrik")
@@ -66,6 +67,41 @@ def test_mistakes_are_told(run, words: tuple[str, ...], said: str) -> None:
     assert said in err
 
 
-@pytest.mark.parametrize("words", [("bench", "poetry"), ("bench", "ik", "--points", "0")])
+PLAN = ("bench", "plan", "generic_6dof", "--set", "shelf", "--problems", "1", "--no-peers")
+
+
+def test_planning_is_measured_and_written(run, tmp_path: Path) -> None:
+    code, out, _ = run(*PLAN, "--output", str(tmp_path / "new"))
+    assert code == 0
+    assert "| pinproof | 1 of 1 | 1 | 0 |" in out
+    assert {path.name for path in (tmp_path / "new").iterdir()} == {"planning.json", "planning.md", "planning.png"}
+
+
+def test_planning_as_json(run) -> None:
+    code, out, _ = run(*PLAN, "--json", "--seed", "3")
+    assert code == 0
+    told = json.loads(out)
+    assert told["provenance"]["seed"] == 3
+    assert [row["solved"] for row in told["rows"]] == [True]
+
+
+def test_a_motion_that_touches_something_is_exit_code_1(run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(
+        "pinproof.benchmarks.plan_measure.judge", lambda *_: Judged(("link_6 touches board_1",), 1, 1.0)
+    )
+    code, out, _ = run(*PLAN)
+    assert code == 1
+    assert "link_6 touches board_1" in out
+
+
+def test_planning_problems_that_are_not_there_are_told(run, tmp_path: Path) -> None:
+    code, out, err = run("bench", "plan", "--mbm", str(tmp_path))
+    assert (code, out) == (2, "")
+    assert "holds no sceneNNNN.yaml" in err
+
+
+@pytest.mark.parametrize(
+    "words", [("bench", "poetry"), ("bench", "ik", "--points", "0"), ("bench", "plan", "--problems", "0")]
+)
 def test_wrong_usage_is_exit_code_2(run, words: tuple[str, ...]) -> None:
     assert run(*words)[0] == 2

@@ -5,14 +5,23 @@ from pinproof.benchmarks.ik_markdown import ik_markdown, ik_summary, success_mar
 from pinproof.benchmarks.ik_run import ik_benchmark
 from pinproof.benchmarks.ik_success import SuccessRow, success_rates
 from pinproof.benchmarks.ik_table import IkTable
+from pinproof.benchmarks.plan_files import write_plan_table
+from pinproof.benchmarks.plan_markdown import plan_markdown, plan_summary
+from pinproof.benchmarks.plan_run import plan_benchmark
+from pinproof.benchmarks.plan_table import PlanTable
 
 __all__ = [
     "IkTable",
+    "PlanTable",
     "SuccessRow",
     "ik_benchmark",
     "ik_markdown",
     "ik_summary",
+    "plan_benchmark",
+    "plan_markdown",
+    "plan_summary",
     "success_markdown",
     "success_rates",
     "write_ik_table",
+    "write_plan_table",
 ]

@@ -8,7 +8,7 @@ from typing import Any
 from pinproof.benchmarks.ik_table import PARTS, IkTable
 from pinproof.benchmarks.step_sizes import ASKED, METHODS, StepSizes
 
-__all__ = ["write_latency_plot", "write_step_plot"]
+__all__ = ["new_figure", "write_latency_plot", "write_step_plot"]
 
 MARKS = "osD^vP*X<>ph"
 
@@ -19,7 +19,7 @@ def write_latency_plot(table: IkTable, path: str | Path) -> None:
     Crosses are the textbook's cells, joined to our row of the same method.
     """
     methods = list(dict.fromkeys((row.method, row.label) for row in table.rows))
-    figure, panels = _figure(len(table.robots), len(PARTS))
+    figure, panels = new_figure(len(table.robots), len(PARTS))
     for robot, line in zip(table.robots, panels, strict=True):
         for asked, panel in zip(PARTS, line, strict=True):
             panel.set_title(
@@ -52,7 +52,7 @@ def write_latency_plot(table: IkTable, path: str | Path) -> None:
 
 def write_step_plot(steps: StepSizes, title: str, path: str | Path) -> None:
     """Step lengths against the smallest singular value as PNG."""
-    figure, ((panel,),) = _figure(1, 1, width=6.4, height=4.4)
+    figure, ((panel,),) = new_figure(1, 1, width=6.4, height=4.4)
     styles = dict(zip(METHODS, ("k:", "C0-", "C1-", "C2-"), strict=True))
     for name, lengths in steps.steps.items():
         panel.plot(steps.smallest, lengths, styles[name], label=name)
@@ -67,7 +67,7 @@ def write_step_plot(steps: StepSizes, title: str, path: str | Path) -> None:
     figure.savefig(path, dpi=110, format="png")
 
 
-def _figure(rows: int, columns: int, *, width: float = 3.4, height: float = 3.0) -> tuple[Any, Any]:
+def new_figure(rows: int, columns: int, *, width: float = 3.4, height: float = 3.0) -> tuple[Any, Any]:
     """A figure that needs no screen and no global state of matplotlib, and its panels."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

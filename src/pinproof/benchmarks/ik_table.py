@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 from pinproof.benchmarks.ik_measure import IkRow
 from pinproof.benchmarks.ik_methods import Asked
 from pinproof.benchmarks.ik_success import SuccessRow
-from pinproof.description.whole_file import write_text_whole
+from pinproof.benchmarks.stored import read_table, write_table
 from pinproof.errors import FileError, InputError
 
 __all__ = ["PARTS", "TEXTBOOK", "IkTable"]
@@ -88,7 +87,7 @@ class IkTable:
 
     def save(self, path: str | Path) -> None:
         """Write the table as JSON."""
-        write_text_whole(Path(path), json.dumps(self.to_dict(), indent=1, allow_nan=False) + "\n")
+        write_table(path, self.to_dict())
 
     @classmethod
     def load(cls, path: str | Path) -> IkTable:
@@ -100,6 +99,6 @@ class IkTable:
             If the file cannot be read or holds no table.
         """
         try:
-            return cls.from_dict(json.loads(Path(path).read_text(encoding="utf-8")))
-        except (OSError, ValueError) as error:
-            raise FileError(path, f"holds no table of inverse kinematics: {error}") from error
+            return cls.from_dict(read_table(path, "inverse kinematics"))
+        except InputError as error:
+            raise FileError(path, str(error)) from error

@@ -14,7 +14,7 @@ from typing import Annotated
 import typer
 
 from pinproof import __version__
-from pinproof.cli.bench import bench
+from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
 from pinproof.cli.console import complain
 from pinproof.cli.convert import dh2urdf, urdf2dh
@@ -50,10 +50,16 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
-    "bench": bench,
+    "bench ik": bench_ik,
+    "bench plan": bench_plan,
 }
-for name, command in COMMANDS.items():
-    app.command(name)(command)
+"""Each command by the words that call it; the first of two is a group's."""
+
+groups = {"": app, "bench": typer.Typer(help="Tables of figures, measured on this machine.", no_args_is_help=True)}
+app.add_typer(groups["bench"], name="bench")
+for words, command in COMMANDS.items():
+    group, _, name = words.rpartition(" ")
+    groups[group].command(name)(command)
 
 
 def _version(wanted: bool) -> None:

@@ -1,0 +1,58 @@
+"""A tiny data set in both layouts of MotionBenchMaker, written by the tests themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import yaml
+
+ARM = [f"panda_joint{k}" for k in range(1, 8)]
+FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
+START = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+GOAL = [0.6, -0.5, 0.1, -2.1, 0.0, 1.6, 0.9]
+
+
+def scene(box_at: list[float]) -> dict:
+    placed = {"position": box_at, "orientation": [0, 0, 0, 1]}
+    box = {"type": "box", "dimensions": [0.1, 0.1, 0.1]}
+    return {
+        "robot_model_name": "panda",
+        "world": {"collision_objects": [{"id": "box", "primitives": [box], "primitive_poses": [placed]}]},
+    }
+
+
+def asked(start: list[float] = START, goal: list[float] = GOAL, finger: float = 0.03) -> dict:
+    """A request; the goal's joints stand in another order than the start's."""
+    constraints = [{"joint_name": name, "position": value} for name, value in zip(ARM, goal, strict=True)]
+    return {
+        "group_name": "panda_arm",
+        "start_state": {"joint_state": {"name": [*FINGERS, *ARM], "position": [finger, finger, *start]}},
+        "goal_constraints": [{"joint_constraints": constraints[::-1]}],
+    }
+
+
+def write_problem(folder: Path, number: int, words: dict, box_at: list[float]) -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    for kind, content in (("scene", scene(box_at)), ("request", words)):
+        (folder / f"{kind}{number:04d}.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
+
+
+@pytest.fixture(params=["box", "box_panda"], ids=["plain", "original"])
+def mbm(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
+    """A folder with one set of two problems, the second of which ends in the box."""
+    folder = tmp_path / "data" / request.param
+    write_problem(folder, 1, asked(), [0.45, 0.2, 0.1])
+    write_problem(folder, 2, asked(), [0.3, 0.26, 0.51])
+    if request.param == "box_panda":  # what else the makers put there
+        (folder / "scene_sensed0001.yaml").write_text("world: {}\n", encoding="utf-8")
+        (folder / "path0001.yaml").write_text("joint_trajectory: {}\n", encoding="utf-8")
+        (folder / "config.yaml").write_text("planning_group: panda_arm\n", encoding="utf-8")
+    return tmp_path / "data"
+
+
+@pytest.fixture
+def mbm_files() -> SimpleNamespace:
+    """What writes such files: ``asked(...)`` is a request, ``scene(box_at)`` a scene, ``write(...)`` both."""
+    return SimpleNamespace(asked=asked, scene=scene, write=write_problem, start=START, goal=GOAL)

@@ -1,0 +1,216 @@
+"""The table of a tiny run: every step and column, judged apart from the proofs; what is unsafe is caught and named."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, plan_summary, write_plan_table
+from pinproof.benchmarks.plan_judge import curve_length, judge
+from pinproof.benchmarks.plan_markdown import COLUMNS
+from pinproof.benchmarks.plan_methods import OURS, STEPS, Answer, PlanMethod
+from pinproof.benchmarks.plan_own import own_problems
+from pinproof.benchmarks.plan_peers import PEERS
+from pinproof.benchmarks.plan_problem import PlanProblem
+from pinproof.benchmarks.plan_scenes import OWN_SCENES
+from pinproof.errors import FileError, InputError
+from pinproof.motion import JointPath
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def table() -> PlanTable:
+    return plan_benchmark(["generic_6dof"], problems=1, peers=False, repeats=2)
+
+
+@pytest.fixture(scope="module")
+def problem() -> PlanProblem:
+    (made,) = own_problems("generic_6dof", "narrow_slot", 1)
+    return made
+
+
+@pytest.fixture(scope="module")
+def exact(problem: PlanProblem) -> pp.CollisionChecker:
+    return pp.CollisionChecker(problem.arm, problem.scene, link_meshes="mesh")
+
+
+def straight(problem: PlanProblem, *through: np.ndarray) -> JointPath:
+    return JointPath([problem.start, *through, problem.goals[0]], problem.arm.joint_names)
+
+
+def test_every_own_scene_is_solved_certified_and_safe(table: PlanTable) -> None:
+    assert table.sets("generic_6dof") == tuple(OWN_SCENES)
+    assert [(row.solved, row.certified, row.faults) for row in table.rows] == [(True, True, ())] * len(OWN_SCENES)
+    assert table.unsafe == ()
+    assert table.left_out == {}
+
+
+def test_rows_are_whole_and_the_same_seed_gives_the_same_motion(table: PlanTable) -> None:
+    for row in table.rows:
+        assert set(row.ms) == set(STEPS)
+        assert min(row.ms.values()) > 0
+        assert row.total == sum(row.ms.values())
+        assert row.length > 0
+        assert row.duration > 0
+        assert row.clearance > 0
+        assert row.cut >= 0
+        assert row.same_again is True
+
+
+def test_figures_are_those_of_the_rows(table: PlanTable) -> None:
+    figures = table.figures("pinproof", "generic_6dof")
+    totals = [row.total for row in table.rows]
+    assert (figures.asked, figures.solved, figures.certified, figures.unsafe) == (5, 5, 5, 0)
+    assert figures.ms["total"].median == pytest.approx(np.median(totals))
+    assert figures.ms["total"].largest == pytest.approx(max(totals))
+    assert figures.clearance == min(row.clearance for row in table.rows)
+    assert table.figures("pinproof", "generic_6dof", "cage").asked == 1
+    assert table.figures("nobody") is None
+
+
+def test_a_peer_is_compared_where_both_found_a_motion(table: PlanTable) -> None:
+    theirs = [replace(row, method="peer", label="peer", length=row.length / 2) for row in table.rows]
+    theirs[0] = replace(theirs[0], solved=False, length=None)
+    both = replace(table, rows=(*table.rows, *theirs))
+    assert both.figures("peer").ours_to_its == pytest.approx(2.0)
+    assert both.figures("pinproof").ours_to_its is None
+
+
+def test_markdown_has_a_section_for_each_set_and_all_columns(table: PlanTable) -> None:
+    page = plan_markdown(table)
+    for name in ("## generic_6dof", "### all sets", *(f"### {scene}" for scene in OWN_SCENES)):
+        assert f"\n{name}\n" in page
+    header = next(line for line in page.splitlines() if line.startswith("| method"))
+    assert header == f"| {' | '.join(name for name in COLUMNS if name != 'ours / its')} |"
+    assert "| pinproof | 5 of 5 | 5 | 0 |" in page
+    assert "**generic_6dof, 5 problems**" in plan_summary(table)
+
+
+def test_markdown_names_what_is_wrong(table: PlanTable) -> None:
+    unsolved = replace(table.rows[0], solved=False, message="no path within a budget")
+    unsafe = replace(table.rows[1], faults=("link_6 touches post at 0.5 of the way",))
+    touching = replace(table.problems[2], exact=("goal: link_6 penetrates can (-2.0 mm)",), hull=("goal: the same",))
+    by_hull = replace(table.problems[3], hull=("start: link_3 is near board (0.0 mm)",))
+    page = plan_markdown(
+        replace(
+            table, rows=(unsolved, unsafe), problems=(*table.problems[:2], touching, by_hull), left_out={"x": "why"}
+        )
+    )
+    assert f"- {unsolved.name}: no path within a budget" in page
+    assert f"- {unsafe.name}: link_6 touches post at 0.5 of the way" in page
+    assert f"- {touching.name}: goal: link_6 penetrates can (-2.0 mm)" in page
+    assert f"- {by_hull.name}: start: link_3 is near board (0.0 mm)" in page
+    assert "in 1 an end touches something or is outside the limits, in 1 more an end touches by the hulls" in " ".join(
+        page.split()
+    )
+    assert "- x: why" in page
+
+
+def test_files_hold_the_table(table: PlanTable, tmp_path: Path) -> None:
+    data, page, picture = write_plan_table(table, tmp_path)
+    assert PlanTable.load(data) == table
+    assert page.read_text(encoding="utf-8").endswith(plan_markdown(table))
+    assert picture.read_bytes().startswith(PNG)
+
+
+def test_a_file_that_holds_no_table_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "planning.json").write_text(json.dumps({"rows": []}), encoding="utf-8")
+    with pytest.raises(FileError, match="no table of planning"):
+        PlanTable.load(tmp_path / "planning.json")
+    with pytest.raises(InputError, match="no table of planning"):
+        PlanTable.from_dict({})
+
+
+def test_problems_whose_ends_touch_are_named_and_not_asked(mbm: Path) -> None:
+    table = plan_benchmark([], mbm=mbm, peers=False)
+    first, second = table.problems
+    assert (first.hull, first.exact) == ((), ())
+    assert "penetrates box" in second.exact[0]
+    assert [row.number for row in table.rows] == [1]
+    assert table.settings["mbm"] is True
+
+
+# -- the judge ---------------------------------------------------------------------------------------------------------
+
+
+def test_the_judge_sees_a_motion_through_a_wall(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
+    judged = judge(straight(problem), problem, exact)
+    assert any(" touches " in fault for fault in judged.faults)
+    assert judged.length == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
+
+
+def test_the_judge_sees_wrong_ends_and_limits(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
+    elsewhere = JointPath([problem.start + 1e-3, problem.start], problem.arm.joint_names)
+    assert judge(elsewhere, problem, exact).faults[:2] == ("does not begin at the start", "does not end at a goal")
+    far = problem.start.copy()
+    far[0] = problem.arm.limits.upper[0] + 0.1
+    beyond = judge(straight(problem, far), problem, exact).faults
+    assert "joint_1 is 0.1 outside its limits" in beyond
+
+
+def test_the_length_of_a_timed_motion_is_that_of_its_path(problem: PlanProblem) -> None:
+    path = straight(problem, problem.start + 0.3)
+    timed = pp.time_parametrise(path, problem.arm.limits)
+    assert curve_length(path) == path.length
+    assert curve_length(timed) == pytest.approx(path.length, rel=1e-9)
+
+
+def test_an_unsafe_answer_of_ours_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+    def through(problem: PlanProblem, checker: pp.CollisionChecker):
+        return lambda seed: Answer(straight(problem), {"plan": 1.0}, certified=True, clearance=0.1)
+
+    monkeypatch.setattr("pinproof.benchmarks.plan_run.OURS", PlanMethod(OURS.key, OURS.label, through))
+    table = plan_benchmark(["generic_6dof"], sets=["narrow_slot"], problems=1, peers=False)
+    assert [row.name for row in table.unsafe] == ["generic_6dof/narrow_slot/1"]
+    assert "## Unsafe: pinproof" in plan_markdown(table)
+
+
+# -- peers -------------------------------------------------------------------------------------------------------------
+
+
+def test_peers_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("roboplan", "roboplan.core", "roboplan.rrt"):
+        monkeypatch.setitem(sys.modules, name, None)
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
+    assert table.methods == ("pinproof",)
+    assert set(table.left_out) == {peer.key for peer in PEERS}
+    assert "not installed" in plan_markdown(table)
+
+
+def test_peers_that_are_there_are_audited_too() -> None:
+    pytest.importorskip("roboplan.rrt")
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
+    for peer in PEERS:
+        figures = table.figures(peer.key)
+        assert figures.solved == 1
+        assert figures.certified is None
+        assert figures.ours_to_its > 0
+
+
+def test_what_a_peer_raises_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(problem: PlanProblem, checker: pp.CollisionChecker):
+        raise ZeroDivisionError("theirs")
+
+    monkeypatch.setattr("pinproof.benchmarks.plan_run.PEERS", (PlanMethod("peer", "peer", broken, "numpy"),))
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
+    assert table.left_out == {"peer on generic_6dof/shelf/1": "ZeroDivisionError: theirs"}
+
+
+@pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}])
+def test_settings_that_make_no_sense_are_refused(wrong: dict) -> None:
+    with pytest.raises(InputError):
+        plan_benchmark(["generic_6dof"], **wrong)
+
+
+def test_an_arm_that_fits_no_scene_is_left_out_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pinproof.benchmarks.plan_own.SCENES", 0)
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, peers=False)
+    assert "no start and goal" in table.left_out["generic_6dof/shelf"]
+    assert plan_markdown(table)

@@ -1,0 +1,89 @@
+"""The mathematics page runs as printed, and says of the code what the code does."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pinproof.collision.by_coal import GJK_SLACK
+from pinproof.collision.certify import GOAL_SHARE, TOLERANCE
+from pinproof.collision.checker import ROUNDING
+from pinproof.collision.parting import DEEPEST
+from pinproof.kernels import approach
+from pinproof.kernels.world import JOINT_COLUMNS, LEADER, MULTIPLIER, SLIDES
+
+ROOT = Path(__file__).parents[1]
+PAGE = ROOT / "docs" / "mathematics.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def names() -> dict[str, Any]:
+    """What the page's blocks define, run one after the other."""
+    found: dict[str, Any] = {"__name__": "mathematics"}
+    for block in BLOCK.finditer(TEXT):
+        assert block[1] == "python"
+        # Blank lines in front make a traceback name the page's own lines.
+        exec(compile("\n" * TEXT[: block.start(2)].count("\n") + block[2], str(PAGE), "exec"), found)
+    return found
+
+
+def test_every_block_runs_as_printed(names: dict[str, Any]) -> None:
+    assert names["certificate"].first_contact.bodies[1] == "plate"
+    assert names["leaving"].partings[0].until < 0.05
+
+
+@pytest.mark.parametrize("delta", [0.0, 1e-3, 0.3, 1.5, 3.0, 4.0, 7.0])
+@pytest.mark.parametrize("share", [1.0, -0.5])
+def test_chord_and_bend_are_those_of_the_code(names: dict[str, Any], delta: float, share: float) -> None:
+    joints, turns = np.zeros((2, JOINT_COLUMNS)), np.empty((2, approach.TURN_COLUMNS))
+    joints[:, LEADER], joints[:, MULTIPLIER], joints[1, SLIDES] = 0, share, 1.0
+    approach.swings(joints, np.array([delta]), np.zeros(1), turns)
+    angle = abs(share) * delta
+    assert turns[0, approach.CHORD] == pytest.approx(names["chord"](angle), abs=1e-15)
+    assert turns[0, approach.BEND] == pytest.approx(names["bend"](angle), abs=1e-15)
+    assert turns[1, approach.CHORD] == pytest.approx(angle)
+    assert turns[1, approach.BEND] == 0.0
+
+
+@pytest.mark.parametrize("delta", [1e-3, 0.3, 1.5, 3.0, 4.0])
+def test_no_turned_point_moves_farther_or_bends_more(names: dict[str, Any], delta: float) -> None:
+    angles = np.linspace(-delta, delta, 2001)
+    moved = np.stack([np.cos(angles) - 1, np.sin(angles)])
+    assert np.linalg.norm(moved, axis=0).max() <= names["chord"](delta) + 1e-12
+    assert np.linalg.norm(moved - [np.zeros(2001), angles], axis=0).max() <= names["bend"](delta) + 1e-12
+
+
+def test_numbers_in_the_text_are_those_of_the_code() -> None:
+    for said, value, told in (
+        ("$2 \\cdot 10^{-6}$ m are taken off", GJK_SLACK, 2e-6),
+        ("$10^{-9}$ m for each metre", ROUNDING, 1e-9),
+        ("where half of the clearance seen so far is proven", GOAL_SHARE, 0.5),
+        ("(0.1 mm unless told otherwise)", TOLERANCE, 1e-4),
+        ("At the start $g_n \\ge -1$ mm", DEEPEST, 1e-3),
+        ("0.05 rad more", approach.MORE, 0.05),
+    ):
+        assert said in TEXT.replace("\n", " ")
+        assert value == told
+
+
+def test_links_lead_somewhere() -> None:
+    links = re.findall(r"\]\((?!https?://|#)([^)#]+)", TEXT)
+    assert links
+    assert [link for link in links if not (PAGE.parent / link).exists()] == []
+
+
+def test_the_picture_is_drawn_by_its_script(tmp_path: Path) -> None:
+    """In a process of its own: matplotlib is loaded there only."""
+    target = tmp_path / "bisection.png"
+    program = "import runpy, sys, pathlib; runpy.run_path(sys.argv[1])['draw'](pathlib.Path(sys.argv[2]))"
+    script = ROOT / "scripts" / "draw_bisection.py"
+    subprocess.run([sys.executable, "-c", program, str(script), str(target)], check=True, timeout=300)
+    assert target.stat().st_size > 10_000

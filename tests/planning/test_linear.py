@@ -127,7 +127,8 @@ def test_a_joint_at_its_limit_is_named() -> None:
     arm = ball_arm(("x", "y"))
     target = pp.pose((0.5, 1.4, 0.0))
     move = pp.plan_linear(pp.CollisionChecker(arm), (0.5, 0.0), target)
-    assert move.status is LinearStatus.UNREACHABLE
+    assert move.status is LinearStatus.LIMIT
+    assert move.joints == ("y",)
     assert move.fraction == pytest.approx(1.0 / 1.4, abs=0.02)
     assert "y at the limit" in move.message
 
@@ -137,7 +138,8 @@ def test_a_joint_that_would_have_to_go_round_is_at_its_limit(ur5: pp.Arm, free: 
     start = READY.copy()
     start[5] = ur5.limits.upper[5] - 0.3
     move = pp.plan_linear(free, start, _moved(ur5, start, rpy=(0, 0, 1.0)))
-    assert move.status is LinearStatus.UNREACHABLE
+    assert move.status is LinearStatus.LIMIT
+    assert move.joints == ("wrist_3_joint",)
     assert 0.1 < move.fraction < 0.31
     assert "wrist_3_joint" in move.message
     assert "limit" in move.message
@@ -153,14 +155,16 @@ def test_the_curve_keeps_the_limits_between_the_solved_poses(ur5: pp.Arm, free: 
     limits = ur5.limits.replace(ur5.joint_names, {ur5.joint_names[joint]: (ur5.limits.lower[joint], upper)})
     checker = pp.CollisionChecker(ur5.with_limits(limits))
     move = pp.plan_linear(checker, READY, target, **coarse, max_joint_step=2.0)
-    assert move.status is LinearStatus.UNREACHABLE
+    assert move.status is LinearStatus.LIMIT
+    assert move.joints == (ur5.joint_names[joint],)
     assert ur5.joint_names[joint] in move.message
 
 
 def test_a_start_outside_its_limits() -> None:
     arm = ball_arm(("x", "y"))
     move = pp.plan_linear(pp.CollisionChecker(arm), (1.5, 0.0), pp.pose((0.5, 0.0, 0.0)))
-    assert move.status is LinearStatus.UNREACHABLE
+    assert move.status is LinearStatus.LIMIT
+    assert move.joints == ("x",)
     assert move.fraction == 0.0
     assert "x = 1.5" in move.message
 
@@ -242,3 +246,107 @@ def test_settings_that_make_no_sense(ur5: pp.Arm, free: pp.CollisionChecker, nam
 def test_a_target_that_is_not_rigid(free: pp.CollisionChecker) -> None:
     with pytest.raises(pp.InputError, match="target"):
         pp.plan_linear(free, READY, np.zeros((4, 4)))
+
+
+# -- other tasks, other arms ------------------------------------------------------------------------------------------
+
+
+def test_the_deviation_that_is_told_is_a_bound(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, (0.1, 0.25, 0.1), (0, 0.4, 0.3))
+    for deviation in (1e-2, 1e-3, 1e-5):
+        move = pp.plan_linear(free, READY, target, deviation=deviation).or_raise()
+        first = ur5.forward_kinematics(READY)
+        off = [twist_size(interpolate(first, target, s), ur5.forward_kinematics(move.path(s)))[0]
+               for s in np.linspace(0, 1, 1501)]  # fmt: skip
+        assert max(off) <= move.deviation <= deviation
+
+
+def test_an_arm_of_few_joints_keeps_its_tip_on_the_line() -> None:
+    arm = pp.load_robot("ur5").arm(tcp="wrist_1_link")
+    checker = pp.CollisionChecker(arm)
+    start = READY[:4]
+    target = _moved(arm, start, (0.05, 0.1, 0.1))
+    assert not pp.plan_linear(checker, start, target).ok  # it cannot keep its orientation
+    move = pp.plan_linear(checker, start, target, task="position").or_raise()
+    a, b = arm.forward_kinematics(start).translation, target.translation
+    for s in np.linspace(0, 1, 301):
+        assert np.linalg.norm(arm.forward_kinematics(move.path(s)).translation - (a + s * (b - a))) <= move.deviation
+
+
+def test_a_free_spin_leads_the_axis_the_short_way(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, (0.05, 0.1, 0.0), (0.3, 0.0, 2.9))
+    move = pp.plan_linear(free, READY, target, task="spin_z").or_raise()
+    first, last = (ur5.forward_kinematics(q) for q in (READY, move.path.end))
+    assert np.linalg.norm(last.translation - target.translation) < 2e-6
+    assert np.linalg.norm(last.rotation[:, 2] - target.rotation[:, 2]) < 2e-6
+    a, b = first.rotation[:, 2], target.rotation[:, 2]
+    normal = np.cross(a, b) / np.linalg.norm(np.cross(a, b))
+    for s in np.linspace(0, 1, 201):
+        axis = ur5.forward_kinematics(move.path(s)).rotation[:, 2]
+        assert abs(axis @ normal) <= move.rotation_deviation + 1e-9  # in the plane of both
+    assert np.abs(move.path.end - move.path.start).max() < 1.0  # no need to spin by 2.9
+
+
+def test_orientation_alone_may_go_anywhere(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+    target = _moved(ur5, READY, (5.0, 5.0, 5.0), (0.3, 0.2, 0.5))  # far out of reach, but who asks
+    move = pp.plan_linear(free, READY, target, task="orientation").or_raise()
+    assert twist_size(ur5.forward_kinematics(move.path.end), target)[1] < 2e-6
+
+
+def test_a_scara_has_no_tilt_to_give() -> None:
+    arm = pp.load_robot("scara").arm()
+    checker = pp.CollisionChecker(arm)
+    start = arm.home + 0.2
+    target = _moved(arm, start, (-0.05, 0.05, 0.03), (0, 0, 0.4))
+    _assert_follows(pp.plan_linear(checker, start, target), checker, start, target, 1e-3, 1e-2)
+    assert not pp.plan_linear(checker, start, _moved(arm, start, (0, 0, 0), (0.3, 0, 0))).ok
+
+
+def test_a_prismatic_arm() -> None:
+    arm = pp.load_robot("stanford").arm()
+    checker = pp.CollisionChecker(arm)
+    start = arm.home.copy()
+    start[4] = 0.8  # away from the wrist's singularity
+    target = _moved(arm, start, (0.03, 0.05, 0.02), (0, 0.1, 0.2))
+    _assert_follows(pp.plan_linear(checker, start, target), checker, start, target, 1e-3, 1e-2)
+
+
+def test_a_redundant_arm_moves_smoothly_all_along(panda: pp.Arm) -> None:
+    checker = pp.CollisionChecker(panda)
+    move = pp.plan_linear(checker, panda.home, _moved(panda, panda.home, (0.1, 0.25, 0.05), (0, 0, 0.5))).or_raise()
+    rate = np.diff(move.path(np.linspace(0, 1, 2001)), axis=0) * 2000
+    assert np.abs(np.diff(rate, axis=0)).max() < 0.02 * np.abs(rate).max()  # no kink
+    assert np.abs(np.diff(rate, axis=0)).sum(axis=0).max() < 6 * np.abs(rate).max()  # and no wobble
+
+
+def test_inward_from_a_stretched_arm() -> None:
+    # Elbow straight: a singularity that hides the very direction asked for.
+    arm = pp.load_robot("ur5").arm(tcp="wrist_1_link")
+    start = np.array([0.0, -0.7, 0.0, 0.0])
+    checker = pp.CollisionChecker(arm)
+    assert np.linalg.svd(arm.jacobian(start)[:3], compute_uv=False)[-1] < 1e-6
+    here = arm.forward_kinematics(start).translation
+    shoulder = arm.forward_kinematics(np.array([0.0, -0.7, np.pi, 0.0])).translation
+    target = pp.pose(here + 0.1 * (shoulder - here) / np.linalg.norm(shoulder - here))
+    move = pp.plan_linear(checker, start, target, task="position", deviation=2e-3)
+    assert np.linalg.norm(arm.forward_kinematics(move.or_raise().path.end).translation - target.translation) < 2e-6
+
+
+def test_a_continuous_joint_goes_on_past_half_a_turn() -> None:
+    arm = pp.load_robot("kinova").arm()
+    assert np.isinf(arm.limits.upper).any()
+    start = arm.home.copy()
+    start[-1] = 3.0
+    checker = pp.CollisionChecker(arm)
+    ends = []
+    for turn in (0.6, -0.6):
+        move = pp.plan_linear(checker, start, _moved(arm, start, rpy=(0, 0, turn))).or_raise()
+        assert np.abs(np.diff(move.path.q, axis=0)).max() <= 0.3
+        ends.append(move.path.end[-1])
+    assert max(ends) > np.pi
+
+
+@pytest.mark.parametrize("task", [pp.IkTask(x=False), pp.IkTask(rx=False, ry=False), "nonsense"])
+def test_a_task_that_no_line_leads_to_is_refused(ur5: pp.Arm, free: pp.CollisionChecker, task: object) -> None:
+    with pytest.raises(pp.PinproofError):
+        pp.plan_linear(free, READY, ur5.forward_kinematics(READY), task=task)

@@ -2,7 +2,8 @@
 
 from pinproof.planning.blend import blend
 from pinproof.planning.linear import plan_linear
-from pinproof.planning.linear_move import LinearMove, LinearStatus
+from pinproof.planning.linear_move import LinearMove, LinearStatus, PosesMove
+from pinproof.planning.poses import plan_poses
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.shortcut import shortcut
@@ -13,10 +14,12 @@ __all__ = [
     "LinearStatus",
     "PlanResult",
     "PlanStatus",
+    "PosesMove",
     "RrtConnect",
     "Simplified",
     "blend",
     "plan_linear",
+    "plan_poses",
     "shortcut",
     "simplify",
 ]

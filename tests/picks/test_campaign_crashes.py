@@ -142,6 +142,15 @@ def test_workers_that_never_start_are_told_and_no_pick_is_blamed(stick, many, ju
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
 
 
+def test_workers_that_die_of_everything_are_told_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_always)
+    with pytest.raises(CampaignError, match=r"each of the first 10 picks has killed every process .* enough memory"):
+        made.run(tmp_path, executor=Fragile)
+    assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
+    few = pp.Campaign(stick, pp.Scene(), pp.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
+    assert few.run(tmp_path / "few", executor=Fragile).verdicts == {"crashed": 3}
+
+
 def test_a_task_that_workers_cannot_take_is_told(stick, many, judges, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(worker, "_known", {})
 
@@ -201,12 +210,19 @@ def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
 ) -> None:
     folder, program = tmp_path / "out", tmp_path / "program.py"
     program.write_text(RUN)
-    running = subprocess.Popen([sys.executable, str(program), str(folder), stick_urdf], stderr=subprocess.DEVNULL)
+    # A session of its own: Ctrl-C goes to all processes of it.
+    running = subprocess.Popen(
+        [sys.executable, str(program), str(folder), stick_urdf],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
     try:
         journal, times = folder / "journal.jsonl", folder / "timings.jsonl"
         wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40)
-        running.send_signal(by)
-        assert running.wait(PATIENCE) != 0
+        os.killpg(running.pid, by) if by == signal.SIGINT else running.kill()
+        assert running.communicate(timeout=PATIENCE)[1].count("Traceback") <= 1  # of the program, not of its workers
+        assert running.returncode != 0
     finally:
         running.kill()
     workers = {int(json.loads(line)["worker"].rpartition(":")[2]) for line in times.read_text().splitlines()}

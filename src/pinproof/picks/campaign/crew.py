@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import pickle
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Executor, wait
 from typing import Any
 
-from pinproof.errors import InputError
+from pinproof.errors import CampaignError, InputError
 from pinproof.ik.settings import whole
 from pinproof.picks.campaign.chunks import Outcome, Supply
 from pinproof.picks.campaign.lane import Lane, Parcel
@@ -16,6 +16,9 @@ from pinproof.picks.campaign.local import OneProcess, usable_cores
 from pinproof.picks.campaign.worker import Task
 
 __all__ = ["IN_FLIGHT", "Workers", "do_chunks"]
+
+HOPELESS = 10
+"""How many picks in a row may be blamed for dead workers while not one was judged."""
 
 Workers = Executor | Callable[[], Executor]
 """An executor, or what makes one: then a broken one is made anew."""
@@ -57,7 +60,8 @@ def do_chunks(
     Raises
     ------
     CampaignError
-        If no worker starts, or an executor that cannot be made anew breaks.
+        If no worker starts, if all workers die whatever they are given, or if an executor that cannot be made anew
+        breaks.
     InputError
         If the task cannot be sent to a worker.
     Exception
@@ -78,7 +82,7 @@ def do_chunks(
         lanes = [Lane(executor, width=in_flight)]
     parcel = _packed(task, part)
     supply = Supply(ranges, in_flight if executor is not None else len(lanes), chunk)
-    finished = False
+    finished, blamed = False, _Blamed()
     try:
         while True:
             for lane in lanes:
@@ -86,6 +90,7 @@ def do_chunks(
             flying = [future for lane in lanes for future in lane.flying]
             if not flying:
                 finished = True
+                yield from blamed.all()
                 return
             done = wait(flying, return_when=FIRST_COMPLETED).done
             for lane in lanes:
@@ -93,10 +98,35 @@ def do_chunks(
                     for outcome in lane.land(future, parcel):
                         if not outcome.crashed:
                             supply.learn(outcome.stop - outcome.start, outcome.seconds)
-                        yield outcome
+                        yield from blamed.sifted(outcome)
     finally:
         for lane in lanes:
             lane.close(wait_for_it=finished)
+
+
+class _Blamed:
+    """Crashed picks, kept back until some other was judged: where none is, it is not the picks that kill workers."""
+
+    def __init__(self) -> None:
+        self._kept: list[Outcome] = []
+        self._some_judged = False
+
+    def sifted(self, outcome: Outcome) -> Iterator[Outcome]:
+        """What may be said now."""
+        self._some_judged = self._some_judged or not outcome.crashed
+        self._kept.append(outcome)
+        if self._some_judged:
+            yield from self.all()
+        elif len(self._kept) >= HOPELESS:
+            raise CampaignError(
+                f"each of the first {HOPELESS} picks has killed every process that judged it, and none was judged: it "
+                "will not be the picks; is there enough memory for a worker?"
+            )
+
+    def all(self) -> Iterator[Outcome]:
+        """All that was kept."""
+        kept, self._kept = self._kept, []
+        yield from kept
 
 
 def _packed(task: Task, part: Callable[[int, int], Any]) -> Parcel:

@@ -144,6 +144,7 @@ class Journal:
                 rows.flush()
                 os.fsync(rows.fileno())
             scratch.replace(self.rows_path)
+            _sync_folder(self.rows_path.parent)  # the journal goes when the rows are there for good
             self.path.unlink(missing_ok=True)
         except OSError as error:
             scratch.unlink(missing_ok=True)
@@ -156,6 +157,14 @@ class Journal:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._file.close()
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
 
 
 def rows_there(folder: Path) -> int:

@@ -6,8 +6,11 @@ import multiprocessing
 import os
 import signal
 import threading
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable
+from concurrent.futures import Future, ProcessPoolExecutor
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
+from typing import Any
 
 __all__ = ["OneProcess", "usable_cores"]
 
@@ -26,6 +29,18 @@ class OneProcess(ProcessPoolExecutor):
         leash, self._leash = context.Pipe(duplex=False)
         super().__init__(1, mp_context=context, initializer=_on_leash, initargs=(leash,))
 
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        """Hand over a call; the first starts the process."""
+        # Ctrl-C goes to the whole group of processes. Who started the campaign acts on it; a worker is started with it
+        # blocked, so that it does not complain, not even while it is still loading. The tracker of multiprocessing
+        # unblocks it when it starts, so that goes first.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            return super().submit(fn, *args, **kwargs)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the process: after its work if ``wait``, else at once."""
         if not wait:
@@ -35,7 +50,6 @@ class OneProcess(ProcessPoolExecutor):
 
 
 def _on_leash(leash: Connection) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C goes to the whole group; who started the campaign acts on it
     threading.Thread(target=_end_with, args=(leash,), daemon=True).start()
 
 

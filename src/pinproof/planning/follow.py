@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -35,6 +35,12 @@ NARROWEST = 2.0**-6
 
 ROUNDING = 1e-9
 """Rad or m. What floating-point error may put a point beside a solved pose at a limit beyond it, with room."""
+
+LOOKED_FOR = 8
+"""Into how many parts the piece is cut on which a route ends."""
+
+GUARD = 2e-3
+"""Rad or m by which limits are drawn in for a second try: more than a spline overshoots the poses it goes through."""
 
 ANY_STEP = 2 * np.pi
 """Rad or m: the step that a joint is let make where it is asked whether a pose can be reached by a jump."""
@@ -95,7 +101,24 @@ class Following:
         return np.array([task.x, task.y, task.z, task.rx, task.ry, task.rz], dtype=float)
 
     def walk(self, route: Route, first: Array) -> Walked:
-        """Follow a route from its first pose, at which the arm stands in ``first`` (n,)."""
+        """Follow a route from its first pose, at which the arm stands in ``first`` (n,).
+
+        A redundant arm that slides along a joint's limit has poses at the limit and, for a spline through them, none to
+        spare; it is let try again a little inside of it.
+        """
+        walked = self._walk(self.arm, route, first)
+        if walked.status is not LinearStatus.LIMIT or self.arm.dof <= self.asked.sum():
+            return walked
+        limits = self.arm.limits
+        guard = np.minimum(GUARD, (limits.upper - limits.lower) / 4)
+        inside = replace(
+            limits, lower=np.minimum(limits.lower + guard, first), upper=np.maximum(limits.upper - guard, first)
+        )
+        again = self._walk(self.arm.with_limits(inside), route, first)
+        return again if again.fraction > walked.fraction else walked
+
+    def _walk(self, arm: Arm, route: Route, first: Array) -> Walked:
+        """The same, solved within the limits of ``arm``; the curve keeps those of :attr:`arm`."""
         stray = Stray(self.arm, self.asked, self.deviation, self.rotation_deviation)
         knots = route.knots(self.translation_step, self.rotation_step, LEAST_PIECES)
         spacing = float(np.diff(knots).max())
@@ -104,11 +127,13 @@ class Following:
         while len(knots) > 1:
             rounds += 1
             wide = (np.diff(knots) > NARROWEST * spacing) & (rounds <= ROUNDS)
-            tracked = self._track(route, knots[1:], first)
+            tracked = self._track(arm, route, knots[1:], first)
             if not tracked.ok:
                 at = int(np.flatnonzero(~tracked.reached)[0])
-                if wide[at]:
-                    knots = _cut(knots, np.logical_and(self._where_too_fast(tracked, at), wide))
+                if wide[at] and tracked.at_speed_limit[at].any():
+                    knots = _cut(knots, np.logical_and(self._too_fast(tracked, at), wide))
+                elif wide[at]:  # it ends here: where exactly?
+                    knots = _cut(knots, np.arange(len(wide)) == at, LOOKED_FOR)
                 else:
                     here = first if at == 0 else tracked.q[at - 1]
                     stop = self._reason(route, float(knots[at]), spacing, here, tracked.at_position_limit[at])
@@ -131,10 +156,10 @@ class Following:
         still = CubicPath([first], np.zeros((1, len(first))), [0.0], self.arm.joint_names)
         return Walked(still, 0.0, 0.0, 0.0, *stop)
 
-    def _track(self, route: Route, s: Array, first: Array, step: float | None = None) -> Track:
+    def _track(self, arm: Arm, route: Route, s: Array, first: Array, step: float | None = None) -> Track:
         """The poses at s (N,) one from the other, no joint moving farther than a step between two."""
         return track(
-            self.arm,
+            arm,
             route.poses(s),
             first,
             dt=1.0,
@@ -145,12 +170,11 @@ class Following:
         )
 
     @staticmethod
-    def _where_too_fast(tracked: Track, at: int) -> Flags:
-        """(N,) the pieces from ``at`` on in which a joint moved as far as it may, and ``at`` itself."""
-        cut: Flags = np.array(tracked.at_speed_limit.any(axis=1))
-        cut[:at] = False
-        cut[at] = True
-        return cut
+    def _too_fast(tracked: Track, first: int) -> Flags:
+        """(N,) the pieces from ``first`` on in which a joint moved as far as it may."""
+        fast: Flags = np.array(tracked.at_speed_limit.any(axis=1))
+        fast[:first] = False
+        return fast
 
     def _outside(self, path: CubicPath) -> Array:
         """(k, n) by how much joints may leave their limits on a piece; control points inside prove that none does."""
@@ -164,7 +188,7 @@ class Following:
         What can be reached a little farther on, if joints may jump, tells the one reason from the other.
         """
         arm = self.arm
-        ahead = self._track(route, np.array([min(s + spacing, 1.0)]), here, ANY_STEP)
+        ahead = self._track(arm, route, np.array([min(s + spacing, 1.0)]), here, ANY_STEP)
         step = np.abs(ahead.q[0] - here)
         short = (
             f"{ahead.position_error[0] * 1e3:.1f} mm and {ahead.orientation_error[0]:.2g} rad short of the next pose"
@@ -191,6 +215,7 @@ class Following:
         return LinearStatus.JUMP, why, ()
 
 
-def _cut(knots: Array, which: Flags) -> Array:
-    """The knots (k+1,) with some pieces (k,) cut in two."""
-    return np.sort(np.concatenate([knots, 0.5 * (knots[:-1] + knots[1:])[which]]))
+def _cut(knots: Array, which: Flags, parts: int = 2) -> Array:
+    """The knots (k+1,) with some pieces (k,) cut into equal parts."""
+    inner = knots[:-1][which][:, None] + np.diff(knots)[which][:, None] * (np.arange(1, parts) / parts)
+    return np.sort(np.concatenate([knots, inner.ravel()]))

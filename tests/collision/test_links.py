@@ -50,6 +50,15 @@ def test_an_open_mesh_is_hulled_and_says_so(tmp_path, how):
     assert "open.stl is not watertight: its hull is taken" in body.remark
     (plain,) = link_bodies(robot.urdf.collisions[0], "hull")
     assert plain.remark == "taken as the convex hull of the mesh"
+    (surface,) = link_bodies(robot.urdf.collisions[0], "surface")
+    assert surface.support is None
+    assert "not watertight, so hollow" in surface.remark
+
+
+def test_a_closed_mesh_is_solid_as_a_surface_too(ur5):
+    exact, surface = (CollisionChecker(ur5, link_meshes=how).bodies for how in ("mesh", "surface"))
+    assert [b.content() for b in exact] == [b.content() for b in surface]
+    assert all(b.solid.watertight for b in surface if b.solid is not None)
 
 
 def test_a_mesh_that_is_nowhere_is_named():
@@ -57,7 +66,7 @@ def test_a_mesh_that_is_nowhere_is_named():
         '<robot name="r"><link name="base"><collision><geometry><mesh filename="gone.stl"/></geometry></collision>'
         "</link></robot>"
     )
-    for how in ("hull", "mesh", "decomposed"):
+    for how in ("hull", "mesh", "surface", "decomposed"):
         with pytest.raises(MeshError, match=r"gone\.stl"):
             link_bodies(robot.urdf.collisions[0], how)
 

@@ -75,9 +75,10 @@ class CollisionChecker:
         The same for single pairs of names (links, attached objects, obstacles), in place of ``margin``.
     link_meshes
         ``"hull"``: the links' meshes are collided with as their convex hulls, which hold all of the mesh. ``"mesh"``:
-        as their triangles, solid where watertight. ``"decomposed"``: as several hulls, which together hold all of it.
-        One word for all links, or a mapping of links to words; ``"*"`` is the others. Pairs of links that an SRDF
-        disables without a reason are checked by several hulls each where one would be coarse.
+        as their triangles, solid where watertight, else as their hull. ``"surface"``: as their triangles, which where
+        not watertight are hollow: being wholly inside is not seen. ``"decomposed"``: as several hulls, which together
+        hold all of it. One word for all links, or a mapping of links to words; ``"*"`` is the others. Pairs of links
+        that an SRDF disables without a reason are checked by several hulls each where one would be coarse.
     attached
         Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``.
     allowed

@@ -21,8 +21,9 @@ from pinproof.errors import InputError, MeshError, UnknownNameError
 
 __all__ = ["AS_TOLD", "DECOMPOSED", "EXACT", "LinkBodies", "LinkMeshes", "link_bodies", "meshes_of"]
 
-LinkMeshes = Literal["hull", "mesh", "decomposed"]
-"""How a link's mesh is collided with: as its convex hull, as its triangles, or as several hulls that cover it."""
+LinkMeshes = Literal["hull", "mesh", "surface", "decomposed"]
+"""How a link's mesh is collided with: as its convex hull, as its triangles where these enclose it, as its triangles
+whether they do or not, or as several hulls that cover it."""
 
 AS_TOLD, DECOMPOSED, EXACT = 0, 1, 2
 """How finely a pair of bodies is judged: by the meshes as the caller wants them, by several hulls, by the triangles."""
@@ -64,7 +65,8 @@ def meshes_of(links: Iterable[str], link_meshes: LinkMeshes | Mapping[str, LinkM
 def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
     """The bodies of one collision geometry of a link: several where its mesh is ``decomposed``, else one.
 
-    A mesh that is not watertight has no inside, in which nothing could hide: its hull is taken, and the body says so.
+    A mesh that is not watertight has no inside, in which nothing could hide: its hull is taken, or its bare ``surface``
+    where that is asked for, and the body says so.
 
     Raises
     ------
@@ -80,7 +82,11 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
     if how == "hull":
         return [shape_body(geometry.name, geometry.link, geometry.link, shape, at)]
     file = _file(shape)
-    if not _solid(*file).watertight:
+    watertight = _solid(*file).watertight
+    if how == "surface":
+        surface = replace(shape, hull=False, hollow=not watertight)
+        return [shape_body(geometry.name, geometry.link, geometry.link, surface, at)]
+    if not watertight:
         body = shape_body(geometry.name, geometry.link, geometry.link, shape, at)
         return [replace(body, remark=f"{shape.path.name} is not watertight: its hull is taken")]  # type: ignore[union-attr]
     if how == "mesh":

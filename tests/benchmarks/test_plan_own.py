@@ -43,7 +43,7 @@ def test_ends_are_free_and_no_straight_line_joins_them(robot: str, scene: str) -
 
 def test_ends_that_are_free_say_nothing_and_others_name_the_bodies() -> None:
     (problem,) = own_problems("generic_6dof", "table_top", 1)
-    checkers = [pp.CollisionChecker(problem.arm, problem.scene, link_meshes=how) for how in ("hull", "mesh")]
+    checkers = [pp.CollisionChecker(problem.arm, problem.scene, link_meshes=how) for how in ("hull", "surface")]
     ends = look_at_ends(problem, *checkers)
     assert (ends.hull, ends.exact, ends.free, ends.hull_only) == ((), (), True, False)
     at = problem.arm.forward_kinematics(problem.goals[0]).translation

@@ -38,7 +38,7 @@ def problem() -> PlanProblem:
 
 @pytest.fixture(scope="module")
 def exact(problem: PlanProblem) -> pp.CollisionChecker:
-    return pp.CollisionChecker(problem.arm, problem.scene, link_meshes="mesh")
+    return pp.CollisionChecker(problem.arm, problem.scene, link_meshes="surface")
 
 
 def straight(problem: PlanProblem, *through: np.ndarray) -> JointPath:

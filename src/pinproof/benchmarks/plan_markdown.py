@@ -144,7 +144,7 @@ def _ends(table: PlanTable) -> list[str]:
         _listed("Problems that make no sense: an end touches something", touching)
         + _listed("Ends that touch by the hulls alone", hulls)
         + _listed("Changed to fit the robot", changed)
-        + _listed("Meshes that are audited as their hulls", table.settings["remarks"])
+        + _listed("Meshes that are not closed", table.settings["remarks"])
     )
 
 

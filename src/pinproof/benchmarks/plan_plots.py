@@ -45,5 +45,5 @@ def write_time_plot(table: PlanTable, path: str | Path) -> None:
         panel.set_xlabel("total time, ms")
         panel.set_ylabel("safe motions, % of problems")
         panel.grid(alpha=0.3)
-        panel.legend(fontsize=8, loc="lower right")
+        panel.legend(fontsize=8, loc="upper left")
     figure.savefig(path, dpi=110, format="png")

@@ -147,7 +147,7 @@ class _Run:
         began = perf_counter_ns()
         hulls = CollisionChecker(problem.arm, problem.scene)
         took = (perf_counter_ns() - began) / MILLION
-        exact = CollisionChecker(problem.arm, problem.scene, link_meshes="mesh")
+        exact = CollisionChecker(problem.arm, problem.scene, link_meshes="surface")
         self.remarks |= {f"{body.owner}: {body.remark}" for body in exact.bodies if body.remark}
         ends = look_at_ends(problem, hulls, exact)
         self.problems.append(

@@ -78,6 +78,7 @@ _HOME = {
     ),
     "pinproof.planning": (
         "LinearMove",
+        "PlanProgress",
         "PlanResult",
         "PlanStatus",
         "PosesMove",

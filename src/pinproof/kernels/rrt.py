@@ -3,6 +3,9 @@
 All that the search knows lies in arrays of the caller's. So the loop can stop between any two edges, for coal to judge
 samples or for the caller to look at the clock, and go on from there: how often it stops changes nothing.
 
+A random sample lies about a random node of the tree that is to grow, not anywhere: with all of the joints' ranges to
+choose from, most samples pull the trees to where nothing is to be found.
+
 Source: J. Kuffner, S. LaValle (2000), "RRT-Connect: an efficient approach to single-query path planning", ICRA.
 """
 
@@ -10,6 +13,8 @@ from __future__ import annotations
 
 import math
 from typing import Any
+
+import numpy as np
 
 from pinproof.kernels.compiled import compiled
 from pinproof.kernels.rrt_edge import ASK, BLOCKED, FREE, LOOKS, look_along, room_of
@@ -22,22 +27,24 @@ MET, COAL, DRAWS, NODES, SPENT, PAUSED = range(6)
 a tree needs more room; one of the budgets is spent; as many samples were looked at as was told."""
 
 # Of the state:
-SIZE, DRAWN, SAMPLES, PHASE, TREE, NEAR, HALVINGS, TOLD = 0, 2, 3, 4, 5, 6, 7, 8
+SIZE, DRAWN, SAMPLES, PHASE, TREE, NEAR, TOLD = 0, 2, 3, 4, 5, 6, 7
 """Nodes of either tree (2); rows of ``draws`` used; random samples, ever; what is being done, in which tree, from which
-node, after how many halvings; what coal said of the edge: FREE, BLOCKED, or ASK: nothing yet."""
-MOST_NODES, MOST_SAMPLES, UNTIL = 9, 10, 11
+node; what coal said of the edge: FREE, BLOCKED, or ASK: nothing yet."""
+MOST_NODES, MOST_SAMPLES, UNTIL = 8, 9, 10
 """The budgets, and the looks at which to stop."""
-AT_START, AT_GOAL = 12, 13
+AT_START, AT_GOAL = 11, 12
 """The nodes that met."""
-STATE_SIZE = 14
+STATE_SIZE = 13
 
 SAMPLE, EXTEND, CONNECT = 0, 1, 2
 
-# Of the settings:
-STEP, RESOLUTION, NEAR_SHARE = 0, 1, 2
+REACH = 2.5
+"""rad or m. Samples lie within this of a node in every joint. Of 1.5, 2.5, pi and all of the limits this took the
+fewest looks on arms among shelves and bars, all of the limits twice as many."""
 
-SHORTENINGS = 3
-"""How often a blocked step is halved before a tree gives a sample up."""
+NARROW_SHARE, NARROWEST = 0.2, 6.0
+"""This share of the samples lies within REACH / 2^x of a node, x even in [0, NARROWEST]: where a tree is walled in,
+long steps are all blocked."""
 
 
 @compiled
@@ -45,8 +52,9 @@ def grow(
     numbers: Any,
     indices: Any,
     at: Any,
-    settings: Any,
-    boxes: Any,
+    step: float,
+    resolution: float,
+    box: Any,
     draws: Any,
     nodes: Any,
     parents: Any,
@@ -54,6 +62,7 @@ def grow(
     ends: Any,
     asked: Any,
     counts: Any,
+    gap: Any,
 ) -> int:
     """Go on until the trees meet, a budget is spent or something is needed.
 
@@ -61,21 +70,25 @@ def grow(
     ----------
     numbers, indices, at
         The flattened world and the placements of its bodies, as for :func:`pinproof.kernels.near.near`.
-    settings
-        The longest edge (rad or m); the metres between two samples of an edge; the share of random samples that lie in
-        one of the first boxes.
-    boxes
-        (k, 2, n) lower and upper corners in which random samples lie; the last is for those that lie anywhere.
+    step
+        The longest edge (rad or m).
+    resolution
+        Metres that bodies move between two samples of an edge.
+    box
+        (2, n) lower and upper corner of where random samples lie.
     draws
         (N, n + 2) numbers in [0, 1).
     nodes, parents
-        (2, N, n) and (2, N): the tree of the start and that of the goals. A root is its own parent.
+        (2, N, n) and (2, N): the tree of the start and that of the goals. A root is its own parent; a node at infinity
+        is none any more.
     state
         See the names above.
     ends
         (2, n) where the tree is to grow to, and the end of the edge that is being looked at.
     asked, counts
         As for :func:`pinproof.kernels.rrt_edge.room_of`.
+    gap
+        (1,) the least distance between a node of one tree and one of the other that was met with.
     """
     world = world_of(numbers, indices)
     room = room_of(world, at, asked, counts)
@@ -86,40 +99,41 @@ def grow(
                 return SPENT
             if state[DRAWN] == draws.shape[0]:
                 return DRAWS
-            _draw(draws[state[DRAWN]], settings[NEAR_SHARE], boxes, target)
+            tree = 0 if state[SIZE] <= state[SIZE + 1] else 1  # the smaller one
+            around = nodes[tree, int(draws[state[DRAWN], 1] * state[SIZE + tree])]
+            _draw(draws[state[DRAWN]], around if np.isfinite(around[0]) else nodes[tree, 0], box, target)
             state[DRAWN] += 1
             state[SAMPLES] += 1
-            state[TREE] = 0 if state[SIZE] <= state[SIZE + 1] else 1  # the smaller one
-            state[PHASE], state[HALVINGS] = EXTEND, 0
-            state[NEAR] = nearest(nodes[state[TREE]], state[SIZE + state[TREE]], target)
+            state[TREE], state[PHASE] = tree, EXTEND
+            state[NEAR] = nearest(nodes[tree], state[SIZE + tree], target)
         tree = state[TREE]
         size = state[SIZE + tree]
         if size == nodes.shape[1]:
             return NODES
         start = nodes[tree, state[NEAR]]
-        gap = 0.0
+        left = 0.0
         for j in range(n):
-            gap += (target[j] - start[j]) ** 2
-        gap = math.sqrt(gap)
-        if gap == 0.0:  # a sample that is a node, or a root of the one tree that the other has come to
+            left += (target[j] - start[j]) ** 2
+        left = math.sqrt(left)
+        if state[PHASE] == CONNECT:
+            gap[0] = min(gap[0], left)
+        if left == 0.0:  # a sample that is a node, or a root of the one tree that the other has come to
             met, state[PHASE] = state[PHASE] == CONNECT, SAMPLE
             state[AT_START + tree] = state[NEAR]
             if met:
                 return MET
             continue
-        share = min(settings[STEP] / gap, 1.0) * 0.5 ** state[HALVINGS]
+        share = min(step / left, 1.0)
         for j in range(n):
             end[j] = target[j] if share == 1.0 else start[j] + (target[j] - start[j]) * share
         said = state[TOLD]
         state[TOLD] = ASK
         if said == ASK:
-            said = look_along(world, start, end, settings[RESOLUTION], room)
+            said = look_along(world, start, end, resolution, room)
             if said == ASK:
                 return COAL
         if said != FREE:
-            state[HALVINGS] += 1
-            if state[PHASE] == CONNECT or state[HALVINGS] > SHORTENINGS:
-                state[PHASE] = SAMPLE
+            state[PHASE] = SAMPLE
             continue
         for j in range(n):
             nodes[tree, size, j] = end[j]
@@ -128,7 +142,7 @@ def grow(
         if state[PHASE] == EXTEND:  # now the other tree comes to this node
             for j in range(n):
                 target[j] = end[j]
-            state[TREE], state[PHASE], state[HALVINGS] = 1 - tree, CONNECT, 0
+            state[TREE], state[PHASE] = 1 - tree, CONNECT
             state[NEAR] = nearest(nodes[1 - tree], state[SIZE + 1 - tree], target)
             state[AT_START + tree] = size
         else:
@@ -140,12 +154,14 @@ def grow(
 
 
 @compiled
-def _draw(numbers: Any, near_share: float, boxes: Any, target: Any) -> None:
-    """A random sample (n,) from n + 2 numbers in [0, 1)."""
-    last = boxes.shape[0] - 1
-    box = int(numbers[1] * last) if numbers[0] < near_share else last
+def _draw(numbers: Any, around: Any, box: Any, target: Any) -> None:
+    """A random sample (n,) about a node, from n + 2 numbers in [0, 1), of which the second chose the node."""
+    reach = REACH
+    if numbers[0] < NARROW_SHARE:
+        reach *= 0.5 ** (NARROWEST * numbers[0] / NARROW_SHARE)
     for j in range(target.shape[0]):
-        target[j] = boxes[box, 0, j] + numbers[2 + j] * (boxes[box, 1, j] - boxes[box, 0, j])
+        low, high = max(around[j] - reach, box[0, j]), min(around[j] + reach, box[1, j])
+        target[j] = low + numbers[2 + j] * (high - low)
 
 
 @compiled

@@ -4,7 +4,7 @@ from pinproof.planning.blend import blend
 from pinproof.planning.linear import plan_linear
 from pinproof.planning.linear_move import LinearMove, LinearStatus, PosesMove
 from pinproof.planning.poses import plan_poses
-from pinproof.planning.result import PlanResult, PlanStatus
+from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.shortcut import shortcut
 from pinproof.planning.simplify import Simplified, simplify
@@ -12,6 +12,7 @@ from pinproof.planning.simplify import Simplified, simplify
 __all__ = [
     "LinearMove",
     "LinearStatus",
+    "PlanProgress",
     "PlanResult",
     "PlanStatus",
     "PosesMove",

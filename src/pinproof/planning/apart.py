@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from pinproof.model import Arm
 
-__all__ = ["how_far_apart"]
+__all__ = ["gap_between", "how_far_apart"]
 
 Array = npt.NDArray[np.float64]
 
@@ -15,14 +15,18 @@ NEVER_SHARED = 0.05
 """Rad or m. A joint is named if the values one tree took are at least this far from all that the other took."""
 
 
-def how_far_apart(arm: Arm, from_start: Array, from_goal: Array, *, turns: bool) -> str:
-    """The smallest distance between two trees (a, n) and (b, n), and the joints in which they never met.
+def gap_between(from_start: Array, from_goal: Array) -> float:
+    """The smallest distance (Euclidean, in rad or m) between two trees (a, n) and (b, n)."""
+    from scipy.spatial import cKDTree
+
+    return float(cKDTree(from_start).query(from_goal)[0].min())
+
+
+def how_far_apart(arm: Arm, from_start: Array, from_goal: Array, gap: float, *, turns: bool) -> str:
+    """The ``gap`` between two trees (a, n) and (b, n) in words, and the joints in which they never met.
 
     ``turns`` says whether goals whole turns away were among the roots; if not, a parted periodic joint suggests them.
     """
-    from scipy.spatial import cKDTree
-
-    gap = float(cKDTree(from_start).query(from_goal)[0].min())
     words = f"the trees came within {gap:.3g} (rad or m) of each other in joint space"
     parted = {joint: text for joint in range(arm.dof) if (text := _parted(arm, joint, from_start, from_goal))}
     hint = "a whole turn may lead round it: plan with turns=True"

@@ -1,20 +1,19 @@
-"""Straight edges in joint space: quickly looked at, then proven."""
+"""Straight edges in joint space, quickly looked at before a proof is begun."""
 
 from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
-from pinproof.motion import JointPath
 
 __all__ = ["Edges"]
 
 Array = npt.NDArray[np.float64]
 
 PAD = 5e-4
-"""Metres. The search keeps this much more distance than the margin: a path that only just keeps it is hard to prove."""
+"""Metres that looks keep beyond the margin if they are told nothing else."""
 
 FINEST = 16
 """Edges are looked at this many times as closely at most: a closer look would cost more than the proofs it saves."""
@@ -30,8 +29,10 @@ class Edges:
     resolution
         Metres that bodies move between two samples of a quick look. It steers the search and decides nothing.
     ends
-        (e, n) free configurations that must stay within reach: where one of them stands nearer to a body, the search
-        keeps less than :data:`PAD`.
+        (e, n) free configurations that must stay within reach: where one of them stands nearer to a body, looks keep
+        less than ``pad``.
+    pad
+        Metres of distance that looks keep beyond the margin: a path that only just keeps the margin is hard to prove.
 
     Attributes
     ----------
@@ -44,7 +45,7 @@ class Edges:
         are, samples looked at so far, and the pair that touched last.
     """
 
-    def __init__(self, checker: CollisionChecker, resolution: float, ends: Array) -> None:
+    def __init__(self, checker: CollisionChecker, resolution: float, ends: Array, *, pad: float = PAD) -> None:
         from pinproof.kernels import rrt_edge
 
         if not resolution > 0:
@@ -52,7 +53,8 @@ class Edges:
         self._kernel = rrt_edge
         self._checker, self.resolution, self._finest = checker, resolution, resolution / FINEST
         spare = min((checker.clearance(q) for q in ends), default=np.inf) - checker.margin
-        self.steering = checker.with_margin(checker.margin + min(PAD, max(spare, 0.0) / 2))
+        self._pad = min(pad, max(spare, 0.0) / 2)
+        self.steering = checker.with_margin(checker.margin + self._pad)
         self.asked = np.empty((rrt_edge.MOST_LOOKS, checker.arm.dof))
         self.counts = np.array([0, 0, -1])
         self._edge = np.empty((2, checker.arm.dof))
@@ -81,6 +83,7 @@ class Edges:
         """Halve the resolution, after an edge that looked free was not: something here is thinner than a step."""
         self.resolution = max(self.resolution / 2, self._finest)
 
-    def prove(self, a: Array, b: Array) -> Certificate:
-        """The certificate of the straight edge from a (n,) to b (n,)."""
-        return certify(JointPath([a, b], self._checker.arm.joint_names), self._checker)
+    def keep_less(self) -> None:
+        """Keep a quarter of the pad from now on, so that narrower ways are seen."""
+        self._pad /= 4
+        self.steering = self._checker.with_margin(self._checker.margin + self._pad)

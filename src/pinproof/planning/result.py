@@ -1,15 +1,18 @@
-"""What a planner says: a certified path, or why there is none."""
+"""What a planner says: a certified path, or why there is none; and how far it is meanwhile."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
-from pinproof.collision import Certificate
+import numpy as np
+
+from pinproof.collision import Certificate, CollisionChecker, Contact
 from pinproof.errors import PlanFailed
 from pinproof.motion import JointPath
 
-__all__ = ["PlanResult", "PlanStatus"]
+__all__ = ["PlanProgress", "PlanResult", "PlanStatus", "Progress"]
 
 
 class PlanStatus(Enum):
@@ -19,6 +22,33 @@ class PlanStatus(Enum):
     START_INVALID = "the start is in contact or outside its limits"
     GOAL_INVALID = "no goal is free and inside its limits"
     OUT_OF_BUDGET = "no path was found within the budget; there may be one"
+    CANCELLED = "the progress callback said to stop"
+
+
+@dataclass(frozen=True)
+class PlanProgress:
+    """How far a search is.
+
+    Parameters
+    ----------
+    nodes
+        Configurations in both trees.
+    samples
+        Random samples so far.
+    seconds
+        Since the search began.
+    gap
+        Smallest distance (rad or m, Euclidean) seen between the trees; inf before any was looked at.
+    """
+
+    nodes: int
+    samples: int
+    seconds: float
+    gap: float
+
+
+Progress = Callable[[PlanProgress], bool | None]
+"""Called many times a second while a plan is searched; where it returns False, the search ends as CANCELLED."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,9 +68,22 @@ class PlanResult:
     message
         The outcome in a sentence, with what to do.
     nodes
-        Configurations in both trees.
+        Configurations in both trees, or in whatever graph the planner has.
     cut
         Edges that looked free at their samples and failed the proof.
+    samples
+        Random samples that were taken.
+    seconds
+        How long it took.
+    gap
+        Smallest distance (rad or m, Euclidean) between what was reached from the start and from the goals; 0 where they
+        met, NaN where nothing was searched.
+    contacts
+        What the start touches, or the goals, where that is why there is no path.
+    checker
+        The checker the certificate holds for: the caller's, or where an end touched by coarse bodies alone one that
+        judges those pairs more finely (:meth:`~pinproof.CollisionChecker.finer_at`). Hand it on to what changes the
+        path: shortcuts, blends, the certificate of the trajectory.
     """
 
     status: PlanStatus
@@ -50,6 +93,11 @@ class PlanResult:
     message: str
     nodes: int = 0
     cut: int = 0
+    samples: int = 0
+    seconds: float = 0.0
+    gap: float = np.nan
+    contacts: tuple[Contact, ...] = ()
+    checker: CollisionChecker | None = None
 
     @property
     def ok(self) -> bool:

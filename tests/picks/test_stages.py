@@ -126,7 +126,7 @@ def test_transit_walled_in(arm, monkeypatch) -> None:
     monkeypatch.setattr(judging, "TRANSIT", pp.RrtConnect(max_nodes=60))
     home = arm.root_from_base * arm.forward_kinematics(arm.home)
     between = float(np.arctan2(home.translation[1], home.translation[0])) + 0.9
-    wall = pp.Obstacle("wall", pp.Box(2.0, 0.01, 4.0), turned(pp.pose((1.28, 0, 0)), between))
+    wall = pp.Obstacle("wall", pp.Box(2.0, 0.01, 4.0), turned(pp.pose((1.2, 0, 0)), between))
     far = np.where(np.arange(arm.dof) == 0, 2.2, 0.4)
     ranges = np.transpose([arm.limits.clip(arm.home - far), arm.limits.clip(arm.home + far)])
     tight = arm.with_limits(arm.limits.replace(arm.joint_names, dict(zip(arm.joint_names, ranges, strict=True))))

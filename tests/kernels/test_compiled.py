@@ -6,6 +6,7 @@ import os
 import shutil
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,13 @@ def test_first_use_says_what_it_compiles_and_the_second_process_does_not(tmp_pat
     assert "pinproof: compiling trigonometry.sincos for this machine, once" in first.stderr
     assert second.stderr == ""
     assert first.stdout == second.stdout
+
+
+def test_of_processes_that_start_together_one_compiles_and_the_others_wait_for_it(tmp_path):
+    with ThreadPoolExecutor(3) as pool:
+        done = list(pool.map(lambda _: run(USE, NUMBA_CACHE_DIR=str(tmp_path)), range(3)))
+    assert sum("compiling trigonometry.sincos" in one.stderr for one in done) == 1
+    assert len({one.stdout for one in done}) == 1
 
 
 def test_kernels_are_kept_where_numba_is_told_to_keep_them(tmp_path):

@@ -6,16 +6,19 @@ a hash of all sources of this room: an edit anywhere begins a new folder.
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import logging
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 
 __all__ = ["cache_folder", "compiled", "inlined"]
 
@@ -84,7 +87,37 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
         )
     finally:
         numba.config.CACHE_DIR = before
+    if CACHE is not None:
+        kernel.compile = _by_one_process(kernel.compile, CACHE / f"{function.__module__}.{function.__name__}.lock")
     return kernel
+
+
+def _by_one_process(compile_or_load: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]:
+    """Let one process compile a kernel while the others wait for it, and then load what it wrote.
+
+    Kernels lock those they call after themselves, and no kernel calls itself, so no two processes wait for each other;
+    numba's own lock, taken first, sees to the threads of one process.
+    """
+
+    def by_one(signature: Any) -> Any:
+        with global_compiler_lock, _held(lock):
+            return compile_or_load(signature)
+
+    return by_one
+
+
+@contextmanager
+def _held(lock: Path) -> Iterator[None]:
+    """Hold a file's lock, which a process that dies lets go; where files cannot be locked, go on without."""
+    try:
+        file = lock.open("a")
+    except OSError:
+        yield
+        return
+    with file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
 
 
 class _Notice(event.Listener):  # type: ignore[misc]  # numba is untyped here

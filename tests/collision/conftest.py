@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 
 import coal
@@ -166,11 +167,14 @@ def _shape(shape):
         return coal.Cylinder(shape.radius, shape.length)
     if isinstance(shape, Capsule):
         return coal.Capsule(shape.radius, shape.length)
-    read = read_mesh(shape.path, shape.scale)
+    return _mesh(shape.path, shape.scale, shape.hull)
+
+
+@lru_cache(maxsize=256)
+def _mesh(path, scale, hull):
+    read = read_mesh(path, scale)
     mesh = trimesh.Trimesh(read.vertices, read.triangles, process=False)
-    if shape.hull:
-        mesh = mesh.convex_hull
-    return _triangles(mesh)
+    return _triangles(mesh.convex_hull if hull else mesh)
 
 
 def _triangles(mesh):

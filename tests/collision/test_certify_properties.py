@@ -21,6 +21,7 @@ from pinproof import (
     Scene,
     Sphere,
     certify,
+    load_robot,
     pose,
 )
 
@@ -57,11 +58,11 @@ def random_curve(rng, arm, checker):
     return JointPath(np.stack([start, end]), arm.joint_names)
 
 
-@pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "xarm7", "stanford"])
+@settings(max_examples=16, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), margin=st.sampled_from([0.0, 0.002, 0.01]))
-def test_no_verdict_is_wrong(request, oracle, torus, name, seed, margin):
-    arm, rng = request.getfixturevalue(name), np.random.default_rng(seed)
+def test_no_verdict_is_wrong(oracle, torus, name, seed, margin):
+    arm, rng = load_robot(name).arm(), np.random.default_rng(seed)
     checker = CollisionChecker(arm, random_scene(rng, torus), margin=margin)
     curve, independent = random_curve(rng, arm, checker), oracle(checker)
     certificate = certify(curve, checker, max_intervals=2000)

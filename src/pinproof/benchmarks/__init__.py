@@ -1,5 +1,9 @@
 """Tables of figures with their provenance: what the methods do, measured, and judged apart from them."""
 
+from pinproof.benchmarks.collision_files import write_collision_table
+from pinproof.benchmarks.collision_markdown import collision_markdown
+from pinproof.benchmarks.collision_run import collision_benchmark
+from pinproof.benchmarks.collision_table import CollisionTable
 from pinproof.benchmarks.ik_files import write_ik_table
 from pinproof.benchmarks.ik_markdown import ik_markdown, ik_summary, success_markdown
 from pinproof.benchmarks.ik_run import ik_benchmark
@@ -11,9 +15,12 @@ from pinproof.benchmarks.plan_run import plan_benchmark
 from pinproof.benchmarks.plan_table import PlanTable
 
 __all__ = [
+    "CollisionTable",
     "IkTable",
     "PlanTable",
     "SuccessRow",
+    "collision_benchmark",
+    "collision_markdown",
     "ik_benchmark",
     "ik_markdown",
     "ik_summary",
@@ -22,6 +29,7 @@ __all__ = [
     "plan_summary",
     "success_markdown",
     "success_rates",
+    "write_collision_table",
     "write_ik_table",
     "write_plan_table",
 ]

@@ -1,0 +1,159 @@
+"""A tiny run of the table of collision checks, and whether its second look at verdicts sees what is wrong."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.benchmarks import CollisionTable, collision_benchmark, collision_markdown, write_collision_table
+from pinproof.benchmarks.collision_edges import EDGE_ROBOTS, audited_edges, what_is_wrong
+from pinproof.benchmarks.collision_problems import boxes, random_edge, random_scene
+from pinproof.collision.plain_coal import PlainCoal
+from pinproof.errors import FileError, InputError
+
+ROOT = Path(__file__).resolve().parents[2]
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def table(request: pytest.FixtureRequest) -> CollisionTable:
+    return collision_benchmark(["ur5"], problems=1, configurations=30, boxes=(1, 4), edges=5)
+
+
+def test_every_part_is_there(table: CollisionTable) -> None:
+    assert len(table.checks) == 5
+    assert {row.robot for row in table.checks} == {"ur5"}
+    assert [row.scene for row in table.growth] == ["boxes: 1", "boxes: 4"]
+    assert [row.problems for row in table.proofs] == ["ur5, own scenes"]
+    assert [(row.robot, row.edges) for row in table.edges] == [(robot, 1) for robot in EDGE_ROBOTS]
+    assert table.provenance["seed"] == 0
+
+
+def test_times_are_told_apart_and_measured(table: CollisionTable) -> None:
+    for row in (*table.checks, *table.growth):
+        for times in (row.is_free, row.check, row.clearance, row.coal, row.coal_tree, row.coal_distances):
+            assert (times.free is None) == (row.free_share == 0.0)
+            assert (times.colliding is None) == (row.free_share == 1.0)
+            assert all(us is None or us > 0 for us in (times.free, times.colliding))
+        assert row.careless == 0
+
+
+def test_proofs_of_planned_paths_are_free(table: CollisionTable) -> None:
+    (row,) = table.proofs
+    assert row.free == row.paths >= 4
+    assert 0 < row.median_ms <= row.p95_ms <= row.largest_ms
+
+
+def test_it_is_written_and_read_again(table: CollisionTable, tmp_path: Path) -> None:
+    data, page, picture = write_collision_table(table, tmp_path)
+    assert CollisionTable.load(data) == table
+    assert picture.read_bytes().startswith(PNG)
+    text = page.read_text(encoding="utf-8")
+    assert text.endswith(collision_markdown(table))
+    assert "UNDECIDED: 0.000 %" in text
+    assert f"commit {table.provenance['commit']}" in " ".join(text.split())
+    data.write_text(json.dumps({"settings": {}}), encoding="utf-8")
+    with pytest.raises(FileError, match="collision checks"):
+        CollisionTable.load(data)
+
+
+def test_a_wrong_verdict_is_said(table: CollisionTable) -> None:
+    assert table.wrong == ()
+    wrong = replace(table, edges=(replace(table.edges[0], wrong=("ur5, seed 0, scene 0, edge 0: FREE, but ...",)),))
+    assert len(wrong.wrong) == 1
+    assert "- WRONG: ur5" in collision_markdown(wrong)
+
+
+@pytest.mark.parametrize("how", [{"configurations": 0}, {"boxes": (0,)}, {"edges": -1}])
+def test_what_makes_no_sense_is_refused(how: dict) -> None:
+    with pytest.raises(InputError):
+        collision_benchmark([], **how)
+
+
+@pytest.mark.parametrize("robot", EDGE_ROBOTS)
+def test_no_verdict_on_random_edges_is_wrong(robot: str) -> None:
+    row = audited_edges(robot, 36, seed=7)
+    assert row.wrong == ()
+    assert row.undecided == 0
+    assert row.free > 5
+    assert row.free + row.colliding == 36
+    assert row.looks > 60 * row.free
+
+
+def test_each_scene_depends_on_its_number_alone() -> None:
+    few, more = audited_edges("ur5", 12, seed=1), audited_edges("ur5", 24, seed=1)
+    assert few.free <= more.free
+    assert more.looks >= few.looks
+
+
+@pytest.fixture(scope="module")
+def touching() -> tuple[pp.JointPath, pp.CollisionChecker, pp.CollisionChecker]:
+    """A UR5 whose forearm sweeps through a ball in the middle of the edge."""
+    arm = pp.load_robot("ur5").arm()
+    start, end = np.array([-0.6, -1.0, 1.0, 0, 0, 0]), np.array([0.6, -1.0, 1.0, 0, 0, 0])
+    at = arm.frame_placement((start + end) / 2, "wrist_1_link").translation
+    checker = pp.CollisionChecker(arm, pp.Scene([pp.Obstacle("ball", pp.Sphere(0.05), pp.pose(at))]))
+    meshes = pp.CollisionChecker(arm, checker.scene, link_meshes="mesh")
+    return pp.JointPath([start, end], arm.joint_names), checker, meshes
+
+
+def test_the_second_look_agrees_with_what_is_right(touching: tuple) -> None:
+    path, checker, meshes = touching
+    certificate = pp.certify(path, checker)
+    assert certificate.status is pp.CertificateStatus.COLLIDING
+    assert what_is_wrong(path, certificate, checker, meshes) == (1, "")
+
+
+def test_the_second_look_sees_a_false_free(touching: tuple) -> None:
+    path, checker, meshes = touching
+    lie = pp.certify(path, checker.with_scene(pp.Scene()))
+    assert lie.free
+    assert "apart" in what_is_wrong(path, lie, checker, meshes)[1]
+    half = pp.JointPath([path.q[0], path.q[0] + 0.1], path.joint_names)
+    true = pp.certify(half, checker)
+    assert what_is_wrong(half, true, checker, meshes)[1] == ""
+    assert "proven" in what_is_wrong(half, replace(true, clearance=true.observed + 0.01), checker, meshes)[1]
+
+
+def test_the_second_look_sees_a_false_contact(touching: tuple) -> None:
+    path, checker, meshes = touching
+    certificate = pp.certify(path, checker)
+    moved = replace(certificate, first_contact=replace(certificate.first_contact, q=path.q[0]))
+    assert "COLLIDING, but" in what_is_wrong(path, moved, checker, meshes)[1]
+
+
+def test_plain_coal_says_the_same_where_nothing_grazes(touching: tuple) -> None:
+    _, checker, _ = touching
+    rng = np.random.default_rng(0)
+    many = rng.uniform(-3, 3, (60, 6))
+    for broadphase in (False, True):
+        plain = PlainCoal(checker.with_margin(0.01), broadphase=broadphase)
+        for q, theirs in zip(many, plain.configurations(many), strict=True):
+            clearance = checker.clearance(q)
+            assert plain.is_free(theirs) == (clearance > 0.01) or abs(clearance - 0.01) < 1e-5
+            if clearance > 0:
+                assert plain.clearance(theirs) == pytest.approx(clearance, abs=1e-5)
+
+
+def test_scenes_and_edges_are_the_same_for_the_same_seed() -> None:
+    arm = pp.load_robot("ur5").arm()
+    scenes = [random_scene(np.random.default_rng(3), 0.9) for _ in range(2)]
+    assert [o.shape for o in scenes[0].obstacles] == [o.shape for o in scenes[1].obstacles]
+    assert len(boxes(50, 0.9, 0).obstacles) == 50
+    checker = pp.CollisionChecker(arm, scenes[0])
+    one, two = (random_edge(checker, np.random.default_rng(5)) for _ in range(2))
+    np.testing.assert_array_equal(one.q, two.q)
+
+
+def test_the_script_ends_with_what_it_found() -> None:
+    command = [sys.executable, str(ROOT / "scripts" / "benchmark_collision.py"), "--only-edges", "5"]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "| all | 5 |" in done.stdout

@@ -29,6 +29,8 @@ __all__ = [
     "hermite",
     "hermite_slope",
     "hull",
+    "largest",
+    "on_pieces",
     "split",
 ]
 
@@ -76,8 +78,13 @@ def evaluate(knots: Array, control: Array, t: npt.ArrayLike) -> Array:
     piece = np.clip(np.searchsorted(knots, flat, side="right") - 1, 0, len(control) - 1)
     width = knots[piece + 1] - knots[piece]
     u = np.divide(flat - knots[piece], width, out=np.zeros_like(flat), where=width > 0.0)
-    points = _de_casteljau(control[piece], u[:, None])
+    points = on_pieces(control, piece, u)
     return points[0] if parameter.ndim == 0 else points
+
+
+def on_pieces(control: Array, piece: npt.NDArray[np.intp], u: Array) -> Array:
+    """(N, n) points at local parameters ``u`` (N,) in [0, 1] of the pieces (N,) told."""
+    return _de_casteljau(control[piece], u[:, None])
 
 
 def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
@@ -138,6 +145,19 @@ def extremes(control: Array) -> tuple[Array, Array]:
         value = _de_casteljau(control, u)
         low, high = np.minimum(low, value), np.maximum(high, value)
     return low, high
+
+
+def largest(control: Array, enough: Array | None = None) -> Array:
+    """Per piece and joint, the largest magnitude taken (k, n), as good as :func:`extremes`.
+
+    Where the hull tells that it is not above ``enough`` (n,), the hull's may be returned, which is no smaller.
+    """
+    size: Array = np.abs(control).max(axis=1)
+    above = np.ones(len(size), dtype=bool) if enough is None else (~(size <= enough)).any(axis=1)
+    if above.any():
+        low, high = extremes(control[above])
+        size[above] = np.maximum(-low, high)
+    return size
 
 
 def hermite(knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Array:

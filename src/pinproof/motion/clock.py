@@ -22,7 +22,7 @@ def whole_nanoseconds(times: Array) -> npt.NDArray[np.int64]:
     return np.rint(times * NANO).astype(np.int64)
 
 
-def seconds(nanoseconds: npt.NDArray[np.int64]) -> Array:
+def seconds(nanoseconds: npt.NDArray[np.int64] | Array) -> Array:
     """The double nearest to each count of nanoseconds, in seconds."""
     result: Array = nanoseconds / NANO
     return result

@@ -205,23 +205,26 @@ class Trajectory:
 
     def __call__(self, t: npt.ArrayLike) -> Array:
         """The configuration (n,) at time ``t`` in [0, duration], or (N, n) at (N,) of them; InputError outside."""
-        return bezier.evaluate(*self._pieces, t)
+        return bezier.evaluate(self._knots, self._derivatives[0], t)
 
     def velocity(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) velocities in rad/s or m/s; InputError outside [0, duration]."""
-        return bezier.evaluate(self._pieces[0], self._velocity_control, t)
+        return bezier.evaluate(self._knots, self._derivatives[1], t)
 
     def acceleration(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) accelerations in rad/s^2 or m/s^2; where they jump, the value after the jump."""
-        return bezier.evaluate(self._pieces[0], self._acceleration_control, t)
+        return bezier.evaluate(self._knots, self._derivatives[2], t)
 
     def jerk(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) derivatives of the acceleration within the pieces, in rad/s^3 or m/s^3; it jumps at points."""
-        return bezier.evaluate(self._pieces[0], self._jerk_control, t)
+        return bezier.evaluate(self._knots, self._derivatives[3], t)
 
-    def bezier(self) -> tuple[Array, Array]:
-        """Knots (k+1,) in seconds and control points (k, 4 or 6, n), one piece between neighbouring points."""
-        return self._pieces
+    def bezier(self, order: int = 0) -> tuple[Array, Array]:
+        """Knots (k+1,) in seconds and control points, one piece between neighbouring points.
+
+        The curve itself has (k, 4 or 6, n) of them; ``order`` 1 to 3 is for its derivatives by time.
+        """
+        return self._knots, self._derivatives[order]
 
     @property
     def interpolant(self) -> str:
@@ -252,33 +255,21 @@ class Trajectory:
 
     def max_velocity(self) -> Array:
         """(n,) largest speed of each joint over the whole motion: the extremum of each piece, not of samples."""
-        return np.asarray(self.piece_speeds().max(axis=0))
+        return np.asarray(bezier.largest(self._derivatives[1]).max(axis=0))
 
     def max_acceleration(self) -> Array:
         """(n,) largest acceleration of each joint over the whole motion, exactly as :meth:`max_velocity`."""
-        return np.asarray(self.piece_accelerations().max(axis=0))
+        return np.asarray(bezier.largest(self._derivatives[2]).max(axis=0))
 
     def max_jerk(self) -> Array:
         """(n,) largest jerk of each joint; infinite for a joint that moves along a cubic, whose acceleration jumps."""
         if self.accelerations is None:
-            return np.where(np.ptp(self._pieces[1], axis=(0, 1)) > 0.0, np.inf, 0.0)
-        return np.asarray(self.piece_jerks().max(axis=0))
-
-    def piece_speeds(self) -> Array:
-        """(k, n) largest speed of each joint on each piece."""
-        return _largest(self._velocity_control)
-
-    def piece_accelerations(self) -> Array:
-        """(k, n) largest acceleration of each joint on each piece."""
-        return _largest(self._acceleration_control)
-
-    def piece_jerks(self) -> Array:
-        """(k, n) largest jerk of each joint within each piece."""
-        return _largest(self._jerk_control)
+            return np.where(np.ptp(self._derivatives[0], axis=(0, 1)) > 0.0, np.inf, 0.0)
+        return np.asarray(bezier.largest(self._derivatives[3]).max(axis=0))
 
     def range(self) -> tuple[Array, Array]:
         """Least and greatest position (n,) of each joint that the curve takes, between points too."""
-        low, high = bezier.extremes(self._pieces[1])
+        low, high = bezier.extremes(self._derivatives[0])
         return low.min(axis=0), high.max(axis=0)
 
     def is_close(self, other: Trajectory, tolerance: float = 1e-9) -> bool:
@@ -296,25 +287,19 @@ class Trajectory:
         return cubic if self.accelerations is None else (*cubic, self.accelerations)
 
     @cached_property
-    def _pieces(self) -> tuple[Array, Array]:
+    def _knots(self) -> Array:
+        return self.times if len(self.q) > 1 else read_only(np.zeros(2))
+
+    @cached_property
+    def _derivatives(self) -> tuple[Array, ...]:
+        """Control points (k, degree+1-r, n) of the r-th derivative by time, r from 0 to 3."""
         if len(self.q) == 1:
-            return read_only(np.zeros(2)), read_only(np.stack([self.q] * 4, axis=1))
-        return self.times, read_only(bezier.hermite(*self._points))
-
-    @cached_property
-    def _velocity_control(self) -> Array:
-        """Bernstein coefficients (k, degree, n) of the velocity."""
-        if len(self.q) == 1:
-            return np.zeros((1, 3, len(self.joint_names)))
-        return bezier.hermite_slope(*self._points)
-
-    @cached_property
-    def _acceleration_control(self) -> Array:
-        return bezier.derivative(self._pieces[0], self._velocity_control)
-
-    @cached_property
-    def _jerk_control(self) -> Array:
-        return bezier.derivative(self._pieces[0], self._acceleration_control)
+            position, velocity = np.stack([self.q] * 4, axis=1), np.zeros((1, 3, len(self.joint_names)))
+        else:
+            position, velocity = bezier.hermite(*self._points), bezier.hermite_slope(*self._points)
+        acceleration = bezier.derivative(self._knots, velocity)
+        jerk = bezier.derivative(self._knots, acceleration)
+        return tuple(read_only(control) for control in (position, velocity, acceleration, jerk))
 
     def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
         return _again, (self.times, self.q, self.velocities, self.joint_names, self.limits_note, self.accelerations)
@@ -328,12 +313,6 @@ def _again(
     times: Array, q: Array, velocities: Array, names: tuple[str, ...], note: str, accelerations: Array | None
 ) -> Trajectory:
     return Trajectory(times, q, velocities, names, note, accelerations=accelerations)
-
-
-def _largest(control: Array) -> Array:
-    """(k, n) largest magnitude on each piece."""
-    low, high = bezier.extremes(control)
-    return np.maximum(-low, high)
 
 
 def _one_after_another(parts: list[Array]) -> Array:

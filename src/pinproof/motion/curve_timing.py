@@ -1,0 +1,287 @@
+"""From s over time to a trajectory that keeps its limits and its path, proven on the trajectory itself.
+
+The fastest s over time of :mod:`pinproof.motion.speeds` knows the limits at the nodes of a grid only, and a Hermite
+curve through points of the path is not the path. So every result is measured, between its points too: where it exceeds
+a limit, the steps there are made slower by that much; where it misses the path, they are cut.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from itertools import product
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import TimingError
+from pinproof.motion import bezier
+from pinproof.motion.clock import LONGEST, NANO, seconds
+from pinproof.motion.curve import Array
+from pinproof.motion.limits import RATE_TOLERANCE, Bounds
+from pinproof.motion.ramps import SHORTEST_EDGE, SHORTEST_PHASE
+from pinproof.motion.speeds import Drive, Grid, drive
+from pinproof.motion.track import Track
+from pinproof.motion.trajectory import Trajectory
+
+__all__ = ["IMAGE_TOLERANCE", "time_track"]
+
+IMAGE_TOLERANCE = 1e-5
+"""How far (rad or m, in any joint) the timed curve may be from the path: a hundredth of a millimetre at a reach of a
+metre, below what arms repeat to and a hundredth of the millimetres that clearances are kept in. What is certified is
+the timed curve itself."""
+
+_LARGEST_GRID = 4000
+"""Steps at which cutting ends: far more than a motion needs (tens)."""
+
+_FINEST = 1e-7
+"""Of the whole path: steps that are not cut any further."""
+
+_ROUGH = 1.01
+"""Factor over a limit from which on steps are cut in two there, rather than slowed down."""
+
+_ROUGH_ROUNDS = 3
+_LOCAL_ROUNDS = 8
+"""Rounds in which single steps are slowed down; from then on all are, which must end."""
+
+_SLIGHT = 1.002
+"""Factor over the limits up to which the whole motion is slowed down, which is sure to help, and not steps."""
+
+_ROUNDS = 40
+_MOST_PARTS = 4
+
+_WINDOWS = 6
+"""How many windows are tried where jerk counts, from a quarter of the shortest time in which any joint's acceleration
+may rise to the limit to twice the longest; and with how much of the jerk that a window allows:"""
+
+_SHARES = (1.0, 0.5)
+"""All of it where the acceleration rises from 0, half where it turns over from one limit to the other."""
+
+_TRIALS = 2
+"""Rounds for each of them."""
+
+_SHORTEST_WINDOW = 8e-3
+"""Seconds: what a shorter one gains is below its own length."""
+
+_SHORTEST_SMOOTH = 2e-3
+"""Seconds, or a hundredth of a short motion, below which two points are one where jerk counts: it magnifies their
+rounding by 60 / h^3."""
+
+
+def time_track(track: Track, bounds: Bounds, ends: tuple[Array, Array]) -> Trajectory:
+    """Time a track (which moves) between velocities ``ends`` (n,), along its tangents; the caller checks the result."""
+    timing = _Timing(track, bounds, ends)
+    steps, piece = track.in_steps(IMAGE_TOLERANCE)
+    grid = Grid.of(track, steps, piece, np.ones(len(piece)))
+    if bounds.jerk is not None and not track.coasts.all():
+        for _ in range(_ROUGH_ROUNDS):
+            grid = grid.refined(track, np.where(timing.run(grid).coarse, 3, 1))
+        timing.choose_windows(grid, bounds.acceleration, bounds.jerk)
+    timed = timing.run(grid)
+    for attempt in range(_ROUNDS):
+        parts = np.where(timed.off > IMAGE_TOLERANCE, np.ceil(1.1 * (timed.off / IMAGE_TOLERANCE) ** 0.25), 1.0)
+        if attempt < _ROUGH_ROUNDS:
+            parts = np.maximum(parts, np.where(timed.excess > _ROUGH, 2.0, 1.0))
+            parts = np.maximum(parts, np.where(timed.coarse, 3.0, 1.0))
+        whole = track.straight[grid.piece] | (np.diff(grid.s) < _FINEST * grid.s[-1])
+        parts = np.where(whole, 1.0, parts).clip(1, _MOST_PARTS)
+        slower = Bounds.too_fast(timed.excess)
+        if not slower.any() and parts.max() == 1.0:
+            break
+        # rounding alone would not be outrun by what is measured of it: the steps grow, so this ends
+        grown = 1.0 + RATE_TOLERANCE * 2.0**attempt
+        if attempt < (_LOCAL_ROUNDS if timed.excess.max() > _SLIGHT else 1):
+            left = 1.0 + (timed.excess * grown - 1.0) / parts**2  # cutting helps, too: errors fall with the square
+            grid = grid.tightened(np.where(slower, left, 1.0))
+        elif slower.any():
+            grid = grid.tightened(float(timed.excess.max()) * grown)
+        if parts.max() > 1.0 and parts.sum() <= _LARGEST_GRID:
+            grid = grid.refined(track, parts.astype(int))
+        timed = timing.run(grid)
+    if timed.off.max() > IMAGE_TOLERANCE:
+        raise TimingError(
+            f"the timed curve is {timed.off.max():.3g} off the path on {len(grid.s)} points: it bends too sharply, or "
+            "its curvature jumps, which a limit of jerk does not allow; resample it, or round it off more"
+        )
+    return timed.trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class _Timed:
+    """A motion; per step of the grid (N,) how much too fast, how far off the path, and whether it should be finer."""
+
+    trajectory: Trajectory
+    excess: Array
+    off: Array
+    coarse: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class _Written:
+    """A motion, and s with as many of its derivatives as the points state (m, 1)."""
+
+    driven: Drive
+    trajectory: Trajectory
+    of_s: list[Array]
+
+    @property
+    def middles(self) -> Array:
+        """(k,) s in the middle of each piece."""
+        s = self.of_s[0][:, 0]
+        result: Array = 0.5 * (s[:-1] + s[1:])
+        return result
+
+
+class _Timing:
+    """One track, its limits, and the velocities at its ends."""
+
+    def __init__(self, track: Track, bounds: Bounds, ends: tuple[Array, Array]) -> None:
+        self._track, self._bounds, self._ends = track, bounds, ends
+        self._speeds = _along(track, 0, ends[0]), _along(track, -1, ends[1])
+        # seconds, and the share of the jerk they allow, of each piece; all alike between two stops
+        self._windows = np.ones((len(track.straight), 2))
+
+    def choose_windows(self, grid: Grid, acceleration: Array, jerk: Array) -> None:
+        """Take, between any two stops, the window with which the motion would be shortest."""
+        track = self._track
+        run_of_piece = np.concatenate([[0], np.cumsum(track.stops[1:-1])])
+        starts = np.flatnonzero(np.concatenate([[True], track.stops[1:-1]]))
+        best = np.full(len(starts), np.inf)
+        chosen = np.zeros((len(starts), 2))
+        rise = acceleration / jerk
+        windows = np.geomspace(0.25 * rise.min(), 2.0 * rise.max(), _WINDOWS)
+        for window, share in product(np.unique(np.maximum(windows, _SHORTEST_WINDOW)), _SHARES):
+            self._windows[:] = window, share
+            try:
+                written = self._tried(grid)
+            except TimingError:  # with speeds at the ends, there may be no way for this window
+                continue
+            slower = np.ones(len(starts))
+            run = run_of_piece[track.piece_of(written.middles)]
+            np.maximum.at(slower, run, self._bounds.excess(written.trajectory))
+            duration = np.diff(written.driven.rests) * slower
+            better = duration < best
+            best[better], chosen[better] = duration[better], (window, share)
+        if not np.isfinite(best).all():
+            raise TimingError(
+                "no timing within the limits of jerk was found for the velocities at the ends; lower them"
+            )
+        self._windows = chosen[run_of_piece]
+
+    def _tried(self, grid: Grid) -> _Written:
+        """A motion after a few rounds of slowing down where it is too fast."""
+        for _ in range(_TRIALS):
+            timed = self.run(grid)
+            grid = grid.tightened(np.maximum(timed.excess, 1.0))
+        return self._write(grid)
+
+    def run(self, grid: Grid) -> _Timed:
+        """Time it and measure the result."""
+        written = self._write(grid)
+        step = grid.step_of(written.middles)
+        excess, off = np.zeros((2, len(grid.piece)))
+        np.maximum.at(excess, step, self._bounds.excess(written.trajectory))
+        np.maximum.at(off, step, _deviation(self._track, written))
+        return _Timed(written.trajectory, excess, off, written.driven.coarse)
+
+    def _write(self, grid: Grid) -> _Written:
+        """The motion, as points of the path in whole nanoseconds."""
+        track, smooth = self._track, self._bounds.jerk is not None
+        driven = drive(track, grid, self._bounds, self._speeds, self._windows[grid.piece] if smooth else None)
+        marks = driven.marks
+        if not marks[-1] <= LONGEST:
+            raise TimingError(
+                f"the path takes longer than the {LONGEST:.0f} s that can be counted; are its units radians and metres?"
+            )
+        rests = np.searchsorted(marks, driven.rests)
+        gap = max(SHORTEST_EDGE, min(_SHORTEST_SMOOTH, 0.01 * marks[-1])) if smooth else SHORTEST_PHASE
+        keep = _apart(marks, rests, gap)
+        times = _ticks(marks[keep])
+        s, speed, acceleration = driven.profile.at(np.minimum(times, driven.profile.times[-1]))
+        rests = np.searchsorted(keep, rests)
+        s[rests] = np.concatenate([track.knots[:1], track.knots[track.stops], track.knots[-1:]])
+        speed[rests] = acceleration[rests] = 0.0
+        speed[[0, -1]] = self._speeds
+        q, slope = track.at(s), track.at(s, 1)
+        velocities = slope * speed[:, None]
+        velocities[0], velocities[-1] = self._ends
+        accelerations = None
+        if smooth:
+            accelerations = slope * acceleration[:, None] + track.curvature(s) * speed[:, None] ** 2
+        trajectory = Trajectory(times, q, velocities, track.joint_names, self._bounds.note, accelerations=accelerations)
+        of_s = [rate[:, None] for rate in ((s, speed, acceleration) if smooth else (s, speed))]
+        return _Written(driven, trajectory, of_s)
+
+
+def _along(track: Track, end: int, velocity: Array) -> float:
+    """The speed s' of a velocity along the tangent at an end of the track."""
+    slope = track.control[1][end, end]
+    return float(velocity @ slope / (slope @ slope)) if velocity.any() else 0.0
+
+
+def _ticks(times: Array) -> Array:
+    """Times (N,), in order, in whole nanoseconds at least one apart, the last one rounded up."""
+    index = np.arange(len(times))
+    count = np.rint(times * NANO).astype(np.int64)
+    count[-1] = max(count[-1], math.ceil(times[-1] * NANO))
+    return seconds(np.maximum.accumulate(count - index) + index)
+
+
+def _apart(times: Array, keep: npt.NDArray[np.intp], gap: float) -> npt.NDArray[np.intp]:
+    """Indices of times that are a gap apart; those in ``keep`` stay, whatever is next to them."""
+    needed = set(keep.tolist())
+    result: list[int] = []
+    for i, time in enumerate(times.tolist()):
+        while result and time - times[result[-1]] < gap and result[-1] not in needed and i in needed:
+            result.pop()
+        if i in needed or not result or time - times[result[-1]] >= gap:
+            result.append(i)
+    return np.array(result)
+
+
+def _deviation(track: Track, written: _Written) -> Array:
+    """(k,) how far each piece may be from the path, in any joint: a bound, not a sample.
+
+    On a piece the motion q(u) is compared with path(s(u)), where s(u) is the polynomial with the piece's own s and its
+    derivatives at both ends. Their difference is a polynomial of a degree D that is known. Over m + 1 Chebyshev nodes,
+    m > D, its largest value is that at the nodes divided by cos(pi D / 2 m) at most (H. Ehlich, K. Zeller,
+    "Schwankung von Polynomen zwischen Gitterpunkten", Mathematische Zeitschrift 86, 1964).
+    """
+    trajectory, s = written.trajectory, written.of_s[0][:, 0]
+    result = np.zeros(len(s) - 1)
+    rows = np.flatnonzero(~track.straight[track.piece_of(0.5 * (s[:-1] + s[1:]))])
+    if not len(rows):
+        return result
+    control, piece = trajectory.bezier()[1][rows], track.piece_of(written.middles[rows])
+    order, own = bezier.degree(control), bezier.degree(track.control[0])
+    u, factor = _nodes(own * order)
+    basis = _bernstein(u, order)
+    at = bezier.hermite(trajectory.times, *written.of_s)[rows, :, 0] @ basis.T
+    first, width = track.knots[piece, None], np.diff(track.knots)[piece, None]
+    path = _bernstein(((at - first) / width).clip(0.0, 1.0), own) @ track.control[0][piece]
+    s = written.of_s[0][:, 0]
+    first_inside = track.knots[np.searchsorted(track.knots, s[:-1], side="right").clip(max=len(track.knots) - 1)]
+    astride = (first_inside < s[1:])[rows]  # of a knot, by no more than a thousandth of a second: no polynomial
+    if astride.any():
+        path[astride] = track.at(at[astride].ravel()).reshape(path[astride].shape)
+    result[rows] = factor * np.abs(basis @ control - path).max(axis=(1, 2))
+    return result
+
+
+@cache
+def _nodes(degree: int) -> tuple[Array, float]:
+    """Chebyshev nodes in (0, 1), without the ends, and the factor that bounds a polynomial of a degree by them."""
+    count = math.ceil(1.5 * degree)
+    u = 0.5 - 0.5 * np.cos(np.pi * np.arange(1, count) / count)
+    return u, 1.0 / math.cos(np.pi * degree / (2 * count))
+
+
+def _bernstein(u: Array, degree: int) -> Array:
+    """The basis (..., degree+1) at local parameters (...)."""
+    up, down = np.ones((2, *u.shape, degree + 1))
+    for r in range(1, degree + 1):
+        up[..., r] = up[..., r - 1] * u
+        down[..., degree - r] = down[..., degree - r + 1] * (1.0 - u)
+    binomial = np.array([math.comb(degree, r) for r in range(degree + 1)], dtype=float)
+    return binomial * up * down

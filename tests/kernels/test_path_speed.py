@@ -1,0 +1,83 @@
+"""The fastest speeds along a path, against linear programs over all nodes at once."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pinproof.kernels.path_speed import path_speed
+
+
+def grid(seed, steps, joints):
+    rng = np.random.default_rng(seed)
+    nodes = np.cumsum(np.concatenate([[0.0], rng.uniform(0.05, 0.3, steps)]))
+    phase, weight = rng.uniform(0, 6, joints), rng.uniform(0.2, 2, joints)
+    slope = weight * np.cos(3 * nodes[:, None] + phase)
+    curvature = -3 * weight * np.sin(3 * nodes[:, None] + phase)
+    both = [np.stack([values[:-1], values[1:]], axis=1) for values in (slope, curvature)]
+    ceiling = (rng.uniform(0.5, 3, joints) / np.abs(slope)).min(axis=1) ** 2
+    return (*both, np.diff(nodes), ceiling, np.tile(rng.uniform(0.5, 5, joints), (steps, 1)))
+
+
+def largest_by_lp(slope, curvature, step, ceiling, acceleration, start, end):
+    """x at every node: the largest that leaves a way to the end, node by node; None if there is no way."""
+    from scipy.optimize import linprog
+
+    steps, _, joints = slope.shape
+    rows, bounds = [], []
+    for i in range(steps):
+        for side in range(2):
+            for j in range(joints):
+                row = np.zeros(steps + 1)
+                row[i], row[i + 1] = -slope[i, side, j] / (2 * step[i]), slope[i, side, j] / (2 * step[i])
+                row[i + side] += curvature[i, side, j]
+                for sign in (1, -1):
+                    rows.append(sign * row)
+                    bounds.append(acceleration[i, j])
+    limits = [(0.0, top) for top in ceiling]
+    limits[0], limits[-1] = (start, start), (end, end)
+    for node in range(steps + 1):
+        program = linprog(-np.eye(steps + 1)[node], np.array(rows), np.array(bounds), bounds=limits, method="highs")
+        if not program.success:
+            return None
+        limits[node] = (program.x[node] * (1 - 1e-10), program.x[node])
+    return program.x
+
+
+@settings(deadline=None, max_examples=50)
+@given(st.integers(0, 2**32 - 1), st.integers(2, 7), st.integers(1, 7), st.floats(0, 1), st.floats(0, 1))
+def test_speeds_are_the_largest_that_linear_programs_find(seed, steps, joints, start, end):
+    problem = grid(seed, steps, joints)
+    start, end = start**2 * problem[3][0], end**2 * problem[3][-1]
+    x = np.empty(steps + 1)
+    stuck = path_speed(*problem, start, end, x)
+    expected = largest_by_lp(*problem, start, end)
+    if expected is None or stuck >= 0:  # both, but on the brink itself
+        assert stuck >= 0 or largest_by_lp(*problem[:-1], problem[-1] * (1 + 1e-6), start, end) is not None
+        assert expected is None or largest_by_lp(*problem[:-1], problem[-1] * (1 - 1e-6), start, end) is None
+        return
+    np.testing.assert_allclose(x, expected, rtol=1e-5, atol=1e-7)
+
+
+def test_a_node_with_ceiling_0_is_a_stop():
+    slope = np.ones((4, 2, 1))
+    x = np.empty(5)
+    ceiling = np.array([0.0, 9, 0, 9, 0])
+    assert path_speed(slope, 0 * slope, np.ones(4), ceiling, np.full((4, 1), 2.0), 0.0, 0.0, x) == -1
+    np.testing.assert_allclose(x, [0, 4, 0, 4, 0])
+
+
+@pytest.mark.parametrize(("start", "end", "stuck"), [(9.0, 0.0, 0), (0.0, 9.0, 0), (0.0, 17.0, 4)])
+def test_speeds_at_the_ends_that_cannot_be_are_told(start, end, stuck):
+    slope = np.ones((4, 2, 1))
+    ceiling = np.full(5, 16.0)
+    assert path_speed(slope, 0 * slope, np.ones(4), ceiling, np.ones((4, 1)), start, end, np.empty(5)) == stuck
+
+
+def test_a_joint_that_all_but_rests_at_a_node_bounds_the_speed_there_by_its_curvature():
+    for tiny in (0.0, 5e-324, 1e-310, 1e-200):
+        slope = np.array([[[1.0], [tiny]], [[tiny], [-1.0]]])
+        curvature = np.full((2, 2, 1), -1.0)
+        x = np.empty(3)
+        assert path_speed(slope, curvature, np.ones(2), np.full(3, 100.0), np.full((2, 1), 4.0), 0.0, 0.0, x) == -1
+        assert 0 < x[1] <= 4.0

@@ -1,0 +1,116 @@
+"""Motions that begin or end while moving."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from pinproof import InputError, TimingError
+from pinproof.motion import CubicPath, JointPath, Trajectory, time_parametrise
+from pinproof.motion.curve_timing import IMAGE_TOLERANCE
+
+from .timing_problems import assert_on_path, assert_within, limits_of, names, rounded_problems, smooth_problems
+
+LIMITS = limits_of([1, 1], [2, 2])
+LINE = JointPath([[0, 0], [2, 1]], names(2))
+shares = st.floats(0, 1)
+
+
+def slope(path, at):
+    """The tangent at the start or at the end."""
+    first, last = path.domain
+    h = 1e-4 * (last - first)
+    a, b = (first, first + h) if at == "start" else (last - h, last)
+    knots, control = path.bezier()
+    width = np.diff(knots)
+    piece = control[0] if at == "start" else control[-1]
+    tangent = (piece[1] - piece[0]) / width[0] if at == "start" else (piece[-1] - piece[-2]) / width[-1]
+    assert tangent @ (path(b) - path(a)) > 0
+    return tangent
+
+
+@pytest.mark.parametrize("jerk", [None, 10.0])
+@pytest.mark.parametrize(("start", "end"), [(0.5, 0), (0, 0.7), (0.4, 0.8), (1.0, 1.0), (0.9, 0.1)])
+def test_a_line_begins_and_ends_at_the_velocities_asked_for(start, end, jerk):
+    begin, finish = np.array([1.0, 0.5]) * start, np.array([1.0, 0.5]) * end
+    trajectory = time_parametrise(LINE, LIMITS, jerk=jerk, start_velocity=begin, end_velocity=finish)
+    assert_within(trajectory, LIMITS, jerk)
+    np.testing.assert_array_equal(trajectory.velocities[[0, -1]], [begin, finish])
+    np.testing.assert_array_equal(trajectory.q[[0, -1]], LINE.q)
+    assert trajectory.duration <= time_parametrise(LINE, LIMITS, jerk=jerk).duration
+
+
+def test_the_time_from_speed_to_speed_is_that_of_the_textbook():
+    path = JointPath([[0.0], [2.0]], names(1))
+    limits = limits_of([1.0], [2.0])
+    asked = {"start_velocity": [0.6], "end_velocity": [0.2]}
+    up, down = (1 - 0.6) / 2, (1 - 0.2) / 2
+    expected = up + down + (2 - 0.8 * up - 0.6 * down)
+    assert time_parametrise(path, limits, **asked).duration == pytest.approx(expected, rel=1e-5)
+
+
+def test_motions_that_meet_while_moving_are_joined():
+    full = JointPath([[0, 0], [4, 2]], names(2))
+    middle = np.array([0.8, 0.4])
+    for jerk in (None, 8.0):
+        first = time_parametrise(LINE, LIMITS, jerk=jerk, end_velocity=middle)
+        second = time_parametrise(JointPath([[2, 1], [4, 2]], names(2)), LIMITS, jerk=jerk, start_velocity=middle)
+        joined = Trajectory.join(first, second)
+        assert_within(joined, LIMITS, jerk)
+        assert joined.duration >= time_parametrise(full, LIMITS, jerk=jerk).duration - 1e-6
+
+
+@settings(deadline=None, max_examples=40)
+@given(st.one_of(smooth_problems(), rounded_problems().map(lambda p: p[1:])), shares, shares, st.booleans())
+def test_any_path_begins_and_ends_at_velocities_or_says_that_it_cannot(problem, start, end, with_jerk):
+    path, limits = problem
+    velocities = []
+    for place, share in (("start", start), ("end", end)):
+        tangent = slope(path, place)
+        velocities.append(share * tangent * (limits.velocity / np.abs(tangent)).min())
+    jerk = limits.acceleration * 20 if with_jerk else None
+    try:
+        trajectory = time_parametrise(path, limits, jerk=jerk, start_velocity=velocities[0], end_velocity=velocities[1])
+    except TimingError as error:
+        said = str(error)
+    else:
+        said = ""
+    if said:
+        assert "velocit" in said
+        assert max(start, end) > 0
+        return
+    assert_within(trajectory, limits, jerk)
+    np.testing.assert_array_equal(trajectory.velocities[[0, -1]], velocities)
+    np.testing.assert_array_equal(trajectory.start, path.start)
+    np.testing.assert_array_equal(trajectory.end, path.end)
+    assert_on_path(trajectory, path, IMAGE_TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    ("velocity", "message"),
+    [
+        ([0.5, 0.3], "does not lie along the path"),
+        ([-0.4, -0.2], "backward"),
+        ([1.2, 0.6], "above the velocity limit 1 of joint 'joint_0'"),
+        ([0.4], "must have the shape"),
+        ([np.nan, 0], "nan"),
+    ],
+)
+@pytest.mark.parametrize("place", ["start_velocity", "end_velocity"])
+def test_velocities_that_would_leave_the_path_are_refused(place, velocity, message):
+    with pytest.raises(InputError, match=message) as caught:
+        time_parametrise(LINE, LIMITS, **{place: velocity})
+    assert place in str(caught.value)
+
+
+@pytest.mark.parametrize("jerk", [None, 50.0])
+@pytest.mark.parametrize("make", [JointPath, CubicPath.through])
+def test_what_cannot_be_braked_is_said(make, jerk):
+    path = make([[0.0], [0.1]], names(1))
+    with pytest.raises(TimingError, match="velocit"):
+        time_parametrise(path, limits_of([1], [2]), jerk=jerk, start_velocity=[1.0])
+
+
+def test_a_path_that_stands_still_has_no_velocity():
+    with pytest.raises(InputError, match="stands still"):
+        time_parametrise(JointPath([[1.0], [1.0]], names(1)), limits_of([1], [1]), start_velocity=[0.1])

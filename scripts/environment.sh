@@ -3,7 +3,7 @@
 root="$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd -P)"
 venv="$root/.venv"
 
-# Pinocchio, coal and toppra have wheels for these. The user's own python3 is tried first.
+# Pinocchio and coal have wheels for these. The user's own python3 is tried first.
 newest_minor=14
 oldest_minor=10
 

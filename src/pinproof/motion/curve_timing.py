@@ -8,7 +8,7 @@ a limit, the steps there are made slower by that much; where it misses the path,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 
@@ -45,8 +45,9 @@ _ROUGH_ROUNDS = 3
 _LOCAL_ROUNDS = 8
 """Rounds in which single steps are slowed down; from then on all are, which must end."""
 
-_SLIGHT = 1.002
-"""Factor over the limits up to which the whole motion is slowed down, which is sure to help, and not steps."""
+_SLIGHT = (1.0, 1.005, 1.01)
+"""Factor over the limits, in the first round, the second and later ones, up to which the whole motion is slowed down,
+which is sure to help, and not steps."""
 
 _ROUNDS = 40
 _MOST_PARTS = 4
@@ -77,27 +78,16 @@ def time_track(track: Track, bounds: Bounds, ends: tuple[Array, Array]) -> Traje
     if bounds.jerk is not None and not track.coasts.all():
         for _ in range(_ROUGH_ROUNDS):
             grid = grid.refined(track, np.where(timing.run(grid).coarse, 3, 1))
-        timing.choose_windows(grid, bounds.acceleration, bounds.jerk)
+        grid = timing.choose_windows(grid, bounds.acceleration, bounds.jerk)
     timed = timing.run(grid)
     for attempt in range(_ROUNDS):
-        parts = np.where(timed.off > IMAGE_TOLERANCE, np.ceil(1.1 * (timed.off / IMAGE_TOLERANCE) ** 0.25), 1.0)
-        if attempt < _ROUGH_ROUNDS:
-            parts = np.maximum(parts, np.where(timed.excess > _ROUGH, 2.0, 1.0))
-            parts = np.maximum(parts, np.where(timed.coarse, 3.0, 1.0))
-        whole = track.straight[grid.piece] | (np.diff(grid.s) < _FINEST * grid.s[-1])
-        parts = np.where(whole, 1.0, parts).clip(1, _MOST_PARTS)
+        parts = timed.parts(track, grid, attempt, bounds.jerk is None)
         slower = Bounds.too_fast(timed.excess)
-        if not slower.any() and parts.max() == 1.0:
+        if not slower.any() and parts.max() == 1:
             break
-        # rounding alone would not be outrun by what is measured of it: the steps grow, so this ends
-        grown = 1.0 + RATE_TOLERANCE * 2.0**attempt
-        if attempt < (_LOCAL_ROUNDS if timed.excess.max() > _SLIGHT else 1):
-            left = 1.0 + (timed.excess * grown - 1.0) / parts**2  # cutting helps, too: errors fall with the square
-            grid = grid.tightened(np.where(slower, left, 1.0))
-        elif slower.any():
-            grid = grid.tightened(float(timed.excess.max()) * grown)
-        if parts.max() > 1.0 and parts.sum() <= _LARGEST_GRID:
-            grid = grid.refined(track, parts.astype(int))
+        grid = grid.tightened(timed.slower(track, grid, attempt, parts, bounds.jerk is None))
+        if parts.max() > 1 and parts.sum() <= _LARGEST_GRID:
+            grid = grid.refined(track, parts)
         timed = timing.run(grid)
     if timed.off.max() > IMAGE_TOLERANCE:
         raise TimingError(
@@ -115,6 +105,32 @@ class _Timed:
     excess: Array
     off: Array
     coarse: npt.NDArray[np.bool_]
+
+    def parts(self, track: Track, grid: Grid, attempt: int, cubic: bool) -> npt.NDArray[np.int_]:
+        """(N,) into how many parts each step is to be cut."""
+        parts = np.where(self.off > IMAGE_TOLERANCE, np.ceil(1.1 * (self.off / IMAGE_TOLERANCE) ** 0.25), 1.0)
+        if attempt < _ROUGH_ROUNDS:
+            parts = np.maximum(parts, np.where(self.coarse, 3.0, 1.0))
+            if cubic:  # excess of jerk does not fall with the step
+                parts = np.maximum(parts, np.where(self.excess > _ROUGH, 2.0, 1.0))
+        whole = track.straight[grid.piece] | (np.diff(grid.s) < _FINEST * grid.s[-1])
+        return np.where(whole, 1.0, parts).clip(1, _MOST_PARTS).astype(int)
+
+    def slower(self, track: Track, grid: Grid, attempt: int, parts: npt.NDArray[np.int_], cubic: bool) -> Array:
+        """(N,) by what factor each step is to be slower: itself only at first, then all between two stops."""
+        run = track.run[grid.piece]
+        worst = np.zeros(int(run[-1]) + 1)
+        np.maximum.at(worst, run, self.excess)
+        # rounding alone would not be outrun by what is measured of it: the steps grow, so this ends
+        grown = 1.0 + RATE_TOLERANCE * 2.0**attempt
+        together = worst[run] <= _SLIGHT[min(attempt, 2)]
+        if attempt >= _LOCAL_ROUNDS:
+            together[:] = True
+        elif not cubic:  # what is averaged knows no single steps
+            together |= ~track.coasts[grid.piece]
+        alone = 1.0 + (self.excess * grown - 1.0) / parts**2  # cutting helps, too: errors fall with the square
+        factor = np.where(together, worst[run] * grown, alone)
+        return np.where(Bounds.too_fast(np.where(together, worst[run], self.excess)), factor, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,39 +158,37 @@ class _Timing:
         # seconds, and the share of the jerk they allow, of each piece; all alike between two stops
         self._windows = np.ones((len(track.straight), 2))
 
-    def choose_windows(self, grid: Grid, acceleration: Array, jerk: Array) -> None:
-        """Take, between any two stops, the window with which the motion would be shortest."""
-        track = self._track
-        run_of_piece = np.concatenate([[0], np.cumsum(track.stops[1:-1])])
-        starts = np.flatnonzero(np.concatenate([[True], track.stops[1:-1]]))
-        best = np.full(len(starts), np.inf)
-        chosen = np.zeros((len(starts), 2))
+    def choose_windows(self, grid: Grid, acceleration: Array, jerk: Array) -> Grid:
+        """Take, between any two stops, the window with which the motion is shortest; the grid, as slow as then."""
+        track, run = self._track, self._track.run
+        best, chosen = np.full(int(run[-1]) + 1, np.inf), np.ones((int(run[-1]) + 1, 2))
+        tight = grid.tight.copy()
         rise = acceleration / jerk
         windows = np.geomspace(0.25 * rise.min(), 2.0 * rise.max(), _WINDOWS)
         for window, share in product(np.unique(np.maximum(windows, _SHORTEST_WINDOW)), _SHARES):
             self._windows[:] = window, share
+            trial = grid
             try:
-                written = self._tried(grid)
+                for _ in range(_TRIALS + 1):
+                    written = self._write(trial)
+                    excess = self._bounds.excess(written.trajectory)
+                    slower = np.ones(len(best))
+                    np.maximum.at(slower, run[track.piece_of(written.middles)], excess)
+                    duration = np.diff(written.driven.rests) * slower
+                    better = duration < best
+                    best[better], chosen[better] = duration[better], (window, share)
+                    tight = np.where(better[run[grid.piece]], trial.tight, tight)
+                    local = np.ones(len(grid.piece))
+                    np.maximum.at(local, grid.step_of(written.middles), excess)
+                    trial = trial.tightened(local)
             except TimingError:  # with speeds at the ends, there may be no way for this window
                 continue
-            slower = np.ones(len(starts))
-            run = run_of_piece[track.piece_of(written.middles)]
-            np.maximum.at(slower, run, self._bounds.excess(written.trajectory))
-            duration = np.diff(written.driven.rests) * slower
-            better = duration < best
-            best[better], chosen[better] = duration[better], (window, share)
         if not np.isfinite(best).all():
             raise TimingError(
                 "no timing within the limits of jerk was found for the velocities at the ends; lower them"
             )
-        self._windows = chosen[run_of_piece]
-
-    def _tried(self, grid: Grid) -> _Written:
-        """A motion after a few rounds of slowing down where it is too fast."""
-        for _ in range(_TRIALS):
-            timed = self.run(grid)
-            grid = grid.tightened(np.maximum(timed.excess, 1.0))
-        return self._write(grid)
+        self._windows = chosen[run]
+        return replace(grid, tight=tight)
 
     def run(self, grid: Grid) -> _Timed:
         """Time it and measure the result."""

@@ -44,6 +44,8 @@ class Track:
         (k,) whether a piece is a straight line run through evenly: s'' moves it as a straight line moves.
     stops
         (k+1,) whether the motion must stop at a knot; its ends are not among them.
+    run
+        (k,) how many stops lie before a piece.
     coasts
         (k,) whether between the stops around it, or the ends, the path begins and ends with a straight piece.
     """
@@ -78,6 +80,7 @@ class Track:
             fastest = np.abs(first).max(axis=(1, 2))
             self.stops[1:-1] = gap > SAME_TANGENT * np.maximum(fastest[1:], fastest[:-1])
 
+        self.run: npt.NDArray[np.intp] = np.concatenate([[0], np.cumsum(self.stops[1:-1])])
         starts = np.flatnonzero(np.concatenate([[True], self.stops[1:-1]]))
         ends = np.concatenate([starts[1:], [len(control)]])
         self.coasts: npt.NDArray[np.bool_] = np.repeat(self.straight[starts] & self.straight[ends - 1], ends - starts)
@@ -114,8 +117,10 @@ class Track:
 
 def cut(grid: Array, parts: npt.NDArray[np.int_]) -> Array:
     """The grid with each step cut into equal parts."""
-    inner = [np.linspace(a, b, count, endpoint=False) for a, b, count in zip(grid[:-1], grid[1:], parts, strict=True)]
-    return np.concatenate([*inner, grid[-1:]])
+    begin = np.cumsum(parts) - parts
+    share = (np.arange(int(parts.sum())) - np.repeat(begin, parts)) / np.repeat(parts, parts)
+    left, right = np.repeat(grid[:-1], parts), np.repeat(grid[1:], parts)
+    return np.concatenate([left * (1.0 - share) + right * share, grid[-1:]])
 
 
 def _corners(q: Array) -> Array:

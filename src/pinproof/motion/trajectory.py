@@ -217,14 +217,14 @@ class Trajectory:
 
     def jerk(self, t: npt.ArrayLike) -> Array:
         """(n,) or (N, n) derivatives of the acceleration within the pieces, in rad/s^3 or m/s^3; it jumps at points."""
-        return bezier.evaluate(self._knots, self._derivatives[3], t)
+        return bezier.evaluate(self._knots, self._jerk_control, t)
 
     def bezier(self, order: int = 0) -> tuple[Array, Array]:
         """Knots (k+1,) in seconds and control points, one piece between neighbouring points.
 
         The curve itself has (k, 4 or 6, n) of them; ``order`` 1 to 3 is for its derivatives by time.
         """
-        return self._knots, self._derivatives[order]
+        return self._knots, self._jerk_control if order == 3 else self._derivatives[order]
 
     @property
     def interpolant(self) -> str:
@@ -265,7 +265,7 @@ class Trajectory:
         """(n,) largest jerk of each joint; infinite for a joint that moves along a cubic, whose acceleration jumps."""
         if self.accelerations is None:
             return np.where(np.ptp(self._derivatives[0], axis=(0, 1)) > 0.0, np.inf, 0.0)
-        return np.asarray(bezier.largest(self._derivatives[3]).max(axis=0))
+        return np.asarray(bezier.largest(self._jerk_control).max(axis=0))
 
     def range(self) -> tuple[Array, Array]:
         """Least and greatest position (n,) of each joint that the curve takes, between points too."""
@@ -292,14 +292,17 @@ class Trajectory:
 
     @cached_property
     def _derivatives(self) -> tuple[Array, ...]:
-        """Control points (k, degree+1-r, n) of the r-th derivative by time, r from 0 to 3."""
+        """Control points (k, degree+1-r, n) of the r-th derivative by time, r from 0 to 2."""
         if len(self.q) == 1:
             position, velocity = np.stack([self.q] * 4, axis=1), np.zeros((1, 3, len(self.joint_names)))
         else:
             position, velocity = bezier.hermite(*self._points), bezier.hermite_slope(*self._points)
         acceleration = bezier.derivative(self._knots, velocity)
-        jerk = bezier.derivative(self._knots, acceleration)
-        return tuple(read_only(control) for control in (position, velocity, acceleration, jerk))
+        return tuple(read_only(control) for control in (position, velocity, acceleration))
+
+    @cached_property
+    def _jerk_control(self) -> Array:
+        return read_only(bezier.derivative(self._knots, self._derivatives[2]))
 
     def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
         return _again, (self.times, self.q, self.velocities, self.joint_names, self.limits_note, self.accelerations)

@@ -229,11 +229,12 @@ def _primitive(shape: Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid) -> t
 def _mesh(shape: Mesh) -> Made:
     if shape.path is None:
         return _made_of_mesh(shape)
+    path = Path(shape.path).absolute()  # the same words are another file in another folder
     try:
-        status = Path(shape.path).stat()
+        status = path.stat()
     except OSError:
         return _made_of_mesh(shape)  # says what is wrong with the file
-    return _made_of_file(shape.path, shape.scale, shape.hull, shape.hollow, (status.st_mtime_ns, status.st_size))
+    return _made_of_file(path, shape.scale, shape.hull, shape.hollow, (status.st_mtime_ns, status.st_size))
 
 
 @lru_cache(maxsize=MESHES_KEPT)

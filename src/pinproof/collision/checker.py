@@ -7,20 +7,21 @@ import threading
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.bodies import Body, shape_body
+from pinproof.collision.assembly import Known, assemble
 from pinproof.collision.by_coal import Distance, geometry_model
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.finer import Levels, finer_levels
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
 from pinproof.collision.margins import Margins, checked_margin
-from pinproof.collision.pairs import choose_pairs, unexplained_pairs
+from pinproof.collision.pairs import unexplained_pairs
 from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, NOT_FINITE, Placed
 from pinproof.collision.scene import Obstacle, Scene
+from pinproof.collision.still import Still, judge_still
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import finite
@@ -28,27 +29,11 @@ from pinproof.spatial import finite
 __all__ = ["CollisionChecker"]
 
 Array = npt.NDArray[np.float64]
-Indices = npt.NDArray[np.int64]
-
-ROUNDING = 1e-9
-"""Metres by which floating point may be off in placements and supports, for each metre the scene is wide (seen: 3e-9 m
-at 100 m), with room. It is taken off every distance before anything is called free."""
 
 DOUBLE = np.dtype(np.float64)
 
 CHUNK = 64
 """Configurations that a thread takes at a time."""
-
-
-class Still(NamedTuple):
-    """The verdict on the pairs of a checker between which no joint moves: the same at every q."""
-
-    touching: tuple[tuple[int, Distance], ...]
-    """Those in contact."""
-    lower: float
-    """The smallest signed distance (m) of them, as :meth:`CollisionChecker.clearance` has it."""
-    upper: float
-    """An upper bound of it."""
 
 
 class CollisionChecker:
@@ -118,7 +103,7 @@ class CollisionChecker:
         self._margins, self._moved = Margins(margin, margins or {}), 0.0
         self._still: Still | None = None
         self._geometry_model: Any = None
-        self._made: dict[tuple[int, str | None], tuple[Obstacle, Body]] = {}
+        self._known: Known = {}  # obstacles by where they lie in memory
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
 
     # -- questions ----------------------------------------------------------------------------------------------------
@@ -159,7 +144,7 @@ class CollisionChecker:
     def clearance(self, q: npt.ArrayLike) -> float:
         """The smallest signed distance (m) over all checked pairs at q (n,); inf if there is none to check.
 
-        Where bodies are apart it is a lower bound up to :data:`ROUNDING`, within 1e-9 m of the distance; where they
+        Where bodies are apart it is a lower bound up to :attr:`rounding`, within 1e-9 m of the distance; where they
         penetrate, the depth as coal knows it, below 0.
         """
         space = self.workspace
@@ -269,12 +254,7 @@ class CollisionChecker:
 
             world = self._margined
             space = Placed(self, *flatten(world._replace(own=self.still_pairs, tree=world.tree[:0])))
-            q = np.zeros(self.arm.dof)
-            touching = tuple(space.touching(q))
-            near = space.near(q, NEAREST)
-            judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
-            lower = min((near.lower, *(measured.distance for measured in judged)))
-            self._still = Still(touching, lower, min((near.upper, *(measured.attained for measured in judged))))
+            self._still = judge_still(space, np.zeros(self.arm.dof))
         return self._still
 
     @property
@@ -319,25 +299,14 @@ class CollisionChecker:
 
     def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
         """Everything that follows from the links, the scene, what is attached, what is allowed, and the margins."""
-        from pinproof.collision.packed import convex_pairs, pack_world
-
-        arm, self.scene, self.attached, self._allowed = self.arm, scene, attached, allowed
-        made, self._made, added = self._made, {}, []
-        for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
-            known = made.get((id(obstacle), link))  # from the checker this one is derived from
-            if known is None or known[1].link_from_body != obstacle.pose:
-                known = obstacle, shape_body(obstacle.name, obstacle.name, link, obstacle.shape, obstacle.pose)
-            self._made[id(obstacle), link] = known
-            added.append(known[1])
-        self.bodies: tuple[Body, ...] = (*self._link_bodies.of(self._levels), *added)
-        _check_names(self.bodies, arm.robot.urdf.links)
-        self.pairs, self.excluded, self.finer = choose_pairs(
-            self.bodies, arm.robot, scene, levels=self._levels, allowed=allowed, trust_disabled=self._trust_disabled
-        )
-        self._geometry_model = None
-        self.rounding = ROUNDING * max((1.0, *(body.extent for body in self.bodies)))
-        self._world, self.at, self.still_pairs = pack_world(arm, self.bodies, self.pairs, self.rounding)
-        self.convex = convex_pairs(self._world)
+        self.scene, self.attached, self._allowed = scene, attached, allowed
+        made = assemble(
+            self.arm, self._link_bodies.of(self._levels), scene, attached,
+            levels=self._levels, allowed=allowed, trust_disabled=self._trust_disabled, known=self._known,
+        )  # fmt: skip
+        self.bodies, (self.pairs, self.excluded, self.finer), self.rounding = made.bodies, made.pairs, made.rounding
+        self._world, self.at, self.still_pairs, self.convex = made.world, made.at, made.still, made.convex
+        self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
 
     def _set_margins(self, margins: Margins) -> None:
@@ -383,17 +352,9 @@ class CollisionChecker:
         return many, rows
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_made")  # the latter knows obstacles by where they lie in memory
+        left_out = ("_threads", "_known")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
-        self._made, self._threads = {}, threading.local()
-
-
-def _check_names(bodies: Sequence[Body], links: Sequence[str]) -> None:
-    seen: set[str] = set()
-    for body in bodies:
-        if body.name in seen or (body.owner != body.link and body.name in links):
-            raise InputError(f"the name {body.name!r} stands for two bodies; rename the obstacle or attached object")
-        seen.add(body.name)
+        self._known, self._threads = {}, threading.local()

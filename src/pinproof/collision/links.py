@@ -170,7 +170,7 @@ def _finer_bodies(geometry: LinkGeometry, told: LinkMeshes, level: int) -> list[
 
 def _file(shape: Mesh) -> tuple[Path, int, tuple[float, float, float]]:
     """What tells one mesh from another, and a file from what it was before somebody changed it."""
-    path = Path(shape.path)  # type: ignore[arg-type]  # meshes of links have one
+    path = Path(shape.path).absolute()  # type: ignore[arg-type]  # meshes of links have one
     return path, path.stat().st_mtime_ns, shape.scale  # type: ignore[return-value]  # made three numbers by Mesh
 
 

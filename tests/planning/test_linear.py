@@ -319,6 +319,17 @@ def test_a_redundant_arm_moves_smoothly_all_along(panda: pp.Arm) -> None:
     assert np.abs(np.diff(rate, axis=0)).sum(axis=0).max() < 6 * np.abs(rate).max()  # and no wobble
 
 
+def test_a_redundant_arm_slides_along_the_limit_of_a_joint() -> None:
+    # The shortest way of the seven joints leads the second one to its limit; there is another.
+    arm = pp.load_robot("iiwa14").arm()
+    start = np.array([0.07, 1.887, -2.112, 1.879, -1.117, -0.321, 2.002])
+    target = pp.pose((0.123, 0.53, -0.146), (-2.727, 0.912, -0.141))
+    checker = pp.CollisionChecker(arm)
+    move = pp.plan_linear(checker, start, target)
+    _assert_follows(move, checker, start, target, 1e-3, 1e-2)
+    assert arm.limits.upper[1] - move.path(np.linspace(0, 1, 500))[:, 1].max() < 3e-3
+
+
 def test_inward_from_a_stretched_arm() -> None:
     # Elbow straight: a singularity that hides the very direction asked for.
     arm = pp.load_robot("ur5").arm(tcp="wrist_1_link")

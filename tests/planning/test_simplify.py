@@ -47,6 +47,8 @@ def test_rounded_is_shorter_than_not(checker: pp.CollisionChecker, detour: pp.Jo
     rounded, straight = (pp.simplify(detour, checker, blend=blend) for blend in (True, False))
     assert rounded.length_after < straight.length_after
     assert rounded.path.corners == ()
+    assert rounded.stops == 0
+    assert straight.stops == len(straight.path) - 2 > 0
 
 
 def test_same_rng_same_curve(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:

@@ -28,7 +28,7 @@ from pinproof.cli.options import (
 from pinproof.cli.outputs import check_outputs
 from pinproof.collision import CollisionChecker, certify
 from pinproof.motion import Trajectory, time_parametrise
-from pinproof.planning import RrtConnect, shortcut
+from pinproof.planning import RrtConnect, simplify
 from pinproof.viewer import show, write_html
 
 __all__ = ["check", "plan", "view"]
@@ -76,6 +76,7 @@ def plan(
     scene: SceneFile = None,
     margin: Margin = 0.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The motion (.json, .csv).")] = None,
+    blend: Annotated[bool, typer.Option(help="Run through rounded corners; without it, stop at each.")] = True,
     html: Html = None,
     seed: Seed = 0,
     tcp: Tcp = None,
@@ -85,7 +86,7 @@ def plan(
     package_dir: PackageDirs = None,
     as_json: Json = False,
 ) -> None:
-    """Plan, shorten, time and certify a motion between two configurations. Exit code 1 if none is found.
+    """Plan, shorten, round, time and certify a motion between two configurations. Exit code 1 if none is found.
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
@@ -102,7 +103,8 @@ def plan(
             else:
                 say(result.message)
             raise typer.Exit(1)
-        path = shortcut(result.path, checker, rng=seed)
+        simplified = simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
+        path = simplified.path
         trajectory = time_parametrise(path, arm.limits)
         certificate = certify(trajectory, checker)
     written = []
@@ -113,10 +115,11 @@ def plan(
         write_html(html, arm, world, trajectory, certificate=certificate)
         written.append(html)
     if as_json:
-        figures = {"waypoints": len(path), "length": path.length, "duration": trajectory.duration}
+        figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}
         print_json({"ok": certificate.free, **figures, **verdict(certificate)})
     else:
-        say(f"{len(path)} waypoints, {path.length:.3g} rad, {trajectory.duration:.2f} s ({trajectory.limits_note})")
+        stops = f"{simplified.stops} stop{'' if simplified.stops == 1 else 's'} on the way"
+        say(f"{path.length:.3g} rad, {stops}, {trajectory.duration:.2f} s ({trajectory.limits_note})")
         say(str(certificate))
         if written:
             say(f"wrote {' and '.join(map(str, written))}")

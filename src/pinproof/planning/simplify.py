@@ -45,6 +45,11 @@ class Simplified:
         return self.certificate.free
 
     @property
+    def stops(self) -> int:
+        """At how many points between its ends the arm must stop."""
+        return _stops(self.path)
+
+    @property
     def clearance_before(self) -> float:
         """Metres that were proven of the path that was given; NaN if it is not free."""
         return self.before.clearance
@@ -132,10 +137,13 @@ def _is_for(certificate: Certificate, path: JointPath, checker: CollisionChecker
 def _result(
     curve: JointPath | BlendedPath, proof: Certificate, path: JointPath, before: Certificate, given_up: str
 ) -> Simplified:
-    pieces = f"{len(curve) - 1} edges" if isinstance(curve, JointPath) else f"{len(curve)} pieces"
-    stops = "" if isinstance(curve, JointPath) else f", {len(curve.corners)} stops"
+    stops = _stops(curve)
     message = (
-        f"length {path.length:.3g} to {curve.length:.3g}, {len(path) - 1} edges to {pieces}{stops}; "
+        f"length {path.length:.3g} to {curve.length:.3g}, {max(len(path) - 2, 0)} corners to {stops} stops; "
         f"{proof.message}{given_up}"
     )
     return Simplified(curve, proof, before, path.length, curve.length, message)
+
+
+def _stops(curve: JointPath | BlendedPath) -> int:
+    return len(curve.corners) if isinstance(curve, BlendedPath) else max(len(curve) - 2, 0)

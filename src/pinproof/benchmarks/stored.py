@@ -1,4 +1,4 @@
-"""Tables on disk: JSON, written whole or not at all."""
+"""Tables on disk: JSON with a line a row, written whole or not at all."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ __all__ = ["read_table", "write_table"]
 
 
 def write_table(path: str | Path, words: dict[str, Any]) -> None:
-    """Write a table as JSON."""
-    write_text_whole(Path(path), json.dumps(words, indent=1, allow_nan=False) + "\n")
+    """Write a table as JSON; of what it lists, each entry is a line."""
+    parts = [f"{json.dumps(key)}: {_stated(value)}" for key, value in words.items()]
+    write_text_whole(Path(path), "{\n" + ",\n".join(parts) + "\n}\n")
 
 
 def read_table(path: str | Path, what: str) -> dict[str, Any]:
@@ -32,3 +33,9 @@ def read_table(path: str | Path, what: str) -> dict[str, Any]:
     if not isinstance(words, dict):
         raise FileError(path, f"holds no table of {what}")
     return words
+
+
+def _stated(value: Any) -> str:
+    if isinstance(value, (list, tuple)) and value:
+        return "[\n" + ",\n".join(json.dumps(entry, allow_nan=False) for entry in value) + "\n]"
+    return json.dumps(value, indent=1, allow_nan=False)

@@ -49,7 +49,7 @@ def bench_ik(
     """
     if output is not None:
         make_folder(output)
-    with working("running the table of inverse kinematics"):
+    with working("running the table of inverse kinematics") as tell:
         figures = ik_benchmark(
             robots or ["ur5"],
             points=points,
@@ -57,9 +57,10 @@ def bench_ik(
             peers=peers,
             limits_pi=limits_pi,
             seed=seed,
+            on_progress=tell,
         )
     written = [] if output is None else write_ik_table(figures, output)
-    _tell(figures.to_dict(), ik_markdown(figures), written, as_json)
+    _show(figures.to_dict(), ik_markdown(figures), written, as_json)
 
 
 def bench_plan(
@@ -102,7 +103,7 @@ def bench_plan(
     """
     if output is not None:
         make_folder(output)
-    with working("running the table of planning"):
+    with working("running the table of planning") as tell:
         figures = plan_benchmark(
             OWN_ROBOTS if robots is None else robots,
             mbm=mbm,
@@ -112,14 +113,15 @@ def bench_plan(
             repeats=repeats,
             peers=peers,
             seed=seed,
+            on_progress=tell,
         )
     written = [] if output is None else write_plan_table(figures, output)
-    _tell(figures.to_dict(), plan_markdown(figures), written, as_json)
+    _show(figures.to_dict(), plan_markdown(figures), written, as_json)
     if figures.unsafe:
         raise typer.Exit(1)
 
 
-def _tell(words: dict[str, Any], page: str, written: list[Path], as_json: bool) -> None:
+def _show(words: dict[str, Any], page: str, written: list[Path], as_json: bool) -> None:
     """A table to stdout, and which files hold it."""
     if as_json:
         print_json(words)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -43,14 +43,14 @@ def remark(text: str) -> None:
 
 
 @contextmanager
-def working(text: str) -> Iterator[None]:
-    """Show on stderr that work goes on, if somebody looks."""
+def working(text: str) -> Iterator[Callable[[str], None]]:
+    """Show on stderr that work goes on, if somebody looks; what it yields changes the text."""
     console = Console(stderr=True, highlight=False)
     if console.is_terminal:
-        with console.status(text):
-            yield
+        with console.status(text) as status:
+            yield status.update
     else:
-        yield
+        yield lambda _: None
 
 
 def print_report(report: PickReport) -> None:

@@ -10,7 +10,7 @@ from pinproof.benchmarks.plan_problem import PlanProblem
 from pinproof.collision import CollisionChecker, certify
 from pinproof.errors import TimingError
 from pinproof.motion import Curve, time_parametrise
-from pinproof.planning import RrtConnect, shortcut
+from pinproof.planning import RrtConnect, simplify
 
 __all__ = ["OURS", "PLANNER", "STEPS", "Answer", "PlanMethod", "Stopwatch"]
 
@@ -101,14 +101,15 @@ def _ours(problem: PlanProblem, checker: CollisionChecker) -> Ask:
         watch.lap("plan")
         if plan.path is None:
             return Answer(None, watch.ms, certified=False, cut=plan.cut, message=plan.message)
-        path = shortcut(plan.path, checker, rng=seed)
+        judge = plan.checker or checker  # finer than ours where an end touches by its hulls alone
+        simple = simplify(plan.path, judge, rng=seed, certificate=plan.certificate)
         watch.lap("simplify")
         try:
-            trajectory = time_parametrise(path, problem.arm.limits)
+            trajectory = time_parametrise(simple.path, problem.arm.limits)
         except TimingError as error:
             return Answer(None, watch.ms, certified=False, cut=plan.cut, message=str(error))
         watch.lap("time")
-        certificate = certify(trajectory, checker)
+        certificate = certify(trajectory, judge)
         watch.lap("certify")
         return Answer(
             trajectory,
@@ -124,4 +125,4 @@ def _ours(problem: PlanProblem, checker: CollisionChecker) -> Ask:
 
 
 OURS = PlanMethod("pinproof", "pinproof", _ours)
-"""Plan, shorten, time, and prove the trajectory that would be saved."""
+"""Plan, shorten and round, time, and prove the trajectory that would be saved."""

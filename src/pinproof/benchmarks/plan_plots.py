@@ -23,7 +23,7 @@ def write_time_plot(table: PlanTable, path: str | Path) -> None:
     """
     rows = -(-len(table.collections) // COLUMNS)
     columns = min(COLUMNS, len(table.collections))
-    figure, panels = new_figure(rows, columns, width=5.2, height=3.4)
+    figure, panels = new_figure(rows, columns, width=5.2, height=3.8)
     for index, panel in enumerate(panels.flat):
         if index >= len(table.collections):
             panel.set_axis_off()
@@ -45,5 +45,5 @@ def write_time_plot(table: PlanTable, path: str | Path) -> None:
         panel.set_xlabel("total time, ms")
         panel.set_ylabel("safe motions, % of problems")
         panel.grid(alpha=0.3)
-        panel.legend(fontsize=8, loc="upper left")
+        panel.legend(fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.17))
     figure.savefig(path, dpi=110, format="png")

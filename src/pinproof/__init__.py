@@ -33,7 +33,16 @@ _HOME = {
     "pinproof.verifier": ("ProofVerdict",),
     "pinproof.spatial": ("pose", "xyz_rpy"),
     "pinproof.description": ("DhRow", "DhTable"),
-    "pinproof.model": ("Arm", "JointLimits", "Robot", "RobotInfo", "describe", "load_robot"),
+    "pinproof.model": (
+        "Arm",
+        "JointLimits",
+        "LimitsFile",
+        "Robot",
+        "RobotInfo",
+        "describe",
+        "load_limits",
+        "load_robot",
+    ),
     "pinproof.conversion": ("dh_to_urdf", "urdf_to_dh", "write_urdf"),
     "pinproof.motion": ("BlendedPath", "CubicPath", "JointPath", "Trajectory", "time_parametrise"),
     "pinproof.ik": (

@@ -104,6 +104,22 @@ def test_plan_into_an_obstacle_says_with_what(run: Run, tmp_path: Path) -> None:
     assert "floor" in out
 
 
+def test_plan_keeps_limits_of_a_file_and_of_jerk(run: Run, tmp_path: Path) -> None:
+    limits, motion = tmp_path / "joint_limits.yaml", tmp_path / "motion.json"
+    limits.write_text("joint_limits:\n  shoulder_pan_joint: {has_velocity_limits: true, max_velocity: 0.25}\n")
+    goal = " ".join(str(value) for value in pp.load_robot("ur5").arm().home + np.array([0.5, 0, 0, 0, 0, 0]))
+    asked = ("plan", "ur5", "--goal", goal, "--limits", str(limits), "-o", str(motion))
+    code, _, _ = run(*asked, "--jerk", "30")
+    assert code == 0
+    written = pp.Trajectory.load(motion)
+    assert written.interpolant == "quintic"
+    assert written.max_velocity().max() <= 0.25 * (1 + 1e-9)
+    assert written.max_jerk().max() <= 30 * (1 + 1e-9)
+    code, _, said = run(*asked, "--jerk", "gentle")
+    assert code == 2
+    assert "--jerk" in said
+
+
 def test_certify_tells_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -> None:
     arm = pp.load_robot("ur5").arm()
     motion, scene = tmp_path / "motion.csv", tmp_path / "scene.yaml"

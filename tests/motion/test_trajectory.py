@@ -202,6 +202,26 @@ def test_times_do_not_drift_however_many_motions_are_joined():
     assert Trajectory.join(*[part] * 1000).duration == 100.0
 
 
+@settings(deadline=None, max_examples=40)
+@given(st.one_of(trajectories(), quintics()), st.sampled_from([1.0, 1.1, 1.5, np.pi, 20.0]))
+def test_a_motion_slowed_down_keeps_its_image_and_lowers_its_rates(trajectory, factor):
+    slow = trajectory.slowed(factor)
+    assert slow.interpolant == trajectory.interpolant
+    assert slow.duration == pytest.approx(factor * trajectory.duration, abs=2e-9)
+    np.testing.assert_array_equal(slow.q[[0, -1]], trajectory.q[[0, -1]])
+    t = np.linspace(0, trajectory.duration, 50)
+    np.testing.assert_allclose(slow((t * factor).clip(0, slow.duration)), trajectory(t), atol=1e-6)
+    for order, (mine, theirs) in enumerate(
+        [(slow.max_velocity(), trajectory.max_velocity()), (slow.max_acceleration(), trajectory.max_acceleration())], 1
+    ):
+        np.testing.assert_allclose(mine * factor**order, theirs, rtol=1e-5, atol=1e-5)
+
+
+def test_a_motion_is_not_hurried():
+    with pytest.raises(InputError, match="1 or more"):
+        Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES).slowed(0.5)
+
+
 def test_motions_that_do_not_meet_are_not_joined():
     still = Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES)
     away = Trajectory([0, 1], np.ones((2, 2)), np.zeros((2, 2)), NAMES)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -14,6 +14,7 @@ from pinproof.cli.options import (
     Group,
     Html,
     Json,
+    LimitsFile,
     Margin,
     PackageDirs,
     Robot,
@@ -27,6 +28,7 @@ from pinproof.cli.options import (
 )
 from pinproof.cli.outputs import check_outputs
 from pinproof.collision import CollisionChecker, certify
+from pinproof.errors import InputError
 from pinproof.motion import Trajectory, time_parametrise
 from pinproof.planning import RrtConnect, simplify
 from pinproof.viewer import show, write_html
@@ -79,6 +81,11 @@ def plan(
     blend: Annotated[bool, typer.Option(help="Run through rounded corners; without it, stop at each.")] = True,
     html: Html = None,
     seed: Seed = 0,
+    limits: LimitsFile = None,
+    jerk: Annotated[
+        str | None,
+        typer.Option(help="Largest jerk of every joint, in rad/s^3 or m/s^3, or: limits, those of the file."),
+    ] = None,
     tcp: Tcp = None,
     base: Base = None,
     group: Group = None,
@@ -90,8 +97,8 @@ def plan(
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_outputs([output, html], [robot, scene, srdf])
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
+    check_outputs([output, html], [robot, scene, srdf, limits])
+    arm = load_arm(robot, tcp, base, group, srdf, package_dir, limits)
     world = load_scene(scene)
     checker = CollisionChecker(arm, world, margin=margin)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
@@ -105,7 +112,7 @@ def plan(
             raise typer.Exit(1)
         simplified = simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
         path = simplified.path
-        trajectory = time_parametrise(path, arm.limits)
+        trajectory = time_parametrise(path, arm.limits, jerk=_jerk(jerk))
         certificate = certify(trajectory, checker)
     written = []
     if output is not None:
@@ -161,3 +168,12 @@ def view(
     with show(arm, world, trajectory, certificate=certificate, q=still, port=port, open_browser=browser) as shown:
         print_json({"url": shown.url}) if as_json else say(f"{shown.url} (Ctrl-C ends it)")
         shown.wait()
+
+
+def _jerk(text: str | None) -> float | Literal["limits"] | None:
+    if text is None or text == "limits":
+        return None if text is None else "limits"
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"--jerk is a number or the word limits, not {text!r}") from None

@@ -12,13 +12,14 @@ import typer
 from pinproof.collision import Scene
 from pinproof.description.dh_files import parse_number
 from pinproof.errors import InputError
-from pinproof.model import Arm, load_robot
+from pinproof.model import Arm, load_limits, load_robot
 
 __all__ = [
     "Base",
     "Group",
     "Html",
     "Json",
+    "LimitsFile",
     "Margin",
     "PackageDirs",
     "Robot",
@@ -44,6 +45,9 @@ PackageDirs = Annotated[
 SceneFile = Annotated[
     Path | None, typer.Option("--scene", help="A scene file (YAML); by default nothing stands around.")
 ]
+LimitsFile = Annotated[
+    Path | None, typer.Option("--limits", help="Limits of joints, as MoveIt's joint_limits.yaml states them.")
+]
 Margin = Annotated[float, typer.Option(help="Metres that must stay between any two bodies.", min=0.0)]
 Seed = Annotated[int, typer.Option(help="Seed of every random choice.", min=0)]
 Html = Annotated[Path | None, typer.Option("--html", help="Write a page that shows it.")]
@@ -57,9 +61,11 @@ def load_arm(
     group: str | None = None,
     srdf: Path | None = None,
     package_dirs: list[Path] | None = None,
+    limits: Path | None = None,
 ) -> Arm:
     """The arm that the shared options name."""
-    return load_robot(robot, srdf=srdf, package_dirs=package_dirs or ()).arm(tcp, base=base, group=group)
+    told = None if limits is None else load_limits(limits)
+    return load_robot(robot, srdf=srdf, package_dirs=package_dirs or ()).arm(tcp, base=base, group=group, limits=told)
 
 
 def load_scene(path: Path | None) -> Scene:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -32,11 +33,15 @@ class JointLimits:
         (n,) in rad/s^2 or m/s^2, above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`.
     acceleration_source
         Where the accelerations come from, for results that depend on them.
+    jerk
+        (n,) in rad/s^3 or m/s^3, above 0, NaN for a joint of which it is not known; None where it is of none.
+    jerk_source
+        Where the jerks come from.
 
     Raises
     ------
     InputError
-        If shapes differ, lower > upper, or a velocity or acceleration is not above 0.
+        If shapes differ, lower > upper, or a velocity, acceleration or jerk is not above 0.
     """
 
     lower: Array
@@ -44,6 +49,8 @@ class JointLimits:
     velocity: Array
     acceleration: Array = None  # type: ignore[assignment]  # filled in below; never None afterwards
     acceleration_source: str = ""
+    jerk: Array | None = None
+    jerk_source: str = ""
 
     def __post_init__(self) -> None:
         source = self.acceleration_source or "given by the caller"
@@ -56,6 +63,7 @@ class JointLimits:
             "upper": self.upper,
             "velocity": self.velocity,
             "acceleration": acceleration,
+            **({} if self.jerk is None else {"jerk": self.jerk}),
         }
         for name, value in arrays.items():
             array = np.array(value, dtype=float)
@@ -64,6 +72,10 @@ class JointLimits:
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         object.__setattr__(self, "acceleration_source", source)
+        if self.jerk is not None:
+            object.__setattr__(self, "jerk_source", self.jerk_source or "given by the caller")
+            if (self.jerk <= 0).any():
+                raise InputError("jerk limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
             raise InputError(f"limits must hold lower <= upper; they are {self.lower} and {self.upper}")
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
@@ -101,7 +113,7 @@ class JointLimits:
             low, high = bounds
             index = list(joint_names).index(name)
             lower[index], upper[index] = low, high
-        return JointLimits(lower, upper, self.velocity, self.acceleration, self.acceleration_source)
+        return dataclasses.replace(self, lower=lower, upper=upper)
 
     def sampling_range(self) -> tuple[Array, Array]:
         """Finite (lower, upper), each (n,): where a joint has no bounds, one turn about 0 (or one metre each way)."""

@@ -18,6 +18,7 @@ from pinproof.model.arm import Arm
 from pinproof.model.chain import find_chain, held_values, link_path
 from pinproof.model.groups import group_ends
 from pinproof.model.limits import JointLimits
+from pinproof.model.limits_file import LimitsFile
 
 __all__ = ["Robot", "load_robot", "load_robot_from_text"]
 
@@ -67,7 +68,7 @@ class Robot:
         *,
         base: str | None = None,
         group: str | None = None,
-        limits: JointLimits | Mapping[str, tuple[float, float]] | None = None,
+        limits: JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None = None,
         held: Mapping[str, float] | None = None,
     ) -> Arm:
         """The chain from a base link to a tcp frame.
@@ -83,7 +84,8 @@ class Robot:
         group
             A group of the SRDF, which names base and tcp.
         limits
-            New limits of all joints, or new (lower, upper) by joint name, to tighten or extend those of the URDF.
+            New limits of all joints, those of a file (:func:`~pinproof.load_limits`), or new (lower, upper) by joint
+            name, to tighten or extend those of the URDF.
         held
             Values (rad or m) of joints outside the arm; by default those of :attr:`home`, else 0 or the bound nearest
             to it. A floating or planar joint stands at its neutral place.
@@ -110,8 +112,12 @@ class Robot:
                 )
             new_limits = limits
         else:
-            new_limits = chain.limits.replace(chain.joint_names, limits or {})
-            told = limits or {}
+            if isinstance(limits, LimitsFile):
+                new_limits = limits.over(chain.limits, chain.joint_names, list(self.urdf.joints))
+                told: Mapping[str, tuple[float, float]] = limits.position
+            else:
+                told = limits or {}
+                new_limits = chain.limits.replace(chain.joint_names, told)
             for name in chain.joint_names:
                 joint = self.urdf.joints[name]
                 if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in told:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
@@ -122,6 +123,29 @@ class Trajectory:
             "; ".join(dict.fromkeys(part.limits_note for part in parts if part.limits_note)),
             accelerations=_one_after_another(curvatures) if curvatures else None,
         )
+
+    def slowed(self, factor: float) -> Trajectory:
+        """The same motion, ``factor`` times as long: velocities are divided by it, accelerations by its square.
+
+        Points are read off the curve at whole nanoseconds of the new time, so the image is the same to rounding.
+
+        Raises
+        ------
+        InputError
+            If the factor is below 1 or not finite: only slowing down keeps all limits.
+        """
+        if not 1.0 <= factor < np.inf:
+            raise InputError(f"factor = {factor}; it must be 1 or more, and finite")
+        if len(self.q) == 1:
+            return self
+        clock = whole_nanoseconds(self.times)
+        factor = math.ceil(factor * int(clock[-1])) / int(clock[-1])
+        times = seconds(np.rint(clock * factor))
+        then = (times / factor).clip(0.0, self.duration)
+        q, velocities = self(then), self.velocity(then) / factor
+        q[[0, -1]], velocities[-1] = self.q[[0, -1]], self.velocities[-1] / factor
+        accelerations = None if self.accelerations is None else self.acceleration(then) / factor**2
+        return Trajectory(times, q, velocities, self.joint_names, self.limits_note, accelerations=accelerations)
 
     @classmethod
     def load(cls, path: str | Path, joint_names: Iterable[str] | None = None, *, subset: bool = False) -> Trajectory:

@@ -1,0 +1,124 @@
+"""Limits from a file: what MoveIt's joint_limits.yaml states, over those of the URDF."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+
+TEXT = """
+default_velocity_scaling_factor: 0.1
+default_acceleration_scaling_factor: 0.1
+joint_limits:
+  shoulder_pan_joint:
+    has_velocity_limits: true
+    max_velocity: 2.0
+    has_acceleration_limits: true
+    max_acceleration: 5
+    has_jerk_limits: true
+    max_jerk: 40.0
+  elbow_joint:
+    has_velocity_limits: true
+    max_velocity: 1.5
+    has_acceleration_limits: false
+    max_acceleration: 0
+    has_position_limits: true
+    min_position: -1.0
+    max_position: 2.0
+"""
+
+
+@pytest.fixture(scope="module")
+def robot():
+    return pp.load_robot("ur5")
+
+
+def written(tmp_path, text=TEXT):
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text(text)
+    return path
+
+
+def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
+    arm, plain = robot.arm(limits=pp.load_limits(written(tmp_path))), robot.arm()
+    limits, names = arm.limits, arm.joint_names
+    pan, elbow, wrist = (names.index(name) for name in ("shoulder_pan_joint", "elbow_joint", "wrist_3_joint"))
+    assert limits.velocity[[pan, elbow]].tolist() == [2.0, 1.5]
+    assert limits.velocity[wrist] == plain.limits.velocity[wrist]
+    assert limits.acceleration[[pan, elbow]].tolist() == [5.0, 3.0]  # by default the velocity limit in 0.5 s
+    assert (limits.lower[elbow], limits.upper[elbow]) == (-1.0, 2.0)
+    np.testing.assert_array_equal(limits.lower[[pan, wrist]], plain.limits.lower[[pan, wrist]])
+    assert limits.jerk[pan] == 40.0
+    assert np.isnan(limits.jerk[[elbow, wrist]]).all()
+    assert limits.acceleration_source.startswith("joint_limits.yaml, but for")
+    assert "elbow_joint" in limits.acceleration_source
+    assert "0.5 s" in limits.acceleration_source
+
+
+def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_path):
+    arm = robot.arm(limits=pp.load_limits(written(tmp_path)))
+    path = pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names)
+    with pytest.raises(pp.InputError, match="jerk limit of joint 'shoulder_lift_joint' is not known"):
+        pp.time_parametrise(path, arm.limits, jerk="limits")
+    stated = "".join(
+        f"  {name}: {{has_jerk_limits: true, max_jerk: 30, has_acceleration_limits: true, max_acceleration: 4}}\n"
+        for name in arm.joint_names
+    )
+    full = robot.arm(limits=pp.load_limits(written(tmp_path, f"joint_limits:\n{stated}")))
+    motion = pp.time_parametrise(path, full.limits, jerk="limits")
+    assert motion.limits_note == "acceleration limits: joint_limits.yaml; jerk limits: joint_limits.yaml"
+    assert (motion.max_jerk() <= 30 * (1 + 1e-9)).all()
+
+
+def test_a_smaller_limit_of_deceleration_holds_both_ways(tmp_path):
+    text = "joint_limits:\n  j: {has_acceleration_limits: true, max_acceleration: 5, has_deceleration_limits: true, "
+    assert pp.load_limits(written(tmp_path, text + "max_deceleration: -3}\n")).acceleration == {"j": 3.0}
+    assert pp.load_limits(written(tmp_path, text + "max_deceleration: 9}\n")).acceleration == {"j": 5.0}
+
+
+def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
+    panda = pp.load_robot("panda")
+    finger = next(name for name in panda.urdf.joints if "finger_joint1" in name)
+    text = "joint_limits:\n  {}: {{has_velocity_limits: true, max_velocity: 0.1}}\n"
+    limits = panda.arm(limits=pp.load_limits(written(tmp_path, text.format(finger)))).limits
+    np.testing.assert_array_equal(limits.velocity, panda.arm().limits.velocity)
+    with pytest.raises(pp.UnknownNameError, match=r"'panda_joint9'.*panda_joint1"):
+        panda.arm(limits=pp.load_limits(written(tmp_path, text.format("panda_joint9"))))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("joints: {}", "unknown key 'joints'.*joint_limits"),
+        ("joint_limits: []", "holds no joint_limits"),
+        ("joint_limits:\n  j: 3", "'j' must be a name with a mapping"),
+        ("joint_limits:\n  j: {max_velocty: 3}", "line 2, joint j: unknown key 'max_velocty'"),
+        ("joint_limits:\n  j: {max_velocity: 3}", "line 2, joint j: max_velocity counts only with has_velocity_limits"),
+        ("joint_limits:\n  j: {has_velocity_limits: 1, max_velocity: 3}", "true or false, not 1"),
+        ("joint_limits:\n  j: {has_velocity_limits: true}", "max_velocity must be a finite number, not None"),
+        ("joint_limits:\n  j: {has_velocity_limits: true, max_velocity: .inf}", "finite number, not inf"),
+        ("joint_limits:\n  j: {has_jerk_limits: true, max_jerk: 0}", "max_jerk must be above 0"),
+        (
+            "joint_limits:\n  j: {has_position_limits: true, min_position: 2, max_position: 1}",
+            "min_position 2.0 is above",
+        ),
+        ("joint_limits:\n  j: {has_deceleration_limits: true, max_deceleration: 2}", "none of acceleration"),
+        ("joint_limits:\n  j: {has_velocity_limits: false, has_velocity_limits: true}", "twice"),
+    ],
+)
+def test_files_without_sense_are_refused_with_place(tmp_path, text, message):
+    with pytest.raises(pp.FileError, match=message) as caught:
+        pp.load_limits(written(tmp_path, text))
+    assert "joint_limits.yaml" in str(caught.value)
+
+
+def test_limits_of_jerk_are_checked_and_kept(tmp_path):
+    one = np.ones(2)
+    limits = pp.JointLimits(-one, one, one, one, "cell", [5.0, 6.0])
+    assert limits.jerk_source == "given by the caller"
+    assert limits.replace(["a", "b"], {"a": (0.0, 1.0)}).jerk.tolist() == [5.0, 6.0]
+    assert not limits.jerk.flags.writeable
+    for jerk in ([5.0], [0.0, 1.0], [-1.0, 1.0]):
+        with pytest.raises(pp.InputError, match="jerk"):
+            pp.JointLimits(-one, one, one, one, "", jerk)

@@ -87,6 +87,7 @@ _HOME = {
     ),
     "pinproof.planning": (
         "LinearMove",
+        "OmplPlanner",
         "PlanProgress",
         "PlanResult",
         "PlanStatus",
@@ -94,6 +95,7 @@ _HOME = {
         "RrtConnect",
         "Simplified",
         "blend",
+        "ompl_planners",
         "plan_linear",
         "plan_poses",
         "shortcut",

@@ -3,6 +3,7 @@
 from pinproof.planning.blend import blend
 from pinproof.planning.linear import plan_linear
 from pinproof.planning.linear_move import LinearMove, LinearStatus, PosesMove
+from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
 from pinproof.planning.poses import plan_poses
 from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus
 from pinproof.planning.rrt_connect import RrtConnect
@@ -12,6 +13,7 @@ from pinproof.planning.simplify import Simplified, simplify
 __all__ = [
     "LinearMove",
     "LinearStatus",
+    "OmplPlanner",
     "PlanProgress",
     "PlanResult",
     "PlanStatus",
@@ -19,6 +21,7 @@ __all__ = [
     "RrtConnect",
     "Simplified",
     "blend",
+    "ompl_planners",
     "plan_linear",
     "plan_poses",
     "shortcut",

@@ -25,7 +25,7 @@ from pinproof.planning.trees import Trees
 if TYPE_CHECKING:
     from pinproof.planning.rrt_connect import RrtConnect
 
-__all__ = ["Search"]
+__all__ = ["PAD", "Search", "sampling_box"]
 
 Array = npt.NDArray[np.float64]
 
@@ -70,7 +70,7 @@ class Search:
         self._state = np.zeros(rrt.STATE_SIZE, dtype=np.int64)
         self._state[[rrt.TOLD, rrt.MOST_NODES, rrt.MOST_SAMPLES]] = rrt.ASK, settings.max_nodes, settings.max_samples
         self._trees = Trees(ends.start, ends.goals, self._state[rrt.SIZE : rrt.SIZE + 2])
-        self._box = _sampling_box(ends.checker.arm, both)
+        self._box = sampling_box(ends.checker.arm, both)
         self._draws, self._ends = np.empty((0, len(ends.start) + 2)), np.empty((2, len(ends.start)))
         self._gap = np.array([np.inf])
         self._cut, self._last_cut, self._less_at = 0, "", LESS_AFTER
@@ -83,6 +83,11 @@ class Search:
         if (result := self._straight()) is not None:
             return result
         while True:
+            if self._edges.looks >= self._less_at:
+                self._edges.keep_less()
+                self._less_at *= 4
+                if (result := self._straight()) is not None:
+                    return result
             ended = self._grow()
             if ended == k.MET:
                 if (result := self._join(int(state[k.AT_START]), int(state[k.AT_GOAL]))) is not None:
@@ -124,9 +129,6 @@ class Search:
     def _grow(self) -> int:
         """Let the trees grow until something is to be done about it here; what that is."""
         state, trees, edges = self._state, self._trees, self._edges
-        if edges.looks >= self._less_at:
-            edges.keep_less()
-            self._less_at *= 4
         steering = edges.steering
         state[self._kernel.UNTIL] = edges.looks + LOOKS_AT_ONCE
         ended: int = self._kernel.grow(
@@ -207,7 +209,7 @@ def _failed_edge(certificate: Certificate, edges: int) -> int:
     return min(int(where), edges - 1)
 
 
-def _sampling_box(arm: Arm, ends: Array) -> Array:
+def sampling_box(arm: Arm, ends: Array) -> Array:
     """(2, n) the limits; for a joint without bounds half a turn beyond the ends (e, n)."""
     unbounded = np.isinf(arm.limits.lower) | np.isinf(arm.limits.upper)
     low = np.where(unbounded, np.maximum(ends.min(axis=0) - np.pi, arm.limits.lower), arm.limits.lower)

@@ -54,7 +54,7 @@ class Edges:
         self._checker, self.resolution, self._finest = checker, resolution, resolution / FINEST
         spare = min((checker.clearance(q) for q in ends), default=np.inf) - checker.margin
         self._pad = min(pad, max(spare, 0.0) / 2)
-        self.steering = checker.with_margin(checker.margin + self._pad)
+        self.steering = checker.padded(self._pad)
         self.asked = np.empty((rrt_edge.MOST_LOOKS, checker.arm.dof))
         self.counts = np.array([0, 0, -1])
         self._edge = np.empty((2, checker.arm.dof))
@@ -86,4 +86,4 @@ class Edges:
     def keep_less(self) -> None:
         """Keep a quarter of the pad from now on, so that narrower ways are seen."""
         self._pad /= 4
-        self.steering = self._checker.with_margin(self._checker.margin + self._pad)
+        self.steering = self._checker.padded(self._pad)

@@ -27,6 +27,9 @@ BLOCK, REPEATS = 40, 9
 """Calls are timed in blocks of so many, each so often; the quickest counts. A block is over before a busy machine takes
 the core away, so that other people's work is not measured."""
 
+BATCH = 4000
+"""Configurations in a batch, at least."""
+
 PATIENCE = 4.0
 """Seconds after which no further block is begun: what is slow is timed at fewer configurations."""
 
@@ -179,6 +182,7 @@ def measure_proofs(name: str, problems: Iterable[PlanProblem], seed: int) -> Pro
 
 def mean_us(call: Callable[[Any], object], items: Sequence[Any]) -> float:
     """The mean time (us) of a call over items, in blocks whose quickest run counts."""
+    call(items[0])  # compiled code is loaded, workspaces are made
     total, done, began = 0.0, 0, perf_counter()
     for start in range(0, len(items), BLOCK):
         if perf_counter() - began > PATIENCE:
@@ -199,6 +203,7 @@ def _times(call: Callable[[Any], object], items: Sequence[Any], free: npt.NDArra
 
 def _batch_us(checker: CollisionChecker, many: Array, threads: int) -> float:
     """A configuration of a batch."""
+    many = np.tile(many, (-(-BATCH // len(many)), 1))
     ask = partial(checker.is_free_batch, many, threads=threads)
     ask()
     return MICRO * min(_once(ask) for _ in range(REPEATS)) / len(many)

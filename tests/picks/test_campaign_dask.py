@@ -41,7 +41,7 @@ def cluster(tmp_path_factory) -> Iterator[distributed.LocalCluster]:
 @pytest.fixture
 def client(cluster) -> Iterator[distributed.Client]:
     with distributed.Client(cluster) as made:
-        made.wait_for_workers(2, timeout=60)
+        made.wait_for_workers(2, timeout=200)
         yield made
 
 

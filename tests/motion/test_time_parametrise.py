@@ -224,3 +224,30 @@ def test_only_paths_are_timed():
         time_parametrise(time_parametrise(path, limits), limits)
     with pytest.raises(InputError, match="not a list"):
         time_parametrise([path], limits)
+
+
+class Bare:
+    """A curve of two cubic pieces with a corner between them, which names no corners."""
+
+    joint_names = names(2)
+    domain = (0.0, 2.0)
+    start, end = np.zeros(2), np.array([1.0, 1.0])
+
+    def bezier(self):
+        control = [[[0, 0], [0.3, 0.1], [0.7, 0.1], [1, 0]], [[1, 0], [1.1, 0.3], [1.1, 0.7], [1, 1]]]
+        return np.array([0.0, 1.0, 2.0]), np.array(control, float)
+
+    def __call__(self, t):
+        from pinproof.motion import bezier
+
+        return bezier.evaluate(*self.bezier(), t)
+
+
+@pytest.mark.parametrize("jerk", [None, 20.0])
+def test_any_curve_is_timed_and_stops_where_its_tangent_jumps(jerk):
+    limits = limits_of([1, 1], [2, 2])
+    trajectory = time_parametrise(Bare(), limits, jerk=jerk)
+    assert_within(trajectory, limits, jerk)
+    assert_on_path(trajectory, Bare(), IMAGE_TOLERANCE)
+    still = [point.tolist() for point, v in zip(trajectory.q, trajectory.velocities, strict=True) if not v.any()]
+    assert still == [[0, 0], [1, 0], [1, 1]]

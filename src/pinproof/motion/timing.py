@@ -67,7 +67,7 @@ def time_parametrise(
     With a jerk limit straight stretches between two stops are time-optimal. What runs through bends is the fastest
     motion with softer accelerations, averaged over a window of time: it has no proof of being the fastest.
     """
-    if not isinstance(curve, Curve) or isinstance(curve, Trajectory):
+    if not callable(getattr(curve, "bezier", None)) or isinstance(curve, Trajectory):
         raise InputError(f"only a path can be timed, such as a JointPath, not a {type(curve).__name__}")
     bounds = Bounds.of(limits, curve.joint_names, jerk)
     ends = [

@@ -93,7 +93,9 @@ def test_a_folder_gets_the_report_and_every_good_motion(run: Run, write) -> None
     assert "[/red] a" in out
     names = {path.name for path in Path("made/out").iterdir()}
     stems = ("pin", "_out", "report_2", "_red_a")
-    assert names == {"report.json", "report.md"} | {f"{s}.{end}" for s in stems for end in ("html", "json")}
+    assert names == {"report.json", "report.md", "report.csv"} | {
+        f"{s}.{end}" for s in stems for end in ("html", "json")
+    }
     arm = pp.load_robot("generic_6dof").arm()
     for stem in stems:
         motion = pp.Trajectory.load(Path("made/out") / f"{stem}.json", arm.joint_names)
@@ -116,7 +118,7 @@ def test_file_names_differ_and_stay_in_their_folder() -> None:
         (("{good}", "--robot", "nowhere.urdf"), "nowhere.urdf"),
         (("{good}", "--tcp", "tol0"), "unknown frame 'tol0' in robot 'generic_6dof'; valid: tool0"),
         (("{good}", "--scene", "nowhere.yaml"), "nowhere.yaml: cannot be read"),
-        (("{good}", "-o", "report.html"), ".json or .md"),
+        (("{good}", "-o", "report.pdf"), ".json, .md, .csv"),
         (("{good}", "-o", "no/report.json"), "there is no folder no"),
         (("{typo}",), "line"),
         (("{other}",), "unknown robot 'ur55' in the catalogue"),

@@ -14,11 +14,17 @@ from rich.table import Table
 from rich.text import Text
 
 from pinproof.picks import PickReport
-from pinproof.picks.report import COLUMNS
+from pinproof.picks.report.report import COLUMNS
 
 __all__ = ["complain", "print_json", "print_report", "remark", "say", "working"]
 
-_STYLES = {"good": "green", "not found": "red", "unreadable": "yellow"}
+_STYLES = {
+    "good": "green",
+    "impossible": "red",
+    "not found": "dark_orange",
+    "unreadable": "yellow",
+    "crashed": "magenta",
+}
 
 
 def say(text: str) -> None:
@@ -57,11 +63,12 @@ def print_report(report: PickReport) -> None:
     """The verdict table and its summary, to stdout."""
     console = Console(highlight=False)
     table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left")
-    for column in COLUMNS:
+    for column in COLUMNS[:-1]:  # the remedy stands under its reason: terminals are narrow
         table.add_column(column, overflow="fold")
-    for row in report.rows():
+    for name, verdict, *figures, reason, remedy in report.rows():
         # Texts, not strings: what stands between brackets in a name would be taken for a style.
-        table.add_row(*(Text(cell, _STYLES.get(cell, "") if k == 1 else "") for k, cell in enumerate(row)))
+        words = Text(reason) if not remedy else Text.assemble(reason, "\n", ("try: " + remedy, "bold"))
+        table.add_row(Text(name), Text(verdict, _STYLES.get(verdict, "")), *map(Text, figures), words)
     console.print(table)
     say(report.summary)
     for note in report.notes:

@@ -15,7 +15,7 @@ from pinproof.collision import Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 from pinproof.picks import Campaign, PickReport, Picks, PickSource, open_picks, validate_picks
-from pinproof.picks.report import SUFFIXES
+from pinproof.picks.report.report import SUFFIXES
 
 __all__ = ["judge_file", "pick"]
 
@@ -27,7 +27,7 @@ def pick(
     scene: Annotated[Path | None, typer.Option(help="The scene (YAML); by default the file's.")] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="A report (.json, .md), or a folder for it and the good motions."),
+        typer.Option("-o", "--output", help="A report (.json, .md, .csv), or a folder for it and the good motions."),
     ] = None,
     campaign: Annotated[
         Path | None,
@@ -100,7 +100,7 @@ def _check_output(output: Path) -> None:
     """Refuse a place that cannot be written to before the work, not after it."""
     if _is_folder(output):
         if output.suffix and not output.is_dir():
-            raise InputError(f"{output}: a report ends in {' or '.join(SUFFIXES)}; for a folder, give one that exists")
+            raise InputError(f"{output}: a report ends in {', '.join(SUFFIXES)}; for a folder, give one that exists")
         make_folder(output)
     elif not output.parent.is_dir():
         raise InputError(f"{output}: there is no folder {output.parent}")
@@ -110,7 +110,7 @@ def _write(output: Path, arm: Arm, scene: Scene, picks: Picks, report: PickRepor
     if not _is_folder(output):
         report.save(output)
         return [output]
-    written = [output / "report.json", output / "report.md"]
+    written = [output / f"report{kind}" for kind in SUFFIXES]
     for path in written:
         report.save(path)
     for verdict, stem in zip(report.good, file_stems(v.pick.name for v in report.good), strict=True):

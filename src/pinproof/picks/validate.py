@@ -14,7 +14,7 @@ from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
 from pinproof.picks.campaign.crew import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.pick import Pick, Picks
-from pinproof.picks.report import PickReport
+from pinproof.picks.report.report import PickReport
 from pinproof.picks.setup import PickSetup
 from pinproof.picks.verdict import PickVerdict
 

@@ -1,20 +1,23 @@
-"""The motion as key frames: where every drawn link is, sixty times a second."""
+"""The motion as key frames: where every drawn link, and whatever it carries for a while, is at many instants."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision import Obstacle
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
+from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["Film", "animate", "checked_motion", "film", "still"]
+__all__ = ["Film", "Phase", "animate", "checked_motion", "film", "still", "tracks"]
 
 Array = npt.NDArray[np.float64]
 
@@ -32,6 +35,22 @@ STILL = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Phase:
+    """A part of a motion along which the same objects move with the tcp.
+
+    Parameters
+    ----------
+    trajectory
+        From rest to rest; it begins where the phase before it ends.
+    attached
+        What moves with the tcp beside what the stage draws there always; poses are ``tcp_from_object``.
+    """
+
+    trajectory: Trajectory
+    attached: tuple[Obstacle, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class Film:
     """Key frames.
 
@@ -43,11 +62,15 @@ class Film:
         (F, L, 4, 4) ``root_from_link`` of the drawn links.
     tcp
         (F, 3) the tcp in the root frame.
+    riders
+        By name, (F, 4, 4) ``root_from_object`` of what is attached for a while: it stands where it will be taken, then
+        moves with the tcp, then stays where it was let go.
     """
 
     times: Array
     poses: Array
     tcp: Array
+    riders: dict[str, Array] = field(default_factory=dict)
 
 
 def checked_motion(arm: Arm, motion: Trajectory) -> Trajectory:
@@ -66,13 +89,39 @@ def checked_motion(arm: Arm, motion: Trajectory) -> Trajectory:
     return motion
 
 
-def film(stage: Stage, motion: Trajectory) -> Film:
-    """Key frames of a motion."""
-    count = int(np.ceil(min(motion.duration * FRAME_RATE, MOST_FRAMES - 1))) + 1
-    times = np.linspace(0.0, motion.duration, count)
-    configurations = np.asarray(motion(times), dtype=float)
-    poses = np.stack([stage.link_poses(q) for q in configurations])
-    return Film(times, poses, np.stack([stage.tcp_position(q) for q in configurations]))
+def film(stage: Stage, phases: Sequence[Phase], *, rate: float = FRAME_RATE, most: int = MOST_FRAMES) -> Film:
+    """Key frames of a motion, ``rate`` a second, but about ``most`` at most."""
+    total = sum(phase.trajectory.duration for phase in phases)
+    rate = min(rate, (most - 1) / max(total, 1e-9))
+    times, poses, tcps, holding = [], [], [], []
+    begun = 0.0
+    for number, phase in enumerate(phases):
+        motion = phase.trajectory
+        count = int(np.ceil(motion.duration * rate)) + 1
+        moments = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # its first is the last of the one before
+        for q in np.asarray(motion(moments), dtype=float):
+            poses.append(stage.link_poses(q))
+            tcps.append(stage.tcp_pose(q))
+        times.append(begun + moments)
+        holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(moments)
+        begun += motion.duration
+    root_from_tcp = np.stack(tcps)
+    names = dict.fromkeys(name for held in holding for name in held)
+    riders = {name: _ride(root_from_tcp, [held.get(name) for held in holding]) for name in names}
+    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :3, 3], riders)
+
+
+def _ride(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
+    """(F, 4, 4) where an object is that is attached in some frames only."""
+    held = [k for k, place in enumerate(tcp_from_object) if place is not None]
+    frames = np.arange(len(root_from_tcp))
+    # Before it is taken it is where it is taken; after it was let go, where it was let go.
+    source = np.array(held)[(np.searchsorted(held, frames, side="right") - 1).clip(0)]
+    # The frame before the first one held is the very instant of the taking.
+    first = max(held[0] - 1, 0)
+    placed = {k: root_from_tcp[k] @ tcp_from_object[k] for k in held}
+    start = root_from_tcp[first] @ tcp_from_object[held[0]]
+    return np.stack([start if k < held[0] else placed[int(j)] for k, j in zip(frames, source, strict=True)])
 
 
 def still(stage: Stage, q: Array) -> Film:
@@ -81,36 +130,46 @@ def still(stage: Stage, q: Array) -> Film:
 
 
 def animate(commands: Commands, stage: Stage, shown: Film) -> None:
-    """Add the tracks of every link that moves."""
-    from scipy.spatial.transform import Rotation
-
-    if len(shown.times) < 2:
-        return
-    # the last pose stands for a moment; clips are told in seconds, one "frame" each
-    stamps = commands.array(np.append(shown.times, shown.times[-1] + REST).astype(np.float32))
-    animations: list[dict[str, Any]] = []
-    for index, link in enumerate(stage.links):
-        poses = np.concatenate([shown.poses[:, index], shown.poses[-1:, index]])
-        tracks = []
-        if np.ptp(poses[:, :3, 3], axis=0).max() > STILL:
-            tracks.append((".position", "vector3", poses[:, :3, 3]))
-        if np.ptp(poses[:, :3, :3], axis=0).max() > STILL:
-            tracks.append((".quaternion", "quaternion", Rotation.from_matrix(poses[:, :3, :3]).as_quat()))
-        if not tracks:
-            continue
-        clip = {
-            "fps": 1,
-            "name": "motion",
-            "tracks": [
-                {
-                    "name": name,
-                    "type": kind,
-                    "times": stamps,
-                    "values": commands.array(values.astype(np.float32).ravel()),
-                }
-                for name, kind, values in tracks
-            ],
-        }
-        animations.append({"path": node_path("robot", link.name), "clip": clip})
+    """Add the tracks of everything that moves."""
+    animations = tracks(commands, stage, shown)
     if animations:
         commands.set_animation(animations)
+
+
+def tracks(
+    commands: Commands, stage: Stage, shown: Film, places: dict[str, str] | None = None, *, rest: float = REST
+) -> list[dict[str, Any]]:
+    """The tracks of every link and rider that moves, as meshcat's ``set_animation`` takes them.
+
+    Parameters
+    ----------
+    commands
+        Takes the arrays.
+    places
+        The node of each rider by name; those that have none are left out.
+    rest
+        Seconds that the last pose stands.
+    """
+    if len(shown.times) < 2:
+        return []
+    # clips are told in seconds, one "frame" each
+    stamps = commands.array(np.append(shown.times, shown.times[-1] + rest).astype(np.float32))
+    moving = [(node_path("robot", link.name), shown.poses[:, k]) for k, link in enumerate(stage.links)]
+    moving += [(path, shown.riders[name]) for name, path in (places or {}).items() if name in shown.riders]
+    found = ((path, _tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
+    return [{"path": path, "clip": {"fps": 1, "name": "motion", "tracks": each}} for path, each in found if each]
+
+
+def _tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
+    """Position and orientation (F, 4, 4) of one thing, each only if it changes."""
+    from scipy.spatial.transform import Rotation
+
+    found = []
+    if np.ptp(poses[:, :3, 3], axis=0).max() > STILL:
+        found.append((".position", "vector3", poses[:, :3, 3]))
+    if np.ptp(poses[:, :3, :3], axis=0).max() > STILL:
+        found.append((".quaternion", "quaternion", Rotation.from_matrix(poses[:, :3, :3]).as_quat()))
+    return [
+        {"name": name, "type": kind, "times": stamps, "values": commands.array(values.astype(np.float32).ravel())}
+        for name, kind, values in found
+    ]

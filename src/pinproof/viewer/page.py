@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from importlib.resources import files
-from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -20,9 +15,10 @@ from pinproof.description.whole_file import write_text_whole
 from pinproof.errors import FileError, InputError, ViewerError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
-from pinproof.viewer.animation import Film, animate, checked_motion, film, still
+from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, still
 from pinproof.viewer.appearance import ball, tube
-from pinproof.viewer.camera import FIELD_OF_VIEW, View, choose_view
+from pinproof.viewer.assembly import assemble, fill, part, view_settings
+from pinproof.viewer.camera import View, choose_view
 from pinproof.viewer.caption import Caption, caption
 from pinproof.viewer.cloud import ColouredPoints
 from pinproof.viewer.stage import Stage, set_stage
@@ -41,12 +37,6 @@ CONTACT_RED: Rgba = (0.90, 0.05, 0.05, 0.85)
 
 CONTACT_RADIUS = 0.02
 """Metres; the ball that marks a contact."""
-
-# The page may run what it brings along and nothing else; a browser then refuses every request, whoever makes it.
-POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data: blob:; worker-src blob:; connect-src {connect}; base-uri 'none'; form-action 'none'"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,7 +120,7 @@ def render_page(
         why = "; ".join(stage.notes) or "no link has geometry"
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: {why}")
     if trajectory is not None:
-        shown = film(stage, checked_motion(arm, trajectory))
+        shown = film(stage, [Phase(checked_motion(arm, trajectory))])
     else:
         shown = still(stage, arm.home if q is None else arm.configuration(q))
     marks = np.empty((0, 3)) if points is None else points.xyz
@@ -158,13 +148,18 @@ def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
         for number, surface in enumerate(obstacle.surfaces):
             commands.set_surface(node_path("scene", obstacle.name, str(number)), surface)
         commands.set_transform(node_path("scene", obstacle.name), obstacle.pose)
+    add_path(commands, shown)
+    animate(commands, stage, shown)
+    return commands
+
+
+def add_path(commands: Commands, shown: Film) -> None:
+    """The way of the tcp, from a white ball to an orange one."""
     line = tube(shown.tcp, PATH_RADIUS, PATH_ORANGE)
     if line is not None:
         commands.set_surface("/tcp path/line", line)
         commands.set_surface("/tcp path/start", ball(shown.tcp[0], 2.5 * PATH_RADIUS, START_WHITE))
         commands.set_surface("/tcp path/end", ball(shown.tcp[-1], 2.5 * PATH_RADIUS, PATH_ORANGE))
-    animate(commands, stage, shown)
-    return commands
 
 
 def mark_contact(commands: Commands, contact: FirstContact) -> None:
@@ -174,52 +169,7 @@ def mark_contact(commands: Commands, contact: FirstContact) -> None:
 
 
 def _assemble(stage: Stage, shown: Film, view: View, commands: Commands, words: Caption, title: str, live: bool) -> str:
-    settings: dict[str, Any] = {
-        "direction": [round(float(v), 6) for v in view.direction],
-        "points": [[round(float(v), 4) for v in point] for point in view.points],
-        "fieldOfView": FIELD_OF_VIEW,
-        "duration": float(shown.times[-1]),
-        "live": live,
-    }
-    bundle, licences = _viewer_bundle()
-    values = {
-        "title": escape(title),
-        "policy": POLICY.format(connect="'self'" if live else "'none'"),
-        "style": _part("page.css"),
-        "caption": words.html(stage.notes),
-        "licences": _inside_script(licences),
-        "bundle": _inside_script(bundle),
-        "settings": json.dumps(settings, separators=(",", ":")).replace("<", "\\u003c"),
-        "commands": commands.json(),
-        "buffers": commands.base64(),
-        "script": _part("page.js"),
-    }
-    # One pass, so that nothing that is put in is ever taken for a place to fill.
-    return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], _part("page.html"))
-
-
-def _part(name: str) -> str:
-    return files("pinproof.viewer").joinpath(name).read_text(encoding="utf-8")
-
-
-def _viewer_bundle() -> tuple[str, str]:
-    """The viewer of meshcat (MIT, with three.js and dat.GUI inside) and the licences that must travel with it."""
-    spec = find_spec("meshcat")  # finds the package without importing it; see pinproof.viewer.wire
-    if spec is None or spec.origin is None:
-        raise ViewerError("meshcat is not installed, and its viewer is what shows the page: pip install meshcat")
-    folder = Path(spec.origin).parent / "viewer"
-    try:
-        bundle = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
-        notices = [
-            (folder / name).read_text(encoding="utf-8")
-            for name in ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
-            if (folder / name).is_file()
-        ]
-    except OSError as error:
-        raise ViewerError(f"the installed meshcat has no viewer at {error.filename}: reinstall it") from error
-    return bundle, "\n\n".join(["The viewer below is meshcat's.", *notices])
-
-
-def _inside_script(text: str) -> str:
-    """Text that cannot end the ``<script>`` element it stands in."""
-    return re.sub(r"<(?=/script|!--)", r"\\x3c", text, flags=re.IGNORECASE)
+    settings = {**view_settings(view), "duration": float(shown.times[-1]), "live": live}
+    body = fill(part("page.html"), {"title": escape(title), "caption": words.html(stage.notes)})
+    style, script = part("common.css") + part("page.css"), part("page.js")
+    return assemble(title, style, body, script, settings, commands, live=live)

@@ -55,7 +55,11 @@ class Stage:
 
     def tcp_position(self, q: Array) -> Array:
         """(3,) the tcp at the configuration q (n,), in metres."""
-        return np.array((self.arm.root_from_base * self.arm.forward_kinematics(q)).translation)
+        return self.tcp_pose(q)[:3, 3]
+
+    def tcp_pose(self, q: Array) -> Array:
+        """(4, 4) ``root_from_tcp`` at the configuration q (n,)."""
+        return matrix(self.arm.root_from_base * self.arm.forward_kinematics(q))
 
     @cached_property
     def floor(self) -> float:

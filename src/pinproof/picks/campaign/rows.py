@@ -8,7 +8,7 @@ from typing import Any
 
 from pinproof.picks.campaign.journal import to_line
 from pinproof.picks.pick import Pick, PickProblem
-from pinproof.picks.report import verdict_row
+from pinproof.picks.report.rows import problem_row, verdict_row
 from pinproof.picks.setup import PickSetup
 
 __all__ = ["CRASHED", "Judge", "RowTask", "crashed_row", "judge_row"]
@@ -40,8 +40,7 @@ class RowTask:
 
     def _line(self, index: int, item: Pick | PickProblem) -> bytes:
         if isinstance(item, PickProblem):
-            row = {"name": item.name, "verdict": "unreadable", "failed_at": "input", "reason": item.reason}
-            return to_line({"index": index, **row})
+            return to_line({"index": index, **problem_row(item)})
         try:
             row = self.judge(self.setup, index, item)
             return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})

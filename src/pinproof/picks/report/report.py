@@ -1,9 +1,10 @@
-"""A report on picks: as a table, as Markdown and as JSON."""
+"""A report on picks: as a table, as Markdown, as CSV and as JSON."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,13 +13,23 @@ from pinproof.collision.certificate import proven_millimetres
 from pinproof.description.whole_file import write_text_whole
 from pinproof.errors import InputError
 from pinproof.picks.pick import PickProblem
+from pinproof.picks.report.rows import problem_row, proofs, verdict_row
 from pinproof.picks.verdict import PickVerdict
 
-__all__ = ["COLUMNS", "SUFFIXES", "PickReport", "verdict_row"]
+__all__ = ["COLUMNS", "CSV_COLUMNS", "SCHEMA", "SUFFIXES", "PickReport"]
 
-COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason")
+COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason", "remedy")
 
-SUFFIXES = (".json", ".md")
+CSV_COLUMNS = (
+    "name", "verdict", "failed_at", "clearance_proven", "duration", "grasp_time", "frame",
+    "x", "y", "z", "roll", "pitch", "yaw", "reason", "remedy",
+)  # fmt: skip
+"""Plain numbers in metres, seconds and radians; empty where there is none."""
+
+SUFFIXES = (".json", ".md", ".csv")
+
+SCHEMA = "pinproof/picks/1"
+"""The form of the JSON; ``schema.json`` beside this file is its JSON Schema. The number counts breaking changes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +83,13 @@ class PickReport:
         """The table, row by row, in the columns :data:`COLUMNS`; unreadable rows last."""
         table: list[tuple[str, ...]] = []
         for verdict in self.verdicts:
-            clearance = "" if verdict.certificate is None else proven_millimetres(verdict.certificate.clearance)
+            clearances = [certificate.clearance for certificate in proofs(verdict)]
+            clearance = proven_millimetres(min(clearances)) if clearances else ""
             duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
             stage = "" if verdict.failed is None else verdict.failed.value
-            table.append((verdict.pick.name, verdict.status.value, stage, clearance, duration, verdict.reason))
-        table.extend((problem.name, "unreadable", "input", "", "", problem.reason) for problem in self.problems)
+            first = (verdict.pick.name, verdict.status.value, stage, clearance, duration)
+            table.append((*first, verdict.reason, getattr(verdict, "remedy", "")))
+        table.extend((problem.name, "unreadable", "input", "", "", problem.reason, "") for problem in self.problems)
         return table
 
     def to_markdown(self) -> str:
@@ -87,13 +100,24 @@ class PickReport:
         lines += ["", "Not covered:", "", *(f"- {note}" for note in self.notes)] if self.notes else []
         return "\n".join(lines) + "\n"
 
+    def to_csv(self) -> str:
+        """The table with plain numbers in the columns :data:`CSV_COLUMNS`, for spreadsheets and data frames."""
+        text = io.StringIO()
+        lines = csv.writer(text, lineterminator="\n")
+        lines.writerow(CSV_COLUMNS)
+        for row in (*map(verdict_row, self.verdicts), *map(problem_row, self.problems)):
+            placed = zip(CSV_COLUMNS[7:13], (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)
+            cells = {**row, **dict(placed)}
+            lines.writerow("" if cells.get(column) is None else cells[column] for column in CSV_COLUMNS)
+        return text.getvalue()
+
     def to_dict(self) -> dict[str, Any]:
         """All of it as plain values for JSON; lengths in metres, angles in radians, times in seconds.
 
         A clearance of None beside a certificate's ``pairs_proven`` is unbounded: nothing there can touch.
         """
         return {
-            "schema": "pinproof/picks/1",
+            "schema": SCHEMA,
             "robot": self.robot,
             "summary": self.summary,
             "ok": self.ok,
@@ -104,7 +128,7 @@ class PickReport:
         }
 
     def save(self, path: str | Path) -> None:
-        """Write the report, whole or not at all: JSON for ``.json``, Markdown for ``.md``.
+        """Write the report, whole or not at all: JSON, Markdown or CSV by the ending of its name.
 
         Raises
         ------
@@ -115,35 +139,13 @@ class PickReport:
         """
         kind = Path(path).suffix.lower()
         if kind not in SUFFIXES:
-            raise InputError(f"{path}: a report is a file of {' or '.join(SUFFIXES)}, not {kind or 'without ending'}")
-        as_json = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
-        write_text_whole(path, self.to_markdown() if kind == ".md" else as_json)
+            raise InputError(f"{path}: a report is a file of {', '.join(SUFFIXES)}, not {kind or 'without ending'}")
+        if kind == ".json":
+            text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+        else:
+            text = self.to_markdown() if kind == ".md" else self.to_csv()
+        write_text_whole(path, text)
 
 
 def _line(cells: tuple[str, ...]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
-
-
-def _bounded(clearance: float) -> float | None:
-    return clearance if math.isfinite(clearance) else None
-
-
-def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
-    """A verdict as plain values for JSON."""
-    certificate, trajectory = verdict.certificate, verdict.trajectory
-    return {
-        "name": verdict.pick.name,
-        "verdict": verdict.status.value,
-        "failed_at": None if verdict.failed is None else verdict.failed.value,
-        "reason": verdict.reason,
-        "configurations_tried": verdict.configurations,
-        "stages": [{"stage": s.stage.value, "ok": s.ok, "message": s.message} for s in verdict.stages],
-        "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
-        "grasp_time": verdict.grasp_time,
-        "duration": None if trajectory is None else trajectory.duration,
-        "clearance_proven": None if certificate is None else _bounded(certificate.clearance),
-        "clearance_observed": None if certificate is None else _bounded(certificate.observed),
-        "margin": None if certificate is None else certificate.margin,
-        "pairs_proven": None if certificate is None else certificate.pairs,
-        "excluded_pairs": [] if certificate is None else [[*e.owners, e.reason] for e in certificate.excluded],
-    }

@@ -1,0 +1,70 @@
+"""A verdict as plain values: the row that JSON, CSV, campaigns and the page share."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from pinproof.collision import Certificate
+from pinproof.picks.pick import PickProblem
+from pinproof.picks.verdict import PickVerdict
+from pinproof.spatial import xyz_rpy
+
+__all__ = ["problem_row", "proofs", "verdict_row"]
+
+
+def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
+    """The certificates of a verdict: one for the whole motion, or one for each of its parts; none unless good."""
+    parts = tuple(part.certificate for part in getattr(verdict, "motions", ()))
+    return parts if parts or verdict.certificate is None else (verdict.certificate,)
+
+
+def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
+    """A verdict as plain values for JSON; lengths in metres, angles in radians, times in seconds.
+
+    A clearance of None beside ``pairs_proven`` is unbounded: nothing there can touch.
+    """
+    certificates, trajectory, pick = proofs(verdict), verdict.trajectory, verdict.pick
+    placed = [float(value) + 0.0 for value in xyz_rpy(pick.pose)]  # + 0.0: no negative zeros
+    left_out = dict.fromkeys((*pair.owners, pair.reason) for each in certificates for pair in each.excluded)
+    return {
+        "name": pick.name,
+        "verdict": verdict.status.value,
+        "failed_at": None if verdict.failed is None else verdict.failed.value,
+        "reason": verdict.reason,
+        "remedy": getattr(verdict, "remedy", ""),
+        "frame": getattr(pick, "frame", ""),
+        "xyz": placed[:3],
+        "rpy": placed[3:],
+        "configurations_tried": verdict.configurations,
+        "stages": [_stage(stage) for stage in verdict.stages],
+        "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
+        "grasp_time": verdict.grasp_time,
+        "duration": None if trajectory is None else trajectory.duration,
+        "clearance_proven": _least([each.clearance for each in certificates]),
+        "clearance_observed": _least([each.observed for each in certificates]),
+        "margin": None if not certificates else min(each.margin for each in certificates),
+        "pairs_proven": None if not certificates else max(each.pairs for each in certificates),
+        "excluded_pairs": [list(each) for each in left_out],
+    }
+
+
+def problem_row(problem: PickProblem) -> dict[str, Any]:
+    """A row of the file that could not be read."""
+    row = {"name": problem.name, "verdict": "unreadable", "failed_at": "input", "reason": problem.reason}
+    return {**row, "row": problem.row}
+
+
+def _stage(result: Any) -> dict[str, Any]:
+    figures = {name: _finite(float(value)) for name, value in getattr(result, "figures", {}).items()}
+    return {"stage": result.stage.value, "ok": result.ok, "message": result.message, "figures": figures}
+
+
+def _least(values: list[float]) -> float | None:
+    return _finite(float(np.min(values))) if values else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

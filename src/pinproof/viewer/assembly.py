@@ -1,0 +1,108 @@
+"""Putting a page together: meshcat's viewer, commands, scripts and words in one file, which asks for nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from html import escape
+from importlib.resources import files
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from pinproof.errors import ViewerError
+from pinproof.viewer.camera import FIELD_OF_VIEW, View
+from pinproof.viewer.wire import Commands
+
+__all__ = ["assemble", "fill", "part", "view_settings"]
+
+# The page may run what it brings along and nothing else; a browser then refuses every request, whoever makes it.
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data: blob:; worker-src blob:; connect-src {connect}; base-uri 'none'; form-action 'none'"
+)
+
+
+def assemble(
+    title: str,
+    style: str,
+    body: str,
+    script: str,
+    settings: Mapping[str, Any],
+    commands: Commands,
+    *,
+    live: bool = False,
+) -> str:
+    """The HTML of a page.
+
+    Parameters
+    ----------
+    title
+        Plain text.
+    style, body, script
+        CSS; HTML; what the page does beside drawing and playing (``picture.js`` and ``player.js`` go before it).
+    settings
+        What the scripts find under ``settings``; references to arrays of ``commands`` arrive as typed arrays.
+    commands
+        What is drawn.
+    live
+        Whether the page may listen to the server it came from.
+    """
+    bundle, licences = _viewer_bundle()
+    own = "\n".join([part("picture.js"), part("player.js"), script])
+    values = {
+        "title": escape(title),
+        "policy": POLICY.format(connect="'self'" if live else "'none'"),
+        "style": style,
+        "body": body,
+        "licences": _inside_script(licences),
+        "bundle": _inside_script(bundle),
+        "settings": json.dumps(settings, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
+        "commands": commands.json(),
+        "buffers": commands.base64(),
+        "script": f'"use strict";\n(function () {{\n{own}\n}})();',
+    }
+    return fill(part("shell.html"), values)
+
+
+def fill(template: str, values: Mapping[str, str]) -> str:
+    """The template with its places filled, in one pass: nothing that is put in is ever taken for a place to fill."""
+    return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], template)
+
+
+def part(name: str, package: str = "pinproof.viewer") -> str:
+    """A file that lies beside the code."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")
+
+
+def view_settings(view: View) -> dict[str, Any]:
+    """What the page needs to frame the picture on a canvas of any shape."""
+    return {
+        "direction": [round(float(v), 6) for v in view.direction],
+        "points": [[round(float(v), 4) for v in point] for point in view.points],
+        "fieldOfView": FIELD_OF_VIEW,
+    }
+
+
+def _viewer_bundle() -> tuple[str, str]:
+    """The viewer of meshcat (MIT, with three.js and dat.GUI inside) and the licences that must travel with it."""
+    spec = find_spec("meshcat")  # finds the package without importing it; see pinproof.viewer.wire
+    if spec is None or spec.origin is None:
+        raise ViewerError("meshcat is not installed, and its viewer is what shows the page: pip install meshcat")
+    folder = Path(spec.origin).parent / "viewer"
+    try:
+        bundle = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
+        notices = [
+            (folder / name).read_text(encoding="utf-8")
+            for name in ("LICENSE", "dist/main.min.js.LICENSE.txt", "dist/main.min.js.THIRD_PARTY_LICENSES.json")
+            if (folder / name).is_file()
+        ]
+    except OSError as error:
+        raise ViewerError(f"the installed meshcat has no viewer at {error.filename}: reinstall it") from error
+    return bundle, "\n\n".join(["The viewer below is meshcat's.", *notices])
+
+
+def _inside_script(text: str) -> str:
+    """Text that cannot end the ``<script>`` element it stands in."""
+    return re.sub(r"<(?=/script|!--)", r"\\x3c", text, flags=re.IGNORECASE)

@@ -1,0 +1,47 @@
+// The player: drives meshcat's own animator, so that its control panel and this one never disagree.
+const animator = viewer.animator;
+const play = byId("play"), scrub = byId("scrub"), clock = byId("clock");
+let duration = 0;
+
+function seek(t) {
+  if (animator.actions.length === 0) return;
+  animator.play();  // only running actions take a new time
+  animator.pause();
+  const at = Math.min(Math.max(t, 0), duration);
+  animator.seek(at);
+  animator.display_progress(at);
+}
+
+function fromAddress() {
+  const found = /(?:^#|&)t=([0-9.]+)/.exec(location.hash);
+  if (found && isFinite(Number(found[1]))) seek(Number(found[1]));
+  return Boolean(found);
+}
+
+function show() {
+  const t = Math.min(animator.time, duration), label = animator.playing ? "Pause" : "Play";
+  if (play.textContent !== label) {
+    play.textContent = label;
+    play.setAttribute("aria-pressed", String(animator.playing));
+  }
+  if (document.activeElement !== scrub || animator.playing) scrub.value = t;
+  const text = t.toFixed(2) + " / " + duration.toFixed(2) + " s";
+  if (clock.textContent !== text) clock.textContent = text;
+  requestAnimationFrame(show);
+}
+
+// The animator holds a motion of so many seconds, or none; it begins unless the address or the reader wants calm.
+function offer(seconds) {
+  duration = seconds;
+  const moving = animator.actions.length > 0;
+  byId("player").hidden = !moving;
+  if (!moving) return;
+  scrub.max = duration;
+  const calm = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+  if (!fromAddress() && !calm) animator.play();
+}
+
+play.addEventListener("click", () => (animator.playing ? animator.pause() : animator.play()));
+scrub.addEventListener("input", () => seek(Number(scrub.value)));
+window.addEventListener("hashchange", fromAddress);
+show();

@@ -1,0 +1,89 @@
+"""Reports on picks as files: what they say, and that they keep to their schema."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from importlib.resources import files
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.picks.pick import PickProblem
+from pinproof.picks.report.report import CSV_COLUMNS, SCHEMA, SUFFIXES
+
+PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")
+
+
+def schema() -> dict:
+    return json.loads(files("pinproof.picks.report").joinpath("schema.json").read_text(encoding="utf-8"))
+
+
+@pytest.fixture(scope="module")
+def report(reports) -> pp.PickReport:
+    """Good picks, one out of reach and one that could not be read."""
+    done = reports["generic_6dof"]
+    far = pp.Pick('far, "away"', pp.pose(xyz=(9, 0, 0)))
+    stage = pp.StageResult(pp.Stage.REACH, False, "out of reach")
+    verdict = pp.PickVerdict(far, pp.PickStatus.NOT_FOUND, (stage,), 0)
+    return pp.PickReport(done.robot, (*done.verdicts, verdict), (PROBLEM,), done.acceleration_source, done.notes)
+
+
+def test_the_json_keeps_to_its_schema(report) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    jsonschema.Draft202012Validator.check_schema(schema())
+    jsonschema.validate(report.to_dict(), schema())
+    jsonschema.validate(pp.PickReport("none", (), (), "none").to_dict(), schema())
+
+
+@pytest.mark.parametrize("lost", ["reason", "xyz", "stages", "clearance_proven"])
+def test_the_schema_notices_what_is_missing(report, lost: str) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    told = report.to_dict()
+    del told["picks"][0][lost]
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(told, schema())
+
+
+def test_the_schema_refuses_a_good_pick_without_a_proof(report) -> None:
+    jsonschema = pytest.importorskip("jsonschema")
+    told = report.to_dict()
+    good = next(pick for pick in told["picks"] if pick["verdict"] == "good")
+    good["pairs_proven"] = None
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(told, schema())
+
+
+def test_the_schema_names_every_verdict_and_the_version() -> None:
+    verdicts = schema()["$defs"]["pick"]["properties"]["verdict"]["enum"]
+    assert {status.value for status in pp.PickStatus} <= set(verdicts)
+    assert schema()["properties"]["schema"]["const"] == SCHEMA
+
+
+def test_the_csv_gives_the_same_numbers_as_the_json(report) -> None:
+    rows = list(csv.DictReader(io.StringIO(report.to_csv())))
+    picks = report.to_dict()["picks"]
+    assert tuple(rows[0]) == CSV_COLUMNS
+    assert [row["name"] for row in rows] == [*(pick["name"] for pick in picks), "torn, row"]
+    for row, pick in zip(rows, picks, strict=False):
+        assert [float(row[k]) for k in ("x", "y", "z", "roll", "pitch", "yaw")] == [*pick["xyz"], *pick["rpy"]]
+        assert row["duration"] == ("" if pick["duration"] is None else repr(pick["duration"]))
+        assert row["reason"] == pick["reason"]
+    assert (rows[-1]["verdict"], rows[-1]["failed_at"], rows[-1]["x"]) == ("unreadable", "input", "")
+
+
+def test_the_pose_of_a_row_makes_the_pick_again(report) -> None:
+    for verdict, row in zip(report.verdicts, report.to_dict()["picks"], strict=True):
+        again = pp.pose(xyz=row["xyz"], rpy=row["rpy"])
+        assert np.allclose(again.homogeneous, verdict.pick.pose.homogeneous, atol=1e-12)
+
+
+@pytest.mark.parametrize("kind", SUFFIXES)
+def test_every_kind_of_file_names_every_row(report, tmp_path, kind: str) -> None:
+    path = tmp_path / f"report{kind}"
+    report.save(path)
+    text = path.read_text(encoding="utf-8")
+    assert all(verdict.pick.name.partition(",")[0] in text for verdict in report.verdicts)
+    assert "torn, row" in text

@@ -121,6 +121,7 @@ _HOME = {
         "read_picks",
         "tool_orientations",
         "validate_picks",
+        "write_report_page",
     ),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}

@@ -93,7 +93,7 @@ def test_a_folder_gets_the_report_and_every_good_motion(run: Run, write) -> None
     assert "[/red] a" in out
     names = {path.name for path in Path("made/out").iterdir()}
     stems = ("pin", "_out", "report_2", "_red_a")
-    assert names == {"report.json", "report.md", "report.csv"} | {
+    assert names == {"report.json", "report.md", "report.csv", "report.html"} | {
         f"{s}.{end}" for s in stems for end in ("html", "json")
     }
     arm = pp.load_robot("generic_6dof").arm()

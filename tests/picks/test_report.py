@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.picks import PickStatus, Stage, StageResult
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.report.report import CSV_COLUMNS, SCHEMA, SUFFIXES
 
@@ -26,8 +27,8 @@ def report(reports) -> pp.PickReport:
     """Good picks, one out of reach and one that could not be read."""
     done = reports["generic_6dof"]
     far = pp.Pick('far, "away"', pp.pose(xyz=(9, 0, 0)))
-    stage = pp.StageResult(pp.Stage.REACH, False, "out of reach")
-    verdict = pp.PickVerdict(far, pp.PickStatus.NOT_FOUND, (stage,), 0)
+    stage = StageResult(Stage.REACH, False, "out of reach")
+    verdict = pp.PickVerdict(far, PickStatus.NOT_FOUND, (stage,), 0)
     return pp.PickReport(done.robot, (*done.verdicts, verdict), (PROBLEM,), done.acceleration_source, done.notes)
 
 
@@ -58,7 +59,7 @@ def test_the_schema_refuses_a_good_pick_without_a_proof(report) -> None:
 
 def test_the_schema_names_every_verdict_and_the_version() -> None:
     verdicts = schema()["$defs"]["pick"]["properties"]["verdict"]["enum"]
-    assert {status.value for status in pp.PickStatus} <= set(verdicts)
+    assert {status.value for status in PickStatus} <= set(verdicts)
     assert schema()["properties"]["schema"]["const"] == SCHEMA
 
 

@@ -11,7 +11,7 @@ from rich.text import Text
 
 from pinproof.cli.console import complain, print_json, remark, say
 from pinproof.cli.workers import chosen_workers
-from pinproof.picks import Campaign
+from pinproof.picks import Campaign, CampaignResult
 from pinproof.picks.campaign.journal import rows_there
 
 __all__ = ["run_campaign"]
@@ -26,8 +26,10 @@ class _Rate(ProgressColumn):
         return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
 
 
-def run_campaign(campaign: Campaign, folder: Path, workers: int | None, dask: str | None, *, as_json: bool) -> None:
-    """Run it, tell how it went, and end with the exit code that says so."""
+def run_campaign(
+    campaign: Campaign, folder: Path, workers: int | None, dask: str | None, *, as_json: bool
+) -> CampaignResult:
+    """Run it and tell how it went; an interrupted one ends with the exit code that says so."""
     console = Console(stderr=True)
     columns = (
         TextColumn("picks"),
@@ -63,5 +65,4 @@ def run_campaign(campaign: Campaign, folder: Path, workers: int | None, dask: st
         for note in result.notes:
             say(f"not covered: {note}")
         say(f"wrote {result.path}")
-    if not result.ok:
-        raise typer.Exit(1)
+    return result

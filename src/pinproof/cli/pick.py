@@ -14,10 +14,21 @@ from pinproof.cli.workers import Dask, WorkerCount, chosen_workers
 from pinproof.collision import Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
-from pinproof.picks import Campaign, PickReport, Picks, PickSource, open_picks, validate_picks
+from pinproof.picks import (
+    Campaign,
+    PickReport,
+    Picks,
+    PickSource,
+    open_picks,
+    validate_picks,
+    write_report_page,
+)
 from pinproof.picks.report.report import SUFFIXES
 
 __all__ = ["judge_file", "pick"]
+
+PAGE = ".html"
+KINDS = (*SUFFIXES, PAGE)
 
 
 def pick(
@@ -27,7 +38,11 @@ def pick(
     scene: Annotated[Path | None, typer.Option(help="The scene (YAML); by default the file's.")] = None,
     output: Annotated[
         Path | None,
-        typer.Option("-o", "--output", help="A report (.json, .md, .csv), or a folder for it and the good motions."),
+        typer.Option(
+            "-o",
+            "--output",
+            help="A report (.json, .md, .csv, .html), or a folder for all of them and the good motions.",
+        ),
     ] = None,
     campaign: Annotated[
         Path | None,
@@ -46,9 +61,17 @@ def pick(
     """
     if campaign is not None:
         if output is not None:
-            raise InputError("--campaign writes rows to its folder as they come; -o is for a report held in memory")
+            if output.suffix.lower() != PAGE:
+                raise InputError("--campaign writes rows to its folder as they come; -o adds a page of them (.html)")
+            _check_output(output)
         arm, world, source = _read(open_picks(file), file, robot, tcp, scene)
-        run_campaign(Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
+        result = run_campaign(Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
+        if output is not None:
+            write_report_page(output, result, arm, world, source.shared)
+            if not as_json:
+                say(f"wrote {output}")
+        if not result.ok:
+            raise typer.Exit(1)
         return
     if output is not None:
         _check_output(output)
@@ -93,26 +116,27 @@ def _read(
 
 
 def _is_folder(output: Path) -> bool:
-    return output.is_dir() or output.suffix.lower() not in SUFFIXES
+    return output.is_dir() or output.suffix.lower() not in KINDS
 
 
 def _check_output(output: Path) -> None:
     """Refuse a place that cannot be written to before the work, not after it."""
     if _is_folder(output):
         if output.suffix and not output.is_dir():
-            raise InputError(f"{output}: a report ends in {', '.join(SUFFIXES)}; for a folder, give one that exists")
+            raise InputError(f"{output}: a report ends in {', '.join(KINDS)}; for a folder, give one that exists")
         make_folder(output)
     elif not output.parent.is_dir():
         raise InputError(f"{output}: there is no folder {output.parent}")
 
 
 def _write(output: Path, arm: Arm, scene: Scene, picks: Picks, report: PickReport) -> list[Path]:
-    if not _is_folder(output):
-        report.save(output)
-        return [output]
-    written = [output / f"report{kind}" for kind in SUFFIXES]
+    written = [output] if not _is_folder(output) else [output / f"report{kind}" for kind in KINDS]
     for path in written:
-        report.save(path)
-    for verdict, stem in zip(report.good, file_stems(v.pick.name for v in report.good), strict=True):
-        written += write_motion(verdict, arm, scene, picks, output / f"{stem}.html", output / f"{stem}.json")
+        if path.suffix.lower() == PAGE:
+            write_report_page(path, report, arm, scene, picks)
+        else:
+            report.save(path)
+    if _is_folder(output):
+        for verdict, stem in zip(report.good, file_stems(v.pick.name for v in report.good), strict=True):
+            written += write_motion(verdict, arm, scene, picks, output / f"{stem}.html", output / f"{stem}.json")
     return written

@@ -4,7 +4,7 @@ from pinproof.picks.campaign import Campaign, CampaignResult
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.picks_file import open_picks, read_picks
 from pinproof.picks.reach import ReachChange, ReachMap, Region, approach_directions, reach_map, tool_orientations
-from pinproof.picks.report import PickReport
+from pinproof.picks.report import PickReport, write_report_page
 from pinproof.picks.setup import PickSetup
 from pinproof.picks.source import PickGrid, PickList, PickSource
 from pinproof.picks.table import PickTable
@@ -36,4 +36,5 @@ __all__ = [
     "read_picks",
     "tool_orientations",
     "validate_picks",
+    "write_report_page",
 ]

@@ -1,0 +1,184 @@
+"""One page on many picks: summary, table, the picture with every grasp, and the motions of the good ones.
+
+The page is a file that opens anywhere, offline. Motions in it are for the eye: they are resampled, and say so. What is
+proven is said of the motions themselves, which the page does not hold.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from html import escape
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Scene
+from pinproof.description.whole_file import write_text_whole
+from pinproof.errors import ViewerError
+from pinproof.model import Arm
+from pinproof.picks.pick import Picks
+from pinproof.picks.report.entries import KINDS, entry
+from pinproof.picks.report.motions import Reel
+from pinproof.picks.report.report import PickReport
+from pinproof.picks.report.rows import problem_row, verdict_row
+from pinproof.picks.verdict import PickVerdict
+from pinproof.spatial import matrix, pose
+from pinproof.viewer.animation import still
+from pinproof.viewer.assembly import assemble, fill, part, view_settings
+from pinproof.viewer.camera import choose_view
+from pinproof.viewer.markers import PoseMarkers
+from pinproof.viewer.page import stage_commands
+from pinproof.viewer.stage import set_stage
+
+if TYPE_CHECKING:
+    from pinproof.picks.campaign.result import CampaignResult
+
+__all__ = ["MOST_ROWS", "write_report_page"]
+
+Array = npt.NDArray[np.float64]
+
+MOST_ROWS = 5000
+"""A table that a browser scrolls and sorts without a wait. Of more rows the first are shown, and the page says so."""
+
+FRAMED = 2.0
+"""Grasps within this many times the arm's own spread about its base are framed; one far away would shrink the rest."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A row of plain values, with its verdict if there is one."""
+
+    values: dict[str, Any]
+    verdict: PickVerdict | None = None
+
+
+def write_report_page(
+    path: str | Path,
+    report: PickReport | CampaignResult,
+    arm: Arm,
+    scene: Scene,
+    picks: Picks,
+    *,
+    title: str | None = None,
+) -> None:
+    """Write the page of a report or of a campaign.
+
+    Parameters
+    ----------
+    path
+        The file; written whole or not at all.
+    report
+        What was found. The rows of a campaign keep no motions: their page has the table and the coloured grasps.
+    arm, scene
+        What the picks were judged with.
+    picks
+        What the picks share: their tool and home.
+    title
+        By default the robot's name.
+
+    Raises
+    ------
+    ViewerError
+        If the robot has nothing to draw, or meshcat's viewer is not installed.
+    FileError
+        For a place that cannot be written to.
+    """
+    if isinstance(report, PickReport):
+        rows = [_Row(verdict_row(verdict), verdict) for verdict in report.verdicts]
+        rows += [_Row(problem_row(problem)) for problem in report.problems]
+        total, kinds = len(rows), Counter(row.values["verdict"] for row in rows)
+    else:
+        rows = [_Row(values) for values in islice(report.rows(), MOST_ROWS)]
+        total, kinds = report.total, Counter(report.verdicts)
+    shown = rows[:MOST_ROWS]
+    notes = [f"Not covered: {note}" for note in report.notes]
+    notes.append(f"Acceleration limits: {report.acceleration_source}")
+    if len(shown) < total:
+        notes.insert(0, f"Of {total:,} rows the first {len(shown):,} are shown.")
+    words = {"title": title or f"Picks of {arm.robot.name}", "summary": report.summary}
+    text = _render(shown, kinds, arm, scene, picks, words, notes)
+    write_text_whole(path, text)
+
+
+def _render(
+    rows: list[_Row],
+    kinds: Counter[str],
+    arm: Arm,
+    scene: Scene,
+    picks: Picks,
+    words: dict[str, str],
+    notes: list[str],
+) -> str:
+    stage = set_stage(arm, scene, picks.tool)
+    if not stage.links:
+        raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
+    verdicts = [row.verdict for row in rows]
+    home = next(
+        (v.trajectory.start for v in verdicts if v is not None and v.trajectory is not None),
+        np.array(picks.home_configuration(arm.joint_names, arm.home)),
+    )
+    reel = Reel.of(stage, scene, picks.tool, verdicts)
+    rest = still(stage, home)
+    placed = [_root_from_tip(row.values) for row in rows]
+    grasps = np.array([at for at in placed if at is not None]).reshape(-1, 4, 4)
+    poses = np.concatenate([rest.poses, reel.moments])
+    view = choose_view(stage, poses, np.concatenate([rest.tcp, _near(grasps[:, :3, 3], poses)]))
+    commands = stage_commands(stage, rest, view)
+    marked = [k for k, at in enumerate(placed) if at is not None]
+    names = list(KINDS)
+    colour_of = [names.index(rows[k].values["verdict"]) if rows[k].values["verdict"] in KINDS else -1 for k in marked]
+    markers = PoseMarkers(grasps, np.array(colour_of, dtype=np.int64), tuple(kind.rgb for kind in KINDS.values()))
+    settings = {
+        **view_settings(view),
+        "entries": [entry(row.values, row.verdict, arm, scene, picks.tool) for row in rows],
+        "kinds": {name: kind.css for name, kind in KINDS.items()},
+        "marked": marked,
+        "markers": markers.settings(commands),
+        "motions": reel.add_to(commands),
+        "rest": reel.at_rest(rest),
+    }
+    body = fill(
+        part("page.html", __package__),
+        {
+            "title": escape(words["title"]),
+            "summary": escape(words["summary"]),
+            "chips": _chips(kinds),
+            "notes": _items([*reel.notes, *notes, *stage.notes]),
+        },
+    )
+    style = part("common.css") + part("page.css", __package__)
+    return assemble(words["title"], style, body, part("page.js", __package__), settings, commands)
+
+
+def _chips(kinds: Counter[str]) -> str:
+    """A button for each verdict that occurs: it tells the colour and the number, and filters."""
+    known = [name for name in KINDS if kinds[name]] + [name for name in kinds if name not in KINDS]
+    return "".join(
+        f'<button type="button" class="chip" data-verdict="{escape(name)}" aria-pressed="false">'
+        f'<span class="swatch" style="background:{KINDS[name].css if name in KINDS else "#51606f"}"></span>'
+        f"{kinds[name]:,} {escape(name)}</button>"
+        for name in known
+    )
+
+
+def _items(texts: Iterable[str]) -> str:
+    return "".join(f"<li>{escape(text)}</li>" for text in texts)
+
+
+def _root_from_tip(values: dict[str, Any]) -> Array | None:
+    """(4, 4) where a row grasps; None if it does not tell, or tells in a frame of its own."""
+    if "xyz" not in values or "rpy" not in values or values.get("frame"):
+        return None
+    return matrix(pose(xyz=values["xyz"], rpy=values["rpy"]))
+
+
+def _near(places: Array, poses: Array) -> Array:
+    """Those of the places (N, 3) that the picture can hold without making the arm too small to see."""
+    spread = poses[:, :, :3, 3].reshape(-1, 3)
+    reach = FRAMED * max(float(np.linalg.norm(spread, axis=1).max()), 0.2)
+    return places[np.linalg.norm(places, axis=1) <= reach]

@@ -1,0 +1,275 @@
+"""The page of many picks, as a file and in a real browser: table, arrows, motions, what is carried."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pinproof.collision import Box, Obstacle, Scene
+from pinproof.picks import Pick, PickReport, Picks, PickStatus, PickVerdict, Stage, StageResult, write_report_page
+from pinproof.picks.pick import PickProblem
+from pinproof.picks.report import page as page_module
+from pinproof.picks.report.motions import MOST_BYTES, RATE, Reel
+from pinproof.picks.report.rows import verdict_row
+from pinproof.spatial import matrix, pose
+from pinproof.viewer.animation import Phase, film
+from pinproof.viewer.stage import set_stage
+
+from .browser import Browser, Page
+from .conftest import POST, certified, small_arm, swing
+
+ARM, SCENE, SHARED = small_arm(), Scene([POST]), Picks(())
+EVIL = "</script><b>evil"
+
+
+def good(name: str, end: float) -> PickVerdict:
+    motion = swing(ARM, 0.0, end)
+    place = pose(xyz=(0.5 * np.cos(end), 0.5 * np.sin(end), 0.1), rpy=(np.pi, 0, 0))
+    passed = (StageResult(Stage.REACH, True, "2 configurations"), StageResult(Stage.MOTION, True, "proven free"))
+    certificate = certified(ARM, SCENE, motion)
+    return PickVerdict(Pick(name, place), PickStatus.GOOD, passed, 2, motion.end, motion, 2.0, certificate)
+
+
+def bad(name: str, xyz: tuple[float, float, float]) -> PickVerdict:
+    stages = (StageResult(Stage.REACH, True, "1 configuration"), StageResult(Stage.GRASP, False, f"{name} hits post"))
+    return PickVerdict(Pick(name, pose(xyz=xyz, rpy=(np.pi, 0, 0))), PickStatus.NOT_FOUND, stages, 1)
+
+
+def make_report(*verdicts: PickVerdict) -> PickReport:
+    return PickReport("swing", verdicts, (PickProblem(3, "torn", "xyz holds nan"),) if verdicts else (), "the arm", ())
+
+
+@pytest.fixture(scope="module")
+def report() -> PickReport:
+    return make_report(bad(EVIL, (0.1, 0.4, 0.3)), good("near", 0.3), good("wide", 0.8), bad("away", (50, 0, 0)))
+
+
+@pytest.fixture
+def page(browser: Browser, pages: Callable[[str], Path], report: PickReport) -> Iterator[Page]:
+    path = pages("report")
+    if not path.exists():
+        write_report_page(path, report, ARM, SCENE, SHARED)
+    opened = browser.open(path.as_uri(), 1200, 800)
+    yield opened
+    assert opened.complaints == []
+    assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
+    opened.close()
+
+
+def names(page: Page) -> list[str]:
+    return page.evaluate("[...document.querySelectorAll('#rows td:first-child')].map((cell) => cell.textContent)")
+
+
+def click(page: Page, selector: str) -> None:
+    page.evaluate(f"document.querySelector({json.dumps(selector)}).click()")
+
+
+def key(page: Page, name: str) -> None:
+    for kind in ("keyDown", "keyUp"):
+        page.send("Input.dispatchKeyEvent", type=kind, key=name, code=name)
+
+
+def turned(page: Page) -> float:
+    q = page.evaluate("pinproof.viewer.scene_tree.find(['robot', 'upper']).object.quaternion.toArray()")
+    return float(2 * np.arctan2(q[2], q[3]))
+
+
+def test_the_first_good_pick_plays_at_once_and_is_captioned_by_its_proof(page: Page) -> None:
+    page.wait_for("pinproof.viewer.animator.time > 0.1")
+    assert page.evaluate("pinproof.chosen") == 1
+    assert page.text("#verdict") == "FREE"
+    assert page.evaluate("getComputedStyle(document.getElementById('verdict')).backgroundColor") == "rgb(11, 107, 58)"
+    assert "Proven clearance" in page.text("#figures")
+    assert "resampled for show, 30 poses a second" in page.evaluate("document.getElementById('notes').textContent")
+
+
+def test_a_click_on_a_row_changes_the_motion(page: Page) -> None:
+    page.evaluate("pinproof.seek(2)")
+    assert turned(page) == pytest.approx(0.3, abs=1e-4)
+    before = page.canvas()
+    click(page, "#rows tr:nth-child(3)")
+    page.evaluate("pinproof.seek(2)")
+    assert turned(page) == pytest.approx(0.8, abs=1e-4)
+    assert (np.abs(page.canvas().astype(int) - before).max(axis=2) > 30).mean() > 0.01
+    click(page, "#rows tr:nth-child(1)")
+    assert turned(page) == pytest.approx(0.0, abs=1e-6)  # nothing to play: back at rest
+    assert page.evaluate("document.getElementById('player').hidden")
+    assert page.text("#verdict") == "NOT FOUND at grasp"
+    assert page.text("#reason") == f"{EVIL} hits post"
+
+
+def test_a_click_on_an_arrow_chooses_its_pick(page: Page) -> None:
+    spot = page.evaluate(
+        "(() => { const v = new MeshCat.THREE.Vector3(), m = new MeshCat.THREE.Matrix4();"
+        " pinproof.arrows.getMatrixAt(2, m); v.set(0, 0, -pinproof.settings.markers.length * 0.9).applyMatrix4(m);"
+        " pinproof.arrows.localToWorld(v); v.project(pinproof.viewer.camera);"
+        " const box = document.getElementById('meshcat-pane').getBoundingClientRect();"
+        " return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height]; })()"
+    )
+    for kind in ("mousePressed", "mouseReleased"):
+        page.send("Input.dispatchMouseEvent", type=kind, x=spot[0], y=spot[1], button="left", clickCount=1)
+    assert page.evaluate("pinproof.chosen") == 2
+    assert page.evaluate("document.querySelector('tr[aria-selected=true] td').textContent") == "wide"
+
+
+def test_the_keyboard_walks_the_table(page: Page) -> None:
+    assert page.evaluate("document.querySelectorAll('#rows tr[tabindex=\"0\"]').length") == 1
+    page.evaluate("document.querySelector('#rows tr[tabindex=\"0\"]').focus()")
+    key(page, "ArrowDown")
+    assert page.evaluate("pinproof.chosen") == 2
+    key(page, "Home")
+    assert page.evaluate("[pinproof.chosen, document.activeElement.dataset.row]") == [0, "0"]
+    key(page, "End")
+    assert page.text("#verdict") == "UNREADABLE at input"
+
+
+def test_the_table_sorts_and_filters_and_the_arrows_follow(page: Page) -> None:
+    assert names(page) == [EVIL, "near", "wide", "away", "torn"]
+    click(page, "th[data-key=name] button")
+    assert names(page) == [EVIL, "away", "near", "torn", "wide"]
+    assert page.evaluate("document.querySelector('th[data-key=name]').getAttribute('aria-sort')") == "ascending"
+    click(page, "th[data-key=clearance] button")
+    click(page, "th[data-key=clearance] button")
+    clearances = page.evaluate("[...document.querySelectorAll('#rows td:nth-child(4)')].map((c) => c.textContent)")
+    assert [text != "" for text in clearances] == [True, True, False, False, False]
+    assert float(clearances[0].split()[0]) >= float(clearances[1].split()[0])
+    click(page, ".chip[data-verdict=good]")
+    assert set(names(page)) == {"near", "wide"}
+    sizes = page.evaluate(
+        "[0, 1, 2, 3].map((k) => { const m = new MeshCat.THREE.Matrix4(); pinproof.arrows.getMatrixAt(k, m);"
+        " return m.determinant() > 0; })"
+    )
+    assert sizes == [False, True, True, False]
+    page.evaluate("(() => { const f = document.getElementById('find'); f.value = 'WIDE';"
+                  " f.dispatchEvent(new Event('input')); })()")  # fmt: skip
+    assert names(page) == ["wide"]
+
+
+def test_good_and_bad_grasps_are_seen_in_their_colours(page: Page) -> None:
+    page.evaluate("pinproof.choose(4)")
+    red, green, blue = page.canvas().astype(int).transpose(2, 0, 1)
+    assert ((green > 1.4 * red) & (green > 1.2 * blue)).sum() > 40
+    assert ((red > 1.5 * green) & (red > 3 * blue)).sum() > 40
+
+
+@pytest.mark.parametrize(("width", "height"), [(1200, 800), (390, 800)])
+def test_nothing_sticks_out_of_a_window(
+    browser: Browser, pages: Callable[[str], Path], report: PickReport, width: int, height: int
+) -> None:
+    path = pages("widths")
+    write_report_page(path, report, ARM, SCENE, SHARED)
+    opened = browser.open(path.as_uri(), width, height)
+    assert opened.evaluate("document.documentElement.scrollWidth") <= width
+    assert opened.canvas().std() > 10
+    opened.close()
+
+
+def test_an_empty_report_is_a_page_too(browser: Browser, pages: Callable[[str], Path]) -> None:
+    path = pages("empty")
+    write_report_page(path, make_report(), ARM, SCENE, SHARED)
+    opened = browser.open(path.as_uri())
+    assert opened.text("#none") == "No pick to show."
+    assert opened.complaints == []
+    opened.close()
+
+
+@dataclass
+class Rows:
+    """What the page asks of a campaign's result."""
+
+    values: list[dict]
+    summary: str = "of a campaign"
+    acceleration_source: str = "the arm"
+    notes: tuple[str, ...] = ()
+
+    @property
+    def total(self) -> int:
+        return len(self.values)
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        kinds = [row["verdict"] for row in self.values]
+        return {kind: kinds.count(kind) for kind in kinds}
+
+    def rows(self) -> Iterator[dict]:
+        return iter(self.values)
+
+
+def test_500_rows_of_a_campaign_play_nothing_and_claim_no_proof_of_the_page(
+    browser: Browser, pages: Callable[[str], Path], report: PickReport
+) -> None:
+    lone = [verdict_row(verdict) for verdict in report.verdicts]
+    rows = [{**lone[k % 4], "name": f"p{k}", "xyz": [0.3, 0.01 * (k % 25), 0.02 * (k // 25)]} for k in range(500)]
+    path = pages("campaign")
+    write_report_page(path, Rows(rows), ARM, SCENE, SHARED)
+    opened = browser.open(path.as_uri())
+    opened.evaluate("pinproof.choose(1)")
+    assert opened.text("#verdict") == "GOOD"
+    assert opened.evaluate("document.getElementById('player').hidden")
+    assert opened.evaluate("document.querySelectorAll('#rows tr').length") == 500
+    assert opened.text(".chip[data-verdict=good]") == "250 good"
+    assert opened.complaints == []
+    opened.close()
+
+
+def test_of_too_many_rows_the_first_are_shown_and_the_page_says_so(tmp_path, monkeypatch, report: PickReport) -> None:
+    monkeypatch.setattr(page_module, "MOST_ROWS", 3)
+    write_report_page(tmp_path / "few.html", report, ARM, SCENE, SHARED)
+    text = (tmp_path / "few.html").read_text(encoding="utf-8")
+    assert "Of 5 rows the first 3 are shown." in text
+    assert '"name":"away"' not in text
+
+
+def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport) -> None:
+    other = Scene([POST, Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))])
+    write_report_page(tmp_path / "other.html", report, ARM, other, SHARED)
+    text = (tmp_path / "other.html").read_text(encoding="utf-8")
+    assert '"headline":"FREE"' not in text
+    assert text.count('"headline":"NOT VALIDATED"') == 2
+
+
+def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp_path, report: PickReport) -> None:
+    texts = []
+    for name in ("a.html", "b.html"):
+        write_report_page(tmp_path / name, report, ARM, SCENE, SHARED, title="<i>{{buffers}}")
+        texts.append((tmp_path / name).read_text(encoding="utf-8"))
+    assert texts[0] == texts[1]
+    assert EVIL not in texts[0]
+    assert "<h1>&lt;i&gt;{{buffers}}</h1>" in texts[0]
+
+
+def test_a_hundred_motions_stay_within_their_bytes() -> None:
+    stage, long = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0))
+    for count in (1, 100, 1000):
+        reel = Reel.of(stage, SCENE, (), [long] * count)
+        frames = sum(len(each.times) for each in reel.films if each is not None)
+        assert frames * len(stage.links) * 28 * 4 / 3 <= 1.01 * MOST_BYTES
+        assert len(reel.films[0].times) - 1 <= 60 * RATE
+    assert "more good picks have motions that found no room" in reel.notes[1]
+
+
+def test_what_is_carried_stands_then_moves_with_the_tcp_then_stays() -> None:
+    part = Obstacle("part", Box(0.05, 0.05, 0.05), pose(xyz=(0.0, 0.0, 0.06)))
+    ways = [swing(ARM, 0.0, 0.5), swing(ARM, 0.5, 1.0), swing(ARM, 1.0, 0.2)]
+    stage = set_stage(ARM, None)
+    shown = film(stage, [Phase(ways[0]), Phase(ways[1], (part,)), Phase(ways[2])], rate=10)
+    place = shown.riders["part"]
+    taken, left = (
+        matrix(ARM.root_from_base * ARM.forward_kinematics(q) * part.pose) for q in (ways[1].start, ways[1].end)
+    )
+    for moment, at in zip(shown.times, place, strict=True):
+        if moment <= 2.0:
+            assert np.allclose(at, taken)
+        elif moment >= 4.0:
+            assert np.allclose(at, left)
+        else:
+            root_from_tcp = ARM.root_from_base * ARM.forward_kinematics(ways[1](moment - 2.0))
+            assert np.allclose(at, matrix(root_from_tcp * part.pose))
+    assert shown.times[-1] == 6.0
+    assert (np.diff(shown.times) > 0).all()

@@ -23,6 +23,7 @@ def main(file: Path, folder: Path) -> int:
 
     folder.mkdir(parents=True, exist_ok=True)
     report.save(folder / "report.json")
+    pp.write_report_page(folder / "report.html", report, arm, scene, picks)
     print(report.to_markdown())
     for verdict in report.good:
         motion, proof, name = verdict.trajectory, verdict.certificate, verdict.pick.name

@@ -59,6 +59,15 @@ def test_rows_stream_to_the_folder_and_all_good_is_0(run: Run) -> None:
     assert [row["name"] for row in rows] == ["pin_0", "pin_1", "pin_2"]
 
 
+def test_the_rows_become_a_page_beside_them(run: Run) -> None:
+    code, out, _ = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "-o", "page.html")
+    assert code == 0
+    assert out.endswith("wrote page.html\n")
+    page = Path("page.html").read_text(encoding="utf-8")
+    assert all(f'"name":"pin_{k}"' in page for k in range(3))
+    assert '"motions":[null,null,null]' in page
+
+
 def test_one_that_is_not_good_is_1_and_another_campaign_in_the_folder_2(run: Run) -> None:
     table(1, "far,2,0,0", "torn,nan,0,0")
     first = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "--json")

@@ -104,18 +104,25 @@ def test_a_click_on_a_row_changes_the_motion(page: Page) -> None:
     assert page.text("#reason") == f"{EVIL} hits post"
 
 
+def test_a_pick_that_is_chosen_again_plays_again(page: Page) -> None:
+    for _ in range(3):
+        click(page, "#rows tr:nth-child(3)")
+        page.evaluate("pinproof.seek(1)")
+        assert turned(page) == pytest.approx(0.4, abs=1e-4)
+
+
 def test_a_click_on_an_arrow_chooses_its_pick(page: Page) -> None:
     spot = page.evaluate(
         "(() => { const v = new MeshCat.THREE.Vector3(), m = new MeshCat.THREE.Matrix4();"
-        " pinproof.arrows.getMatrixAt(2, m); v.set(0, 0, -pinproof.settings.markers.length * 0.9).applyMatrix4(m);"
+        " pinproof.arrows.getMatrixAt(0, m); v.set(0, 0, -pinproof.settings.markers.length * 0.9).applyMatrix4(m);"
         " pinproof.arrows.localToWorld(v); v.project(pinproof.viewer.camera);"
         " const box = document.getElementById('meshcat-pane').getBoundingClientRect();"
         " return [box.left + (v.x + 1) / 2 * box.width, box.top + (1 - v.y) / 2 * box.height]; })()"
     )
     for kind in ("mousePressed", "mouseReleased"):
         page.send("Input.dispatchMouseEvent", type=kind, x=spot[0], y=spot[1], button="left", clickCount=1)
-    assert page.evaluate("pinproof.chosen") == 2
-    assert page.evaluate("document.querySelector('tr[aria-selected=true] td').textContent") == "wide"
+    assert page.evaluate("pinproof.chosen") == 0
+    assert page.evaluate("document.querySelector('tr[aria-selected=true] td').textContent") == EVIL
 
 
 def test_the_keyboard_walks_the_table(page: Page) -> None:

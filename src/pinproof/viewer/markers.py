@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pinproof.viewer.surfaces import shade
 from pinproof.viewer.wire import Commands
 
-__all__ = ["PoseMarkers"]
+__all__ = ["LONGEST", "PoseMarkers"]
 
 Array = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]

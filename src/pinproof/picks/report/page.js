@@ -13,7 +13,7 @@ let chosen = -1, verdict = "", order = entries.map((_, k) => k), sorted = { key:
 const arrows = makeArrows(settings.markers);
 const placeOf = new Map(marked.map((row, k) => [row, k]));
 const halo = new THREE.Mesh(
-  new THREE.SphereGeometry(settings.markers.length * 0.45, 24, 16),
+  new THREE.SphereGeometry(settings.markers.length * 0.3, 24, 16),
   new THREE.MeshBasicMaterial({ color: 0x0b5cad, transparent: true, opacity: 0.35, depthTest: false }));
 halo.visible = false;
 viewer.scene_tree.find(["halo"]).set_object(halo);
@@ -30,6 +30,13 @@ function makeArrows(m) {
   for (let k = 0; k < marked.length; k++) mesh.setColorAt(k, colour.fromArray(m.rgb, 3 * k));
   mesh.frustumCulled = false;  // its bounds are those of one arrow at the origin
   viewer.scene_tree.find(["grasps"]).set_object(mesh);
+  // The same once more, faint and through whatever lies before them.
+  const faint = { color: 0xffffff, transparent: true, opacity: 0.28, depthTest: false, side: THREE.DoubleSide };
+  const ghosts = new THREE.InstancedMesh(geometry, new THREE.MeshBasicMaterial(faint), marked.length);
+  ghosts.instanceMatrix = mesh.instanceMatrix;
+  ghosts.instanceColor = mesh.instanceColor;
+  ghosts.frustumCulled = false;
+  viewer.scene_tree.find(["hidden grasps"]).set_object(ghosts);
   return mesh;
 }
 
@@ -144,8 +151,9 @@ function pose(motion) {
     const geometry = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(motion.path, 3));
     trail = new THREE.Line(geometry, new THREE.LineBasicMaterial({ color: 0xd9600a }));
     viewer.scene_tree.find(["tcp path"]).set_object(trail);
+    const animations = motion.tracks.map((track) => ({ ...track }));  // meshcat writes into what it is given
     const options = { play: false, repetitions: 1_000_000 };
-    if (motion.tracks.length) viewer.handle_command({ type: "set_animation", animations: motion.tracks, options });
+    if (animations.length) viewer.handle_command({ type: "set_animation", animations, options });
   }
   offer(motion ? motion.duration : 0);
   viewer.set_dirty();

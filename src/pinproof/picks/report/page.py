@@ -31,9 +31,9 @@ from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import still
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
 from pinproof.viewer.camera import choose_view
-from pinproof.viewer.markers import PoseMarkers
+from pinproof.viewer.markers import LONGEST, PoseMarkers
 from pinproof.viewer.page import stage_commands
-from pinproof.viewer.stage import set_stage
+from pinproof.viewer.stage import Stage, set_stage
 
 if TYPE_CHECKING:
     from pinproof.picks.campaign.result import CampaignResult
@@ -45,8 +45,8 @@ Array = npt.NDArray[np.float64]
 MOST_ROWS = 5000
 """A table that a browser scrolls and sorts without a wait. Of more rows the first are shown, and the page says so."""
 
-FRAMED = 2.0
-"""Grasps within this many times the arm's own spread about its base are framed; one far away would shrink the rest."""
+FRAMED = 1.3
+"""Grasps within so many times the robot's own extent about its root are framed; one far away would shrink the rest."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _render(
     placed = [_root_from_tip(row.values) for row in rows]
     grasps = np.array([at for at in placed if at is not None]).reshape(-1, 4, 4)
     poses = np.concatenate([rest.poses, reel.moments])
-    view = choose_view(stage, poses, np.concatenate([rest.tcp, _near(grasps[:, :3, 3], poses)]))
+    view = choose_view(stage, poses, np.concatenate([rest.tcp, _near(grasps, stage, poses)]))
     commands = stage_commands(stage, rest, view)
     marked = [k for k, at in enumerate(placed) if at is not None]
     names = list(KINDS)
@@ -177,8 +177,9 @@ def _root_from_tip(values: dict[str, Any]) -> Array | None:
     return matrix(pose(xyz=values["xyz"], rpy=values["rpy"]))
 
 
-def _near(places: Array, poses: Array) -> Array:
-    """Those of the places (N, 3) that the picture can hold without making the arm too small to see."""
-    spread = poses[:, :, :3, 3].reshape(-1, 3)
-    reach = FRAMED * max(float(np.linalg.norm(spread, axis=1).max()), 0.2)
-    return places[np.linalg.norm(places, axis=1) <= reach]
+def _near(grasps: Array, stage: Stage, poses: Array) -> Array:
+    """(K, 3) both ends of the arrows at grasps (N, 4, 4) that can be framed without making the robot hard to see."""
+    sizes = [max(float(np.linalg.norm(each.vertices, axis=1).max()) for each in link.surfaces) for link in stage.links]
+    extent = float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + sizes).max())
+    near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * extent]
+    return np.concatenate([near[:, :3, 3], near[:, :3, 3] - LONGEST * near[:, :3, 2]])

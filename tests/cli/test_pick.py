@@ -186,5 +186,6 @@ def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
     assert "**generic_6dof**: 2 of 4 picks good" in ran.stdout
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "report.json",
+        "report.html",
         *(f"pin_{k}.{end}" for k in (1, 2) for end in ("csv", "html")),
     }

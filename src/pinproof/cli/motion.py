@@ -110,6 +110,7 @@ def plan(
             else:
                 say(result.message)
             raise typer.Exit(1)
+        checker = result.checker or checker  # closer bodies, where an end touched by coarse ones alone
         simplified = simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
         path = simplified.path
         trajectory = time_parametrise(path, arm.limits, jerk=_jerk(jerk))

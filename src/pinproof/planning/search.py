@@ -121,6 +121,8 @@ class Search:
         start, goals = self._given.start, self._given.goals
         steps = np.abs(goals - start).max(axis=1)
         for row in np.argsort(steps, kind="stable").tolist():
+            if self._seconds >= self._settings.time_limit:
+                break
             way = np.array([start, goals[row]] if steps[row] > 0 else [start])
             if self._edges.looks_free(start, goals[row]) and (result := self._prove(way, row)[0]) is not None:
                 return result

@@ -17,7 +17,7 @@ def main(file: Path, folder: Path) -> int:
     picks = pp.read_picks(file)
     if picks.robot is None or picks.scene is None:
         sys.exit(f"{file} must name a robot and a scene")
-    arm = pp.load_robot(picks.robot).arm(tcp=picks.tcp)
+    arm = pp.load_robot(picks.robot).arm(tcp=picks.tcp, held=picks.held)
     scene = pp.Scene.load(picks.scene)
     report = pp.validate_picks(arm, scene, picks, rng=0)
 
@@ -26,9 +26,11 @@ def main(file: Path, folder: Path) -> int:
     pp.write_report_page(folder / "report.html", report, arm, scene, picks)
     print(report.to_markdown())
     for verdict in report.good:
-        motion, proof, name = verdict.trajectory, verdict.certificate, verdict.pick.name
-        motion.save(folder / f"{name}.csv")
-        pp.write_html(folder / f"{name}.html", arm, scene, motion, certificate=proof, attached=picks.tool)
+        verdict.trajectory.save(folder / f"{verdict.pick.name}.csv")
+        for part in verdict.motions:  # several where an object is carried: it is not the same motion with and without
+            page = folder / f"{verdict.pick.name}_{part.name}.html"
+            motion, proof, held = part.trajectory, part.certificate, part.attached
+            pp.write_html(page, arm, part.scene, motion, certificate=proof, attached=held)
     return 0 if report.ok else 1
 
 

@@ -77,7 +77,7 @@ def test_json_is_all_that_stands_on_stdout(run: Run, write) -> None:
     code, out, err = run("pick", write(GOOD, FAR), "--json", "-o", "report.json")
     assert (code, err) == (1, "")
     told = json.loads(out)
-    assert [pick["verdict"] for pick in told["picks"]] == ["good", "not found"]
+    assert [pick["verdict"] for pick in told["picks"]] == ["good", "impossible"]
     assert told == json.loads(Path("report.json").read_text())
 
 
@@ -187,5 +187,5 @@ def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "report.json",
         "report.html",
-        *(f"pin_{k}.{end}" for k in (1, 2) for end in ("csv", "html")),
+        *(f"pin_{k}{end}" for k in (1, 2) for end in (".csv", "_pick.html")),
     }

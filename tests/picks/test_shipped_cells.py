@@ -82,12 +82,12 @@ def test_the_report_as_values(reports) -> None:
     assert ["base_link", "table", "allowed by the scene"] in good["excluded_pairs"]
     assert 0 < good["grasp_time"] < good["duration"]
     assert (bad["verdict"], bad["failed_at"], bad["q_grasp"], bad["clearance_proven"]) == (
-        "not found",
+        "impossible",
         "grasp",
         None,
         None,
     )
-    assert [stage["ok"] for stage in bad["stages"]] == [True, True, False]
+    assert [stage["ok"] for stage in bad["stages"]] == [True, True, True, True, False]
 
 
 def test_the_report_as_markdown(reports) -> None:

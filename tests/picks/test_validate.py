@@ -14,9 +14,9 @@ from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import load_robot_from_text
 from pinproof.picks import Stage
-from pinproof.picks import judge as judging
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.report.report import COLUMNS
+from pinproof.picks.stages.reach import turned_inside
 
 
 def part(arm: pp.Arm, angle: float = 0.5, name: str = "part") -> pp.Pick:
@@ -157,9 +157,9 @@ def test_a_solution_a_whole_turn_away_is_no_limit() -> None:
     # From outside its limits, whole turns bring a joint back where they can, and leave it where they cannot.
     arm = pp.load_robot("generic_6dof").arm()
     q = arm.home + 2 * np.pi * np.array([1, 0, 0, 0, -1, 0])
-    np.testing.assert_allclose(judging._turned_inside(arm, q), arm.home, atol=1e-12)
+    np.testing.assert_allclose(turned_inside(arm, q), arm.home, atol=1e-12)
     outside = arm.home + np.eye(6)[0] * 3.0  # 3.0 is outside +-2.967, and so is 3.0 - 2 pi
-    np.testing.assert_array_equal(judging._turned_inside(arm, outside), outside)
+    np.testing.assert_array_equal(turned_inside(arm, outside), outside)
 
 
 def test_a_solution_that_only_the_wider_search_meets_is_still_a_solution(arm, monkeypatch) -> None:

@@ -31,23 +31,24 @@ def demo(
     """
     check_outputs([html, json])
     with working("judging the picks of robots/ur5/picks.yaml"):
-        arm, scene, picks, report = judge_file(robots_folder() / "ur5" / "picks.yaml", seed=seed)
+        arm, _, _, report = judge_file(robots_folder() / "ur5" / "picks.yaml", seed=seed)
     print_report(report)
     if not report.good:
         complain("no pick is good, so there is no motion to show")
         raise typer.Exit(1)
     first = report.good[0]
     with working("drawing the page"):
-        written = write_motion(first, arm, scene, picks, html, json)
-    say(f"{first.pick.name}: {first.certificate}")
+        written = write_motion(first, arm, html, json)
+    for motion in first.motions:
+        say(f"{first.pick.name}: {motion.certificate}")
     say(f"wrote {' and '.join(str(path) for path in written)}; open the page in a browser, it needs no network")
     if live:
         with show(
             arm,
-            scene,
-            first.trajectory,
-            certificate=first.certificate,
-            attached=picks.tool,
+            first.motions[0].scene,
+            first.motions[0].trajectory,
+            certificate=first.motions[0].certificate,
+            attached=first.motions[0].attached,
             title=first.pick.name,
             open_browser=True,
         ) as view:

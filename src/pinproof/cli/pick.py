@@ -110,7 +110,7 @@ def _read(
     name = robot or named.robot
     if name is None:
         raise InputError(f"{file} names no robot; add 'robot: ur5' to it or give --robot")
-    arm = load_robot(name).arm(tcp or named.tcp)
+    arm = load_robot(name).arm(tcp or named.tcp, held=named.held)
     place = scene or named.scene
     return arm, Scene() if place is None else Scene.load(place), source
 
@@ -138,5 +138,5 @@ def _write(output: Path, arm: Arm, scene: Scene, picks: Picks, report: PickRepor
             report.save(path)
     if _is_folder(output):
         for verdict, stem in zip(report.good, file_stems(v.pick.name for v in report.good), strict=True):
-            written += write_motion(verdict, arm, scene, picks, output / f"{stem}.html", output / f"{stem}.json")
+            written += write_motion(verdict, arm, output / f"{stem}.html", output / f"{stem}.json")
     return written

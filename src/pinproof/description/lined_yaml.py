@@ -19,20 +19,22 @@ _END_MARK = re.compile(r"\n---\s*\Z")
 """What ``ros2 topic echo`` prints after each message; it would begin a second, empty document."""
 
 
-def read_yaml(path: Path, keys: Iterable[str], error: type[FileError]) -> LinedMapping:
+def read_yaml(
+    path: Path, keys: Iterable[str], error: type[FileError], *, suffixes: tuple[str, ...] = YAML_SUFFIXES
+) -> LinedMapping:
     """The mapping a YAML file holds.
 
     Parameters
     ----------
     path
-        The file; its name ends in one of :data:`YAML_SUFFIXES`.
+        The file; its name ends in one of ``suffixes``. JSON is read as the YAML that it is.
     keys
         The keys it may have, for the message when it is no mapping at all.
     error
         What is raised when it cannot be read; names file and line.
     """
-    if path.suffix.lower() not in YAML_SUFFIXES:
-        raise error(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+    if path.suffix.lower() not in suffixes:
+        raise error(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(suffixes)}")
     try:
         text = _END_MARK.sub("\n", path.read_text(encoding="utf-8-sig"))
         content = yaml.load(text, Loader=_LinedLoader)

@@ -1,22 +1,30 @@
 """Picks: what to grasp, the stages of a pick, verdicts with reasons, reports, campaigns, reach maps."""
 
 from pinproof.picks.campaign import Campaign, CampaignResult
-from pinproof.picks.pick import Pick, PickProblem, Picks
+from pinproof.picks.family import Spin, Tolerance
+from pinproof.picks.frames import NamedFrame
+from pinproof.picks.gripper import Fingers
+from pinproof.picks.pick import Pick, PickProblem, Picks, Place
 from pinproof.picks.picks_file import open_picks, read_picks
 from pinproof.picks.reach import ReachChange, ReachMap, Region, approach_directions, reach_map, tool_orientations
 from pinproof.picks.report import PickReport, write_report_page
+from pinproof.picks.settings import PickBudget, PickWeights
 from pinproof.picks.setup import PickSetup
 from pinproof.picks.source import PickGrid, PickList, PickSource
 from pinproof.picks.table import PickTable
 from pinproof.picks.validate import validate_picks
-from pinproof.picks.verdict import PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
 
 __all__ = [
     "Campaign",
     "CampaignResult",
+    "Fingers",
+    "NamedFrame",
     "Pick",
+    "PickBudget",
     "PickGrid",
     "PickList",
+    "PickMotion",
     "PickProblem",
     "PickReport",
     "PickSetup",
@@ -24,12 +32,16 @@ __all__ = [
     "PickStatus",
     "PickTable",
     "PickVerdict",
+    "PickWeights",
     "Picks",
+    "Place",
     "ReachChange",
     "ReachMap",
     "Region",
+    "Spin",
     "Stage",
     "StageResult",
+    "Tolerance",
     "approach_directions",
     "open_picks",
     "reach_map",

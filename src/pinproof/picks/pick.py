@@ -11,58 +11,146 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle
-from pinproof.errors import InputError
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.picks.family import Spin, Tolerance
+from pinproof.picks.frames import NamedFrame
+from pinproof.picks.gripper import Fingers
 from pinproof.spatial import SE3, finite, rigid
 
-__all__ = ["Pick", "PickProblem", "Picks"]
+__all__ = ["Pick", "PickProblem", "Picks", "Place", "moved"]
+
+Direction = tuple[float, float, float]
+
+TIP, ROOT = "tip", "root"
+"""Whose axes a direction is in: the tool's tip, or the robot's root link."""
+
+WAYS = ("approach", "retreat")
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Where what was grasped is put down.
+
+    Parameters
+    ----------
+    pose
+        ``frame_from_tip`` where it is let go; of a family of grasps, that of the nominal one, so that the object comes
+        to stand in the same place whichever member holds it.
+    frame
+        As for :class:`Pick`.
+    approach, approach_direction, approach_frame
+        Metres and direction of the straight way down to it, and the frame of the direction.
+    retreat, retreat_direction, retreat_frame
+        The same of the empty tool's way off.
+    support
+        What the object is put onto; by default what lies within 1 mm below it there.
+    """
+
+    pose: SE3
+    frame: str = ""
+    approach: float = 0.1
+    approach_direction: Direction = (0.0, 0.0, -1.0)
+    approach_frame: str = ROOT
+    retreat: float = 0.1
+    retreat_direction: Direction = (0.0, 0.0, -1.0)
+    retreat_frame: str = TIP
+    support: str | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", rigid("pose of place", self.pose))
+        for way in WAYS:
+            _check_way(self, way, "place")
 
 
 @dataclass(frozen=True, eq=False)
 class Pick:
-    """One grasp, with its straight approach and retreat.
+    """One grasp, or a family of them, with its straight approach and retreat.
 
     Parameters
     ----------
     name
         Unique in its list.
     pose
-        ``root_from_tip`` at the grasp: where the tip of the tool shall be, in the frame of the robot's root link.
+        ``frame_from_tip`` at the grasp: where the tip of the tool shall be.
     approach
-        Metres that the tip comes along its own z axis before the grasp; 0 for none.
+        Metres that the tip comes along ``approach_direction`` before the grasp; 0 for none.
     retreat
         Metres that the tip leaves along ``retreat_direction`` after the grasp; 0 for none.
     retreat_direction
-        (3,) in the root frame; up by default. Its length does not matter.
+        (3,) up in the root frame by default. Its length does not matter.
+    approach_direction
+        (3,) along the tip's own z axis by default.
+    approach_frame, retreat_frame
+        Whose axes the directions are in: ``"tip"`` or ``"root"``.
+    frame
+        What the pose is in: ``""``, the frame of the robot's root link; one of :attr:`Picks.frames`; an obstacle; or a
+        link that does not move.
+    spin
+        Turns about the approach's direction that are as good as none.
+    tolerance
+        How far the grasp may be moved, where the nominal one fails.
+    carried
+        What is grasped: the name of an obstacle of the scene, or an obstacle of its own whose pose is
+        ``tip_from_object``. It is carried from the grasp on. None: the way from the grasp on is judged for the empty
+        tool, and whatever stands in the scene stays there.
+    support
+        What the object stands on, which it may touch until it has risen; by default what lies within 1 mm below it.
+    place
+        Where it is put; None to end with the retreat.
     """
 
     name: str
     pose: SE3
     approach: float = 0.1
     retreat: float = 0.1
-    retreat_direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    retreat_direction: Direction = (0.0, 0.0, 1.0)
+    approach_direction: Direction = (0.0, 0.0, 1.0)
+    approach_frame: str = TIP
+    retreat_frame: str = ROOT
+    frame: str = ""
+    spin: Spin = field(default_factory=Spin)
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    carried: Obstacle | str | None = None
+    support: str | None = None
+    place: Place | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a pick needs a name, not {self.name!r}")
         object.__setattr__(self, "pose", rigid(f"pose of pick {self.name!r}", self.pose))
-        for key in ("approach", "retreat"):
-            value = float(finite(f"{key} of pick {self.name!r}", [getattr(self, key)], (1,))[0])
-            if value < 0:
-                raise InputError(f"{key} of pick {self.name!r} is {value} m; it is 0 or more")
-            object.__setattr__(self, key, value)
-        direction = finite(f"retreat_direction of pick {self.name!r}", self.retreat_direction, (3,))
-        length = float(np.linalg.norm(direction))
-        if length < 1e-9:
-            raise InputError(f"retreat_direction of pick {self.name!r} has no length")
-        object.__setattr__(self, "retreat_direction", tuple((direction / length).tolist()))
+        for way in WAYS:
+            _check_way(self, way, f"pick {self.name!r}")
+        if self.carried is None and (self.place is not None or self.support is not None):
+            raise InputError(f"pick {self.name!r} has a place or a support, and no object to put or to lift there")
 
     def approach_pose(self) -> SE3:
-        """``root_from_tip`` where the approach begins."""
-        return SE3(self.pose.rotation, self.pose.translation - self.approach * self.pose.rotation[:, 2])
+        """``frame_from_tip`` where the approach begins."""
+        return moved(self.pose, -self.approach, self.approach_direction, self.approach_frame)
 
     def retreat_pose(self) -> SE3:
-        """``root_from_tip`` where the retreat ends."""
-        return SE3(self.pose.rotation, self.pose.translation + self.retreat * np.array(self.retreat_direction))
+        """``frame_from_tip`` where the retreat ends."""
+        return moved(self.pose, self.retreat, self.retreat_direction, self.retreat_frame)
+
+
+def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
+    """The pose, shifted by ``distance`` (m) along a direction of its own axes (``"tip"``) or of those it is in."""
+    along = np.array(direction)
+    return SE3(pose.rotation, pose.translation + distance * (pose.rotation @ along if frame == TIP else along))
+
+
+def _check_way(thing: Pick | Place, way: str, of: str) -> None:
+    """Approach or retreat: a distance, a direction of length 1, and whose axes it is in."""
+    value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
+    if value < 0:
+        raise InputError(f"{way} of {of} is {value} m; it is 0 or more")
+    direction = finite(f"{way}_direction of {of}", getattr(thing, f"{way}_direction"), (3,))
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise InputError(f"{way}_direction of {of} has no length")
+    if getattr(thing, f"{way}_frame") not in (TIP, ROOT):
+        raise UnknownNameError(f"{way}_frame", getattr(thing, f"{way}_frame"), (TIP, ROOT), of)
+    object.__setattr__(thing, way, value)
+    object.__setattr__(thing, f"{way}_direction", tuple((direction / length).tolist()))
 
 
 @dataclass(frozen=True)
@@ -88,6 +176,15 @@ class Picks:
         ``tcp_from_tip``: where the tool's tip is on the arm's tcp.
     tool
         Bodies that move with the tcp; their pose is ``tcp_from_body``.
+    fingers
+        Two of the gripper's bodies that stand apart before the grasp and on the object after it.
+    gripper
+        Links of the robot that may touch what is grasped from the approach on, as ``tool`` and ``fingers`` may.
+    held
+        Values (rad or m) of joints outside the arm by name, such as those of the robot's own fingers: for
+        :meth:`pinproof.Robot.arm`.
+    frames
+        Frames by name that picks may be given in.
     margin
         Metres that must stay between any two checked bodies.
     robot, tcp, scene, home
@@ -101,6 +198,10 @@ class Picks:
     problems: tuple[PickProblem, ...] = ()
     tip: SE3 = field(default_factory=SE3.Identity)
     tool: tuple[Obstacle, ...] = ()
+    fingers: Fingers | None = None
+    gripper: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    frames: Mapping[str, NamedFrame] = field(default_factory=dict)
     margin: float = 0.0
     robot: str | None = None
     tcp: str | None = None
@@ -109,7 +210,7 @@ class Picks:
     source: Path | None = None
 
     def __post_init__(self) -> None:
-        for key in ("picks", "problems", "tool"):
+        for key in ("picks", "problems", "tool", "gripper"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
         names = Counter(pick.name for pick in self.picks)
         doubled = sorted(name for name, count in names.items() if count > 1)
@@ -122,6 +223,11 @@ class Picks:
 
     def __iter__(self) -> Iterator[Pick]:
         return iter(self.picks)
+
+    @property
+    def open_tool(self) -> tuple[Obstacle, ...]:
+        """All that moves with the tcp before the grasp: the tool, and the fingers apart."""
+        return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
 
     def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
         """``base_from_tcp`` that brings the tip to a pose given in the root frame."""

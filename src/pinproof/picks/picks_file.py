@@ -1,29 +1,44 @@
-"""Picks as files, in YAML.
+"""Picks as files, in YAML or JSON.
 
 ::
 
     robot: ur5                             # a catalogue name, or a URDF relative to this file
     tcp: tool0                             # optional: the arm's tcp frame
+    held: {panda_finger_joint1: 0.04}      # optional: joints outside the arm, such as the robot's own fingers
     scene: scene.yaml                      # relative to this file
     margin: 0.002                          # metres that must stay between any two bodies
     home: {shoulder_pan_joint: 0, ...}     # optional: where transits start; by default the robot's own
     tip: {xyz: [0, 0, 0.105]}              # tcp_from_tip: what is put onto the pick poses
     tool:                                  # bodies that move with the tcp; poses are tcp_from_body
       - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
+    fingers:                               # two more, as they stand when closed; the first opens along the axis
+      {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
+    gripper: [panda_leftfinger, ...]       # links of the robot that may touch what is grasped
+    frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
     defaults: {rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
     picks:
       - {name: bolt_1, xyz: [0.46, 0.15, 0.035]}
+      - name: part
+        frame: tray                        # root by default; of frames, an obstacle, or a link at rest
+        xyz: [0, 0, 0.02]
+        spin: free                         # about the approach; or an angle, a list, {range: [a, b], steps: 12}
+        tolerance: {position: [0.005, 0.005, 0], tilt: 0.1}
+        approach_direction: [0, 0, 1]      # in the axes of approach_frame: tip (or root)
+        retreat_frame: root                # whose axes retreat_direction is in
+        object: part_{i}_{j}               # an obstacle of the scene; or a shape, its pose tip_from_object
+        support: tray_floor                # by default what lies within 1 mm below the object
+        place: {frame: tray, xyz: [0, 0.3, 0.02], rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
+        pattern: {grid: {counts: [4, 3, 1], step: [0.05, 0.05, 0]}}    # part[0,0], part[0,1], ...
 
-Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``) in the frame of the robot's root link, and may have ``approach``
-and ``retreat`` (metres) and ``retreat_direction``. ``defaults`` fill in what a pick does not state; where a pick states
-neither orientation, nothing is guessed. A row that makes no sense is reported and the others are kept; what all rows
-share must make sense. In place of the list, ``picks: many.csv`` names a table (:mod:`pinproof.picks.table`) beside this
-file, of any length.
+Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); what its keys mean stands at :class:`Pick` and :class:`Place`.
+``defaults`` fill in what a pick does not state; where a pick states neither orientation, nothing is guessed. A row that
+makes no sense is reported and the others are kept; what all rows share must make sense. In place of the list,
+``picks: many.csv`` names a table (:mod:`pinproof.picks.table`) beside this file, of any length.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -31,10 +46,12 @@ from typing import Any, TypeVar
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import read_obstacle
 from pinproof.collision.shape_file import numbers_of
-from pinproof.description.lined_yaml import LinedMapping, listed, read_yaml, refuse_unknown
-from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
+from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
+from pinproof.errors import FileError, InputError, PicksError
+from pinproof.picks.frames import NamedFrame
+from pinproof.picks.gripper import Fingers
 from pinproof.picks.pick import Pick, PickProblem, Picks
-from pinproof.picks.pick_row import DEFAULT_KEYS, PICK_KEYS, POSE_KEYS, is_turned, make_pick, pick_of_row
+from pinproof.picks.pick_row import DEFAULT_KEYS, PICK_KEYS, POSE_KEYS, is_turned, make_pick, mapping_of, picks_of_row
 from pinproof.picks.source import PickList, PickSource
 from pinproof.picks.table import TABLE_SUFFIX, PickTable
 from pinproof.spatial import SE3, finite, pose
@@ -43,7 +60,11 @@ __all__ = ["open_picks", "read_picks"]
 
 Value = TypeVar("Value")
 
-FILE_KEYS = ("robot", "tcp", "scene", "margin", "home", "tip", "tool", "defaults", "picks")
+FILE_KEYS = (
+    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "frames", "defaults",
+    "picks",
+)  # fmt: skip
+FINGER_KEYS = ("opening", "grip", "axis", "bodies")
 
 
 def read_picks(path: str | Path) -> Picks:
@@ -68,8 +89,8 @@ def open_picks(path: str | Path) -> PickSource:
     Parameters
     ----------
     path
-        The file: YAML, with the keys described in :mod:`pinproof.picks.picks_file`, or a table (CSV) of the columns
-        described in :mod:`pinproof.picks.table`.
+        The file: YAML or JSON, with the keys described in :mod:`pinproof.picks.picks_file`, or a table (CSV) of the
+        columns described in :mod:`pinproof.picks.table`.
 
     Raises
     ------
@@ -79,18 +100,22 @@ def open_picks(path: str | Path) -> PickSource:
     path = Path(path)
     if path.suffix.lower() == TABLE_SUFFIX:
         return PickTable(path)
-    content = read_yaml(path, FILE_KEYS, PicksError)
+    content = read_yaml(path, FILE_KEYS, PicksError, suffixes=(*YAML_SUFFIXES, ".json"))
     refuse_unknown(PicksError, path, "key", content, FILE_KEYS, "")
     stated = content.get("picks", [])
     table = isinstance(stated, str) and Path(stated).suffix.lower() == TABLE_SUFFIX
     rows = [] if table else listed(PicksError, path, "picks", stated)
     if not rows and not table:
         raise PicksError(path, "holds no picks; a list of them stands under 'picks:'")
-    defaults = _shared(path, content, "defaults", {}, _defaults)
+    defaults = _shared(path, content, "defaults", {}, lambda stated: _defaults(stated, path))
     shared = Picks(
         (),
         tip=_shared(path, content, "tip", {}, _tip),
-        tool=_tool(path, content),
+        tool=_bodies(path, content, "tool"),
+        fingers=_fingers(path, content),
+        gripper=tuple(_names(path, content, "gripper")),
+        held=_shared(path, content, "held", {}, _home),
+        frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
         tcp=_text(path, content, "tcp"),
@@ -112,8 +137,7 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: dict[str, Any]) 
     for number, row in enumerate(rows, start=1):
         name = row.get("name") if isinstance(row, dict) else None
         try:
-            picks.append(_pick(path, row, defaults, taken))
-            taken.add(picks[-1].name)
+            picks += _picks(path, row, defaults, taken)
         except (InputError, FileError) as error:
             where = f"line {row.line}: " if isinstance(row, LinedMapping) else ""
             reason = error.reason if isinstance(error, FileError) else str(error)
@@ -131,50 +155,77 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
         raise PicksError(path, str(error), f"{line}key {key}") from error
 
 
-def _mapping(stated: object, keys: tuple[str, ...]) -> dict[str, Any]:
-    """A mapping with none but these keys."""
-    if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping of {', '.join(keys)}")
-    for key in stated:
-        if key not in keys:
-            raise UnknownNameError("key", key, keys)
-    return stated
-
-
-def _defaults(stated: object) -> dict[str, Any]:
+def _defaults(stated: object, path: Path) -> dict[str, Any]:
     """The defaults as stated, after a pick was made of them: what is wrong here would be wrong in every row."""
-    settings = dict(_mapping(stated, DEFAULT_KEYS))
-    make_pick("defaults", {"xyz": [0, 0, 0], **({} if is_turned(settings) else {"rpy": [0, 0, 0]}), **settings})
+    settings = dict(mapping_of("", stated, DEFAULT_KEYS))
+    turned = {} if is_turned(settings) else {"rpy": [0, 0, 0]}
+    make_pick("defaults", {"xyz": [0, 0, 0], "object": "any", **turned, **settings}, path)
     return settings
 
 
-def _pick(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> Pick:
+def _picks(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> list[Pick]:
+    """The picks of a row, their names added to those that are taken."""
     if not isinstance(row, LinedMapping):
         raise InputError(f"{row!r} is no pick; valid keys: {', '.join(PICK_KEYS)}")
     refuse_unknown(PicksError, path, "key", row, PICK_KEYS, "")
     name = row.get("name")
     if not isinstance(name, str) or not name:
         raise InputError(f"has the name {name!r}; a pick needs a name (text, in quotes if it is a number)")
-    if name in taken:
-        raise InputError(f"a second pick is named {name!r}")
-    return pick_of_row(name, row, defaults)
+    made = picks_of_row(name, row, defaults, path)
+    if doubled := next((pick.name for pick in made if pick.name in taken), ""):
+        raise InputError(f"a second pick is named {doubled!r}")
+    taken.update(pick.name for pick in made)
+    return made
+
+
+def _frames(stated: object) -> dict[str, NamedFrame]:
+    if not isinstance(stated, dict):
+        raise InputError(f"holds {stated!r}, not a mapping of names to frames")
+    found = {}
+    for name, frame in stated.items():
+        told = dict(mapping_of(str(name), frame, (*POSE_KEYS, "frame")))
+        parent = told.pop("frame", "")
+        if not isinstance(parent, str):
+            raise InputError(f"{name}: its frame {parent!r} is no name")
+        found[str(name)] = NamedFrame(_tip(told), parent)
+    return found
+
+
+def _fingers(path: Path, content: LinedMapping) -> Fingers | None:
+    if "fingers" not in content:
+        return None
+    told = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGER_KEYS))
+    missing = [key for key in FINGER_KEYS if key not in told and key != "axis"]
+    if missing:
+        raise PicksError(path, f"does not state {' and '.join(missing)}", "key fingers")
+    bodies = _bodies(path, told, "bodies")
+    numbers = {key: numbers_of(key, value) for key, value in told.items() if key != "bodies"}
+    return _shared(path, content, "fingers", {}, lambda _: Fingers(bodies, **numbers))  # type: ignore[arg-type]
+
+
+def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
+    names = listed(PicksError, path, key, content.get(key, []))
+    for name in names:
+        if not isinstance(name, str):
+            raise PicksError(path, f"{name!r} is no name", f"key {key}")
+    return names
 
 
 def _tip(stated: object) -> SE3:
-    return pose(**{name: numbers_of(name, value) for name, value in _mapping(stated, POSE_KEYS).items()})
+    return pose(**{name: numbers_of(name, value) for name, value in mapping_of("", stated, POSE_KEYS).items()})
 
 
-def _tool(path: Path, content: LinedMapping) -> tuple[Obstacle, ...]:
+def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle, ...]:
     bodies = []
-    for number, stated in enumerate(listed(PicksError, path, "tool", content.get("tool", [])), start=1):
+    for number, stated in enumerate(listed(PicksError, path, key, content.get(key, [])), start=1):
         if not isinstance(stated, LinedMapping):
-            raise PicksError(path, f"{stated!r} is no body", f"key tool, #{number}")
+            raise PicksError(path, f"{stated!r} is no body", f"key {key}, #{number}")
         try:
             bodies.append(read_obstacle(path, number, stated))
         except FileError as error:
             raise PicksError(path, error.reason, error.place) from error
         if any(bodies[-1].name == other.name for other in bodies[:-1]):
-            raise PicksError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key tool")
+            raise PicksError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key {key}")
     return tuple(bodies)
 
 

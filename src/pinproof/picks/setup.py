@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.errors import InputError
+from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
 from pinproof.picks.identity import digest
-from pinproof.picks.judge import contact_words, judge
+from pinproof.picks.judge import judge
 from pinproof.picks.pick import Pick, Picks
+from pinproof.picks.settings import PickBudget, PickWeights
+from pinproof.picks.stages.cell import Cell
+from pinproof.picks.stages.grasp import contact_words
 from pinproof.picks.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy
 
 __all__ = ["PickSetup"]
+
+
+HELD_TOLERANCE = 1e-9
+"""rad or m: two values of a held joint that differ by less are one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,25 +50,52 @@ class PickSetup:
     home: npt.NDArray[np.float64]
     seeds: np.random.SeedSequence
     first_stream: int = 0
+    weights: PickWeights = field(default_factory=PickWeights)
+    budget: PickBudget = field(default_factory=PickBudget)
 
     @classmethod
-    def make(cls, arm: Arm, scene: Scene, picks: Picks, *, home: npt.ArrayLike | None, rng: Rng) -> PickSetup:
+    def make(
+        cls,
+        arm: Arm,
+        scene: Scene,
+        picks: Picks,
+        *,
+        home: npt.ArrayLike | None,
+        rng: Rng,
+        weights: PickWeights | None = None,
+        budget: PickBudget | None = None,
+    ) -> PickSetup:
         """Bring it all together; ``home`` is by default the one of the picks, else the arm's.
 
         Raises
         ------
         InputError
-            If home is outside the limits or in contact (with what), or names joints the arm does not have; or if a
-            joint has no velocity limit, without which no motion can be timed.
+            If home is outside the limits or in contact (with what), or names joints the arm does not have; if a joint
+            has no velocity limit, without which no motion can be timed; or if the arm holds other joints elsewhere than
+            the picks say, or has no link that they call part of the gripper.
         """
         _refuse_untimed(arm)
-        checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.tool)
+        _refuse_another_hand(arm, picks)
+        checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         start = arm.configuration(picks.home_configuration(arm.joint_names, arm.home) if home is None else home, "home")
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
         if trouble:
             raise InputError(f"home cannot be a start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
-        return cls(checker, replace(picks, picks=(), problems=()), start, seeds, seeds.n_children_spawned)
+        return cls(
+            checker,
+            replace(picks, picks=(), problems=()),
+            start,
+            seeds,
+            seeds.n_children_spawned,
+            weights or PickWeights(),
+            budget or PickBudget(),
+        )
+
+    @cached_property
+    def cell(self) -> Cell:
+        """What every pick is judged in."""
+        return Cell(self.checker, self.shared, self.home, self.weights, self.budget)
 
     def rng(self, index: int) -> np.random.Generator:
         """The random stream of the pick at ``index``: its own, wherever and whenever it is judged."""
@@ -71,7 +106,7 @@ class PickSetup:
 
     def judge(self, index: int, pick: Pick) -> PickVerdict:
         """The verdict on the pick that stands at ``index``."""
-        return judge(pick, self.shared, self.checker, self.home, self.rng(index))
+        return judge(pick, self.cell, self.rng(index))
 
     def not_covered(self) -> tuple[str, ...]:
         """What a yes says nothing about, so that nobody takes it for more than it is."""
@@ -79,7 +114,9 @@ class PickSetup:
         urdf = checker.arm.robot.urdf
         solid = {geometry.link for geometry in urdf.collisions}
         ghosts = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
-        notes = ["what is picked is not carried: the way from the grasp on is judged for the empty tool"]
+        notes = [
+            "what is picked is not carried where a pick names no object: from the grasp on the empty tool is judged"
+        ]
         if not solid:
             notes.append("the robot has no collision geometry: its links touch nothing whatever they meet")
         elif ghosts:
@@ -107,7 +144,21 @@ class PickSetup:
             "collision checks": self.checker.fingerprint()[:16],
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
+            "hand": digest((self.shared.fingers, self.shared.gripper)),
+            "frames": digest(self.shared.frames),
+            "judged by": digest((self.weights, self.budget)),
         }
+
+
+def _refuse_another_hand(arm: Arm, picks: Picks) -> None:
+    for name, value in picks.held.items():
+        if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
+            at = f"at {arm.held[name]:g}" if name in arm.held else "does not hold it"
+            said = f"the picks hold {name} at {value:g}, the arm {at}"
+            raise InputError(f"{said}; make it with robot.arm(held=picks.held)")
+    for name in picks.gripper:
+        if name not in arm.robot.urdf.links:
+            raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
 
 
 def _refuse_untimed(arm: Arm) -> None:

@@ -7,8 +7,11 @@
     bolt_2,0.48,0.15,0.035,pi,0,0,
 
 One line a pick; a cell that is empty, and a column that is not there, are as if not stated. Lines that are empty or
-start with ``#`` are skipped. An orientation is either ``roll,pitch,yaw`` or ``qx,qy,qz,qw``; the retreat's direction is
-``retreat_x,retreat_y,retreat_z``. A pick without a name is called after its row.
+start with ``#`` are skipped. An orientation is either ``roll,pitch,yaw`` or ``qx,qy,qz,qw``; directions are
+``approach_x,approach_y,approach_z`` and ``retreat_x,...``. Further columns: ``frame``, ``approach_frame``,
+``retreat_frame``, ``spin`` (``free`` or an angle), ``object`` and ``support`` (names), and of a place ``place_x``, ...,
+``place_yaw``, ``place_frame``, ``place_approach``, ``place_retreat``, ``place_support``. A pick without a name is
+called after its row.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ import numpy as np
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.identity import digest
 from pinproof.picks.pick import Pick, PickProblem, Picks
-from pinproof.picks.pick_row import pick_of_row
+from pinproof.picks.pick_row import picks_of_row
 from pinproof.picks.source import PickSource
 
 __all__ = ["TABLE_SUFFIX", "PickTable"]
@@ -38,9 +41,22 @@ KEYS = {
     "xyz": ("x", "y", "z"),
     "rpy": ("roll", "pitch", "yaw"),
     "quat_xyzw": ("qx", "qy", "qz", "qw"),
+    "frame": ("frame",),
     "approach": ("approach",),
+    "approach_direction": ("approach_x", "approach_y", "approach_z"),
+    "approach_frame": ("approach_frame",),
     "retreat": ("retreat",),
     "retreat_direction": ("retreat_x", "retreat_y", "retreat_z"),
+    "retreat_frame": ("retreat_frame",),
+    "spin": ("spin",),
+    "object": ("object",),
+    "support": ("support",),
+    "place.xyz": ("place_x", "place_y", "place_z"),
+    "place.rpy": ("place_roll", "place_pitch", "place_yaw"),
+    "place.frame": ("place_frame",),
+    "place.approach": ("place_approach",),
+    "place.retreat": ("place_retreat",),
+    "place.support": ("place_support",),
 }
 """What a row may state, and the columns that state it."""
 
@@ -114,7 +130,7 @@ class PickTable(PickSource):
         except OSError as error:
             raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
         repeated = self._repeated & set(range(start, stop)) if self._repeated else frozenset()
-        return _TablePart(self._columns, self._defaults, text, start, frozenset(repeated))
+        return _TablePart(self.path, self._columns, self._defaults, text, start, frozenset(repeated))
 
     def _header(self, file: Any, content: Any) -> tuple[tuple[str, ...], int]:
         """The columns, and where the lines after them begin."""
@@ -142,7 +158,7 @@ class PickTable(PickSource):
         first: dict[str, int] = {}
         repeated = set()
         for place in np.unique(np.concatenate([order[same], order[same + 1]])).tolist():  # by name, not by hash
-            name = next(iter(_TablePart(self._columns, self._defaults, self._line(place), place))).name
+            name = next(iter(_TablePart(self.path, self._columns, self._defaults, self._line(place), place))).name
             if first.setdefault(name, place) != place:
                 repeated.add(place)
         return frozenset(repeated)
@@ -155,6 +171,7 @@ class PickTable(PickSource):
 
 @dataclass(frozen=True, eq=False)
 class _TablePart:
+    path: Path
     columns: tuple[str, ...]
     defaults: Mapping[str, Any]
     text: bytes
@@ -172,7 +189,7 @@ class _TablePart:
                     raise InputError("is no line of a CSV file in UTF-8")
                 if place in self.repeated:
                     raise InputError(f"a second pick is named {name!r}")
-                yield pick_of_row(name, _stated(where, len(self.columns), cells), self.defaults)
+                yield from picks_of_row(name, _stated(where, len(self.columns), cells), self.defaults, self.path)
             except InputError as error:
                 yield PickProblem(place + 1, name, str(error))
 
@@ -208,7 +225,8 @@ def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dic
             continue
         if not all(values):
             raise InputError(f"states only a part of {', '.join(KEYS[key])}")
-        stated[key] = values if len(values) > 1 else values[0]
+        into, _, own = key.rpartition(".")
+        (stated.setdefault(into, {}) if into else stated)[own] = values if len(values) > 1 else values[0]
     return stated
 
 

@@ -15,6 +15,7 @@ from pinproof.model import Arm
 from pinproof.picks.campaign.crew import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.report.report import PickReport
+from pinproof.picks.settings import PickBudget, PickWeights
 from pinproof.picks.setup import PickSetup
 from pinproof.picks.verdict import PickVerdict
 
@@ -31,8 +32,10 @@ def validate_picks(
     executor: Workers | None = None,
     workers: int | None = None,
     in_flight: int = IN_FLIGHT,
+    weights: PickWeights | None = None,
+    budget: PickBudget | None = None,
 ) -> PickReport:
-    """Judge every pick: reachable, inside limits, free at the grasp, straight approach and retreat, transit from home.
+    """Judge every pick through all stages, from reach to the timed and certified motion.
 
     For many thousands of picks there is :class:`pinproof.Campaign`, which holds neither picks nor verdicts in memory.
 
@@ -55,16 +58,19 @@ def validate_picks(
         Judge them in so many processes of this machine, without an executor.
     in_flight
         How many chunks of picks are handed to ``executor`` at a time.
+    weights
+        How whole picks are compared.
+    budget
+        How much is tried for each pick.
 
     Raises
     ------
     InputError
-        If home is outside the limits or in contact (with what), or names joints the arm does not have; or if a joint
-        has no velocity limit, without which no motion can be timed.
+        As :meth:`PickSetup.make`.
     CampaignError
         If the workers of the executor cannot work, or die of a pick.
     """
-    setup = PickSetup.make(arm, scene, picks, home=home, rng=rng)
+    setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
     seed_sequence(rng).spawn(len(picks))  # the streams that are used here; a Generator gives the next call others
     task = _VerdictTask(setup)
     if executor is None and workers is None:

@@ -1,50 +1,85 @@
-"""What is said of a pick: stage by stage, with the motion if it is good."""
+"""What is said of a pick: stage by stage, with numbers and reasons, and with the motions if it is good."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate
+from pinproof.collision import Certificate, Obstacle, Scene
 from pinproof.motion import Trajectory
 from pinproof.picks.pick import Pick
 
-__all__ = ["PickStatus", "PickVerdict", "Stage", "StageResult"]
+__all__ = ["PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
 
 
 class Stage(Enum):
     """The stages of a pick, in the order in which they are judged."""
 
+    INPUT = "input"
     REACH = "reach"
     LIMITS = "limits"
+    SELF = "self-collision"
     GRASP = "grasp"
     APPROACH = "approach"
     RETREAT = "retreat"
     TRANSIT = "transit"
-    MOTION = "motion"
+    PLACE = "place"
+    TIMING = "timing"
 
 
 class PickStatus(Enum):
-    """The verdict on a pick.
-
-    GOOD carries a certified, timed motion. NOT_FOUND means that no way was found among the configurations tried; there
-    may be another, since configurations are sampled.
-    """
+    """The verdict on a pick."""
 
     GOOD = "good"
+    """It carries certified, timed motions."""
+    IMPOSSIBLE = "impossible"
+    """Every configuration of every grasp asked for was enumerated in closed form, and each is refuted by name."""
     NOT_FOUND = "not found"
+    """No way was found within the budget that the reason names; there may be one."""
+    UNREADABLE = "unreadable"
+    """What it states makes no sense in this scene, with this robot."""
+    CRASHED = "crashed"
+    """It could not be judged: the judge failed, or its process died."""
 
 
 @dataclass(frozen=True)
 class StageResult:
-    """One stage: whether it is passed, and the reason or the figures."""
+    """One stage: whether it is passed, the reason, and its figures (m, rad, s and counts, by name)."""
 
     stage: Stage
     ok: bool
     message: str
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PickMotion:
+    """A part of a pick's motion along which what is carried, and what stands around, stay the same.
+
+    Parameters
+    ----------
+    name
+        ``"pick"``, the only one of a pick that names no object; else ``"transit"``, ``"approach"``, ``"retreat"``,
+        ``"transfer"``, ``"place"``, ``"leave"``.
+    trajectory
+        From rest to rest.
+    certificate
+        FREE, for exactly this trajectory; of ``"place"``, proven of the motion run backwards.
+    attached
+        What moves with the tcp: tool, fingers, object; poses are ``tcp_from_body``.
+    scene
+        What stands around.
+    """
+
+    name: str
+    trajectory: Trajectory
+    certificate: Certificate
+    attached: tuple[Obstacle, ...]
+    scene: Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,29 +91,48 @@ class PickVerdict:
     pick
         The pick.
     status
-        GOOD or NOT_FOUND.
+        The kind of answer.
     stages
-        Every stage that was judged, for the best configuration; the last is the one that failed, if any did.
+        Every stage that was judged, for the way that came farthest; the last is the one that failed, if any did.
     configurations
         How many different configurations at the grasp were tried.
     q_grasp
         (n,) the configuration at the grasp; None unless GOOD.
     trajectory
-        From home over approach and grasp to the end of the retreat; None unless GOOD.
+        All motions joined, at rest where they meet; None unless GOOD.
     grasp_time
         Seconds from the start of the trajectory to the grasp.
     certificate
-        FREE, for exactly the trajectory; None unless GOOD.
+        FREE, for exactly the trajectory, of a good pick that names no object. With one, what moves changes on the way,
+        and each of ``motions`` has its own.
+    motions
+        The parts in order; none unless GOOD.
+    release_time
+        Seconds to where the object is let go; None without a place.
+    remedy
+        The nearest change that was found to pass the stage that failed, in words; empty if none was.
+    refuted
+        Why each configuration is out, if the pick is IMPOSSIBLE: one line each.
+    member
+        How the grasp differs from the nominal one of its family, in words.
+    score
+        The parts by which it was ranked and their weighted sum, of a good pick.
     """
 
     pick: Pick
     status: PickStatus
     stages: tuple[StageResult, ...]
-    configurations: int
+    configurations: int = 0
     q_grasp: npt.NDArray[np.float64] | None = None
     trajectory: Trajectory | None = None
     grasp_time: float | None = None
     certificate: Certificate | None = None
+    motions: tuple[PickMotion, ...] = ()
+    release_time: float | None = None
+    remedy: str = ""
+    refuted: tuple[str, ...] = ()
+    member: str = ""
+    score: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.q_grasp is not None:
@@ -100,3 +154,8 @@ class PickVerdict:
     def reason(self) -> str:
         """The message of the last stage judged."""
         return self.stages[-1].message
+
+    @property
+    def clearance(self) -> float:
+        """Metres: the least that is proven of any of the motions; NaN unless GOOD."""
+        return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -28,6 +30,7 @@ def plan_linear(
     translation_step: float = 0.05,
     rotation_step: float = 0.2,
     max_joint_step: float = 0.3,
+    parting: Sequence[tuple[str, str]] = (),
 ) -> LinearMove:
     """Move the tcp from where it is at ``start`` straight to ``target``.
 
@@ -55,6 +58,8 @@ def plan_linear(
     max_joint_step
         Largest joint step (rad or m) between solved poses. They are put closer together until it holds, to a 64th of
         the steps; where that is not enough, it is a jump.
+    parting
+        Pairs that may touch at the start, as for :func:`pinproof.certify`.
 
     Raises
     ------
@@ -80,12 +85,12 @@ def plan_linear(
         names = tuple(arm.joint_names[joint] for joint in beyond)
         return LinearMove(LinearStatus.LIMIT, None, None, 0.0, said, joints=names)
     here = arm.forward_kinematics(first)
-    return _judged(following.walk(Route.straight(here, aimed(here, last, asked)), first), checker)
+    return _judged(following.walk(Route.straight(here, aimed(here, last, asked)), first), checker, parting)
 
 
-def _judged(walked: Walked, checker: CollisionChecker) -> LinearMove:
+def _judged(walked: Walked, checker: CollisionChecker, parting: Sequence[tuple[str, str]]) -> LinearMove:
     """The move as far as it was walked, unless a contact ends it before."""
-    certificate = certify(walked.path, checker)
+    certificate = certify(walked.path, checker, parting=parting)
     if not certificate.free:
         return _touching(certificate)
     if walked.status is not LinearStatus.COMPLETE:

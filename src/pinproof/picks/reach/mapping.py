@@ -9,10 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.errors import InputError, NoClosedForm
+from pinproof.errors import InputError
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.ik.settings import whole
 from pinproof.model import Arm
+from pinproof.picks.configurations import has_closed_form, manipulability
 from pinproof.picks.reach.reach_map import ReachMap
 from pinproof.picks.reach.region import Region
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
@@ -78,7 +79,7 @@ def reach_map(
     arm = checker.arm
     tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))
     before, after = np.linalg.inv(matrix(arm.root_from_base)), np.linalg.inv(tcp_from_tip)
-    solver = _Closed(checker) if _has_closed_form(arm) else _Searched(checker, attempts, rng)
+    solver = _Closed(checker) if has_closed_form(arm) else _Searched(checker, attempts, rng)
     points, m = len(region), len(frames)
     total = points * m
     reachable, free = np.zeros(total, dtype=bool), np.zeros(total, dtype=bool)
@@ -121,17 +122,6 @@ def _frames(orientations: npt.ArrayLike) -> Array:
     return rigid_many("orientations", frames)
 
 
-def _has_closed_form(arm: Arm) -> bool:
-    """Whether every branch is told; arms of seven are swept, which a search outruns."""
-    if arm.dof > 6:
-        return False
-    try:
-        AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(arm.home[None]))
-    except NoClosedForm:
-        return False
-    return True
-
-
 class _Judge:
     """What both ways share: the figures of configurations that were found free."""
 
@@ -143,13 +133,6 @@ class _Judge:
     def judge(self, targets: Array) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_], Array]:
         """Of targets (N, 4, 4) ``base_from_tcp``: reachable (N,), free (N,), manipulability and clearance (N, 2)."""
         raise NotImplementedError
-
-    def _manipulability(self, Q: Array) -> Array:
-        from pinproof.kernels.manipulability import manipulability_many
-
-        out = np.empty(len(Q))
-        manipulability_many(self._arm.packed, Q, out)
-        return out
 
 
 class _Closed(_Judge):
@@ -165,7 +148,7 @@ class _Closed(_Judge):
         figures, free = np.full((len(targets), 2), np.nan), np.zeros(len(targets), dtype=bool)
         row, Q = row[fine], Q[fine]
         if len(Q):
-            volume = self._manipulability(Q)
+            volume = manipulability(self._arm, Q)
             order = np.lexsort((-volume, row))
             first = order[np.unique(row[order], return_index=True)[1]]  # the most manipulable of each target
             free[row[first]] = True
@@ -197,7 +180,7 @@ class _Searched(_Judge):
             rows, Q = rows[fine], Q[fine]
             if len(rows):
                 free[rows] = True
-                figures[rows, 0], figures[rows, 1] = self._manipulability(Q), self._checker.clearance_batch(Q)
+                figures[rows, 0], figures[rows, 1] = manipulability(self._arm, Q), self._checker.clearance_batch(Q)
             # what the first search did not reach, with all its restarts, another start would hardly reach either
             open_rows = np.flatnonzero(reachable & ~free)
             if not len(open_rows):

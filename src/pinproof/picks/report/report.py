@@ -75,7 +75,7 @@ class PickReport:
             if verdict.failed is not None:
                 stages[verdict.failed.value] = stages.get(verdict.failed.value, 0) + 1
         if self.problems:
-            stages["input"] = len(self.problems)
+            stages["input"] = stages.get("input", 0) + len(self.problems)
         failed = ", ".join(f"{count} at {stage}" for stage, count in stages.items())
         return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "")
 

@@ -1,0 +1,76 @@
+"""What all picks of a list are judged in: the arm, the scene, the open and the closed hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker
+from pinproof.model import Arm, JointLimits
+from pinproof.picks.configurations import has_closed_form
+from pinproof.picks.pick import Picks
+from pinproof.picks.settings import PickBudget, PickWeights
+
+__all__ = ["Cell"]
+
+BEYOND = 2 * np.pi, 0.5
+"""rad and m by which limits are widened to tell whether they alone stand in the way."""
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The arm in its scene.
+
+    Parameters
+    ----------
+    checker
+        With the tool attached, fingers apart.
+    shared
+        What the picks share.
+    home
+        (n,) where transits start.
+    weights, budget
+        How picks are compared, and how much is tried.
+    """
+
+    checker: CollisionChecker
+    shared: Picks
+    home: npt.NDArray[np.float64]
+    weights: PickWeights = field(default_factory=PickWeights)
+    budget: PickBudget = field(default_factory=PickBudget)
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self.checker.arm
+
+    @cached_property
+    def closed_hand(self) -> CollisionChecker:
+        """The same with the fingers on the object."""
+        fingers = self.shared.fingers
+        if fingers is None:
+            return self.checker
+        bare = CollisionChecker(self.arm, self.checker.scene, margin=self.checker.margin)
+        return bare.with_attached(*self.shared.tool, *fingers.gripping())
+
+    @cached_property
+    def hand(self) -> tuple[str, ...]:
+        """The names of all that may touch what is grasped."""
+        return (*(body.name for body in self.shared.open_tool), *self.shared.gripper)
+
+    @cached_property
+    def wide_arm(self) -> Arm:
+        """The arm under limits that are a turn, or half a metre, wider on either side."""
+        limits = self.arm.limits
+        beyond = BEYOND[0] * self.arm.angular + BEYOND[1] * ~self.arm.angular
+        return self.arm.with_limits(
+            JointLimits(limits.lower - beyond, limits.upper + beyond, limits.velocity, limits.acceleration)
+        )
+
+    @cached_property
+    def closed_form(self) -> bool:
+        """Whether every branch of a pose can be told."""
+        return has_closed_form(self.arm)

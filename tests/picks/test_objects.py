@@ -1,0 +1,169 @@
+"""What is grasped is carried: it leaves its support, sweeps through the scene, is put down; each motion is proven."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.picks import PickStatus, Stage
+
+DOWN = (np.pi, 0, 0)
+TIP = 0.105
+QUICK = pp.PickBudget(compared=1, remedies=0)
+
+
+def table() -> pp.Obstacle:
+    return pp.Obstacle("table", pp.Box(1.6, 1.2, 0.04), pp.pose((0.35, 0, -0.025)))
+
+
+def bolt(x: float, y: float, z: float = 0.015) -> pp.Obstacle:
+    return pp.Obstacle("bolt", pp.Cylinder(radius=0.008, length=0.04), pp.pose((x, y, z)))
+
+
+PICK = pp.Pick("bolt", pp.pose((0.45, 0.15, 0.035), DOWN), carried="bolt")
+
+
+@pytest.fixture(scope="module")
+def arm(arms) -> pp.Arm:
+    return arms["ur5"]
+
+
+def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **shared) -> pp.PickVerdict:
+    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
+    scene = pp.Scene([table(), bolt(0.45, 0.15), *obstacles], allowed=[("base_link", "table")])
+    settings = {"tip": pp.pose((0, 0, TIP)), "tool": (picker,), "margin": 0.002, **shared}
+    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **settings), budget=QUICK).verdicts
+    return verdict
+
+
+def recheck(verdict: pp.PickVerdict, arm: pp.Arm) -> None:
+    """Each motion by a fresh checker at dense samples, and that they join."""
+    assert verdict.ok, verdict.reason
+    assert verdict.certificate is None
+    ends = [motion.trajectory.end for motion in verdict.motions]
+    for motion, before in zip(verdict.motions[1:], ends, strict=False):
+        np.testing.assert_allclose(motion.trajectory.start, before, atol=1e-9)
+    for motion in verdict.motions:
+        assert motion.certificate.free
+        assert motion.certificate.matches(motion.trajectory, arm, motion.scene, motion.attached)
+        allowed = [parting.bodies for parting in motion.certificate.partings]
+        hand = [("picker", "bolt")] if any(each.name == "bolt" for each in motion.attached) else []
+        checker = pp.CollisionChecker(arm, motion.scene, attached=motion.attached, allowed=[*allowed, *hand])
+        assert all(checker.is_free_batch(motion.trajectory(np.linspace(0.0, motion.trajectory.duration, 120))))
+    whole = sum(motion.trajectory.duration for motion in verdict.motions)
+    assert verdict.trajectory.duration == pytest.approx(whole, abs=1e-6)
+
+
+def test_an_object_is_lifted_off_what_it_stands_on(arm) -> None:
+    verdict = judge(arm, PICK)
+    recheck(verdict, arm)
+    assert [motion.name for motion in verdict.motions] == ["transit", "approach", "retreat"]
+    transit, approach, retreat = verdict.motions
+    assert "bolt" in transit.scene.names
+    assert "bolt" in approach.scene.names
+    assert "bolt" not in retreat.scene.names
+    assert [parting.bodies for parting in retreat.certificate.partings] == [("bolt", "table")]
+    held = next(each for each in retreat.attached if each.name == "bolt")
+    at = arm.root_from_base * arm.forward_kinematics(verdict.q_grasp) * held.pose
+    np.testing.assert_allclose(at.translation, (0.45, 0.15, 0.015), atol=1e-6)
+    assert verdict.grasp_time == pytest.approx(transit.trajectory.duration + approach.trajectory.duration, abs=1e-6)
+
+
+def test_an_object_is_put_where_it_is_told(arm) -> None:
+    place = pp.Place(pp.pose((0.42, -0.35, 0.035), DOWN))
+    verdict = judge(arm, replace(PICK, place=place))
+    recheck(verdict, arm)
+    assert [motion.name for motion in verdict.motions][3:] == ["transfer", "place", "leave"]
+    leave = verdict.motions[-1]
+    np.testing.assert_allclose(leave.scene["bolt"].pose.translation, (0.42, -0.35, 0.015), atol=1e-6)
+    at = arm.root_from_base * arm.forward_kinematics(verdict.trajectory(verdict.release_time)) * pp.pose((0, 0, TIP))
+    np.testing.assert_allclose(at.translation, (0.42, -0.35, 0.035), atol=1e-5)
+    assert [parting.bodies for parting in verdict.motions[4].certificate.partings] == [("bolt", "table")]
+
+
+def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
+    verdict = judge(arm, replace(PICK, place=pp.Place(pp.pose((1.4, 0, 0.035), DOWN))))
+    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
+    assert "no configuration" in verdict.reason
+
+
+def test_what_is_carried_is_swept_not_only_the_tool(arm) -> None:
+    # A lintel over the bolt, beside the tool's way up: only a wide object meets it.
+    wide = pp.Obstacle("plate", pp.Box(0.02, 0.2, 0.01), pp.pose((0, 0.0, 0.006)))
+    lintel = pp.Obstacle("lintel", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, -0.1 + 0.16, 0.12)))
+    here = pp.Pick("plate", pp.pose((0.45, -0.02, 0.06), DOWN), carried=None)
+    free = judge(arm, here, lintel)
+    assert free.ok
+    verdict = judge(arm, replace(here, carried=wide), lintel)
+    assert verdict.failed is Stage.RETREAT
+    assert "plate" in verdict.reason
+    assert "lintel" in verdict.reason
+
+
+def test_dragging_an_object_over_its_support_is_no_way(arm) -> None:
+    verdict = judge(arm, replace(PICK, retreat_direction=(1, 0, 0)))
+    assert verdict.failed is Stage.RETREAT
+    assert "bolt" in verdict.reason
+    assert "table" in verdict.reason
+
+
+def test_an_object_may_touch_the_hand_from_the_approach_on_and_no_sooner(arm) -> None:
+    # The tip inside the picker: at the grasp the bolt's head is pressed into its end by 1 mm.
+    pressed = {"tip": pp.pose((0, 0, 0.099))}
+    assert judge(arm, PICK, **pressed).ok
+    without = judge(arm, replace(PICK, carried=None), **pressed)
+    assert without.failed is Stage.GRASP
+    assert "picker penetrates bolt" in without.reason
+
+
+def test_fingers_stand_apart_before_the_grasp_and_on_the_object_after_it(arm) -> None:
+    jaw = pp.Box(0.02, 0.01, 0.06)
+    pair = (
+        pp.Obstacle("left", jaw, pp.pose((0, 0.005, 0.13))),
+        pp.Obstacle("right", jaw, pp.pose((0, -0.005, 0.13))),
+    )
+    fingers = pp.Fingers(pair, opening=0.06, grip=0.016)
+    low = replace(PICK, pose=pp.pose((0.45, 0.15, 0.03), DOWN))
+    verdict = judge(arm, low, fingers=fingers, tip=pp.pose((0, 0, 0.15)))
+    assert verdict.ok, verdict.reason
+
+    def gap(motion: pp.PickMotion) -> float:
+        left, right = (next(each for each in motion.attached if each.name == name) for name in ("left", "right"))
+        return float(left.pose.translation[1] - right.pose.translation[1]) - 0.01
+
+    assert [round(gap(motion), 9) for motion in verdict.motions] == [0.06, 0.06, 0.016]
+    wall = pp.Obstacle("wall", pp.Box(0.2, 0.01, 0.06), pp.pose((0.45, 0.19, 0.03)))
+    assert judge(arm, low, wall, fingers=fingers, tip=pp.pose((0, 0, 0.15))).failed is Stage.GRASP
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"carried": "screw"}, "unknown object 'screw'"),
+        ({"support": "shelf"}, "unknown support 'shelf'"),
+        ({"frame": "pallet"}, "unknown frame 'pallet'"),
+        ({"frame": "wrist_3_link"}, "moves; poses of picks need one at rest"),
+    ],
+)
+def test_what_makes_no_sense_in_the_cell_is_a_verdict_at_the_input(arm, change, said: str) -> None:
+    verdict = judge(arm, replace(PICK, **change))
+    assert (verdict.status, verdict.failed) == (PickStatus.UNREADABLE, Stage.INPUT)
+    assert said in verdict.reason
+
+
+def test_a_pose_in_the_frame_of_an_obstacle_is_the_same_pick(arm) -> None:
+    there = replace(PICK, frame="bolt", pose=pp.pose((0, 0, 0.02), DOWN))
+    one, other = judge(arm, PICK), judge(arm, there)
+    assert one.ok
+    np.testing.assert_allclose(one.q_grasp, other.q_grasp, atol=1e-9)
+
+
+def test_frames_hang_on_each_other_and_not_in_circles(arm) -> None:
+    frames = {"tray": pp.NamedFrame(pp.pose((0.45, 0.15, 0)), "rack"), "rack": pp.NamedFrame(pp.pose((0, 0, 0.035)))}
+    there = replace(PICK, frame="tray", pose=pp.pose((0, 0, 0), DOWN))
+    np.testing.assert_allclose(judge(arm, there, frames=frames).q_grasp, judge(arm, PICK).q_grasp, atol=1e-9)
+    circle = {"tray": pp.NamedFrame(pp.pose(), "rack"), "rack": pp.NamedFrame(pp.pose(), "tray")}
+    assert "in a circle" in judge(arm, there, frames=circle).reason

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import pinproof as pp
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
+from pinproof.picks.identity import digest
 
 GOOD_ROW = "{name: fine, xyz: [0.4, 0.1, 0.2]}"
 
@@ -192,3 +195,69 @@ def test_approach_and_retreat_are_measured_from_the_grasp() -> None:
     np.testing.assert_allclose(pick.retreat_pose().translation, [1, 2, 3.3], atol=1e-15)
     for pose in (pick.approach_pose(), pick.retreat_pose()):
         np.testing.assert_array_equal(pose.rotation, pick.pose.rotation)
+
+
+def test_yaml_json_and_csv_state_the_same_picks(tmp_path: Path) -> None:
+    one = {"name": "a", "xyz": [0.4, 0.1, 0.2], "rpy": [0, 0, 1], "frame": "tray", "spin": "free", "object": "bolt"}
+    two = {"name": "b", "xyz": [0.4, 0.2, 0.2], "rpy": [0, 0, 0], "approach_direction": [0, 1, 0], "object": "nut"}
+    two["place"] = {"xyz": [0, 0.3, 0.1], "rpy": [0, 0, 0], "frame": "tray", "approach": 0.05}
+    (tmp_path / "picks.json").write_text(json.dumps({"picks": [one, two]}))
+    (tmp_path / "picks.yaml").write_text(yaml.safe_dump({"picks": [one, two]}))
+    (tmp_path / "picks.csv").write_text(
+        "name,x,y,z,roll,pitch,yaw,frame,spin,object,approach_x,approach_y,approach_z,"
+        "place_x,place_y,place_z,place_roll,place_pitch,place_yaw,place_frame,place_approach\n"
+        "a,0.4,0.1,0.2,0,0,1,tray,free,bolt,,,,,,,,,,,\n"
+        "b,0.4,0.2,0.2,0,0,0,,,nut,0,1,0,0,0.3,0.1,0,0,0,tray,0.05\n"
+    )
+    read = [pp.read_picks(tmp_path / f"picks.{kind}") for kind in ("yaml", "json", "csv")]
+    assert [picks.problems for picks in read] == [()] * 3
+    assert [pick.name for pick in read[0]] == ["a", "b"]
+    assert len({digest(picks.picks) for picks in read}) == 1
+
+
+def test_a_pattern_makes_many_picks_each_with_its_own_object(write) -> None:
+    grid = "pattern: {grid: {counts: [2, 3, 1], step: [0.1, 0.05, 0]}}"
+    picks = pp.read_picks(write(f"{{name: bolt, xyz: [0.4, 0.1, 0.2], object: 'bolt_{{i}}_{{j}}', {grid}}}"))
+    assert picks.problems == ()
+    assert [pick.name for pick in picks] == [f"bolt[{i},{j}]" for i in range(2) for j in range(3)]
+    assert picks.picks[5].carried == "bolt_1_2"
+    np.testing.assert_allclose(picks.picks[5].pose.translation, [0.5, 0.2, 0.2], atol=1e-15)
+
+
+def test_hand_and_frames_are_read(write) -> None:
+    jaw = "box: [0.02, 0.01, 0.06]"
+    shared = f"""
+held: {{panda_finger_joint1: 0.04}}
+gripper: [panda_leftfinger]
+fingers: {{opening: 0.08, grip: 0.02, bodies: [{{name: l, {jaw}}}, {{name: r, {jaw}}}]}}
+frames: {{tray: {{xyz: [0.4, 0, 0], frame: table}}}}
+defaults: {{rpy: [pi, 0, 0]}}"""
+    row = "{name: a, frame: tray, xyz: [0, 0, 0], object: {box: [0.02, 0.02, 0.02]}, tolerance: {tilt: 0.1}}"
+    picks = pp.read_picks(write(row, shared=shared))
+    assert picks.problems == ()
+    assert (dict(picks.held), picks.gripper) == ({"panda_finger_joint1": 0.04}, ("panda_leftfinger",))
+    assert [float(body.pose.translation[1]) for body in picks.open_tool] == [0.04, -0.04]
+    assert picks.frames["tray"].frame == "table"
+    (pick,) = picks
+    assert pick.carried.shape == pp.Box(0.02, 0.02, 0.02)
+    assert pick.tolerance.tilt == 0.1
+
+
+@pytest.mark.parametrize(
+    ("row", "reason"),
+    [
+        ("spin: fast", "'fast' is not a number"),
+        ("spin: {range: [1, 0]}", "it goes upwards"),
+        ("tolerance: {tilt: -1}", "they are 0 or more"),
+        ("retreat_frame: base", "unknown retreat_frame 'base'"),
+        ("place: {xyz: [0, 0, 0], rpy: [0, 0, 0]}", "no object to put"),
+        ("object: a, place: {xyz: [0, 0, 0]}", "place does not state"),
+        ("object: {box: [1, 1]}", "box must have the shape (3,)"),
+        ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "a whole number above 0"),
+        ("pattern: {ring: 3}", "unknown key of pattern 'ring'"),
+    ],
+)
+def test_what_is_wrong_with_a_family_or_an_object_is_told(write, row: str, reason: str) -> None:
+    picks = pp.read_picks(write(GOOD_ROW, f"{{name: bad, xyz: [0, 0, 0], {row}}}"))
+    assert [pick.name for pick in picks] == ["fine"]
+    assert reason in picks.problems[0].reason

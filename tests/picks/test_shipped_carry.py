@@ -1,0 +1,50 @@
+"""The cell in which bolts are carried: each pick is good, or fails where it was built to and as surely as can be."""
+
+from __future__ import annotations
+
+import pytest
+
+import pinproof as pp
+from pinproof.description import robots_folder
+from pinproof.picks import PickStatus, Stage
+
+EXPECTED = {
+    "over_the_wall": (PickStatus.GOOD, None, ""),
+    "any_turn": (PickStatus.GOOD, None, ""),
+    "dragged": (PickStatus.IMPOSSIBLE, Stage.RETREAT, "bolt_1"),
+    "too_high": (PickStatus.IMPOSSIBLE, Stage.APPROACH, "of 900 mm"),
+    "in_the_corner": (PickStatus.NOT_FOUND, Stage.GRASP, "picker penetrates bin_"),
+    "too_far": (PickStatus.NOT_FOUND, Stage.PLACE, "no configuration was found"),
+    "missing": (PickStatus.UNREADABLE, Stage.INPUT, "unknown object 'bolt_9'"),
+}
+
+
+@pytest.fixture(scope="module")
+def report(arms, cells) -> pp.PickReport:
+    picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
+    return pp.validate_picks(arms["ur5"], cells["ur5"][0], picks, budget=pp.PickBudget(remedies=2))
+
+
+def test_each_is_judged_as_it_was_built(report) -> None:
+    found = {v.pick.name: (v.status, v.failed) for v in report.verdicts}
+    assert found == {name: expected[:2] for name, expected in EXPECTED.items()}
+    for verdict in report.verdicts:
+        assert verdict.ok or EXPECTED[verdict.pick.name][2] in verdict.reason
+
+
+def test_every_motion_of_a_good_one_is_proven_for_what_it_carries(report, arms) -> None:
+    for verdict in report.good:
+        assert verdict.certificate is None
+        for motion in verdict.motions:
+            assert motion.certificate.free
+            assert motion.certificate.matches(motion.trajectory, arms["ur5"], motion.scene, motion.attached)
+
+
+def test_the_row_of_a_carried_pick_tells_its_motions(report) -> None:
+    row = report.to_dict()["picks"][0]
+    assert [motion["name"] for motion in row["motions"]] == [
+        "transit", "approach", "retreat", "transfer", "place", "leave",
+    ]  # fmt: skip
+    assert 0 < row["grasp_time"] < row["release_time"] < row["duration"]
+    assert row["clearance_proven"] == min(motion["clearance_proven"] for motion in row["motions"])
+    assert report.to_dict()["picks"][3]["remedy"].startswith("passes the approach: approach ")

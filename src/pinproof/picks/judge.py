@@ -69,18 +69,17 @@ def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
         verdict = _ring(task, ring, seeds)
         tried, members = tried + verdict.configurations, members + len(ring)
         if verdict.ok:
-            return replace(verdict, configurations=tried)
+            return replace(verdict, pick=pick, configurations=tried)
         if farthest is None or len(verdict.stages) > len(farthest.stages):
             farthest = verdict
-    return _no(task, farthest or verdict, tried, members, seeds[3])
+    return replace(_no(task, farthest or verdict, tried, members, seeds[3]), pick=pick)
 
 
 def _no(task: Task, farthest: PickVerdict, tried: int, members: int, seed: int) -> PickVerdict:
     """The verdict on a pick of which no ring is good: that of the ring that came farthest, and what would work."""
-    pick, status, stages = task.pick, farthest.status, farthest.stages
+    status, stages = farthest.status, farthest.stages
     # of a range of turns or a tolerance only some places were tried: the grasps between them are not refuted
-    sampled = pick.spin.sampled or any(pick.tolerance.position) or pick.tolerance.tilt > 0
-    if sampled:
+    if task.sampled:
         status = PickStatus.NOT_FOUND
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
     return replace(
@@ -149,7 +148,8 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> PickVerdict:
 
 def _finer(task: Task, reached: Reached) -> Task | None:
     """The same with closer bodies, if a configuration is in contact by the hulls of meshes alone."""
-    for q in reached.q[: task.cell.budget.configurations]:
+    # of a sample, which proves nothing anyway, the first; else all, for a contact of hulls alone refutes nothing
+    for q in reached.q[: task.cell.budget.configurations] if task.sampled else reached.q:
         finer = task.at_grasp.finer_at(q)
         if finer is not task.at_grasp and finer.is_free(q):
             return Task(task.pick, replace(task.cell, checker=task.outside.finer_at(q)))

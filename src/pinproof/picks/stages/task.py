@@ -62,6 +62,12 @@ class Task:
         self.name = carried.name if isinstance(carried, Obstacle) else carried
         self._carrying: dict[str, CollisionChecker] = {}
 
+    @property
+    def sampled(self) -> bool:
+        """Whether grasps that are not tried would be as good as those that are."""
+        tolerance = self.pick.tolerance
+        return self.pick.spin.sampled or any(tolerance.position) or tolerance.tilt > 0
+
     def rings(self) -> Iterator[list[Member]]:
         """The grasps of the family, ring by ring outwards."""
         axis = np.array(self.pick.approach_direction)

@@ -95,7 +95,7 @@ def test_the_report_as_markdown(reports) -> None:
     text = report.to_markdown()
     rows = [line for line in text.splitlines() if line.startswith("| bolt_")]
     assert len(rows) == 7
-    assert all(row.count("|") == 7 for row in rows)
+    assert all(row.count("|") == 8 for row in rows)
     assert "no acceleration limit is known" in text
     for note in report.notes:
         assert f"- {note}" in text
@@ -107,7 +107,7 @@ def test_a_report_is_saved_as_its_ending_says(reports, tmp_path) -> None:
     report.save(tmp_path / "a.MD")
     assert json.loads((tmp_path / "a.json").read_text()) == report.to_dict()
     assert (tmp_path / "a.MD").read_text() == report.to_markdown()
-    with pytest.raises(pp.InputError, match=r"\.json or \.md"):
+    with pytest.raises(pp.InputError, match=r"\.json, \.md, \.csv"):
         report.save(tmp_path / "a.html")
     with pytest.raises(pp.errors.FileError, match="cannot be written"):
         report.save(tmp_path / "no" / "a.json")

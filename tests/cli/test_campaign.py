@@ -76,7 +76,7 @@ def test_one_that_is_not_good_is_1_and_another_campaign_in_the_folder_2(run: Run
     told = json.loads(again[1])
     assert told == {**json.loads(first[1]), "resumed": 3}
     assert told["summary"] == "1 of 3 picks good; failed: 1 at reach, 1 at input"
-    assert told["verdicts"] == {"good": 1, "not found": 1, "unreadable": 1}
+    assert told["verdicts"] == {"good": 1, "impossible": 1, "unreadable": 1}
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", "--seed", "1")
     assert (code, out) == (2, "")
     assert "is of another campaign, which differs in seed (0 there, 1 here). Name another folder" in err
@@ -148,7 +148,7 @@ def test_ctrl_c_keeps_what_was_done_and_the_same_command_goes_on(run: Run) -> No
     assert f"interrupted after {there} of 12 picks; the same command goes on there" in err
     assert "Traceback" not in err
     code, out, err = run(*words, "out")
-    assert code == 0
+    assert code == 0, err
     assert f"going on: {there} of 12 picks were judged before" in err
     assert out.startswith("12 of 12 picks good")
     rows = [json.loads(line) for line in Path("out/rows.jsonl").read_text().splitlines()[1:]]

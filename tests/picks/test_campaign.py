@@ -175,6 +175,7 @@ def test_a_row_that_makes_no_sense_is_a_row(stick, judges, threads, tmp_path) ->
     assert list(result.rows())[1] == {
         "index": 1,
         "name": "b",
+        "row": 2,
         "verdict": "unreadable",
         "failed_at": "input",
         "reason": "xyz is far",

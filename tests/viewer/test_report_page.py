@@ -31,7 +31,7 @@ EVIL = "</script><b>evil"
 def good(name: str, end: float) -> PickVerdict:
     motion = swing(ARM, 0.0, end)
     place = pose(xyz=(0.5 * np.cos(end), 0.5 * np.sin(end), 0.1), rpy=(np.pi, 0, 0))
-    passed = (StageResult(Stage.REACH, True, "2 configurations"), StageResult(Stage.MOTION, True, "proven free"))
+    passed = (StageResult(Stage.REACH, True, "2 configurations"), StageResult(Stage.TIMING, True, "proven free"))
     certificate = certified(ARM, SCENE, motion)
     return PickVerdict(Pick(name, place), PickStatus.GOOD, passed, 2, motion.end, motion, 2.0, certificate)
 

@@ -90,6 +90,7 @@ def test_markdown_has_a_section_for_each_set_and_all_columns(table: PlanTable) -
     header = next(line for line in page.splitlines() if line.startswith("| method"))
     assert header == f"| {' | '.join(name for name in COLUMNS if name != 'ours / its')} |"
     assert "| pinproof | 5 of 5 | 5 | 0 |" in page
+    assert "Two open bins" in page
     assert "**generic_6dof, 5 problems**" in plan_summary(table)
 
 

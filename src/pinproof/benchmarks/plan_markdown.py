@@ -5,8 +5,11 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterable
 
+from pinproof.benchmarks.plan_mbm import COLLECTION
 from pinproof.benchmarks.plan_measure import PlanRow
 from pinproof.benchmarks.plan_methods import OURS, STEPS
+from pinproof.benchmarks.plan_own import MARGIN
+from pinproof.benchmarks.plan_scenes import OWN_SCENES
 from pinproof.benchmarks.plan_table import PlanFigures, PlanTable, Spread
 
 __all__ = ["COLUMNS", "plan_markdown", "plan_summary"]
@@ -40,7 +43,7 @@ def plan_markdown(table: PlanTable) -> str:
         sets = table.sets(collection)
         lines += ["### all sets" if len(sets) > 1 else f"### {sets[0]}", "", *_rows(table, collection), ""]
         for name in sets if len(sets) > 1 else ():
-            lines += [f"### {name}", "", *_rows(table, collection, name), ""]
+            lines += [f"### {name}", "", *_drawn(collection, name), *_rows(table, collection, name), ""]
     lines += _ends(table) + _unsolved(table) + _faults(table)
     if table.left_out:
         lines += _listed("Left out", (f"{name}: {reason}" for name, reason in table.left_out.items()))
@@ -105,7 +108,19 @@ def _about(table: PlanTable, collection: str) -> list[str]:
         f"{len(problems)} problems of {robots}; in {touching} an end touches something or is outside the limits, "
         f"in {hulls} more an end touches by the hulls alone."
     )
+    if collection != COLLECTION:
+        text += (
+            " The scenes are drawn from the seed, sized by the arm's reach r; starts and goals come from inverse "
+            f"kinematics, free by {1e3 * MARGIN:g} mm, and the straight way between them touches something."
+        )
     return [textwrap.fill(text, WIDTH)]
+
+
+def _drawn(collection: str, name: str) -> list[str]:
+    """What one of our own scenes is, from those who draw it; r is the arm's reach."""
+    if collection == COLLECTION or name not in OWN_SCENES:
+        return []
+    return [textwrap.fill((OWN_SCENES[name].__doc__ or "").strip(), WIDTH), ""]
 
 
 def _rows(table: PlanTable, collection: str, set_name: str | None = None, without: Iterable[str] = ()) -> list[str]:

@@ -167,7 +167,9 @@ def _unsolved(table: PlanTable) -> list[str]:
     lines: list[str] = []
     for method in table.methods:
         rows = [row for row in table.rows if row.method == method and (not row.solved or row.certified is False)]
-        lines += _listed(f"Not solved: {_label(table, method)}", (f"{row.name}: {row.message}" for row in rows))
+        lines += _listed(
+            f"Not solved or not proven: {_label(table, method)}", (f"{row.name}: {row.message}" for row in rows)
+        )
     return lines
 
 

@@ -1,0 +1,38 @@
+"""The page says what the stored figures say; those are of one machine and one day, and no test asserts a time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from pinproof.benchmarks import PlanTable, plan_markdown
+from pinproof.benchmarks.plan_own import OWN_ROBOTS
+from pinproof.benchmarks.plan_run import OWN_PROBLEMS
+from pinproof.benchmarks.plan_scenes import OWN_SCENES
+
+FOLDER = Path(__file__).parents[2] / "docs" / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def stored() -> PlanTable:
+    return PlanTable.load(FOLDER / "planning.json")
+
+
+def test_the_page_shows_the_stored_table(stored: PlanTable) -> None:
+    text = (FOLDER / "planning.md").read_text(encoding="utf-8")
+    assert text.endswith(plan_markdown(stored)), "run scripts/benchmark_planning.py --render"
+
+
+def test_the_stored_table_is_of_a_whole_run(stored: PlanTable) -> None:
+    assert stored.collections == ("mbm", *OWN_ROBOTS)
+    assert sum(problem.collection == "mbm" for problem in stored.problems) == 140
+    for robot in OWN_ROBOTS:
+        assert stored.sets(robot) == tuple(OWN_SCENES)
+        assert sum(problem.collection == robot for problem in stored.problems) == OWN_PROBLEMS * len(OWN_SCENES)
+    assert "roboplan" in stored.methods
+
+
+def test_no_motion_of_ours_is_unsafe(stored: PlanTable) -> None:
+    assert stored.unsafe == ()
+    assert any(row.faults for row in stored.rows), "an audit that never finds anything says nothing"

@@ -57,7 +57,7 @@ def write_motion(verdict: PickVerdict, arm: Arm, html: Path, json: Path) -> list
         pages.append(html if alone else html.with_name(f"{html.stem}_{number}_{motion.name}{html.suffix}"))
         write_html(
             pages[-1],
-            arm,
+            arm.with_held(motion.held),
             motion.scene,
             motion.trajectory,
             certificate=motion.certificate,

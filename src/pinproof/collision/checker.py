@@ -45,8 +45,8 @@ class CollisionChecker:
     its own workspace.
 
     Tasks have stages, in which other things are held and other contacts are meant: :meth:`with_scene`,
-    :meth:`with_attached`, :meth:`allowing` and :meth:`with_margin` give checkers that differ in that, and share the
-    bodies.
+    :meth:`with_attached`, :meth:`with_held`, :meth:`allowing` and :meth:`with_margin` give checkers that differ in
+    that, and share the bodies.
 
     Parameters
     ----------
@@ -189,8 +189,23 @@ class CollisionChecker:
         return self._derived(scene, self.attached, self._allowed)
 
     def with_attached(self, *objects: Obstacle) -> CollisionChecker:
-        """The same with more objects that move with the tcp; of a grasped one, take the obstacle out of the scene."""
-        return self._derived(self.scene, (*self.attached, *objects), self._allowed)
+        """The same with more objects that move with the tcp, each in place of one of its name, if there is one.
+
+        Of a grasped one, take the obstacle out of the scene.
+        """
+        new = {thing.name for thing in objects}
+        kept = (thing for thing in self.attached if thing.name not in new)
+        return self._derived(self.scene, (*kept, *objects), self._allowed)
+
+    def with_held(self, held: Mapping[str, float]) -> CollisionChecker:
+        """The same with joints outside the arm held elsewhere (rad or m by name), such as the robot's own fingers."""
+        arm = self.arm.with_held(held)
+        if arm is self.arm:
+            return self
+        other = copy(self)
+        other.arm = arm
+        other._assemble(self.scene, self.attached, self._allowed)
+        return other
 
     def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
         """The same with more pairs of names that may touch: a gripper and what it grasps, a part and its support.

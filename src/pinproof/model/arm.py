@@ -19,6 +19,7 @@ from pinproof.model.packed import pack_chain
 from pinproof.spatial import finite
 
 if TYPE_CHECKING:
+    from pinproof.description import UrdfJoint
     from pinproof.model.robot import Robot
 
 __all__ = ["Arm", "Reference", "Singularity"]
@@ -183,6 +184,25 @@ class Arm:
         other.limits = limits
         return other
 
+    def with_held(self, held: Mapping[str, float]) -> Arm:
+        """The same arm with some of the joints outside it held elsewhere; the others stay.
+
+        Parameters
+        ----------
+        held
+            Values (rad or m) by name. Followers go with the joint they follow, whatever is told of them.
+
+        Raises
+        ------
+        UnknownNameError, InputError
+            As :meth:`pinproof.Robot.arm`.
+        """
+        if all(self.held.get(name) == value for name, value in held.items()):
+            return self
+        joints = self.robot.urdf.joints
+        told = {name: value for name, value in {**self.held, **held}.items() if not _follows(joints, name)}
+        return self.robot.arm(self.tcp, base=self.base, limits=self.limits, held=told)
+
     def model_configuration(self, q: Array) -> Array:
         """The configuration of :attr:`model` (followers included) that belongs to q (n,), unchecked."""
         return np.asarray(self.scale @ q + self.offset)
@@ -215,6 +235,10 @@ class Arm:
         if not self.model.existFrame(name, pin.FrameType.BODY):
             raise UnknownNameError("frame", name, self.robot.urdf.links, f"robot {self.robot.name!r}")
         return int(self.model.getFrameId(name, pin.FrameType.BODY))
+
+
+def _follows(joints: Mapping[str, UrdfJoint], name: str) -> bool:
+    return name in joints and joints[name].mimic is not None
 
 
 def _reduced(robot: Robot, moving: set[str], held: Mapping[str, float]) -> Any:

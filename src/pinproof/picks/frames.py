@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 from pinproof.collision import Scene
+from pinproof.description import Urdf
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.spatial import SE3, rigid
 
-__all__ = ["NamedFrame", "root_from_frame"]
+__all__ = ["NamedFrame", "moved_by", "root_from_frame"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,15 +49,15 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
         return scene[name].pose * placement
     if name not in arm.robot.urdf.links:
         raise UnknownNameError("frame", name, [*frames, *scene.names, *arm.robot.urdf.links])
-    if moving := _mover(arm, name):
+    if moving := moved_by(arm.robot.urdf, name, (*arm.joint_names, *arm.followers)):
         raise InputError(f"the frame {name!r} is a link that joint {moving} moves; poses of picks need one at rest")
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
 
 
-def _mover(arm: Arm, link: str) -> str:
-    """A joint of the arm, or one that follows such, that moves a link; empty if none does."""
-    while (joint := arm.robot.urdf.parent_joint(link)) is not None:
-        if joint.name in arm.joint_names or joint.name in arm.followers:
+def moved_by(urdf: Urdf, link: str, joints: Collection[str]) -> str:
+    """Which of some joints, or of those that follow one of them, moves a link; empty if none does."""
+    while (joint := urdf.parent_joint(link)) is not None:
+        if joint.name in joints or (joint.mimic is not None and joint.mimic.leader in joints):
             return joint.name
         link = joint.parent
     return ""

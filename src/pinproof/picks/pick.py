@@ -181,8 +181,11 @@ class Picks:
     gripper
         Links of the robot that may touch what is grasped from the approach on, as ``tool`` and ``fingers`` may.
     held
-        Values (rad or m) of joints outside the arm by name, such as those of the robot's own fingers: for
+        Values (rad or m) of joints outside the arm by name, such as those of the robot's own fingers, open: for
         :meth:`pinproof.Robot.arm`.
+    grip
+        Those of them that stand elsewhere while an object is held, from the grasp to where it is let go. The links that
+        they move may touch what is grasped, as ``gripper`` may.
     frames
         Frames by name that picks may be given in.
     margin
@@ -201,6 +204,7 @@ class Picks:
     fingers: Fingers | None = None
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
+    grip: Mapping[str, float] = field(default_factory=dict)
     frames: Mapping[str, NamedFrame] = field(default_factory=dict)
     margin: float = 0.0
     robot: str | None = None

@@ -4,7 +4,7 @@
 
     robot: ur5                             # a catalogue name, or a URDF relative to this file
     tcp: tool0                             # optional: the arm's tcp frame
-    held: {panda_finger_joint1: 0.04}      # optional: joints outside the arm, such as the robot's own fingers
+    held: {rail: 0.5}                      # optional: joints outside the arm, and where they stand
     scene: scene.yaml                      # relative to this file
     margin: 0.002                          # metres that must stay between any two bodies
     home: {shoulder_pan_joint: 0, ...}     # optional: where transits start; by default the robot's own
@@ -13,7 +13,7 @@
       - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
     fingers:                               # two more, as they stand when closed; the first opens along the axis
       {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
-    gripper: [panda_leftfinger, ...]       # links of the robot that may touch what is grasped
+    gripper: [panda_hand, ...]             # more links of the robot that may touch what is grasped
     frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
     defaults: {rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
     picks:
@@ -29,6 +29,11 @@
         support: tray_floor                # by default what lies within 1 mm below the object
         place: {frame: tray, xyz: [0, 0.3, 0.02], rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
         pattern: {grid: {counts: [4, 3, 1], step: [0.05, 0.05, 0]}}    # part[0,0], part[0,1], ...
+
+A robot's own fingers are joints outside the arm that stand in two places, open before the grasp and on the object from
+there until it is let go; the links they move may touch what is grasped, and fingers that follow go along::
+
+    held: {panda_finger_joint1: {open: 0.04, grip: 0.02}}
 
 Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); what its keys mean stands at :class:`Pick` and :class:`Place`.
 ``defaults`` fill in what a pick does not state; where a pick states neither orientation, nothing is guessed. A row that
@@ -64,6 +69,7 @@ FILE_KEYS = (
     "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "frames", "defaults",
     "picks",
 )  # fmt: skip
+HELD_KEYS = ("open", "grip")
 FINGER_KEYS = ("opening", "grip", "axis", "bodies")
 
 
@@ -114,7 +120,8 @@ def open_picks(path: str | Path) -> PickSource:
         tool=_bodies(path, content, "tool"),
         fingers=_fingers(path, content),
         gripper=tuple(_names(path, content, "gripper")),
-        held=_shared(path, content, "held", {}, _home),
+        held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
+        grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
@@ -240,6 +247,22 @@ def _home(stated: object) -> dict[str, float]:
     if not isinstance(stated, dict):
         raise InputError(f"holds {stated!r}, not a mapping of joint names to values")
     return {str(name): _number(str(name), value) for name, value in stated.items()}
+
+
+def _held(stated: object, when: str) -> dict[str, float]:
+    """Where joints stand when the hand is open, or grips: of the latter only those that are told it."""
+    if not isinstance(stated, dict):
+        raise InputError(f"holds {stated!r}, not a mapping of joint names to values, or to {' and '.join(HELD_KEYS)}")
+    found: dict[str, float] = {}
+    for name, value in stated.items():
+        if isinstance(value, dict):
+            told = mapping_of(str(name), value, HELD_KEYS)
+            if set(told) != set(HELD_KEYS):
+                raise InputError(f"{name} does not state its {' and its '.join(HELD_KEYS)}")
+            found[str(name)] = _number(f"{name}.{when}", told[when])
+        elif when == "open":
+            found[str(name)] = _number(str(name), value)
+    return found
 
 
 def _number(name: str, stated: object) -> float:

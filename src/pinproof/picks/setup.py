@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -13,6 +14,7 @@ from pinproof.collision import CollisionChecker, Scene
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
+from pinproof.picks.frames import moved_by
 from pinproof.picks.identity import digest
 from pinproof.picks.judge import judge
 from pinproof.picks.pick import Pick, Picks
@@ -72,7 +74,7 @@ class PickSetup:
         InputError
             If home is outside the limits or in contact (with what), or names joints the arm does not have; if a joint
             has no velocity limit, without which no motion can be timed; or if the arm holds other joints elsewhere than
-            the picks say, or has no link that they call part of the gripper.
+            the picks say, has no link that they call part of the gripper, or cannot hold its fingers as they grip.
         """
         _refuse_untimed(arm)
         _refuse_another_hand(arm, picks)
@@ -117,6 +119,8 @@ class PickSetup:
         notes = [
             "what is picked is not carried where a pick names no object: from the grasp on the empty tool is judged"
         ]
+        if self.shared.fingers is not None or self.shared.grip:
+            notes.append("how the fingers close and open: they are judged as they stand before and after")
         if not solid:
             notes.append("the robot has no collision geometry: its links touch nothing whatever they meet")
         elif ghosts:
@@ -144,7 +148,7 @@ class PickSetup:
             "collision checks": self.checker.fingerprint()[:16],
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
-            "hand": digest((self.shared.fingers, self.shared.gripper)),
+            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip)),
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }
@@ -156,9 +160,25 @@ def _refuse_another_hand(arm: Arm, picks: Picks) -> None:
             at = f"at {arm.held[name]:g}" if name in arm.held else "does not hold it"
             said = f"the picks hold {name} at {value:g}, the arm {at}"
             raise InputError(f"{said}; make it with robot.arm(held=picks.held)")
+    _refuse_another_grip(arm, picks.grip)
     for name in picks.gripper:
         if name not in arm.robot.urdf.links:
             raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
+
+
+def _refuse_another_grip(arm: Arm, grip: Mapping[str, float]) -> None:
+    joints = arm.robot.urdf.joints
+    for name, closed in grip.items():
+        if name not in arm.held or joints[name].mimic is not None:
+            others = [each for each in arm.held if joints[each].mimic is None]
+            raise UnknownNameError("joint", name, others, "the joints outside the arm that may grip")
+        low = -np.inf if (lower := joints[name].lower) is None else lower
+        high = np.inf if (upper := joints[name].upper) is None else upper
+        for when, at in {"open": arm.held[name], "grip": closed}.items():
+            if not low <= at <= high:
+                raise InputError(f"{name} cannot stand at {at:g} ({when}); its limits are [{low:g}, {high:g}]")
+    if mover := moved_by(arm.robot.urdf, arm.tcp, grip):
+        raise InputError(f"the tcp {arm.tcp!r} is moved by {mover}, which grips; choose one that stays where it is")
 
 
 def _refuse_untimed(arm: Arm) -> None:

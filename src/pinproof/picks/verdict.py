@@ -73,6 +73,9 @@ class PickMotion:
         What moves with the tcp: tool, fingers, object; poses are ``tcp_from_body``.
     scene
         What stands around.
+    held
+        Where the joints outside the arm stand (rad or m by name), such as the robot's own fingers: the arm that the
+        certificate is of is ``arm.with_held(held)``.
     """
 
     name: str
@@ -80,6 +83,7 @@ class PickMotion:
     certificate: Certificate
     attached: tuple[Obstacle, ...]
     scene: Scene
+    held: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

@@ -89,6 +89,9 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, tool: Sequence[Obstacl
         return False
     motions = getattr(verdict, "motions", ())
     if motions:
-        return all(each.certificate.matches(each.trajectory, arm, each.scene, each.attached) for each in motions)
+        return all(
+            each.certificate.matches(each.trajectory, arm.with_held(each.held), each.scene, each.attached)
+            for each in motions
+        )
     certificate, trajectory = verdict.certificate, verdict.trajectory
     return certificate is not None and trajectory is not None and certificate.matches(trajectory, arm, scene, tool)

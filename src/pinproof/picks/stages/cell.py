@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker
 from pinproof.model import Arm, JointLimits
 from pinproof.picks.configurations import has_closed_form
+from pinproof.picks.frames import moved_by
 from pinproof.picks.pick import Picks
 from pinproof.picks.settings import PickBudget, PickWeights
 
@@ -50,16 +51,15 @@ class Cell:
     @cached_property
     def closed_hand(self) -> CollisionChecker:
         """The same with the fingers on the object."""
-        fingers = self.shared.fingers
-        if fingers is None:
-            return self.checker
-        bare = CollisionChecker(self.arm, self.checker.scene, margin=self.checker.margin)
-        return bare.with_attached(*self.shared.tool, *fingers.gripping())
+        closed, fingers = self.checker.with_held(self.shared.grip), self.shared.fingers
+        return closed if fingers is None else closed.with_attached(*fingers.gripping())
 
     @cached_property
     def hand(self) -> tuple[str, ...]:
         """The names of all that may touch what is grasped."""
-        return (*(body.name for body in self.shared.open_tool), *self.shared.gripper)
+        urdf, shared = self.arm.robot.urdf, self.shared
+        moved = (link for link in urdf.links if moved_by(urdf, link, shared.grip))
+        return tuple(dict.fromkeys((*(body.name for body in shared.open_tool), *shared.gripper, *moved)))
 
     @cached_property
     def wide_arm(self) -> Arm:

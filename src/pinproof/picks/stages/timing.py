@@ -53,7 +53,10 @@ def time_whole(task: Task, way: Way, path: JointPath, placing: Placing | None) -
             if not certificate.free:
                 said = f"{part.name}: {certificate.message}"
                 return StageResult(Stage.TIMING, False, said), None
-            motions.append(PickMotion(part.name, trajectory, certificate, part.checker.attached, part.checker.scene))
+            around = part.checker
+            motions.append(
+                PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+            )
             trajectories.append(trajectory)
             # Joined, not summed: the clock counts nanoseconds, and the grasp shall be a time that the motion has.
             if part.name == "pick":

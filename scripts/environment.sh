@@ -1,4 +1,4 @@
-# Sourced by scripts/run and scripts/test: the virtual environment .venv beside pyproject.toml, made and filled when needed.
+# Sourced by scripts/run, scripts/test and scripts/docs: the virtual environment .venv beside pyproject.toml, made and filled when needed.
 
 root="$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd -P)"
 venv="$root/.venv"
@@ -35,7 +35,7 @@ find_python() {
     return 1
 }
 
-# What was installed: changes with pyproject.toml, with the place of the checkout, and with the extra ("" or "test").
+# What was installed: changes with pyproject.toml, with the place of the checkout, and with the extra ("", "docs" or "test").
 fingerprint() { { printf '%s\n' "$root" "$1"; cat -- "$root/pyproject.toml"; } | sha256sum | cut -d' ' -f1; }
 
 is_current() {

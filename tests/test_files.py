@@ -62,7 +62,7 @@ def test_the_version_is_the_same_everywhere() -> None:
     assert re.search(rf"^## \[{re.escape(stated)}\]", (ROOT / "CHANGELOG.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
-@pytest.mark.parametrize("script", ["scripts/run", "scripts/test", ".ci/run"])
+@pytest.mark.parametrize("script", ["scripts/docs", "scripts/run", "scripts/test", ".ci/run"])
 def test_scripts_can_be_run(script: str) -> None:
     if script.startswith(".") and not (ROOT / ".git").exists():
         pytest.skip("not part of the source distribution")

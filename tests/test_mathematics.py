@@ -18,21 +18,16 @@ from pinproof.collision.parting import DEEPEST
 from pinproof.kernels import approach
 from pinproof.kernels.world import JOINT_COLUMNS, LEADER, MULTIPLIER, SLIDES
 
-ROOT = Path(__file__).parents[1]
+from .pages import ROOT, run_page
+
 PAGE = ROOT / "docs" / "mathematics.md"
 TEXT = PAGE.read_text(encoding="utf-8")
-BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
 @pytest.fixture(scope="module")
-def names() -> dict[str, Any]:
+def names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """What the page's blocks define, run one after the other."""
-    found: dict[str, Any] = {"__name__": "mathematics"}
-    for block in BLOCK.finditer(TEXT):
-        assert block[1] == "python"
-        # Blank lines in front make a traceback name the page's own lines.
-        exec(compile("\n" * TEXT[: block.start(2)].count("\n") + block[2], str(PAGE), "exec"), found)
-    return found
+    return run_page(PAGE, tmp_path_factory.mktemp("reader"))
 
 
 def test_every_block_runs_as_printed(names: dict[str, Any]) -> None:

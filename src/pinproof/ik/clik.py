@@ -29,12 +29,12 @@ class Clik(IterativeIk):
     that directions which the arm has lost are given up first and the others kept; and after a step that made things
     worse, so that an arm which is asked further out than it reaches comes to rest stretched out, and does not shake.
 
+    Settings that are not named here are those of :class:`~pinproof.ik.solver.IterativeIk`.
+
     Parameters
     ----------
     damping
         The factor above, at least 0; higher is slower and steadier.
-
-    The other settings are those of :class:`~pinproof.ik.solver.IterativeIk`.
 
     References
     ----------

@@ -21,8 +21,10 @@ class DampedLeastSquares(IterativeIk):
     """Inverse kinematics by damped least squares: step = -A^T (A A^T + lambda^2 I)^-1 r.
 
     The damping adapts to how near a singularity is and to how far the target: with s the smallest singular value that A
-    can have, lambda^2 = damping^2 |r| (1 - (s / region)^2) for s below ``region``, and none beyond. As it vanishes with
-    the residual, singular targets are reached to the tolerance.
+    can have, ``lambda^2 = damping^2 |r| (1 - (s / region)^2)`` for s below ``region``, and none beyond. As it vanishes
+    with the residual, singular targets are reached to the tolerance.
+
+    Settings that are not named here are those of :class:`~pinproof.ik.solver.IterativeIk`.
 
     Parameters
     ----------
@@ -30,8 +32,6 @@ class DampedLeastSquares(IterativeIk):
         The largest lambda, reached at the singularity for a residual of 1; above 0.
     region
         The singular value (metres and radians mixed) at which the damping begins; above 0.
-
-    The other settings are those of :class:`~pinproof.ik.solver.IterativeIk`.
 
     References
     ----------

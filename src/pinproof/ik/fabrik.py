@@ -50,12 +50,12 @@ class Fabrik(IterativeIk):
     positions. It knows the tasks that leave a link a freedom of its own: a position, an orientation, both, and these
     with a free spin. No goals besides, and no joints that follow others.
 
+    Settings that are not named here are those of :class:`~pinproof.ik.solver.IterativeIk`.
+
     Parameters
     ----------
     polish
         Whether the last centimetre is left to the steps of :class:`~pinproof.Clik`. Then tolerances of 1e-6 are met.
-
-    The other settings are those of :class:`~pinproof.ik.solver.IterativeIk`.
 
     References
     ----------

@@ -24,12 +24,12 @@ class PseudoInverse(IterativeIk):
     for this step. Just above it, steps are as long as 1/s, and ``max_step`` alone bounds them: near singularities this
     method shakes, which is why the damped ones exist.
 
+    Settings that are not named here are those of :class:`~pinproof.ik.solver.IterativeIk`.
+
     Parameters
     ----------
     cutoff
         The share of the largest singular value, at least 0 and below 1.
-
-    The other settings are those of :class:`~pinproof.ik.solver.IterativeIk`.
 
     References
     ----------

@@ -161,6 +161,8 @@ class IterativeIk(ABC):
     ) -> IkBatch:
         """:meth:`solve` for N targets.
 
+        What is not named here is as for :meth:`solve`.
+
         Parameters
         ----------
         targets
@@ -169,8 +171,6 @@ class IterativeIk(ABC):
             (n,) for all targets, or (N, n).
         threads
             Threads that share the work; the answers do not depend on their number, nor on the other targets.
-
-        The others are those of :meth:`solve`.
 
         Raises
         ------
@@ -227,14 +227,14 @@ class IterativeIk(ABC):
         solutions are there. Others may exist. Configurations that differ by whole turns count as one, the one nearest
         to q0; of a redundant arm's continuum, points at least 1e-3 apart in some joint are different.
 
+        What is not named here is as for :meth:`solve`.
+
         Parameters
         ----------
         count
             Solutions after which the search ends.
         attempts
             Descents after which the search ends.
-
-        The others are those of :meth:`solve`.
         """
         whole("count", count, 1)
         whole("attempts", attempts, 1)

@@ -98,6 +98,9 @@ def track(
 class Tracker:
     """:func:`track` tick by tick, for a control loop: the same answers, bit for bit.
 
+    What is not named here is as for :func:`track`, and so is what is raised. The first tick of a process may load
+    compiled code; the constructor makes one on the side, so that no tick of the loop does.
+
     Parameters
     ----------
     arm
@@ -106,9 +109,6 @@ class Tracker:
         Seconds of a tick.
     q0
         (n,) inside the limits: where the arm stands.
-
-    The others are those of :func:`track`, and so is what is raised. The first tick of a process may load compiled code;
-    the constructor makes one on the side, so that no tick of the loop does.
     """
 
     def __init__(

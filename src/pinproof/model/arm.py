@@ -54,8 +54,25 @@ class Arm:
     A configuration ``q`` is (n,) in the order of :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped
     angle. Poses of the tcp are given in the base link's frame. All methods may be called from several threads.
 
-    ``angular`` (n,) is True where a joint turns and False where it slides; ``periodic`` (n,) where q and q + 2 pi are
-    the same pose of every link (an angular joint whose follower turns half as far is not).
+    Attributes
+    ----------
+    robot
+        The robot it is an arm of.
+    base, tcp
+        Names of the base link and the tcp frame.
+    joint_names
+        The names of its n joints, from the base outwards.
+    limits
+        Of its joints, in their order.
+    held
+        Values (rad or m) of the robot's other joints by name.
+    angular
+        (n,) True where a joint turns, False where it slides.
+    periodic
+        (n,) True where q and q + 2 pi are the same pose of every link (an angular joint whose follower turns half as
+        far is not).
+    root_from_base
+        Where the base is in the robot's root link.
     """
 
     def __init__(

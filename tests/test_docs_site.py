@@ -1,0 +1,41 @@
+"""The manual builds without a warning, and holds every public name and every page."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from sphinx.util.inventory import InventoryFile
+
+import pinproof as pp
+
+from .pages import ROOT
+
+DOCS = ROOT / "docs"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The manual, built as scripts/docs builds it."""
+    out = tmp_path_factory.mktemp("site")
+    build = [sys.executable, "-m", "sphinx", "--quiet", "--fail-on-warning", "--keep-going", "--builder", "html"]
+    done = subprocess.run([*build, DOCS, out], capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return out
+
+
+def test_every_public_name_is_in_the_reference(site: Path) -> None:
+    with (site / "objects.inv").open("rb") as file:
+        inventory = InventoryFile.load(file, "", lambda _, uri: uri)
+    documented = {name for kind, names in inventory.items() if kind.startswith("py:") for name in names}
+    assert {f"pinproof.{name}" for name in pp.__all__ if name != "__version__"} <= documented
+
+
+def test_pages_ask_nothing_of_a_network(site: Path) -> None:
+    pages = list(site.rglob("*.html"))
+    assert len(pages) > 20
+    fetched = ("<script src=", '<script async="async" src=', 'rel="stylesheet"')
+    lines = [line for page in pages for line in page.read_text(encoding="utf-8").splitlines()]
+    assert [line for line in lines if "//" in line and any(tag in line for tag in fetched)] == []

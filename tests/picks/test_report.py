@@ -39,7 +39,7 @@ def test_the_json_keeps_to_its_schema(report) -> None:
     jsonschema.validate(pp.PickReport("none", (), (), "none").to_dict(), schema())
 
 
-@pytest.mark.parametrize("lost", ["reason", "xyz", "stages", "clearance_proven"])
+@pytest.mark.parametrize("lost", ["reason", "xyz", "stages", "clearance_proven", "motions", "refuted", "member"])
 def test_the_schema_notices_what_is_missing(report, lost: str) -> None:
     jsonschema = pytest.importorskip("jsonschema")
     told = report.to_dict()
@@ -57,6 +57,20 @@ def test_the_schema_refuses_a_good_pick_without_a_proof(report) -> None:
         jsonschema.validate(told, schema())
 
 
+def test_a_row_tells_the_motions_the_score_and_what_was_refuted(reports) -> None:
+    rows = {row["name"]: row for row in reports["ur5"].to_dict()["picks"]}
+    good, bad = rows["bolt_1"], rows["bolt_3"]
+    assert [motion["name"] for motion in good["motions"]] == ["pick"]
+    assert good["motions"][0]["attached"] == ["picker"]
+    assert good["motions"][0]["clearance_proven"] == good["clearance_proven"]
+    assert sum(good["score"][part] for part in good["score"] if part != "score") == pytest.approx(
+        good["score"]["score"]
+    )
+    assert good["refuted"] == bad["motions"] == []
+    assert len(bad["refuted"]) == bad["stages"][1]["figures"]["configurations"] >= 8
+    assert all("penetrates" in why for why in bad["refuted"])
+
+
 def test_the_schema_names_every_verdict_and_the_version() -> None:
     verdicts = schema()["$defs"]["pick"]["properties"]["verdict"]["enum"]
     assert {status.value for status in PickStatus} <= set(verdicts)
@@ -72,6 +86,9 @@ def test_the_csv_gives_the_same_numbers_as_the_json(report) -> None:
         assert [float(row[k]) for k in ("x", "y", "z", "roll", "pitch", "yaw")] == [*pick["xyz"], *pick["rpy"]]
         assert row["duration"] == ("" if pick["duration"] is None else repr(pick["duration"]))
         assert row["reason"] == pick["reason"]
+        assert row["motions"] == " ".join(motion["name"] for motion in pick["motions"])
+        assert row["score"] == ("" if not pick["score"] else repr(pick["score"]["score"]))
+        assert row["refuted"].splitlines() == pick["refuted"]
     assert (rows[-1]["verdict"], rows[-1]["failed_at"], rows[-1]["x"]) == ("unreadable", "input", "")
 
 

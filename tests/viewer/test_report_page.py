@@ -4,15 +4,27 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from pinproof.collision import Box, Obstacle, Scene
-from pinproof.picks import Pick, PickReport, Picks, PickStatus, PickVerdict, Stage, StageResult, write_report_page
+from pinproof.collision import Box, CollisionChecker, Obstacle, Scene, certify
+from pinproof.motion import Trajectory
+from pinproof.picks import (
+    Pick,
+    PickMotion,
+    PickReport,
+    Picks,
+    PickStatus,
+    PickVerdict,
+    Stage,
+    StageResult,
+    write_report_page,
+)
+from pinproof.picks.frames import NamedFrame
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.report import page as page_module
 from pinproof.picks.report.motions import MOST_BYTES, RATE, Reel
@@ -32,8 +44,36 @@ def good(name: str, end: float) -> PickVerdict:
     motion = swing(ARM, 0.0, end)
     place = pose(xyz=(0.5 * np.cos(end), 0.5 * np.sin(end), 0.1), rpy=(np.pi, 0, 0))
     passed = (StageResult(Stage.REACH, True, "2 configurations"), StageResult(Stage.TIMING, True, "proven free"))
-    certificate = certified(ARM, SCENE, motion)
-    return PickVerdict(Pick(name, place), PickStatus.GOOD, passed, 2, motion.end, motion, 2.0, certificate)
+    motions = (PickMotion("pick", motion, certified(ARM, SCENE, motion), (), SCENE),)
+    return PickVerdict(Pick(name, place), PickStatus.GOOD, passed, 2, motion.end, motion, 2.0, motions=motions)
+
+
+PART = Obstacle("part", Box(0.05, 0.05, 0.05), pose(xyz=(0.08, 0.0, 0.0)))
+"""In front of the tip, as it is held."""
+
+
+def root_from_part(angle: float) -> np.ndarray:
+    return matrix(ARM.root_from_base * ARM.forward_kinematics(np.array([angle, 0.0])) * PART.pose)
+
+
+def standing(angle: float) -> Scene:
+    """The part where the tip lets go of it at an angle (rad) of the first joint."""
+    return Scene([POST, replace(PART, pose=root_from_part(angle))])
+
+
+def carried(frame: str = "") -> PickVerdict:
+    """The part is taken at 0.5 rad after 2 s, carried to 1.0 rad, and left there after 4 s."""
+    parts = [
+        ("transit", swing(ARM, 0.0, 0.5), CollisionChecker(ARM, standing(0.5))),
+        ("retreat", swing(ARM, 0.5, 1.0), CollisionChecker(ARM, SCENE, attached=[PART])),
+        ("leave", swing(ARM, 1.0, 0.2), CollisionChecker(ARM, standing(1.0))),
+    ]
+    motions = tuple(
+        PickMotion(name, way, certify(way, checker), checker.attached, checker.scene) for name, way, checker in parts
+    )
+    whole, passed = Trajectory.join(*(way for _, way, _ in parts)), (StageResult(Stage.TIMING, True, "proven free"),)
+    pick = Pick("carried", pose(), frame=frame, carried="part")
+    return PickVerdict(pick, PickStatus.GOOD, passed, 1, np.array([0.5, 0.0]), whole, 2.0, motions=motions)
 
 
 def bad(name: str, xyz: tuple[float, float, float]) -> PickVerdict:
@@ -186,6 +226,35 @@ def test_an_empty_report_is_a_page_too(browser: Browser, pages: Callable[[str], 
     opened.close()
 
 
+def test_what_is_carried_moves_with_the_hand_and_stays_where_it_was_put(
+    browser: Browser, pages: Callable[[str], Path]
+) -> None:
+    path, frames = pages("carried"), {"fixture": NamedFrame(pose(xyz=(0.0, -0.4, 0.1), rpy=(np.pi, 0, 0)))}
+    verdicts = (
+        carried("fixture"),
+        replace(bad("framed", (0.0, 0.0, 0.0)), pick=Pick("framed", pose(), frame="fixture")),
+    )
+    write_report_page(path, PickReport("swing", verdicts, (), "the arm"), ARM, standing(0.5), Picks((), frames=frames))
+    opened = browser.open(path.as_uri())
+    assert opened.text("#verdict") == "FREE"
+    assert opened.evaluate("[...document.querySelectorAll('#motions li')].map((li) => li.firstChild.textContent)") == [
+        "transit", "retreat", "leave",
+    ]  # fmt: skip
+    for moment, angle in ((0.0, 0.5), (1.5, 0.5), (3.0, 0.75), (4.0, 1.0), (5.0, 1.0), (6.0, 1.0)):
+        opened.evaluate(f"pinproof.seek({moment})")
+        at = opened.evaluate("pinproof.viewer.scene_tree.find(['scene', 'part']).object.position.toArray()")
+        assert at == pytest.approx(root_from_part(angle)[:3, 3].tolist(), abs=1e-4)
+    click(opened, "#rows tr:nth-child(2)")  # nothing to play: it stands where it stood
+    at = opened.evaluate("pinproof.viewer.scene_tree.find(['scene', 'part']).object.position.toArray()")
+    assert at == pytest.approx(root_from_part(0.5)[:3, 3].tolist(), abs=1e-6)
+    marks = np.array(opened.evaluate("Array.from(pinproof.settings.markers.poses)")).reshape(2, 4, 4)
+    tip = ARM.root_from_base * ARM.forward_kinematics(np.array([0.5, 0.0]))
+    assert marks[0, 3, :3] == pytest.approx(tip.translation, abs=1e-6)  # where it was really taken
+    assert marks[1, 3, :3] == pytest.approx([0.0, -0.4, 0.1], abs=1e-6)  # the frame it is given in
+    assert opened.complaints == []
+    opened.close()
+
+
 @dataclass
 class Rows:
     """What the page asks of a campaign's result."""
@@ -241,6 +310,18 @@ def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport)
     assert text.count('"headline":"NOT VALIDATED"') == 2
 
 
+def test_a_part_proven_among_other_obstacles_is_no_proof(tmp_path) -> None:
+    late = Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))
+    done, more = carried(), standing(1.0).add(late)
+    way = done.motions[2].trajectory
+    doctored = PickMotion("leave", way, certify(way, CollisionChecker(ARM, more)), (), more)
+    for verdict, headline in ((done, "FREE"), (replace(done, motions=(*done.motions[:2], doctored)), "NOT VALIDATED")):
+        write_report_page(
+            tmp_path / "a.html", PickReport("swing", (verdict,), (), "the arm"), ARM, standing(0.5), SHARED
+        )
+        assert f'"headline":"{headline}"' in (tmp_path / "a.html").read_text(encoding="utf-8")
+
+
 def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp_path, report: PickReport) -> None:
     texts = []
     for name in ("a.html", "b.html"):
@@ -252,7 +333,8 @@ def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp
 
 
 def test_a_hundred_motions_stay_within_their_bytes() -> None:
-    stage, long = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0))
+    stage, way = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
+    long = SimpleNamespace(motions=(way,))
     for count in (1, 100, 1000):
         reel = Reel.of(stage, SCENE, (), [long] * count)
         frames = sum(len(each.times) for each in reel.films if each is not None)

@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from rich.box import ROUNDED
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from pinproof.picks import PickReport
-from pinproof.picks.report.report import COLUMNS
 
 __all__ = ["complain", "print_json", "print_report", "remark", "say", "working"]
 
@@ -62,13 +62,15 @@ def working(text: str) -> Iterator[Callable[[str], None]]:
 def print_report(report: PickReport) -> None:
     """The verdict table and its summary, to stdout."""
     console = Console(highlight=False)
-    table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left")
-    for column in COLUMNS[:-1]:  # the remedy stands under its reason: terminals are narrow
-        table.add_column(column, overflow="fold")
-    for name, verdict, *figures, reason, remedy in report.rows():
+    # few columns, so that the reason has room in a hundred characters: stage, figures and remedy stand below
+    table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=ROUNDED, show_lines=True)
+    for column, least in (("pick", 8), ("verdict", 10), ("clearance\nduration", 9), ("reason", 40)):
+        table.add_column(column, overflow="fold", min_width=least)
+    for name, verdict, stage, clearance, duration, reason, remedy in report.rows():
         # Texts, not strings: what stands between brackets in a name would be taken for a style.
-        words = Text(reason) if not remedy else Text.assemble(reason, "\n", ("try: " + remedy, "bold"))
-        table.add_row(Text(name), Text(verdict, _STYLES.get(verdict, "")), *map(Text, figures), words)
+        judged = Text.assemble((verdict, _STYLES.get(verdict, "")), f"\nat {stage}" if stage else "")
+        words = Text.assemble(reason, "\n" if remedy else "", ("try: " + remedy if remedy else "", "bold"))
+        table.add_row(Text(name), judged, Text("\n".join(filter(None, (clearance, duration)))), words)
     console.print(table)
     say(report.summary)
     for note in report.notes:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -44,10 +44,14 @@ class Phase:
         From rest to rest; it begins where the phase before it ends.
     attached
         What moves with the tcp beside what the stage draws there always; poses are ``tcp_from_object``.
+    held
+        Where joints outside the arm stand (rad or m by name), such as the robot's own fingers; the others as the
+        stage's arm holds them.
     """
 
     trajectory: Trajectory
     attached: tuple[Obstacle, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,12 +100,12 @@ def film(stage: Stage, phases: Sequence[Phase], *, rate: float = FRAME_RATE, mos
     times, poses, tcps, holding = [], [], [], []
     begun = 0.0
     for number, phase in enumerate(phases):
-        motion = phase.trajectory
+        motion, placed = phase.trajectory, replace(stage, arm=stage.arm.with_held(phase.held))
         count = int(np.ceil(motion.duration * rate)) + 1
         moments = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # its first is the last of the one before
         for q in np.asarray(motion(moments), dtype=float):
-            poses.append(stage.link_poses(q))
-            tcps.append(stage.tcp_pose(q))
+            poses.append(placed.link_poses(q))
+            tcps.append(placed.tcp_pose(q))
         times.append(begun + moments)
         holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(moments)
         begun += motion.duration

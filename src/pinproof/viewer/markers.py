@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.viewer.surfaces import shade
+from pinproof.viewer.surfaces import Surface, shade
 from pinproof.viewer.wire import Commands
 
-__all__ = ["LONGEST", "PoseMarkers"]
+__all__ = ["LONGEST", "PoseMarkers", "arrow"]
 
 Array = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
@@ -47,14 +48,14 @@ class PoseMarkers:
 
     def settings(self, commands: Commands) -> dict[str, Any]:
         """What the page's script draws them from; arrays go to ``commands``."""
-        arrow = _arrow(self._length())
+        shape = arrow(self._length())
         columns = np.swapaxes(self.poses, 1, 2).astype(np.float32)  # three.js reads matrices by columns
         rgb = np.array(self.colours, dtype=float).reshape(-1, 3)[self.kinds]
         return {
             "length": round(self._length(), 4),
-            "vertices": commands.array(arrow.vertices.astype(np.float32).ravel()),
-            "normals": commands.array(arrow.normals.astype(np.float32).ravel()),
-            "triangles": commands.array(arrow.triangles.astype(np.uint16).ravel()),
+            "vertices": commands.array(shape.vertices.astype(np.float32).ravel()),
+            "normals": commands.array(shape.normals.astype(np.float32).ravel()),
+            "triangles": commands.array(shape.triangles.astype(np.uint16).ravel()),
             "poses": commands.array(columns.ravel()),
             "rgb": commands.array(rgb.astype(np.float32).ravel()),
         }
@@ -69,8 +70,9 @@ class PoseMarkers:
         return float(np.clip(SHARE * np.median(gaps), SHORTEST, LONGEST))
 
 
-def _arrow(length: float) -> Any:
-    """An arrow along z that ends at the origin, as a surface."""
+@lru_cache(maxsize=4)
+def arrow(length: float) -> Surface:
+    """An arrow of a length (m) along z that ends at the origin."""
     from trimesh import creation, util
 
     head, thick = 0.42 * length, 0.05 * length

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from pinproof.collision import CertificateStatus, Obstacle, Scene
-from pinproof.collision.certificate import proven_millimetres
+from pinproof.collision import Scene
+from pinproof.collision.certificate import proven_millimetres, setup_hash
 from pinproof.model import Arm
-from pinproof.picks.report.rows import proofs
+from pinproof.picks.pick import Picks
 from pinproof.picks.verdict import PickVerdict
 
 __all__ = ["KINDS", "Kind", "entry"]
@@ -40,31 +39,28 @@ KINDS = {
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
 
-def entry(
-    row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, tool: Sequence[Obstacle]
-) -> dict[str, Any]:
+def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks) -> dict[str, Any]:
     """The row as the page's table and caption need it."""
     kind = row["verdict"]
     headline, tone, said = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
     if kind == "good" and verdict is None:
         said = "Judged good, with its motion proven. The rows of a campaign keep no motions, so none is played."
     elif kind == "good" and verdict is not None:
-        if _proven(verdict, arm, scene, tool):
+        if _proven(verdict, arm, scene, picks):
             headline, tone, said = "FREE", "free", PROVEN
         else:
             headline, tone = "NOT VALIDATED", "open"
             said = "The certificate belongs to another motion, arm, scene or tool than those of this page."
-    clearance, duration, grasp_time = row.get("clearance_proven"), row.get("duration"), row.get("grasp_time")
-    proven = ""
-    if clearance is not None:
-        proven = proven_millimetres(clearance)
-    elif row.get("pairs_proven") is not None:
-        proven = "unbounded"
+    clearance, duration = row.get("clearance_proven"), row.get("duration")
+    proven = _proven_text(row)
     figures = {
         "Proven clearance": proven,
-        "Duration": "" if duration is None else f"{duration:.2f} s",
-        "Grasp at": "" if grasp_time is None else f"{grasp_time:.2f} s",
+        "Duration": _seconds(duration),
+        "Grasp at": _seconds(row.get("grasp_time")),
+        "Let go at": _seconds(row.get("release_time")),
         "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
+        "In the frame": row.get("frame", ""),
+        "Member": row.get("member", ""),
     }
     return {
         "name": row["name"],
@@ -80,18 +76,44 @@ def entry(
         "said": said,
         "figures": [[name, text] for name, text in figures.items() if text],
         "stages": [[stage["stage"], stage["ok"], stage["message"]] for stage in row.get("stages", ())],
+        "motions": [[each["name"], _seconds(each["duration"]), _proven_text(each)] for each in row.get("motions", ())],
+        "refuted": list(row.get("refuted", ())),
     }
 
 
-def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, tool: Sequence[Obstacle]) -> bool:
-    """Whether every part of the motion has a FREE certificate of its own, made for this arm in this scene."""
-    if not verdict.ok or any(each.status is not CertificateStatus.FREE for each in proofs(verdict)):
+def _seconds(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f} s"
+
+
+def _proven_text(row: dict[str, Any]) -> str:
+    """The clearance that a row, or a motion of it, is proven to keep; empty without a proof."""
+    clearance = row.get("clearance_proven")
+    if clearance is not None:
+        return proven_millimetres(clearance)
+    return "" if row.get("pairs_proven") is None else "unbounded"
+
+
+def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
+    """Whether the motion begins with this arm, tool and scene, and every part of it has a FREE certificate of its own.
+
+    Of what stands around, the later parts may differ by what is carried alone.
+    """
+    motions = verdict.motions
+    if not verdict.ok or not motions:
         return False
-    motions = getattr(verdict, "motions", ())
-    if motions:
-        return all(
-            each.certificate.matches(each.trajectory, arm.with_held(each.held), each.scene, each.attached)
-            for each in motions
-        )
-    certificate, trajectory = verdict.certificate, verdict.trajectory
-    return certificate is not None and trajectory is not None and certificate.matches(trajectory, arm, scene, tool)
+    first, own = motions[0], {thing.name for thing in picks.open_tool}
+    if not first.certificate.matches(first.trajectory, arm, scene, picks.open_tool):
+        return False
+    carried = {thing.name for motion in motions for thing in motion.attached} - own
+    around = _without(scene, carried, arm)
+    return all(
+        each.certificate.free
+        and each.certificate.matches(each.trajectory, arm.with_held(each.held), each.scene, each.attached)
+        and _without(each.scene, carried, arm) == around
+        for each in motions
+    )
+
+
+def _without(scene: Scene, names: set[str], arm: Arm) -> str:
+    """A hash of what stands around beside some things."""
+    return setup_hash(arm, scene.remove(*names.intersection(scene.names)))

@@ -87,6 +87,11 @@ class Reel:
         chosen = films[:: max(1, len(films) * 2 // SHOWN_MOMENTS)]
         return np.concatenate([none, *(each.poses[[len(each.times) // 2, -1]] for each in chosen)])
 
+    @property
+    def ways(self) -> Array:
+        """(N, 3) the ways of the tcp."""
+        return np.concatenate([np.empty((0, 3)), *(each.tcp for each in self.films if each is not None)])
+
     def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
         """The tracks of each motion; draws what is carried, hidden until its pick is chosen."""
         drawn: dict[tuple[str, bytes], str] = {}
@@ -131,12 +136,9 @@ class Reel:
 
 
 def _phases(verdict: PickVerdict | None, always: set[str]) -> list[Phase]:
-    if verdict is None or verdict.trajectory is None:
+    if verdict is None:
         return []
-    parts = getattr(verdict, "motions", ())
-    if not parts:
-        return [Phase(verdict.trajectory)]
-    return [Phase(each.trajectory, tuple(t for t in each.attached if t.name not in always)) for each in parts]
+    return [Phase(each.trajectory, tuple(t for t in each.attached if t.name not in always)) for each in verdict.motions]
 
 
 def _surfaces(thing: Obstacle) -> list[Surface]:

@@ -129,6 +129,15 @@ function caption(entry) {
     pair.append(make("dt", name), make("dd", value));
     return pair;
   }));
+  byId("motions").replaceChildren(...(entry.motions.length > 1 ? entry.motions : []).map((cells) => {
+    const line = make("li");
+    line.append(...cells.map((text) => make("span", text)));
+    return line;
+  }));
+  const refuted = byId("refuted");
+  refuted.hidden = entry.refuted.length === 0;
+  refuted.firstElementChild.textContent = entry.refuted.length + " refuted configurations";
+  refuted.lastElementChild.replaceChildren(...entry.refuted.map((text) => make("li", text)));
   byId("stages").replaceChildren(...entry.stages.map(([stage, ok, message]) => {
     const line = make("li", undefined, ok ? "" : "no");
     line.append(make("span", ok ? "\u2713" : "\u2717"), make("span", stage), make("span", message));

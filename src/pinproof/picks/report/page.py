@@ -19,10 +19,12 @@ import numpy.typing as npt
 
 from pinproof.collision import Scene
 from pinproof.description.whole_file import write_text_whole
-from pinproof.errors import ViewerError
+from pinproof.errors import InputError, ViewerError
 from pinproof.model import Arm
+from pinproof.picks.frames import root_from_frame
 from pinproof.picks.pick import Picks
 from pinproof.picks.report.entries import KINDS, entry
+from pinproof.picks.report.framing import frame_picks
 from pinproof.picks.report.motions import Reel
 from pinproof.picks.report.report import PickReport
 from pinproof.picks.report.rows import problem_row, verdict_row
@@ -30,10 +32,9 @@ from pinproof.picks.verdict import PickVerdict
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import still
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
-from pinproof.viewer.camera import choose_view
-from pinproof.viewer.markers import LONGEST, PoseMarkers
+from pinproof.viewer.markers import PoseMarkers
 from pinproof.viewer.page import stage_commands
-from pinproof.viewer.stage import Stage, set_stage
+from pinproof.viewer.stage import set_stage
 
 if TYPE_CHECKING:
     from pinproof.picks.campaign.result import CampaignResult
@@ -44,9 +45,6 @@ Array = npt.NDArray[np.float64]
 
 MOST_ROWS = 5000
 """A table that a browser scrolls and sorts without a wait. Of more rows the first are shown, and the page says so."""
-
-FRAMED = 1.3
-"""Grasps within so many times the robot's own extent about its root are framed; one far away would shrink the rest."""
 
 
 @dataclass(frozen=True)
@@ -124,10 +122,10 @@ def _render(
     )
     reel = Reel.of(stage, scene, picks.tool, verdicts)
     rest = still(stage, home)
-    placed = [_root_from_tip(row.values) for row in rows]
+    placed = [_root_from_tip(row.values, arm, scene, picks) for row in rows]
     grasps = np.array([at for at in placed if at is not None]).reshape(-1, 4, 4)
     poses = np.concatenate([rest.poses, reel.moments])
-    view = choose_view(stage, poses, np.concatenate([rest.tcp, _near(grasps, stage, poses)]))
+    view = frame_picks(stage, poses, np.concatenate([rest.tcp, reel.ways]), grasps)
     commands = stage_commands(stage, rest, view)
     marked = [k for k, at in enumerate(placed) if at is not None]
     names = list(KINDS)
@@ -135,7 +133,7 @@ def _render(
     markers = PoseMarkers(grasps, np.array(colour_of, dtype=np.int64), tuple(kind.rgb for kind in KINDS.values()))
     settings = {
         **view_settings(view),
-        "entries": [entry(row.values, row.verdict, arm, scene, picks.tool) for row in rows],
+        "entries": [entry(row.values, row.verdict, arm, scene, picks) for row in rows],
         "kinds": {name: kind.css for name, kind in KINDS.items()},
         "marked": marked,
         "markers": markers.settings(commands),
@@ -170,16 +168,14 @@ def _items(texts: Iterable[str]) -> str:
     return "".join(f"<li>{escape(text)}</li>" for text in texts)
 
 
-def _root_from_tip(values: dict[str, Any]) -> Array | None:
-    """(4, 4) where a row grasps; None if it does not tell, or tells in a frame of its own."""
-    if "xyz" not in values or "rpy" not in values or values.get("frame"):
+def _root_from_tip(values: dict[str, Any], arm: Arm, scene: Scene, picks: Picks) -> Array | None:
+    """(4, 4) where a row grasps: of a good pick the grasp that was chosen, else the nominal one; None if untold."""
+    if values.get("q_grasp") is not None:
+        return matrix(arm.root_from_base * arm.forward_kinematics(np.array(values["q_grasp"])) * picks.tip)
+    if "xyz" not in values or "rpy" not in values:
         return None
-    return matrix(pose(xyz=values["xyz"], rpy=values["rpy"]))
-
-
-def _near(grasps: Array, stage: Stage, poses: Array) -> Array:
-    """(K, 3) both ends of the arrows at grasps (N, 4, 4) that can be framed without making the robot hard to see."""
-    sizes = [max(float(np.linalg.norm(each.vertices, axis=1).max()) for each in link.surfaces) for link in stage.links]
-    extent = float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + sizes).max())
-    near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * extent]
-    return np.concatenate([near[:, :3, 3], near[:, :3, 3] - LONGEST * near[:, :3, 2]])
+    try:
+        root = root_from_frame(values.get("frame", ""), picks.frames, scene, arm)
+    except InputError:  # the row says which frame there is not
+        return None
+    return matrix(root * pose(xyz=values["xyz"], rpy=values["rpy"]))

@@ -20,16 +20,25 @@ __all__ = ["COLUMNS", "CSV_COLUMNS", "SCHEMA", "SUFFIXES", "PickReport"]
 
 COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason", "remedy")
 
+POSE_COLUMNS = ("x", "y", "z", "roll", "pitch", "yaw")
+SCORE_COLUMNS = ("score", "clearance_part", "limit_margin_part", "manipulability_part", "duration_part")
+
 CSV_COLUMNS = (
-    "name", "verdict", "failed_at", "clearance_proven", "duration", "grasp_time", "frame",
-    "x", "y", "z", "roll", "pitch", "yaw", "reason", "remedy",
+    "name", "verdict", "failed_at", "clearance_proven", "duration", "grasp_time", "release_time", "frame",
+    *POSE_COLUMNS, "member", *SCORE_COLUMNS, "motions", "reason", "remedy", "refuted",
 )  # fmt: skip
-"""Plain numbers in metres, seconds and radians; empty where there is none."""
+"""Plain numbers in metres, seconds and radians; empty where there is none.
+
+``motions`` are the names of the parts in order. Of ``refuted``, each configuration stands on a line of the cell.
+"""
 
 SUFFIXES = (".json", ".md", ".csv")
 
-SCHEMA = "pinproof/picks/1"
-"""The form of the JSON; ``schema.json`` beside this file is its JSON Schema. The number counts breaking changes."""
+SCHEMA = "pinproof/picks/2"
+"""The form of the JSON; ``schema.json`` beside this file is its JSON Schema. The number counts breaking changes.
+
+2: a pick also tells its ``member``, ``refuted``, ``release_time``, ``score`` and ``motions``.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +97,7 @@ class PickReport:
             duration = "" if verdict.trajectory is None else f"{verdict.trajectory.duration:.2f} s"
             stage = "" if verdict.failed is None else verdict.failed.value
             first = (verdict.pick.name, verdict.status.value, stage, clearance, duration)
-            table.append((*first, verdict.reason, getattr(verdict, "remedy", "")))
+            table.append((*first, verdict.reason, verdict.remedy))
         table.extend((problem.name, "unreadable", "input", "", "", problem.reason, "") for problem in self.problems)
         return table
 
@@ -106,8 +115,7 @@ class PickReport:
         lines = csv.writer(text, lineterminator="\n")
         lines.writerow(CSV_COLUMNS)
         for row in (*map(verdict_row, self.verdicts), *map(problem_row, self.problems)):
-            placed = zip(CSV_COLUMNS[7:13], (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)
-            cells = {**row, **dict(placed)}
+            cells = _cells(row)
             lines.writerow("" if cells.get(column) is None else cells[column] for column in CSV_COLUMNS)
         return text.getvalue()
 
@@ -145,6 +153,21 @@ class PickReport:
         else:
             text = self.to_markdown() if kind == ".md" else self.to_csv()
         write_text_whole(path, text)
+
+
+def _cells(row: dict[str, Any]) -> dict[str, Any]:
+    """A row as one value a column."""
+    placed = zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)
+    score = {name if name == "score" else f"{name}_part": value for name, value in row.get("score", {}).items()}
+    motions = " ".join(motion["name"] for motion in row.get("motions", ()))
+    return {
+        **row,
+        **dict(placed),
+        "score": None,
+        **score,
+        "motions": motions,
+        "refuted": "\n".join(row.get("refuted", ())),
+    }
 
 
 def _line(cells: tuple[str, ...]) -> str:

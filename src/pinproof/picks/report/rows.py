@@ -9,16 +9,15 @@ import numpy as np
 
 from pinproof.collision import Certificate
 from pinproof.picks.pick import PickProblem
-from pinproof.picks.verdict import PickVerdict
+from pinproof.picks.verdict import PickMotion, PickVerdict, StageResult
 from pinproof.spatial import xyz_rpy
 
 __all__ = ["problem_row", "proofs", "verdict_row"]
 
 
 def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
-    """The certificates of a verdict: one for the whole motion, or one for each of its parts; none unless good."""
-    parts = tuple(part.certificate for part in getattr(verdict, "motions", ()))
-    return parts if parts or verdict.certificate is None else (verdict.certificate,)
+    """The certificates of a verdict, one for each part of its motion; none unless good."""
+    return tuple(motion.certificate for motion in verdict.motions)
 
 
 def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
@@ -34,19 +33,22 @@ def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
         "verdict": verdict.status.value,
         "failed_at": None if verdict.failed is None else verdict.failed.value,
         "reason": verdict.reason,
-        "remedy": getattr(verdict, "remedy", ""),
-        "frame": getattr(pick, "frame", ""),
+        "remedy": verdict.remedy,
+        "frame": pick.frame,
         "xyz": placed[:3],
         "rpy": placed[3:],
+        "member": verdict.member,
         "configurations_tried": verdict.configurations,
         "stages": [_stage(stage) for stage in verdict.stages],
+        "refuted": list(verdict.refuted),
         "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
         "grasp_time": verdict.grasp_time,
+        "release_time": verdict.release_time,
         "duration": None if trajectory is None else trajectory.duration,
-        "clearance_proven": _least([each.clearance for each in certificates]),
-        "clearance_observed": _least([each.observed for each in certificates]),
-        "margin": None if not certificates else min(each.margin for each in certificates),
-        "pairs_proven": None if not certificates else max(each.pairs for each in certificates),
+        "score": {name: _finite(float(value)) for name, value in verdict.score.items()},
+        **_proven(certificates),
+        "margin": min((each.margin for each in certificates), default=None),
+        "motions": [_motion(motion) for motion in verdict.motions],
         "excluded_pairs": [list(each) for each in left_out],
     }
 
@@ -57,9 +59,28 @@ def problem_row(problem: PickProblem) -> dict[str, Any]:
     return {**row, "row": problem.row}
 
 
-def _stage(result: Any) -> dict[str, Any]:
-    figures = {name: _finite(float(value)) for name, value in getattr(result, "figures", {}).items()}
+def _stage(result: StageResult) -> dict[str, Any]:
+    figures = {name: _finite(float(value)) for name, value in result.figures.items()}
     return {"stage": result.stage.value, "ok": result.ok, "message": result.message, "figures": figures}
+
+
+def _motion(motion: PickMotion) -> dict[str, Any]:
+    return {
+        "name": motion.name,
+        "duration": motion.trajectory.duration,
+        **_proven((motion.certificate,)),
+        "attached": [thing.name for thing in motion.attached],
+        "partings": [str(parting) for parting in motion.certificate.partings],
+    }
+
+
+def _proven(certificates: tuple[Certificate, ...]) -> dict[str, Any]:
+    """What certificates prove together."""
+    return {
+        "clearance_proven": _least([each.clearance for each in certificates]),
+        "clearance_observed": _least([each.observed for each in certificates]),
+        "pairs_proven": max((each.pairs for each in certificates), default=None),
+    }
 
 
 def _least(values: list[float]) -> float | None:

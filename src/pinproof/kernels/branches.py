@@ -31,7 +31,7 @@ from pinproof.kernels.twins import WAYS, weakest_motion
 from pinproof.kernels.two_curves import BY_QUARTIC, CANDIDATES, REFERENCE, two_curves
 from pinproof.kernels.vectors import SLIDING, direction, dot, place, turned
 
-__all__ = ["BAD_TARGET", "ELSEWHERE", "branches_of_many", "branches_of_one", "branches_of_values"]
+__all__ = ["BAD_TARGET", "ELSEWHERE", "branches_of_many", "branches_of_one"]
 
 # Row 0 of a plan. COUNT: n. FIRST_OF_TRIPLE: 0 to 3. NORMAL: the line of the triple that turns. LOCKED: a line, or -1.
 COUNT, FIRST_OF_TRIPLE, PLANAR, REVERSED, NORMAL, LOCKED, SIZE = range(7)
@@ -329,36 +329,27 @@ def branches_of_one(plan: Any, target: Any, reference: Any, locked_at: float, ou
 
 @compiled
 def branches_of_many(
-    plan: Any, targets: Any, references: Any, start: int, stop: int, q: Any, errors: Any, counts: Any
-) -> None:
-    """The branches for the targets (N, 4, 4) from ``start`` to ``stop``, into the same rows of the others.
+    plan: Any, targets: Any, references: Any, values: Any, start: int, stop: int,
+    q: Any, errors: Any, counts: Any, outside: Any,
+) -> None:  # fmt: skip
+    """The branches for the targets (N, 4, 4), with the locked joint at each of its values, into the rows of the others.
 
-    ``references`` (1, n) or (N, n); ``q`` (N, k, n) and ``errors`` (N, k, 2), NaN behind the last branch; ``counts``
-    (N,), BAD_TARGET where the target is none, or ELSEWHERE.
+    Row ``i * v + j`` is of target i and value j, for the rows from ``start`` to ``stop``. ``references`` (1, n) or
+    (N, n); ``values`` (1, v) or (N, v), of which v = 1 is not looked at where no joint is locked; ``q`` (N v, k, n) and
+    ``errors`` (N v, k, 2), NaN behind the last branch; ``counts`` (N v,), BAD_TARGET where the target is none, or
+    ELSEWHERE; ``outside`` (N v,) branches that only the limits rule out.
     """
-    n = q.shape[2]
+    n, v = q.shape[2], values.shape[1]
     room, out = workroom(), np.empty((q.shape[1] + 1, n + 4))
+    last = out.shape[0] - 1
     for row in range(start, stop):
-        reference = references[row if references.shape[0] > 1 else 0]
-        count = branches_of_pose(plan, targets[row], reference, 0.0, room, out)
-        counts[row] = ELSEWHERE if count == 0 and out[out.shape[0] - 1, ALL_FREE_JOINTS] != 0.0 else count
-        for i in range(q.shape[1]):
+        i = row // v
+        reference, value = references[i if references.shape[0] > 1 else 0], values[i if values.shape[0] > 1 else 0]
+        count = branches_of_pose(plan, targets[i], reference, value[row - i * v], room, out)
+        counts[row] = ELSEWHERE if count == 0 and out[last, ALL_FREE_JOINTS] != 0.0 else count
+        outside[row] = 0 if count < 0 else int(out[last, OUTSIDE])
+        for b in range(q.shape[1]):
             for j in range(n):
-                q[row, i, j] = out[i, j] if i < count else math.nan
-            errors[row, i, 0] = out[i, n] if i < count else math.nan
-            errors[row, i, 1] = out[i, n + 1] if i < count else math.nan
-
-
-@compiled
-def branches_of_values(plan: Any, target: Any, reference: Any, values: Any, q: Any, errors: Any, counts: Any) -> None:
-    """The branches for one pose with the locked joint at each of ``values`` (S,); the others as for many."""
-    n = q.shape[2]
-    room, out = workroom(), np.empty((q.shape[1] + 1, n + 4))
-    for row in range(values.shape[0]):
-        count = branches_of_pose(plan, target, reference, values[row], room, out)
-        counts[row] = count
-        for i in range(q.shape[1]):
-            for j in range(n):
-                q[row, i, j] = out[i, j] if i < count else math.nan
-            errors[row, i, 0] = out[i, n] if i < count else math.nan
-            errors[row, i, 1] = out[i, n + 1] if i < count else math.nan
+                q[row, b, j] = out[b, j] if b < count else math.nan
+            errors[row, b, 0] = out[b, n] if b < count else math.nan
+            errors[row, b, 1] = out[b, n + 1] if b < count else math.nan

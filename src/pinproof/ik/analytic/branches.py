@@ -224,12 +224,15 @@ class IkBranchesBatch:
         (N,) how many each has.
     position_error, orientation_error
         (N, k) in m and rad, by forward kinematics; NaN likewise.
+    outside
+        (N,) how many more there would be if limits were left aside; of a swept joint, at the values swept.
     """
 
     q: Array
     count: npt.NDArray[np.int64]
     position_error: Array
     orientation_error: Array
+    outside: npt.NDArray[np.int64]
 
     @property
     def ok(self) -> npt.NDArray[np.bool_]:

@@ -16,7 +16,7 @@ from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
-from pinproof.ik.analytic.sweep import sweep
+from pinproof.ik.analytic.sweep import sweep, sweep_many
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus
 from pinproof.ik.settings import Rng, positive, random_generator, whole
 from pinproof.ik.solver import Accept, TaskLike
@@ -117,6 +117,7 @@ class AnalyticIk:
         targets: npt.ArrayLike | Sequence[SE3],
         q0: npt.ArrayLike | None = None,
         *,
+        redundant_values: npt.ArrayLike | None = None,
         threads: int = 1,
     ) -> IkBranchesBatch:
         """The distinct branches for N targets, each with the whole turns nearest to q0.
@@ -127,6 +128,9 @@ class AnalyticIk:
             (N, 4, 4) ``base_from_target``, or a sequence of ``pin.SE3``.
         q0
             (n,) for all targets, or (N, n); by default ``arm.home``.
+        redundant_values
+            (v,) values (rad or m) of the redundant joint at which an arm of seven is looked at; by default
+            ``redundant_steps`` over its limits, and where q0 has it.
         threads
             Threads that share the work; the answers do not depend on their number.
 
@@ -142,13 +146,16 @@ class AnalyticIk:
         many = _poses(targets)
         references = self._references(arm, plan, q0, len(many))
         if plan.redundant is not None:
-            return self._swept_batch(arm, plan, rigid_many("targets", many), references)
+            return self._swept_batch(arm, plan, rigid_many("targets", many), references, redundant_values)
+        if redundant_values is not None:
+            raise InputError(f"redundant_values are for arms with a redundant joint, not for one of {arm.dof}")
         q = np.empty((len(many), plan.capacity, plan.dof))
         errors = np.empty((len(many), plan.capacity, 2))
-        counts = np.empty(len(many), dtype=np.int64)
+        counts, outside = np.empty((2, len(many)), dtype=np.int64)
+        no_value = np.zeros((1, 1))
 
         def share(start: int, stop: int) -> None:
-            branches_of_many(plan.array, many, references, start, stop, q, errors, counts)
+            branches_of_many(plan.array, many, references, no_value, start, stop, q, errors, counts, outside)
 
         if threads == 1:
             share(0, len(many))
@@ -164,7 +171,7 @@ class AnalyticIk:
                 counts[row] = len(rows)
                 q[row, : len(rows)], errors[row, : len(rows)] = rows[:, : arm.dof], rows[:, arm.dof : arm.dof + 2]
         k = max(int(counts.max(initial=0)), 1)
-        return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1])
+        return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside)
 
     def solve(
         self,
@@ -269,16 +276,26 @@ class AnalyticIk:
         rows, intervals = sweep(plan, target, reference, grid)
         return IkBranches(arm, plan, target, reference, rows, len(rows) - 1, grid, intervals)
 
-    def _swept_batch(self, arm: Arm, plan: Plan, many: Array, references: Array) -> IkBranchesBatch:
-        swept = [
-            self._swept(arm, plan, target, references[row if len(references) > 1 else 0]).rows
-            for row, target in enumerate(many)
-        ]
-        counts = np.array([len(rows) for rows in swept], dtype=np.int64)
+    def _swept_batch(
+        self, arm: Arm, plan: Plan, many: Array, references: Array, given: npt.ArrayLike | None
+    ) -> IkBranchesBatch:
+        if given is not None:
+            values = finite("redundant_values", given, (None,))[None]
+        else:
+            grids = [self._grid(arm, plan, reference) for reference in references]
+            most = max(map(len, grids), default=1)  # one less where the reference is on the grid: its middle makes up
+            values = np.array([g if len(g) == most else np.sort([*g, (g[0] + g[1]) / 2]) for g in grids])
+        found, missed, per_value, outside = sweep_many(plan, many, references, values)
+        counts = per_value.sum(axis=1)
+        row = np.repeat(np.arange(len(many)), counts)
+        away = np.abs(found - references[row if len(references) > 1 else 0]).max(axis=1, initial=0.0)
+        order = np.lexsort((away, row))
+        place = np.arange(len(found)) - np.repeat(np.cumsum(counts) - counts, counts)
         padded = np.full((len(many), max(int(counts.max(initial=0)), 1), arm.dof + 2), np.nan)
-        for row, found in enumerate(swept):
-            padded[row, : len(found)] = found[:, : arm.dof + 2]
-        return IkBranchesBatch(padded[:, :, : arm.dof], counts, padded[:, :, arm.dof], padded[:, :, arm.dof + 1])
+        padded[row, place, : arm.dof], padded[row, place, arm.dof :] = found[order], missed[order]
+        return IkBranchesBatch(
+            padded[:, :, : arm.dof], counts, padded[:, :, arm.dof], padded[:, :, arm.dof + 1], outside.sum(axis=1)
+        )
 
     def _grid(self, arm: Arm, plan: Plan, reference: Array) -> Array:
         """Values of the redundant joint: evenly over its limits, and where the reference has it."""

@@ -9,12 +9,15 @@ import numpy.typing as npt
 
 from pinproof.ik.analytic.plan import Plan
 
-__all__ = ["Interval", "joined", "sweep"]
+__all__ = ["Interval", "joined", "sweep", "sweep_many"]
 
 Array = npt.NDArray[np.float64]
 
 END = 1e-9
 """Rad or m: how closely the ends of an interval are told."""
+
+BLOCK = 256
+"""Targets that are swept at a time: room is needed for all the branches there could be."""
 
 
 @dataclass(frozen=True)
@@ -43,16 +46,37 @@ def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[A
     An interval ends where the number of branches changes between two neighbouring values; branches that come and go
     between two values are not seen.
     """
-    from pinproof.kernels.branches import branches_of_values
+    q, errors, counts, _ = sweep_many(plan, target[None], reference[None], values[None])
+    rows = np.zeros((len(q) + 1, plan.dof + 4))
+    rows[:-1, : plan.dof], rows[:-1, plan.dof : plan.dof + 2] = q, errors
+    return rows, _intervals(plan, target, reference, values, counts[0])
 
-    counts = np.zeros(len(values), dtype=np.int64)
-    q = np.empty((len(values), plan.capacity, plan.dof))
-    errors = np.empty((len(values), plan.capacity, 2))
-    branches_of_values(plan.array, target, reference, values, q, errors, counts)
-    there = np.arange(plan.capacity) < counts[:, None]
-    rows = np.zeros((int(there.sum()) + 1, plan.dof + 4))
-    rows[:-1, : plan.dof], rows[:-1, plan.dof : plan.dof + 2] = q[there], errors[there]
-    return rows, _intervals(plan, target, reference, values, counts)
+
+def sweep_many(
+    plan: Plan, targets: Array, references: Array, values: Array
+) -> tuple[Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """The branches for targets (N, 4, 4) at values (1, v) or (N, v), one behind the other, each row's in its order.
+
+    Returns q (b, n), errors (b, 2), how many are of each target and value (N, v), and how many there would be of each
+    without limits alone to rule them out (N, v).
+    """
+    from pinproof.kernels.branches import branches_of_many
+
+    v = values.shape[1]
+    counts, outside = np.zeros((2, len(targets) * v), dtype=np.int64)
+    found, missed = [np.empty((0, plan.dof))], [np.empty((0, 2))]
+    for first in range(0, len(targets), BLOCK):
+        rows = slice(first, first + BLOCK)
+        some, here = targets[rows], slice(first * v, (first + BLOCK) * v)
+        q = np.empty((len(some) * v, plan.capacity, plan.dof))
+        errors = np.empty((len(some) * v, plan.capacity, 2))
+        own = [each if len(each) == 1 else each[rows] for each in (references, values)]
+        branches_of_many(plan.array, some, *own, 0, len(q), q, errors, counts[here], outside[here])
+        np.maximum(counts[here], 0, out=counts[here])  # other values of what is free there are other values swept
+        there = np.arange(plan.capacity) < counts[here, None]
+        found.append(q[there])
+        missed.append(errors[there])
+    return np.concatenate(found), np.concatenate(missed), counts.reshape(-1, v), outside.reshape(-1, v)
 
 
 def _intervals(

@@ -79,16 +79,16 @@ def test_a_redundant_arm_is_searched_and_what_is_free_is_free() -> None:
 
 def test_what_is_beyond_the_span_of_an_arm_is_not_searched_for() -> None:
     """On an arm that is searched: poses that its own configurations take are never left out."""
-    from pinproof.picks.reach.mapping import _Span
+    from pinproof.picks.reach.span import Span
 
     rng = np.random.default_rng(1)
     for name in ("panda", "stanford", "scara", "ur5", "iiwa14"):
         arm = pp.load_robot(name).arm()
         low, high = arm.limits.sampling_range()
         targets = arm.forward_kinematics_batch(rng.uniform(low, high, (300, arm.dof)))
-        assert _Span(arm).may_reach(targets).all()
+        assert Span(arm).may_reach(targets).all()
         targets[:, :3, 3] += 10.0
-        assert not _Span(arm).may_reach(targets).any()
+        assert not Span(arm).may_reach(targets).any()
 
 
 def test_the_answers_do_not_depend_on_the_number_of_threads(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:

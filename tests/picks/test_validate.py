@@ -14,9 +14,9 @@ from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import load_robot_from_text
 from pinproof.picks import Stage
+from pinproof.picks.configurations import turned_inside
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.report.report import COLUMNS
-from pinproof.picks.stages.reach import turned_inside
 
 
 def part(arm: pp.Arm, angle: float = 0.5, name: str = "part") -> pp.Pick:

@@ -6,7 +6,17 @@ from pinproof.picks.frames import NamedFrame
 from pinproof.picks.gripper import Fingers
 from pinproof.picks.pick import Pick, PickProblem, Picks, Place
 from pinproof.picks.picks_file import open_picks, read_picks
-from pinproof.picks.reach import ReachChange, ReachMap, Region, approach_directions, reach_map, tool_orientations
+from pinproof.picks.reach import (
+    PickScreen,
+    ReachChange,
+    ReachMap,
+    Region,
+    ScreenStatus,
+    approach_directions,
+    reach_map,
+    screen_picks,
+    tool_orientations,
+)
 from pinproof.picks.report import PickReport, write_report_page
 from pinproof.picks.settings import PickBudget, PickWeights
 from pinproof.picks.setup import PickSetup
@@ -27,6 +37,7 @@ __all__ = [
     "PickMotion",
     "PickProblem",
     "PickReport",
+    "PickScreen",
     "PickSetup",
     "PickSource",
     "PickStatus",
@@ -38,6 +49,7 @@ __all__ = [
     "ReachChange",
     "ReachMap",
     "Region",
+    "ScreenStatus",
     "Spin",
     "Stage",
     "StageResult",
@@ -46,6 +58,7 @@ __all__ = [
     "open_picks",
     "reach_map",
     "read_picks",
+    "screen_picks",
     "tool_orientations",
     "validate_picks",
     "write_report_page",

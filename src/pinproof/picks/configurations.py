@@ -7,14 +7,19 @@ import numpy.typing as npt
 
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
-from pinproof.model import Arm
+from pinproof.model import Arm, JointLimits
 
-__all__ = ["configurations", "has_closed_form", "manipulability"]
+__all__ = ["configurations", "has_closed_form", "limit_margins", "manipulability", "turned_inside", "widened"]
 
 Array = npt.NDArray[np.float64]
 
 SWEEP = AnalyticIk(redundant_steps=24)
 """Of an arm of seven: values of the redundant joint; every 15 degrees of a whole turn."""
+
+BEYOND = 2 * np.pi, 0.5
+"""rad and m by which limits are widened to tell whether they alone stand in the way."""
+
+TURN = 2 * np.pi
 
 SAMPLES, STARTS = 8, 64
 """Different configurations that are looked for where there is no closed form, and from how many starts."""
@@ -65,3 +70,26 @@ def manipulability(arm: Arm, Q: Array) -> Array:
     out = np.empty(len(Q))
     manipulability_many(arm.packed, np.ascontiguousarray(Q), out)
     return out
+
+
+def limit_margins(arm: Arm, q: Array) -> Array:
+    """(N,) how far (share of half its range) the joint nearest to a limit is from it at q (N, n): at most 1."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    half = (upper - lower) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.minimum(q - lower, upper - q) / half
+    return np.asarray(np.where(np.isfinite(share), share, 1.0).min(axis=1, initial=1.0))
+
+
+def widened(arm: Arm) -> Arm:
+    """The arm under limits that are a turn, or half a metre, wider on either side."""
+    limits, beyond = arm.limits, BEYOND[0] * arm.angular + BEYOND[1] * ~arm.angular
+    wider = JointLimits(limits.lower - beyond, limits.upper + beyond, limits.velocity, limits.acceleration)
+    return arm.with_limits(wider)
+
+
+def turned_inside(arm: Arm, q: Array) -> Array:
+    """The same poses, with each joint that is outside its limits inside them where whole turns do it; q (..., n)."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    turned = q + np.ceil((lower - q) / TURN) * TURN
+    return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)

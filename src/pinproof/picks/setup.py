@@ -24,7 +24,7 @@ from pinproof.picks.stages.grasp import contact_words
 from pinproof.picks.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy
 
-__all__ = ["PickSetup"]
+__all__ = ["PickSetup", "refuse_another_hand"]
 
 
 HELD_TOLERANCE = 1e-9
@@ -77,7 +77,7 @@ class PickSetup:
             the picks say, has no link that they call part of the gripper, or cannot hold its fingers as they grip.
         """
         _refuse_untimed(arm)
-        _refuse_another_hand(arm, picks)
+        refuse_another_hand(arm, picks)
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         start = arm.configuration(picks.home_configuration(arm.joint_names, arm.home) if home is None else home, "home")
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
@@ -154,7 +154,8 @@ class PickSetup:
         }
 
 
-def _refuse_another_hand(arm: Arm, picks: Picks) -> None:
+def refuse_another_hand(arm: Arm, picks: Picks) -> None:
+    """Refuse an arm that holds other joints elsewhere than picks say, or lacks what they call the gripper."""
     for name, value in picks.held.items():
         if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
             at = f"at {arm.held[name]:g}" if name in arm.held else "does not hold it"

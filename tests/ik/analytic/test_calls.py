@@ -205,3 +205,33 @@ def test_ends_of_the_intervals_of_seven_joints(name):
             if lower + 1e-6 < end < upper - 1e-6:
                 assert branches_at(end - way * 1e-6) == one.branches
                 assert branches_at(end + way * 1e-6) != one.branches
+
+
+def test_values_of_the_redundant_joint_may_be_chosen():
+    arm, solver = pp.load_robot("panda").arm(), pp.AnalyticIk(redundant_steps=24)
+    targets = arm.forward_kinematics_batch(np.random.default_rng(4).uniform(*arm.limits.sampling_range(), (20, 7)))
+    joint, values = solver.redundant_grid(arm)
+    whole = solver.solve_all_batch(arm, targets)
+    parts = [solver.solve_all_batch(arm, targets, redundant_values=some) for some in (values[::2], values[1::2])]
+    np.testing.assert_array_equal(sum(part.count for part in parts), whole.count)
+    np.testing.assert_array_equal(sum(part.outside for part in parts), whole.outside)
+    even = parts[0].q[:, :, joint]
+    assert np.isin(even[np.isfinite(even)], values[::2]).all()
+    for target, row, count in zip(targets, whole.q, whole.count, strict=True):
+        np.testing.assert_array_equal(row[:count], solver.solve_all(arm, target).rows[:, :7])
+
+
+def test_only_an_arm_of_seven_has_a_redundant_joint(ur5):
+    assert pp.AnalyticIk().redundant_grid(ur5) is None
+    with pytest.raises(pp.InputError, match="redundant"):
+        pp.AnalyticIk().solve_all_batch(ur5, np.eye(4)[None], redundant_values=[0.0])
+
+
+def test_branches_that_limits_alone_rule_out_are_counted(ur5):
+    targets = ur5.forward_kinematics_batch(np.random.default_rng(5).uniform(-3.0, 3.0, (50, 6)))
+    all_round = pp.AnalyticIk().solve_all_batch(ur5, targets)
+    half = ur5.with_limits(pp.JointLimits(ur5.limits.lower / 4, ur5.limits.upper / 4, ur5.limits.velocity))
+    found = pp.AnalyticIk().solve_all_batch(half, targets)
+    assert not all_round.outside.any()
+    assert found.outside.any()
+    np.testing.assert_array_equal(found.count + found.outside, all_round.count)

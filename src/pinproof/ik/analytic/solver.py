@@ -282,7 +282,7 @@ class AnalyticIk:
         if given is not None:
             values = finite("redundant_values", given, (None,))[None]
         else:
-            grids = [self._grid(arm, plan, reference) for reference in references]
+            grids = [self._grid(arm, plan, each) for each in references]
             most = max(map(len, grids), default=1)  # one less where the reference is on the grid: its middle makes up
             values = np.array([g if len(g) == most else np.sort([*g, (g[0] + g[1]) / 2]) for g in grids])
         found, missed, per_value, outside = sweep_many(plan, many, references, values)
@@ -296,6 +296,19 @@ class AnalyticIk:
         return IkBranchesBatch(
             padded[:, :, : arm.dof], counts, padded[:, :, arm.dof], padded[:, :, arm.dof + 1], outside.sum(axis=1)
         )
+
+    def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
+        """The joint of an arm of seven that is swept, and its values (v,) (rad or m); None for other arms.
+
+        Raises
+        ------
+        NoClosedForm, InputError
+            As :meth:`solve_all`.
+        """
+        plan = self._plan(arm)
+        if plan.redundant is None:
+            return None
+        return plan.redundant, self._grid(arm, plan, plan.home if q0 is None else arm.configuration(q0, "q0"))
 
     def _grid(self, arm: Arm, plan: Plan, reference: Array) -> Array:
         """Values of the redundant joint: evenly over its limits, and where the reference has it."""

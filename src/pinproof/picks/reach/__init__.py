@@ -1,9 +1,22 @@
-"""Reach maps: which share of orientations an arm reaches, free of contact, all over a region."""
+"""Screening of picks and poses at the grasp, and reach maps: that screening over a region."""
 
 from pinproof.picks.reach.change import ReachChange
 from pinproof.picks.reach.mapping import reach_map
 from pinproof.picks.reach.orientations import approach_directions, tool_orientations
+from pinproof.picks.reach.pick_screen import PickScreen
 from pinproof.picks.reach.reach_map import ReachMap
 from pinproof.picks.reach.region import Region
+from pinproof.picks.reach.screen_picks import screen_picks
+from pinproof.picks.reach.screening import ScreenStatus
 
-__all__ = ["ReachChange", "ReachMap", "Region", "approach_directions", "reach_map", "tool_orientations"]
+__all__ = [
+    "PickScreen",
+    "ReachChange",
+    "ReachMap",
+    "Region",
+    "ScreenStatus",
+    "approach_directions",
+    "reach_map",
+    "screen_picks",
+    "tool_orientations",
+]

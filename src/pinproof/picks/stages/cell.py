@@ -9,16 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.model import Arm, JointLimits
-from pinproof.picks.configurations import has_closed_form
+from pinproof.model import Arm
+from pinproof.picks.configurations import has_closed_form, widened
 from pinproof.picks.frames import moved_by
 from pinproof.picks.pick import Picks
 from pinproof.picks.settings import PickBudget, PickWeights
 
 __all__ = ["Cell"]
-
-BEYOND = 2 * np.pi, 0.5
-"""rad and m by which limits are widened to tell whether they alone stand in the way."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,11 +61,7 @@ class Cell:
     @cached_property
     def wide_arm(self) -> Arm:
         """The arm under limits that are a turn, or half a metre, wider on either side."""
-        limits = self.arm.limits
-        beyond = BEYOND[0] * self.arm.angular + BEYOND[1] * ~self.arm.angular
-        return self.arm.with_limits(
-            JointLimits(limits.lower - beyond, limits.upper + beyond, limits.velocity, limits.acceleration)
-        )
+        return widened(self.arm)
 
     @cached_property
     def closed_form(self) -> bool:

@@ -9,17 +9,15 @@ import numpy.typing as npt
 
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm
-from pinproof.picks.configurations import STARTS, configurations
+from pinproof.picks.configurations import STARTS, configurations, limit_margins, turned_inside
 from pinproof.picks.family import Member
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
 from pinproof.spatial import SE3, twist_size
 
-__all__ = ["Reached", "every_branch_is_known", "reach", "turned_inside"]
+__all__ = ["Reached", "every_branch_is_known", "reach"]
 
 Array = npt.NDArray[np.float64]
-
-TURN = 2 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +63,7 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
     spread = f" of {len(members)} grasps" if len(members) > 1 else ""
     said = f"{len(q)} configuration{'' if len(q) == 1 else 's'}{spread}, {off:.1e} m off"
     figures = {"configurations": float(len(q)), "grasps": float(len(members)), "position_error": off}
-    margins = _margins(arm, q)
+    margins = limit_margins(arm, q)
     stages = (
         StageResult(Stage.REACH, True, said, figures),
         StageResult(Stage.LIMITS, True, "inside all limits", {"widest_margin": float(margins.max())}),
@@ -82,13 +80,6 @@ def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None
         if not found.complete or found.families:
             return False
     return True
-
-
-def turned_inside(arm: Arm, q: Array) -> Array:
-    """The same poses, with each joint that is outside its limits inside them where whole turns do it."""
-    lower, upper = arm.limits.lower, arm.limits.upper
-    turned = q + np.ceil((lower - q) / TURN) * TURN
-    return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)
 
 
 def _none(task: Task, members: list[Member], targets: list[SE3], seed: int) -> Reached:
@@ -127,12 +118,3 @@ def _none(task: Task, members: list[Member], targets: list[SE3], seed: int) -> R
 
 def _of(member: Member) -> str:
     return f"{member.words}: " if member.words else ""
-
-
-def _margins(arm: Arm, q: Array) -> Array:
-    """(k,) how far (share of half its range) the joint nearest to a limit is from it."""
-    lower, upper = arm.limits.lower, arm.limits.upper
-    half = (upper - lower) / 2
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = np.minimum(q - lower, upper - q) / half
-    return np.asarray(np.where(np.isfinite(share), share, 1.0).min(axis=1, initial=1.0))

@@ -1,0 +1,170 @@
+"""Where configurations for many poses come from, round by round: a later round is for poses that are still open."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum, auto
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.ik import AnalyticIk, Clik
+from pinproof.model import Arm
+from pinproof.picks.configurations import SWEEP, has_closed_form, turned_inside, widened
+from pinproof.picks.reach.span import Span
+
+__all__ = ["Proposals", "Proposed", "Wanted", "proposals_for"]
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
+
+RESTARTS = 8
+"""Of a search for a pose: enough for all but a few in a thousand, and an eighth of the time that a pose out of reach
+would take with the solver's own number."""
+
+GROUPS = 2, 4, 8
+"""Values of a swept joint that are looked at in the first rounds; the last one has the others. Most poses need few."""
+
+TURN = 2 * np.pi
+
+
+class Wanted(Enum):
+    """Which poses a round is for."""
+
+    OPEN = auto()
+    """Those of which nothing free is known yet."""
+    REACHED = auto()
+    """Of these, those that are known to be reachable."""
+    UNREACHED = auto()
+    """Of these, the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Proposed:
+    """What a round found.
+
+    Parameters
+    ----------
+    row
+        (k,) which of the targets each is for.
+    q
+        (k, n) configurations that reach them, inside the limits.
+    outside
+        (N,) whether limits alone were seen to rule one out, by target.
+    """
+
+    row: Indices
+    q: Array
+    outside: Mask
+
+
+class Proposals:
+    """Configurations for poses of an arm.
+
+    ``complete``: those of the first round are all that there are.
+    """
+
+    complete = False
+
+    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
+        """For which poses each round is, and its number; with ``why`` also those that only tell why there is none."""
+        raise NotImplementedError
+
+    def propose(self, number: int, targets: Array) -> Proposed:
+        """What a round finds for targets (N, 4, 4), ``base_from_tcp``."""
+        raise NotImplementedError
+
+
+def proposals_for(arm: Arm, home: Array, *, attempts: int, rng: int) -> Proposals:
+    """Every branch where there is a closed form, a sweep of an arm of seven, a search for others."""
+    if has_closed_form(arm):
+        return _Closed(arm, home)
+    return _Swept(arm, home, rng) if has_closed_form(arm, most=7) else _Searched(arm, home, attempts, rng)
+
+
+class _Closed(Proposals):
+    """Every branch of every target, at once."""
+
+    complete = True
+
+    def __init__(self, arm: Arm, home: Array) -> None:
+        self._arm, self._home = arm, home
+
+    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
+        del why
+        yield Wanted.OPEN, 0
+
+    def propose(self, number: int, targets: Array) -> Proposed:
+        del number
+        found = AnalyticIk().solve_all_batch(self._arm, targets, self._home)
+        row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
+        return Proposed(row, found.q[row, column], found.outside > 0)
+
+
+class _Swept(Proposals):
+    """The branches of an arm of seven at the values of one joint that a pick is judged at, then a search.
+
+    What limits rule out is looked for in a whole turn of that joint.
+    """
+
+    def __init__(self, arm: Arm, home: Array, rng: int) -> None:
+        self._arm, self._home, self._rng, self._span = arm, home, rng, Span(arm)
+        joint, values = SWEEP.redundant_grid(arm, home) or (0, home[:0])
+        spread = values[np.argsort([_reversed_bits(k) for k in range(len(values))])]
+        self._groups = [group for group in np.split(spread, np.cumsum(GROUPS)) if len(group)]
+        step = float(np.diff(values).max(initial=TURN))
+        self._beyond = np.arange(values[-1] + step, values[0] + TURN, step) if arm.angular[joint] else values[:0]
+        self._search = len(self._groups)
+
+    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
+        yield from ((Wanted.OPEN, k) for k in range(self._search))
+        yield Wanted.UNREACHED, self._search
+        if why and len(self._beyond):
+            yield Wanted.UNREACHED, self._search + 1
+
+    def propose(self, number: int, targets: Array) -> Proposed:
+        if number == self._search:
+            return _searched(self._arm, targets, self._home, self._rng, self._span)
+        values = self._groups[number] if number < self._search else self._beyond
+        found = SWEEP.solve_all_batch(self._arm, targets, self._home, redundant_values=values)
+        row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
+        return Proposed(row, found.q[row, column], found.outside > 0)
+
+
+class _Searched(Proposals):
+    """What a search finds from several starts."""
+
+    def __init__(self, arm: Arm, home: Array, attempts: int, rng: int) -> None:
+        low, high = arm.limits.sampling_range()
+        others = np.random.default_rng(rng).uniform(low, high, (attempts - 1, arm.dof))
+        self._arm, self._wide, self._rng = arm, widened(arm), rng
+        self._starts, self._span = np.vstack([home, others]), Span(arm)
+
+    def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
+        yield Wanted.OPEN, 0
+        # what the first search did not reach, with all its restarts, another start would hardly reach either
+        yield from ((Wanted.REACHED, k) for k in range(1, len(self._starts)))
+        if why:
+            yield Wanted.UNREACHED, len(self._starts)
+
+    def propose(self, number: int, targets: Array) -> Proposed:
+        if number < len(self._starts):
+            return _searched(self._arm, targets, self._starts[number], self._rng + number, self._span)
+        wide = _searched(self._wide, targets, self._starts[0], self._rng, Span(self._wide))
+        q, limits, outside = turned_inside(self._arm, wide.q), self._arm.limits, wide.outside
+        inside = ((q >= limits.lower) & (q <= limits.upper)).all(axis=1)
+        outside[wide.row[~inside]] = True
+        return Proposed(wide.row[inside], np.ascontiguousarray(q[inside]), outside)
+
+
+def _searched(arm: Arm, targets: Array, start: Array, rng: int, span: Span) -> Proposed:
+    near = np.flatnonzero(span.may_reach(targets))
+    found = Clik(restarts=RESTARTS).solve_batch(arm, targets[near], start, rng=rng)
+    return Proposed(near[found.ok], np.ascontiguousarray(found.q[found.ok]), np.zeros(len(targets), dtype=bool))
+
+
+def _reversed_bits(k: int) -> int:
+    """The number of ten binary digits that k read backwards is: in its order, neighbours come far from each other."""
+    return int(f"{k:010b}"[::-1], 2)

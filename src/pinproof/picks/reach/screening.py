@@ -1,0 +1,204 @@
+"""Screening: what becomes of poses at the grasp alone, many at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, Scene
+from pinproof.ik.settings import whole
+from pinproof.picks.configurations import manipulability
+from pinproof.picks.reach.proposals import Wanted, proposals_for
+from pinproof.picks.verdict import Stage
+
+__all__ = ["CODES", "Looked", "ScreenStatus", "Screening", "code_of"]
+
+Array = npt.NDArray[np.float64]
+Mask = npt.NDArray[np.bool_]
+Indices = npt.NDArray[np.int64]
+
+
+class ScreenStatus(Enum):
+    """What became of a pose that was screened, from the worst on: how far the way went that went farthest."""
+
+    UNREADABLE = "unreadable"
+    """What is asked for makes no sense in this scene."""
+    REACH = "out of reach"
+    """No configuration was found, not outside the limits either."""
+    LIMITS = "out of limits"
+    """Configurations were found outside the limits only."""
+    SELF = "self-collision"
+    """In every configuration found the arm, or what it holds, touches itself."""
+    CONTACT = "in contact"
+    """Every configuration found touches something, not all of them the arm alone."""
+    FREE = "free"
+    """There is a configuration that keeps every margin."""
+
+    @property
+    def stage(self) -> Stage | None:
+        """The stage of a pick that would fail; None where all up to the grasp would be passed."""
+        return _STAGES[self]
+
+
+_STAGES = {
+    ScreenStatus.UNREADABLE: Stage.INPUT,
+    ScreenStatus.REACH: Stage.REACH,
+    ScreenStatus.LIMITS: Stage.LIMITS,
+    ScreenStatus.SELF: Stage.SELF,
+    ScreenStatus.CONTACT: Stage.GRASP,
+    ScreenStatus.FREE: None,
+}
+
+CODES = tuple(ScreenStatus)
+"""The order in which arrays number the statuses."""
+
+
+def code_of(status: ScreenStatus) -> int:
+    """The number of a status in arrays."""
+    return CODES.index(status)
+
+
+@dataclass(frozen=True, eq=False)
+class Looked:
+    """What became of N poses.
+
+    Parameters
+    ----------
+    codes
+        (N,) places in :data:`CODES`.
+    q
+        (N, n) a configuration: the best free one found, else one in contact; NaN where none reaches.
+    manipulability, clearance
+        (N,) of free ones; NaN elsewhere, and clearance (m) where it was not asked for.
+    """
+
+    codes: npt.NDArray[np.int8]
+    q: Array
+    manipulability: Array
+    clearance: Array
+
+    @classmethod
+    def nothing(cls, count: int, dof: int) -> Looked:
+        """As many of which nothing is known."""
+        return cls(np.zeros(count, dtype=np.int8), np.full((count, dof), np.nan), *np.full((2, count), np.nan))
+
+    @classmethod
+    def joined(cls, parts: Sequence[Looked]) -> Looked:
+        """At least one part, one behind the other."""
+        return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
+
+    def put(self, rows: Indices, other: Looked, others: Indices) -> None:
+        """What is known of rows of another into these rows."""
+        for each in fields(self):
+            getattr(self, each.name)[rows] = getattr(other, each.name)[others]
+
+
+class Screening:
+    """Looks at poses with one checker; may be used from several threads.
+
+    Parameters
+    ----------
+    checker
+        The arm in its scene, with its tool attached.
+    home
+        (n,) whole turns are chosen near it, and searches begin there.
+    attempts
+        Starts of the search, for arms without a closed form.
+    rng
+        Seed of the searches.
+    why
+        Whether all is done to tell limits from reach, and the arm's touching itself from other contact: without, every
+        contact is said to be CONTACT, and LIMITS where a closed form tells it by the way.
+    clearance
+        Whether the clearance of what is free is measured.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        home: Array,
+        *,
+        attempts: int = 4,
+        rng: int = 0,
+        why: bool = True,
+        clearance: bool = False,
+    ) -> None:
+        whole("attempts", attempts, 1)
+        whole("rng", rng, 0)
+        self._checker, self._arm = checker, checker.arm
+        self._why, self._clearance = why, clearance
+        self._proposals = proposals_for(checker.arm, home, attempts=attempts, rng=rng)
+        self._own = checker.with_scene(Scene()) if why and checker.scene.obstacles else checker
+
+    @property
+    def complete(self) -> bool:
+        """Whether every configuration of a pose is looked at, so that what is not free cannot be."""
+        return self._proposals.complete
+
+    def look(self, targets: Array) -> Looked:
+        """What becomes of targets (N, 4, 4), ``base_from_tcp``.
+
+        Of several free configurations, the most manipulable of those that were proposed in one round is told.
+        """
+        count = len(targets)
+        q, volume = np.full((count, self._arm.dof), np.nan), np.full(count, np.nan)
+        reached, free, own, outside = np.zeros((4, count), dtype=bool)
+        for wanted, number in self._proposals.rounds(why=self._why):
+            left = ~free
+            if wanted is not Wanted.OPEN:
+                left &= reached if wanted is Wanted.REACHED else ~reached
+            rows = np.flatnonzero(left)
+            if not len(rows):
+                continue
+            found = self._proposals.propose(number, targets if len(rows) == count else targets[rows])
+            outside[rows] |= found.outside
+            if len(found.q):
+                self._judge(rows[found.row], found.q, reached, free, own, q, volume)
+        codes = np.where(outside, code_of(ScreenStatus.LIMITS), code_of(ScreenStatus.REACH))
+        contact = np.where(own, code_of(ScreenStatus.CONTACT), code_of(ScreenStatus.SELF))
+        codes = np.where(reached, contact if self._why else code_of(ScreenStatus.CONTACT), codes)
+        codes[free] = code_of(ScreenStatus.FREE)
+        clearance = np.full(count, np.nan)
+        if self._clearance and free.any():
+            clearance[free] = self._checker.clearance_batch(q[free])
+        return Looked(codes.astype(np.int8), q, volume, clearance)
+
+    def _judge(self, row: Indices, q: Array, reached: Mask, free: Mask, own: Mask, kept: Array, volume: Array) -> None:
+        """Judge configurations q (k, n) of the poses ``row`` (k,), into what is known of all poses.
+
+        The most manipulable of each pose goes first, and the others only where it is in contact.
+        """
+        volumes = manipulability(self._arm, q)
+        order = np.lexsort((-volumes, row))
+        row, q, volumes = row[order], q[order], volumes[order]
+        starts = np.flatnonzero(np.diff(row, prepend=-1))
+        poses, new = row[starts], ~reached[row[starts]]
+        kept[poses[new]], reached[poses] = q[starts[new]], True
+        best = _first(starts, len(row), lambda at: self._checker.is_free_batch(q[at]))
+        good = best >= 0
+        free[poses[good]], kept[poses[good]], volume[poses[good]] = True, q[best[good]], volumes[best[good]]
+        if self._why and self._own is not self._checker:
+            of_itself = _first(starts, len(row), lambda at: self._own.is_free_batch(q[at]), ~good & ~own[poses])
+            own[poses[of_itself >= 0]] = True
+
+
+def _first(starts: Indices, total: int, passes: Callable[[Indices], Mask], asked: Mask | None = None) -> Indices:
+    """(g,) the first entry that passes, of groups of entries that begin at ``starts`` (g,); -1 where none does.
+
+    ``passes`` is only asked for entries behind those of their group that failed. ``asked`` (g,): of which groups.
+    """
+    ends = np.append(starts[1:], total)
+    found = np.full(len(starts), -1)
+    groups = np.arange(len(starts)) if asked is None else np.flatnonzero(asked)
+    at = starts[groups]
+    while len(groups):
+        good = passes(at)
+        found[groups[good]] = at[good]
+        groups, at = groups[~good], at[~good] + 1
+        more = at < ends[groups]
+        groups, at = groups[more], at[more]
+    return found

@@ -1,0 +1,239 @@
+"""Screening: what it says of a pick is what the stages say of it, and what brute force finds."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.model import JointLimits
+from pinproof.picks.configurations import limit_margins
+from pinproof.picks.pick import PickProblem
+from pinproof.picks.stages.cell import Cell
+from pinproof.picks.stages.grasp import screen
+from pinproof.picks.stages.reach import reach
+from pinproof.picks.stages.task import Task
+from pinproof.spatial import SE3, matrix
+
+ROBOTS = ("ur5", "generic_6dof", "panda")
+
+
+def _random_picks(arm: pp.Arm, cell: tuple[pp.Scene, pp.Picks], count: int) -> pp.Picks:
+    """Half of them anywhere around the arm, half where some configuration of it is."""
+    rng = np.random.default_rng(3)
+    frames = pp.tool_orientations(pp.approach_directions(half_angle=0.9, count=20), 8)
+    low, high = arm.limits.sampling_range()
+    poses = [
+        SE3(frames[rng.integers(len(frames))], rng.uniform((-1.0, -1.0, 0.0), (1.0, 1.0, 0.7)))
+        if i % 2
+        else arm.root_from_base * arm.forward_kinematics(rng.uniform(low, high)) * cell[1].tip
+        for i in range(count)
+    ]
+    return replace(cell[1], picks=tuple(pp.Pick(f"p{i}", T) for i, T in enumerate(poses)), problems=())
+
+
+def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
+    """The stage up to the grasp that the judge of picks says has failed; None if none has."""
+    task = Task(pick, cell)
+    stages = []
+    for ring in task.rings():
+        reached = reach(task, ring, 0)
+        said = (*reached.stages, *(screen(task, ring, reached).stages if len(reached.q) else ()))
+        if said[-1].ok:
+            return None
+        stages = max(stages, said, key=len)
+    return stages[-1].stage
+
+
+def _cell(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> Cell:
+    checker = pp.CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
+    return Cell(checker, picks, arm.configuration(picks.home_configuration(arm.joint_names, arm.home)))
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_it_says_of_random_picks_what_the_stages_say(name, arms, cells) -> None:
+    picks = _random_picks(arms[name], cells[name], 100)
+    found = pp.screen_picks(arms[name], cells[name][0], picks)
+    cell = _cell(arms[name], cells[name][0], picks)
+    stages = [_failed_stage(pick, cell) for pick in picks]
+    odd = [(a, b) for a, b in zip([s.stage for s in found.status], stages, strict=True) if a is not b]
+    assert not odd
+    assert len(set(stages)) >= 3
+    assert found.complete == (name != "panda")
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_what_is_free_is_where_it_says_and_free(name, arms, cells) -> None:
+    arm, (scene, picks) = arms[name], cells[name]
+    picks = _random_picks(arms[name], cells[name], 100)
+    found = pp.screen_picks(arm, scene, picks, clearance=True)
+    checker = _cell(arm, scene, picks).checker
+    assert found.free.any()
+    for i in np.flatnonzero(found.free):
+        at = arm.root_from_base * arm.forward_kinematics(found.q[i]) * picks.tip
+        np.testing.assert_allclose(matrix(at), matrix(picks.picks[i].pose), atol=2e-6)
+        assert not arm.limits.violations(found.q[i], arm.joint_names)
+        assert checker.is_free(found.q[i])
+        assert found.clearance[i] == pytest.approx(checker.clearance(found.q[i]))
+    np.testing.assert_allclose(found.limit_margin[found.free], limit_margins(arm, found.q[found.free]), atol=1e-12)
+    assert np.isnan(found.manipulability[~found.free]).all()
+    assert np.isnan(found.clearance[~found.free]).all()
+
+
+def test_brute_force_finds_the_same(arms, cells) -> None:
+    arm, (scene, picks) = arms["ur5"], cells["ur5"]
+    checker = _cell(arm, scene, picks).checker
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-np.pi, np.pi, (300, 6))
+    targets = arm.forward_kinematics_batch(q)
+    found = pp.screen_picks(arm, scene, matrix(arm.root_from_base) @ targets @ matrix(picks.tip), **_given(picks))
+    for i, target in enumerate(targets):
+        branches = pp.AnalyticIk().solve_all(arm, target).branches
+        free = [q for q in branches if checker.is_free(q)]
+        assert found.free[i] == bool(free)
+        if free:
+            best = max(np.sqrt(np.linalg.det(J @ J.T)) for J in map(arm.jacobian, free))
+            assert found.manipulability[i] == pytest.approx(best, rel=1e-6)
+        else:
+            alone = checker.with_scene(pp.Scene())
+            itself = not any(alone.is_free(q) for q in branches)
+            assert found.status[i] is (pp.ScreenStatus.SELF if itself else pp.ScreenStatus.CONTACT)
+            assert np.isfinite(found.q[i]).all()
+    assert found.counts[pp.ScreenStatus.SELF] > 0
+    assert found.counts[pp.ScreenStatus.CONTACT] > 0
+
+
+def _given(picks: pp.Picks) -> dict[str, object]:
+    return {"tip": picks.tip, "tool": picks.open_tool, "margin": picks.margin}
+
+
+def test_poses_and_picks_are_the_same_question_for_any_number_of_threads(arms, cells) -> None:
+    arm, scene = arms["panda"], cells["panda"][0]
+    picks = _random_picks(arms["panda"], cells["panda"], 100)
+    of_picks = pp.screen_picks(arm, scene, picks)
+    poses = np.array([matrix(pick.pose) for pick in picks])
+    of_poses = pp.screen_picks(arm, scene, poses, home=list(picks.home.values()) or None, threads=3, **_given(picks))
+    np.testing.assert_array_equal(of_picks.codes, of_poses.codes)
+    np.testing.assert_array_equal(of_picks.q, of_poses.q)
+    assert of_poses.names[3] == "pose_3"
+    assert of_picks.names[3] == "p3"
+
+
+def test_limits_alone_are_told_from_reach(arms) -> None:
+    arm = arms["ur5"]
+    q = np.array([2.5, -1.2, 1.5, -1.8, -1.5, 0.3])
+    elbow = np.array([2 * np.pi, 2 * np.pi, 0.1, 2 * np.pi, 2 * np.pi, 2 * np.pi])
+    narrow = arm.with_limits(JointLimits(-elbow, elbow, arm.limits.velocity))
+    near, far = np.array(arm.forward_kinematics(q).homogeneous), np.eye(4)
+    far[0, 3] = 3.0
+    root = matrix(arm.root_from_base)
+    found = pp.screen_picks(narrow, pp.Scene(), root @ np.array([near, far]))
+    assert found.status == (pp.ScreenStatus.LIMITS, pp.ScreenStatus.REACH)
+    assert "outside the limits" in found.reason(0)
+    assert "out of reach" in found.reason(1)
+    assert pp.screen_picks(arm, pp.Scene(), root @ near[None]).status == (pp.ScreenStatus.FREE,)
+
+
+def test_an_arm_that_is_searched_is_told_apart_in_the_same_way(arms, monkeypatch) -> None:
+    monkeypatch.setattr("pinproof.picks.reach.proposals.has_closed_form", lambda arm, most=6: False)
+    arm = arms["generic_6dof"]
+    low, high = arm.limits.sampling_range()
+    middle = JointLimits(low / 2, high / 2, arm.limits.velocity)
+    narrow = arm.with_limits(middle)
+    targets = matrix(arm.root_from_base) @ arm.forward_kinematics_batch(
+        np.random.default_rng(1).uniform(low, high, (60, 6))
+    )
+    searched = pp.screen_picks(narrow, pp.Scene(), targets)
+    monkeypatch.undo()
+    closed = pp.screen_picks(narrow, pp.Scene(), targets)
+    assert not searched.complete
+    assert closed.complete
+    assert (searched.codes == closed.codes).mean() > 0.95
+    assert {pp.ScreenStatus.FREE, pp.ScreenStatus.LIMITS} <= set(searched.status)
+
+
+def test_of_a_family_the_first_ring_with_a_free_grasp_counts(arms) -> None:
+    arm = arms["ur5"]
+    tool = pp.Obstacle("bar", pp.Box(0.3, 0.02, 0.02), pp.pose(xyz=(0.13, 0.0, 0.05)))
+    wall = pp.Obstacle("wall", pp.Box(0.02, 1.0, 1.0), pp.pose(xyz=(0.6, 0.2, 0.3)))
+    spun = pp.Pick("spun", pp.pose(xyz=(0.5, 0.2, 0.3), rpy=(np.pi, 0, 0)), spin=pp.Spin.free())
+    picks = pp.Picks((replace(spun, name="plain", spin=pp.Spin()), spun), tool=(tool,))
+    found = pp.screen_picks(arm, pp.Scene([wall]), picks)
+    assert found.status == (pp.ScreenStatus.CONTACT, pp.ScreenStatus.FREE)
+    assert found.member[1] > 0
+    assert "bar" in found.reason(0)
+    cell = _cell(arm, pp.Scene([wall]), picks)
+    member = next(Task(spun, cell).rings())[found.member[1]]
+    at = arm.root_from_base * arm.forward_kinematics(found.q[1])
+    np.testing.assert_allclose(matrix(at), matrix(spun.pose * member.nominal_from_tip), atol=1e-8)
+
+
+def test_the_hand_may_touch_what_is_picked_and_nothing_else(arms) -> None:
+    arm = arms["ur5"]
+    tool = pp.Obstacle("rod", pp.Cylinder(radius=0.01, length=0.1), pp.pose(xyz=(0, 0, 0.05)))
+    can = pp.Obstacle("can", pp.Cylinder(radius=0.03, length=0.1), pp.pose(xyz=(0.5, 0.2, 0.2)))
+    other = pp.Obstacle("other", pp.Cylinder(radius=0.03, length=0.1), pp.pose(xyz=(0.5, -0.2, 0.2)))
+    above = pp.pose(xyz=(0.0, 0.0, 0.05), rpy=(np.pi, 0, 0))
+    tip = pp.pose(xyz=(0, 0, 0.1))
+    picks = pp.Picks(
+        (
+            pp.Pick("held", above, frame="can", carried="can"),
+            pp.Pick("touched", above, frame="other"),
+            pp.Pick("wrong", above, frame="other", carried="can"),
+        ),
+        tool=(tool,),
+        tip=tip,
+    )
+    scene = pp.Scene([can, other])
+    found = pp.screen_picks(arm, scene, picks)
+    free, contact = pp.ScreenStatus.FREE, pp.ScreenStatus.CONTACT
+    assert found.status == (free, contact, contact)
+    cell = _cell(arm, scene, picks)
+    assert [_failed_stage(pick, cell) for pick in picks] == [status.stage for status in found.status]
+    assert "other" in found.reason(2)
+
+
+def test_what_makes_no_sense_stops_nobody(arms) -> None:
+    fine = pp.Pick("fine", pp.pose(xyz=(0.5, 0.2, 0.3), rpy=(np.pi, 0, 0)))
+    picks = pp.Picks((replace(fine, name="lost", frame="nowhere"), fine), (PickProblem(7, "torn", "no xyz"),))
+    found = pp.screen_picks(arms["ur5"], pp.Scene(), picks)
+    unreadable = pp.ScreenStatus.UNREADABLE
+    assert found.status == (unreadable, pp.ScreenStatus.FREE, unreadable)
+    assert "nowhere" in found.reason(0)
+    assert found.reason(2) == "no xyz"
+    assert found.names == ("lost", "fine", "torn")
+    assert found.summary.startswith("3 screened: 1 free, 2 unreadable")
+
+
+def test_nothing_to_screen_is_an_answer_too(arms) -> None:
+    found = pp.screen_picks(arms["ur5"], pp.Scene(), np.empty((0, 4, 4)))
+    assert len(found) == 0
+    assert found.q.shape == (0, 6)
+
+
+@pytest.mark.parametrize("poses", [np.eye(4), np.full((1, 4, 4), np.nan), np.diag([1.0, 1.0, -1.0, 1.0])[None]])
+def test_poses_that_are_none_are_refused(poses: np.ndarray, arms) -> None:
+    with pytest.raises(pp.InputError, match="poses"):
+        pp.screen_picks(arms["ur5"], pp.Scene(), poses)
+
+
+def test_all_shipped_picks_are_told_as_they_are_judged(reports, arms, cells) -> None:
+    for name in ROBOTS:
+        found = pp.screen_picks(arms[name], *cells[name])
+        for status, verdict in zip(found.status, reports[name].verdicts, strict=True):
+            if status is pp.ScreenStatus.FREE:
+                assert verdict.failed not in {s.stage for s in pp.ScreenStatus if s.stage}
+            else:
+                assert verdict.failed is status.stage
+
+
+def test_a_grid_is_screened_without_being_held(arms) -> None:
+    first = pp.Pick("bolt", pp.pose(xyz=(0.3, -0.3, 0.2), rpy=(np.pi, 0, 0)))
+    grid = pp.PickGrid(first, (4, 3, 2), (0.1, 0.1, 0.1))
+    told = []
+    found = pp.screen_picks(arms["ur5"], pp.Scene(), grid, progress=lambda *at: told.append(at))
+    assert len(found) == 24
+    assert told == [(24, 24)]
+    np.testing.assert_array_equal(found.codes, pp.screen_picks(arms["ur5"], pp.Scene(), grid.load()).codes)

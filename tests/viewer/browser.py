@@ -210,7 +210,7 @@ PAINT_LINKS = f"""(() => {{
     if (thing.isMesh) thing.material = black;
   }});
   const robot = viewer.scene_tree.find(["robot"]);
-  const names = Object.keys(robot.children);
+  const names = Object.keys(robot.children).filter((name) => robot.children[name].children.visual);
   names.forEach((name, k) => {{
     const paint = flat((k + 1) * {COLOUR_STEP});
     robot.children[name].object.traverse((thing) => {{ if (thing.isMesh) thing.material = paint; }});

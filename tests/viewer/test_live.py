@@ -8,11 +8,12 @@ import sys
 import numpy as np
 import pytest
 
+from pinproof.collision import CollisionChecker, Scene
 from pinproof.errors import InputError, ViewerError
 from pinproof.viewer import show
 
 from .browser import Browser
-from .conftest import small_arm, swing
+from .conftest import POST, small_arm, swing
 
 
 def get(view, path: str = "/", host: str | None = None) -> tuple[int, str]:
@@ -94,8 +95,33 @@ def test_an_open_page_follows_the_arm_and_says_when_the_view_is_closed(browser: 
         page.wait_for(
             "window.pinproof && pinproof.events.readyState === EventSource.OPEN"
         )  # before the view says goodbye
+        assert page.complaints == []
     finally:
         view.close()
-    page.wait_for("document.getElementById('reason').textContent.startsWith('The live view was closed')")
-    assert page.complaints == []
+    page.wait_for("!document.getElementById('away').hidden")
     page.close()
+
+
+def test_an_open_page_comes_back_when_there_is_a_view_at_its_address_again(browser: Browser) -> None:
+    arm = small_arm()
+    with show(arm, title="first") as view:
+        port = int(view.url.rstrip("/").rsplit(":", 1)[1])
+        page = browser.open(view.url)
+        page.wait_for("pinproof.events.readyState === EventSource.OPEN")
+    page.wait_for("!document.getElementById('away').hidden")
+    with show(arm, None, swing(arm), title="second", port=port):
+        page.wait_for("document.title === 'second' && window.pinproof && pinproof.settings.duration === 2")
+        assert page.evaluate("document.getElementById('away').hidden")
+        page.close()
+
+
+def test_a_check_is_shown_no_more_once_the_arm_has_moved_away(browser: Browser) -> None:
+    arm, scene = small_arm(), Scene([POST])
+    touching = [1.5, 0.0]
+    with show(arm, scene, q=touching, check=CollisionChecker(arm, scene).check(touching)) as view:
+        page = browser.open(view.url)
+        assert page.text("#verdict") == "IN CONTACT"
+        view.move_to([0.0, 0.0])
+        page.wait_for("window.pinproof && document.getElementById('verdict').textContent === 'NOT VALIDATED'")
+        page.wait_for("window.pinproof && pinproof.settings.touching.length === 0")
+        page.close()

@@ -13,6 +13,7 @@ import pinproof.viewer.assembly as assembly
 from pinproof.errors import InputError, ViewerError
 from pinproof.viewer import write_html
 from pinproof.viewer.page import render_page
+from pinproof.viewer.picture import Picture
 from pinproof.viewer.wire import Commands, node_path
 
 from .conftest import small_arm, swing, turn
@@ -33,12 +34,12 @@ def test_the_page_of_the_ur5_is_small(ur5, cell, tmp_path) -> None:
 
 def test_the_same_input_gives_the_same_bytes() -> None:
     arm = small_arm()
-    assert render_page(arm, None, swing(arm)).text == render_page(arm, None, swing(arm)).text
+    assert render_page(Picture(arm, None, swing(arm))).text == render_page(Picture(arm, None, swing(arm))).text
 
 
 def test_the_page_names_no_address_outside_its_licences_and_its_viewer() -> None:
     arm = small_arm()
-    text = render_page(arm, None, swing(arm)).text
+    text = render_page(Picture(arm, None, swing(arm))).text
     bundle, _ = assembly._viewer_bundle()
     own = text.replace(bundle, "").replace(embedded(text, "licences"), "")
     assert "://" not in own
@@ -47,14 +48,14 @@ def test_the_page_names_no_address_outside_its_licences_and_its_viewer() -> None
 
 
 def test_the_licence_of_the_viewer_travels_with_it() -> None:
-    text = render_page(small_arm(), None, None).text
+    text = render_page(Picture(small_arm(), None, None)).text
     assert "Copyright (c) 2018 Robin Deits" in text
     assert "Three.js Authors" in text
 
 
 def test_names_cannot_become_markup() -> None:
     arm = small_arm(name="&lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;")
-    text = render_page(arm, None, None, title="<title>{{buffers}}").text
+    text = render_page(Picture(arm, None, None, title="<title>{{buffers}}")).text
     assert "alert(1)</script>" not in text
     assert "<h1>&lt;title&gt;{{buffers}}</h1>" in text
 
@@ -79,7 +80,7 @@ def test_a_folder_that_is_not_there_is_named(tmp_path) -> None:
 def test_a_missing_viewer_is_named(monkeypatch) -> None:
     monkeypatch.setattr(assembly, "find_spec", lambda name: None)
     with pytest.raises(ViewerError, match="meshcat is not installed"):
-        render_page(small_arm(), None, None)
+        render_page(Picture(small_arm(), None, None))
 
 
 def test_arrays_come_back_from_the_blob_as_they_went_in() -> None:

@@ -113,7 +113,7 @@ def test_a_contact_is_marked_where_it_is_even_behind_an_obstacle(
     red, green, blue = page.canvas().astype(int).transpose(2, 0, 1)
     assert ((red > 150) & (green < 90) & (blue < 90)).sum() > 100
     centre = page.evaluate(
-        "(() => { const ball = pinproof.viewer.scene_tree.find(['contact']).object;"
+        "(() => { const ball = pinproof.viewer.scene_tree.find(['contact', '0', 'ball']).object;"
         " const box = new MeshCat.THREE.Box3().setFromObject(ball);"
         " const c = box.getCenter(new MeshCat.THREE.Vector3()); return [c.x, -c.z, c.y]; })()"
     )

@@ -11,6 +11,7 @@ from pinproof.motion import JointPath
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import FRAME_RATE, Phase, checked_motion, film
 from pinproof.viewer.page import render_page
+from pinproof.viewer.picture import Picture
 from pinproof.viewer.stage import set_stage
 
 from .conftest import UPPER, small_arm, swing
@@ -39,7 +40,7 @@ def test_a_visual_mesh_that_is_missing_gives_way_to_the_collision_geometry_and_i
 
 
 def test_a_link_that_cannot_be_drawn_at_all_is_named_in_the_caption(tmp_path) -> None:
-    page = render_page(small_arm(upper=MESH.format(file=tmp_path / "gone.stl")), None, None)
+    page = render_page(Picture(small_arm(upper=MESH.format(file=tmp_path / "gone.stl")), None, None))
     assert "upper is not drawn: " in page.text
 
 
@@ -50,7 +51,7 @@ def test_a_robot_without_visuals_is_drawn_by_its_collision_geometry() -> None:
 
 def test_a_robot_without_any_geometry_is_refused() -> None:
     with pytest.raises(ViewerError, match="nothing to draw"):
-        render_page(small_arm(base="", upper=""), None, None)
+        render_page(Picture(small_arm(base="", upper=""), None, None))
 
 
 def test_links_stand_where_forward_kinematics_puts_them_in_the_root_frame(panda) -> None:

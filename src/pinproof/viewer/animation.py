@@ -69,12 +69,15 @@ class Film:
     riders
         By name, (F, 4, 4) ``root_from_object`` of what is attached for a while: it stands where it will be taken, then
         moves with the tcp, then stays where it was let go.
+    frames
+        By name, (F, 4, 4) ``root_from_frame`` of the links that were asked for.
     """
 
     times: Array
     poses: Array
     tcp: Array
     riders: dict[str, Array] = field(default_factory=dict)
+    frames: dict[str, Array] = field(default_factory=dict)
 
 
 def checked_motion(arm: Arm, motion: Trajectory) -> Trajectory:
@@ -93,11 +96,18 @@ def checked_motion(arm: Arm, motion: Trajectory) -> Trajectory:
     return motion
 
 
-def film(stage: Stage, phases: Sequence[Phase], *, rate: float = FRAME_RATE, most: int = MOST_FRAMES) -> Film:
-    """Key frames of a motion, ``rate`` a second, but about ``most`` at most."""
+def film(
+    stage: Stage,
+    phases: Sequence[Phase],
+    *,
+    rate: float = FRAME_RATE,
+    most: int = MOST_FRAMES,
+    frames: Sequence[str] = (),
+) -> Film:
+    """Key frames of a motion, ``rate`` a second, but about ``most`` at most; also of the named links' ``frames``."""
     total = sum(phase.trajectory.duration for phase in phases)
     rate = min(rate, (most - 1) / max(total, 1e-9))
-    times, poses, tcps, holding = [], [], [], []
+    times, poses, tcps, axes, holding = [], [], [], [], []
     begun = 0.0
     for number, phase in enumerate(phases):
         motion, placed = phase.trajectory, replace(stage, arm=stage.arm.with_held(phase.held))
@@ -106,13 +116,15 @@ def film(stage: Stage, phases: Sequence[Phase], *, rate: float = FRAME_RATE, mos
         for q in np.asarray(motion(moments), dtype=float):
             poses.append(placed.link_poses(q))
             tcps.append(placed.tcp_pose(q))
+            axes.append(placed.frame_poses(q, frames))
         times.append(begun + moments)
         holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(moments)
         begun += motion.duration
     root_from_tcp = np.stack(tcps)
     names = dict.fromkeys(name for held in holding for name in held)
     riders = {name: _ride(root_from_tcp, [held.get(name) for held in holding]) for name in names}
-    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :3, 3], riders)
+    named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
+    return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :3, 3], riders, named)
 
 
 def _ride(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
@@ -128,9 +140,10 @@ def _ride(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Arra
     return np.stack([start if k < held[0] else placed[int(j)] for k, j in zip(frames, source, strict=True)])
 
 
-def still(stage: Stage, q: Array) -> Film:
+def still(stage: Stage, q: Array, *, frames: Sequence[str] = ()) -> Film:
     """A single pose."""
-    return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_position(q)[None])
+    named = dict(zip(frames, stage.frame_poses(q, frames)[:, None], strict=True))
+    return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_position(q)[None], frames=named)
 
 
 def animate(commands: Commands, stage: Stage, shown: Film) -> None:
@@ -159,6 +172,7 @@ def tracks(
     # clips are told in seconds, one "frame" each
     stamps = commands.array(np.append(shown.times, shown.times[-1] + rest).astype(np.float32))
     moving = [(node_path("robot", link.name), shown.poses[:, k]) for k, link in enumerate(stage.links)]
+    moving += [(node_path("frames", name), poses) for name, poses in shown.frames.items()]
     moving += [(path, shown.riders[name]) for name, path in (places or {}).items() if name in shown.riders]
     found = ((path, _tracks(commands, stamps, np.concatenate([poses, poses[-1:]]))) for path, poses in moving)
     return [{"path": path, "clip": {"fps": 1, "name": "motion", "tracks": each}} for path, each in found if each]

@@ -15,18 +15,19 @@ from pinproof.collision.height_map import ground_surface
 from pinproof.collision.point_cloud import cell_faces
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import collada_unit, read_mesh, resolved, z_up
-from pinproof.errors import MeshError
+from pinproof.errors import InputError, MeshError
 from pinproof.viewer.surfaces import Rgba, Surface, merge_by_colour, shade
 
-__all__ = ["ball", "link_surfaces", "obstacle_surfaces", "tube"]
+__all__ = ["ball", "body_surfaces", "cone", "link_surfaces", "obstacle_surfaces", "tube"]
 
 Array = npt.NDArray[np.float64]
 
 LINK_GREY: Rgba = (0.72, 0.74, 0.77, 1.0)
 OBSTACLE_SAND: Rgba = (0.80, 0.70, 0.55, 1.0)
+BODY_AMBER: Rgba = (0.95, 0.62, 0.10, 0.45)
 COLOURED_SUFFIXES = (".dae", ".obj", ".ply", ".glb", ".gltf")
-SIDES = 48
-"""Sides of a drawn circle."""
+SIDES = 96
+"""Sides of a drawn circle; so many that a ball which ends a tube of its own radius meets it in a line without teeth."""
 
 HALF_SPACE, PLATE = 3.0, 0.002
 """Metres: a half-space, which has no end, is drawn as a plate with this side and thickness, under its plane."""
@@ -53,6 +54,27 @@ def link_surfaces(geometry: LinkGeometry) -> list[Surface]:
     else:
         surfaces = [_primitive(geometry.kind, geometry.size, geometry.rgba or LINK_GREY)]
     return [surface.moved(geometry.origin) for surface in surfaces]
+
+
+def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
+    """A ``<collision>`` element in its link's frame as checks take it unless told otherwise: of a mesh, its hull.
+
+    Raises
+    ------
+    MeshError
+        If a mesh is missing or unusable.
+    """
+    if geometry.kind != "mesh":
+        made = [_primitive(geometry.kind, geometry.size, BODY_AMBER)]
+    elif geometry.mesh is None:
+        raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} names no file")
+    else:
+        mesh = read_mesh(resolved(geometry.mesh, geometry.link), _three(geometry.size))
+        try:
+            made = [shade(*_triangles(ConvexHull(mesh.vertices)), BODY_AMBER)]
+        except InputError:  # a flat mesh has no hull
+            made = [shade(mesh.vertices, mesh.triangles, BODY_AMBER)]
+    return [surface.moved(geometry.origin) for surface in made]
 
 
 def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
@@ -107,6 +129,16 @@ def ball(centre: Array, radius: float, rgba: Rgba) -> Surface:
     return Surface(surface.vertices + centre, surface.normals, surface.triangles, rgba)
 
 
+def cone(tip: Array, direction: Array, radius: float, height: float, rgba: Rgba) -> Surface:
+    """A cone that ends at ``tip`` (3,) and points along the unit vector ``direction`` (3,)."""
+    side = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
+    side /= np.linalg.norm(side)
+    a_from_cone = np.eye(4)
+    a_from_cone[:3, :3] = np.column_stack([side, np.cross(direction, side), direction])
+    a_from_cone[:3, 3] = tip - 0.5 * height * direction
+    return _primitive("cone", (radius, height), rgba).moved(a_from_cone)
+
+
 def _triangles(shape: Shape) -> tuple[Array, npt.NDArray[np.int64]]:
     """What is drawn of a shape: vertices (V, 3) and triangles (F, 3)."""
     if isinstance(shape, Mesh):
@@ -147,13 +179,13 @@ def _made(kind: str, size: tuple[float, ...]) -> tuple[Array, npt.NDArray[np.int
     if kind == "box":
         made = creation.box(extents=size)
     elif kind == "sphere":
-        made = creation.icosphere(subdivisions=3, radius=size[0])
+        made = creation.icosphere(subdivisions=4, radius=size[0])
     elif kind == "cylinder":
         made = creation.cylinder(radius=size[0], height=size[1], sections=SIDES)
     elif kind == "cone":
         made = creation.cone(radius=size[0], height=size[1], sections=SIDES)
     else:
-        made = creation.capsule(radius=size[0], height=size[1], count=(SIDES, SIDES // 2))
+        made = creation.capsule(radius=size[0], height=size[1], count=(SIDES // 2, SIDES // 4))
     vertices = np.array(made.vertices, dtype=float)
     # cones begin at their disc; capsules have had their origin at an end and at the middle in different releases
     vertices -= (vertices.min(axis=0) + vertices.max(axis=0)) / 2

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from pinproof.viewer.stage import DrawnObstacle, Stage
 from pinproof.viewer.surfaces import Surface
 
-__all__ = ["FIELD_OF_VIEW", "View", "choose_view", "fit"]
+__all__ = ["FIELD_OF_VIEW", "MARGIN", "View", "choose_view", "fit"]
 
 Array = npt.NDArray[np.float64]
 
@@ -44,6 +44,13 @@ ENOUGH = 0.20
 """Share of the picture that the robot should fill; more is no reason to prefer a direction."""
 
 
+NEARLY = 0.985
+"""A customary direction is taken if its links are seen at least this well, compared with the best direction."""
+
+MARGIN = 0.05
+"""Share of the half canvas that stays free beyond what is framed."""
+
+
 @dataclass(frozen=True, eq=False)
 class View:
     """How the camera is set up.
@@ -59,23 +66,33 @@ class View:
     direction: Array
     points: Array
 
+    @property
+    def radius(self) -> float:
+        """Metres: half the diagonal of the box around what is shown."""
+        return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0))) / 2
 
-def choose_view(stage: Stage, poses: Array, tcp_path: Array) -> View:
+
+def choose_view(stage: Stage, poses: Array, points: Array, *, also: Array | None = None) -> View:
     """The view of a motion.
 
     Parameters
     ----------
     poses
-        (F, L, 4, 4) ``root_from_link`` of the drawn links over the motion.
-    tcp_path
-        (N, 3) the tcp over the motion.
+        (F, L, 4, 4) ``root_from_link`` of the stage's links over the motion.
+    points
+        (N, 3) what else must be in the picture: the way of the tcp, contacts.
+    also
+        (k, L, 4, 4) poses of the links that are framed too, but need not be made out link by link.
     """
     rng = np.random.default_rng(0)
-    links = [_samples(link.surfaces, rng) for link in stage.links]
+    drawn = [k for k, link in enumerate(stage.links) if link.surfaces]
+    poses = poses[:, drawn]
+    links = [_samples(stage.links[k].surfaces, rng) for k in drawn]
     owner = np.repeat(np.arange(len(links)), SAMPLES)
     moments = sorted({round(i) for i in np.linspace(0, len(poses) - 1, 24)})
-    outlines = [_extremes(np.concatenate([s.vertices for s in link.surfaces])) for link in stage.links]
-    points = _extremes(np.concatenate([tcp_path, *(_placed(outlines, poses[i]) for i in moments)]))
+    outlines = [_extremes(np.concatenate([s.vertices for s in stage.links[k].surfaces])) for k in drawn]
+    framed = [poses[i] for i in moments] + ([] if also is None else list(also[:, drawn]))
+    points = _extremes(np.concatenate([points, *(_placed(outlines, each) for each in framed)]))
     shown = [_placed(links, poses[i]) for i in sorted({0, len(poses) // 2, len(poses) - 1})]
     boxes = [_Box.around(obstacle) for obstacle in stage.obstacles]
 
@@ -86,10 +103,13 @@ def choose_view(stage: Stage, poses: Array, tcp_path: Array) -> View:
         # square roots: the view that shows every link fairly well wins over the one that shows one link very large
         return seen, round(min(share, ENOUGH), 2), float(np.sqrt(cells).sum())
 
-    return View(max(_directions(), key=merit), points)
+    merits = [(merit(direction), direction) for direction in _directions()]
+    seen, share, most = max(each[0] for each in merits)
+    # the first that is nearly as good as the best: the customary views come first
+    return next(View(way, points) for m, way in merits if m[0] == seen and m[1] >= share and m[2] >= NEARLY * most)
 
 
-def fit(points: Array, direction: Array, aspect: float, margin: float = 0.05) -> tuple[Array, Array, Array]:
+def fit(points: Array, direction: Array, aspect: float, margin: float = MARGIN) -> tuple[Array, Array, Array]:
     """Axes (3, 3) (rows right, up, towards the camera), tangents (2,) and camera position (3,) in those axes."""
     axes = _axes(direction)
     tangent = np.tan(np.deg2rad(FIELD_OF_VIEW / 2)) * np.array([aspect, 1.0])

@@ -6,12 +6,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from pinproof.collision import Certificate, CertificateStatus, FirstContact, Obstacle, Scene, UndecidedSpan
+from pinproof.collision import Certificate, CertificateStatus, CheckResult, FirstContact, Obstacle, Scene, UndecidedSpan
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 
 __all__ = ["Caption", "caption"]
+
+UNPROVEN = "NOT VALIDATED"
+
+BRIEF = ("Proven clearance", "Duration")
+"""Figures that are told in one line too."""
 
 
 @dataclass(frozen=True)
@@ -25,7 +30,7 @@ class Caption:
     reason
         One sentence; why it is not validated, or what was proven.
     tone
-        ``free``, ``colliding`` or ``open``: how it is coloured.
+        ``free``, ``colliding``, ``open`` or ``still``: how it is coloured.
     figures
         (name, value) pairs.
     left_out
@@ -56,6 +61,11 @@ class Caption:
             f'<p id="reason">{escape(self.reason)}</p><dl>{rows}</dl>{self._legend()}{left_out}{remarks}'
         )
 
+    @property
+    def brief(self) -> tuple[str, ...]:
+        """The figures that go with the headline where there is one line."""
+        return tuple(f"{name.lower()} {value}" for name, value in self.figures if name in BRIEF)
+
     def _legend(self) -> str:
         items = "".join(
             f'<li><span class="swatch" style="background:rgb({r * 255:.0f},{g * 255:.0f},{b * 255:.0f})"></span>'
@@ -71,11 +81,12 @@ def caption(
     motion: Trajectory | None,
     certificate: Certificate | None,
     attached: Sequence[Obstacle] = (),
+    check: CheckResult | None = None,
 ) -> Caption:
-    """The caption of a motion of an arm in a scene; ``motion`` None is a still picture."""
+    """The caption of a motion of an arm in a scene; ``motion`` None is a still picture, of which ``check`` may tell."""
     figures = [("Robot", arm.robot.name), ("Base to tcp", f"{arm.base} \u2192 {arm.tcp}")]
     if motion is None:
-        return _open("A still picture: there is no motion that could have been proven.", figures)
+        return _still(check, figures)
     duration = ("Duration", f"{motion.duration:.2f} s")
     if certificate is None:
         return _open("No certificate was given for this motion.", [*figures, duration])
@@ -89,18 +100,31 @@ def caption(
         return Caption("FREE", proof, "free", (*figures, clearance, duration, *leaves), left_out)
     if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
         reason = _contact(certificate.first_contact, certificate.margin)
-        return Caption("NOT VALIDATED", reason, "colliding", (*figures, duration), contact=certificate.first_contact)
+        return Caption(UNPROVEN, reason, "colliding", (*figures, duration), contact=certificate.first_contact)
     return _open(_undecided(certificate.undecided), [*figures, duration])
 
 
+def _still(check: CheckResult | None, figures: Sequence[tuple[str, str]]) -> Caption:
+    if check is None:
+        return Caption(
+            UNPROVEN, "A still picture: there is no motion that could have been proven.", "still", (*figures,)
+        )
+    if check.free:
+        reason = "The check that was given found no contact here; what lies around this picture is not proven."
+        return Caption(UNPROVEN, reason, "still", (*figures,))
+    first, more = check.contacts[0], len(check.contacts) - 1
+    reason = f"{first}{f', and {more} more' if more else ''}. Red balls mark the places, arrows the normals."
+    return Caption("IN CONTACT", reason, "colliding", (*figures, ("Contacts", str(len(check.contacts)))))
+
+
 def _open(reason: str, figures: Sequence[tuple[str, str]]) -> Caption:
-    return Caption("NOT VALIDATED", reason, "open", tuple(figures))
+    return Caption(UNPROVEN, reason, "open", tuple(figures))
 
 
 def _contact(contact: FirstContact, margin: float) -> str:
     one, other = contact.bodies
     how = f"{one} touches {other}" if contact.penetrating else f"{one} comes within {margin * 1e3:g} mm of {other}"
-    return f"Colliding: {how} at {contact.time:.3f} s. The red ball marks the place."
+    return f"Colliding: {how} at {contact.time:.3f} s. The red ball marks the place, the two bodies are red."
 
 
 def _undecided(span: UndecidedSpan | None) -> str:

@@ -6,19 +6,24 @@ import json
 import logging
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import replace
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
 from typing import Any
+from uuid import uuid4
 
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, Obstacle, Scene
+from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.errors import ViewerError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
-from pinproof.viewer.page import Page, render_page
+from pinproof.spatial import SE3
+from pinproof.viewer.cloud import ColouredPoints
+from pinproof.viewer.page import NO_FRAMES, Page, render_page
+from pinproof.viewer.picture import Picture
 from pinproof.viewer.wire import node_path, transform_command
 
 __all__ = ["LiveView", "show"]
@@ -28,6 +33,9 @@ LOOPBACK = "127.0.0.1"
 
 HEARTBEAT = 10.0
 """Seconds between signs of life to a page; they also find out that it was closed."""
+
+RETRY = 1000.0
+"""Milliseconds after which a page that lost the view looks for it again."""
 
 GOODBYE_TIMEOUT = 2.0
 """Seconds that :meth:`LiveView.close` waits for its thread."""
@@ -46,14 +54,22 @@ def show(
     attached: Sequence[Obstacle] = (),
     q: npt.ArrayLike | None = None,
     title: str | None = None,
+    points: ColouredPoints | None = None,
+    ghosts: npt.ArrayLike | None = None,
+    check: CheckResult | None = None,
+    frames: Mapping[str, SE3] = NO_FRAMES,
+    layers: Collection[str] = (),
     port: int = 0,
     open_browser: bool = False,
 ) -> LiveView:
     """Show an arm in the browser, live; returns at once.
 
+    An open page follows what the view is told. One that loses the view comes back by itself as soon as there is a view
+    at its address again, of this program or of the next.
+
     Parameters
     ----------
-    arm, scene, trajectory, certificate, attached, q, title
+    arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
         As in :func:`pinproof.write_html`.
     port
         The port on 127.0.0.1; 0 takes a free one.
@@ -65,7 +81,10 @@ def show(
     LiveView
         Its ``url`` opens the page, its ``close()`` ends it; it also ends with the program.
     """
-    view = LiveView(arm, scene, trajectory, certificate=certificate, attached=attached, q=q, title=title, port=port)
+    picture = Picture(
+        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+    )  # fmt: skip
+    view = LiveView(picture, port=port)
     if open_browser:
         import webbrowser
 
@@ -76,21 +95,9 @@ def show(
 class LiveView:
     """A page served on 127.0.0.1 from a background thread; made by :func:`show`, usable in ``with``."""
 
-    def __init__(
-        self,
-        arm: Arm,
-        scene: Scene | None = None,
-        trajectory: Trajectory | None = None,
-        *,
-        certificate: Certificate | None = None,
-        attached: Sequence[Obstacle] = (),
-        q: npt.ArrayLike | None = None,
-        title: str | None = None,
-        port: int = 0,
-    ) -> None:
-        self._arm, self._scene, self._title = arm, scene, title
-        self._attached = tuple(attached)
-        self._page = self._render(scene, trajectory, certificate, q)
+    def __init__(self, picture: Picture, *, port: int = 0) -> None:
+        self._number, self._page = _numbered(picture)
+        self._picture = picture
         self._moved: Event | None = None
         self._listeners: set[queue.SimpleQueue[Event]] = set()
         self._lock = threading.Lock()
@@ -109,16 +116,16 @@ class LiveView:
         return f"http://{LOOPBACK}:{self._server.server_address[1]}/"
 
     def move_to(self, q: npt.ArrayLike) -> None:
-        """Show the arm at q (n,); a motion that is playing gives way to the still arm."""
-        configuration = self._arm.configuration(q)
-        if self._page.moving:
-            self.replace(self._scene, q=configuration)
+        """Show the arm at q (n,); a motion that is playing, or a check of another configuration, is shown no more."""
+        configuration = self._picture.arm.configuration(q)
+        if self._page.moving or self._picture.check is not None:
+            self._show(replace(self._picture, trajectory=None, certificate=None, check=None, q=configuration))
             return
-        stage = self._page.stage
-        commands = [
-            transform_command(node_path("robot", link.name), pose)
-            for link, pose in zip(stage.links, stage.link_poses(configuration), strict=True)
-        ]
+        stage, frames = self._page.stage, self._page.frames
+        names = [node_path("robot", link.name) for link in stage.links]
+        names += [node_path("frames", name) for name in frames]
+        placed = [*stage.link_poses(configuration), *stage.frame_poses(configuration, frames)]
+        commands = [transform_command(name, pose) for name, pose in zip(names, placed, strict=True)]
         with self._lock:
             self._moved = ("message", json.dumps(commands))
             self._tell(self._moved)
@@ -130,12 +137,12 @@ class LiveView:
         *,
         certificate: Certificate | None = None,
         q: npt.ArrayLike | None = None,
+        ghosts: npt.ArrayLike | None = None,
+        check: CheckResult | None = None,
     ) -> None:
         """Show another scene or motion of the same arm; open pages load it by themselves."""
-        page = self._render(scene, trajectory, certificate, q)
-        with self._lock:
-            self._scene, self._page, self._moved = scene, page, None
-            self._tell(("reload", ""))
+        told = replace(self._picture, scene=scene, trajectory=trajectory, certificate=certificate)
+        self._show(replace(told, q=q, ghosts=ghosts, check=check))
 
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until the view is closed (by another thread), or for ``timeout`` seconds; whether it is closed."""
@@ -163,23 +170,11 @@ class LiveView:
     def __repr__(self) -> str:
         return f"LiveView({self.url}{', closed' if self._closed.is_set() else ''})"
 
-    def _render(
-        self,
-        scene: Scene | None,
-        trajectory: Trajectory | None,
-        certificate: Certificate | None,
-        q: npt.ArrayLike | None,
-    ) -> Page:
-        return render_page(
-            self._arm,
-            scene,
-            trajectory,
-            certificate=certificate,
-            attached=self._attached,
-            q=q,
-            title=self._title,
-            live=True,
-        )
+    def _show(self, picture: Picture) -> None:
+        number, page = _numbered(picture)
+        with self._lock:
+            self._number, self._page, self._picture, self._moved = number, page, picture, None
+            self._tell(("page", number))
 
     def _tell(self, event: Event) -> None:
         for listener in self._listeners:
@@ -188,6 +183,7 @@ class LiveView:
     def _subscribe(self) -> queue.SimpleQueue[Event]:
         listener: queue.SimpleQueue[Event] = queue.SimpleQueue()
         with self._lock:
+            listener.put(("page", self._number))
             if self._closed.is_set():
                 listener.put(("closed", ""))
             elif self._moved is not None:
@@ -198,6 +194,12 @@ class LiveView:
     def _unsubscribe(self, listener: queue.SimpleQueue[Event]) -> None:
         with self._lock:
             self._listeners.discard(listener)
+
+
+def _numbered(picture: Picture) -> tuple[str, Page]:
+    """A page and its number, which none had before, of this program or another: pages that come back compare it."""
+    number = uuid4().hex
+    return number, render_page(picture, live=number)
 
 
 class _Server(ThreadingHTTPServer):
@@ -248,6 +250,7 @@ class _Handler(BaseHTTPRequestHandler):
         listener = view._subscribe()
         try:
             self._answer("text/event-stream", None)
+            self.wfile.write(f"retry: {RETRY:.0f}\n\n".encode())
             name = ""
             while name != "closed":
                 try:

@@ -2,50 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from html import escape
 from pathlib import Path
+from types import MappingProxyType
 
-import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, FirstContact, Obstacle, Scene
+from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.description.whole_file import write_text_whole
-from pinproof.errors import FileError, InputError, ViewerError
+from pinproof.errors import FileError, ViewerError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
-from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, still
-from pinproof.viewer.appearance import ball, tube
-from pinproof.viewer.assembly import assemble, fill, part, view_settings
-from pinproof.viewer.camera import View, choose_view
-from pinproof.viewer.caption import Caption, caption
+from pinproof.spatial import SE3
+from pinproof.viewer.assembly import assemble, fill, part
 from pinproof.viewer.cloud import ColouredPoints
-from pinproof.viewer.stage import Stage, set_stage
-from pinproof.viewer.surfaces import Rgba
-from pinproof.viewer.surroundings import add_surroundings
-from pinproof.viewer.wire import Commands, node_path
+from pinproof.viewer.picture import Picture
+from pinproof.viewer.stage import Stage
 
-__all__ = ["Page", "render_page", "write_html"]
+__all__ = ["NO_FRAMES", "Page", "render_page", "write_html"]
 
-PATH_RADIUS = 0.004
-"""Metres; the drawn path of the tcp."""
-
-PATH_ORANGE: Rgba = (0.93, 0.42, 0.05, 1.0)
-START_WHITE: Rgba = (0.98, 0.98, 0.98, 1.0)
-CONTACT_RED: Rgba = (0.90, 0.05, 0.05, 0.85)
-
-CONTACT_RADIUS = 0.02
-"""Metres; the ball that marks a contact."""
+NO_FRAMES: Mapping[str, SE3] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """A page's HTML, what it shows, and whether it shows it in motion."""
+    """A page's HTML, what it shows, whether in motion, and the links whose frames it has."""
 
     text: str
     stage: Stage
     moving: bool
+    frames: tuple[str, ...] = field(default=())
 
 
 def write_html(
@@ -59,10 +47,15 @@ def write_html(
     q: npt.ArrayLike | None = None,
     title: str | None = None,
     points: ColouredPoints | None = None,
+    ghosts: npt.ArrayLike | None = None,
+    check: CheckResult | None = None,
+    frames: Mapping[str, SE3] = NO_FRAMES,
+    layers: Collection[str] = (),
 ) -> None:
     """Write a page that shows an arm, its scene and a motion; it opens anywhere, offline.
 
-    ``page.html#t=1.2`` opens it at rest at 1.2 s.
+    ``page.html#t=1.2`` opens it at rest at 1.2 s, ``page.html#still`` as a bare picture. A certificate with a contact
+    opens it at the contact, with the two bodies in red.
 
     Parameters
     ----------
@@ -83,93 +76,50 @@ def write_html(
         The title of the page; by default the robot's name.
     points
         Coloured points to draw, with their legend.
+    ghosts
+        (k, n) configurations at which the arm is drawn once more, faintly: the branches of an IK answer.
+    check
+        What a checker found at ``q``: its contacts are marked, with their normals, and the bodies are red.
+    frames
+        ``root_from_frame`` by name: frames to draw with their names, besides those of the arm's links.
+    layers
+        What is shown at first besides the rest, all of which the page can switch: ``collision`` (the geometry that
+        checks see; of meshes their hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at steps of the
+        motion).
 
     Raises
     ------
     InputError
         If the trajectory moves other joints than the arm's, has no timing, or ``q`` is given besides it.
+    UnknownNameError
+        For a layer that there is not.
     ViewerError
         If the page cannot be written, or meshcat's viewer is not installed.
     """
-    page = render_page(
-        arm, scene, trajectory, certificate=certificate, attached=attached, q=q, title=title, points=points
-    )
+    picture = Picture(
+        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+    )  # fmt: skip
     try:
-        write_text_whole(path, page.text)
+        write_text_whole(path, render_page(picture).text)
     except FileError as error:
         raise ViewerError(str(error)) from error
 
 
-def render_page(
-    arm: Arm,
-    scene: Scene | None,
-    trajectory: Trajectory | None,
-    *,
-    certificate: Certificate | None = None,
-    attached: Sequence[Obstacle] = (),
-    q: npt.ArrayLike | None = None,
-    title: str | None = None,
-    live: bool = False,
-    points: ColouredPoints | None = None,
-) -> Page:
-    """The page; ``live`` lets it listen to the server it came from."""
-    if trajectory is not None and q is not None:
-        raise InputError("give a trajectory or q, not both: a trajectory says where the arm is")
-    stage = set_stage(arm, scene, attached)
-    if not stage.links:
-        why = "; ".join(stage.notes) or "no link has geometry"
-        raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: {why}")
-    if trajectory is not None:
-        shown = film(stage, [Phase(checked_motion(arm, trajectory))])
-    else:
-        shown = still(stage, arm.home if q is None else arm.configuration(q))
-    marks = np.empty((0, 3)) if points is None else points.xyz
-    view = choose_view(stage, shown.poses, np.concatenate([shown.tcp, marks]))
-    commands = stage_commands(stage, shown, view)
-    words = caption(arm, scene, trajectory, certificate, attached)
-    if points is not None:
-        points.draw(commands)
-        words = replace(words, legend=points.legend)
-    if words.contact is not None:
-        mark_contact(commands, words.contact)
-    text = _assemble(stage, shown, view, commands, words, title or arm.robot.name, live)
-    return Page(text, stage, moving=trajectory is not None)
-
-
-def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
-    """Everything that is drawn, as commands to meshcat's viewer."""
-    commands = Commands()
-    add_surroundings(commands, view, stage.floor)
-    for link, root_from_link in zip(stage.links, shown.poses[0], strict=True):
-        for number, surface in enumerate(link.surfaces):
-            commands.set_surface(node_path("robot", link.name, str(number)), surface)
-        commands.set_transform(node_path("robot", link.name), root_from_link)
-    for obstacle in stage.obstacles:
-        for number, surface in enumerate(obstacle.surfaces):
-            commands.set_surface(node_path("scene", obstacle.name, str(number)), surface)
-        commands.set_transform(node_path("scene", obstacle.name), obstacle.pose)
-    add_path(commands, shown)
-    animate(commands, stage, shown)
-    return commands
-
-
-def add_path(commands: Commands, shown: Film) -> None:
-    """The way of the tcp, from a white ball to an orange one."""
-    line = tube(shown.tcp, PATH_RADIUS, PATH_ORANGE)
-    if line is not None:
-        commands.set_surface("/tcp path/line", line)
-        commands.set_surface("/tcp path/start", ball(shown.tcp[0], 2.5 * PATH_RADIUS, START_WHITE))
-        commands.set_surface("/tcp path/end", ball(shown.tcp[-1], 2.5 * PATH_RADIUS, PATH_ORANGE))
-
-
-def mark_contact(commands: Commands, contact: FirstContact) -> None:
-    """A ball midway between the two points of a contact, seen through whatever lies before it."""
-    surface = ball(contact.points.mean(axis=0), CONTACT_RADIUS, CONTACT_RED)
-    commands.set_surface("/contact", surface, type="MeshBasicMaterial", depthTest=False)
-
-
-def _assemble(stage: Stage, shown: Film, view: View, commands: Commands, words: Caption, title: str, live: bool) -> str:
-    settings = {**view_settings(view), "duration": float(shown.times[-1]), "live": live}
-    body = fill(part("page.html"), {"title": escape(title), "caption": words.html(stage.notes)})
-    style, script = part("common.css") + part("page.css"), part("page.js")
-    return assemble(title, style, body, script, settings, commands, live=live)
+def render_page(picture: Picture, *, live: str | None = None) -> Page:
+    """The page; ``live`` is its number where it listens to the server it came from."""
+    drawn = picture.draw()
+    title = picture.title or picture.arm.robot.name
+    settings = {**drawn.settings, "live": live}
+    plate = " \u00b7 ".join([drawn.words.headline, *drawn.words.brief])
+    body = fill(
+        part("page.html"),
+        {
+            "title": escape(title),
+            "caption": drawn.words.html(drawn.stage.notes),
+            "tone": drawn.words.tone,
+            "plate": escape(plate),
+        },
+    )
+    style, script = part("common.css") + part("page.css"), part("layers.js") + part("page.js")
+    text = assemble(title, style, body, script, settings, drawn.commands, live=live is not None)
+    return Page(text, drawn.stage, drawn.moving, drawn.frames)

@@ -31,7 +31,7 @@ const points = settings.points.map(vector);
 // The same closed form as pinproof.viewer.camera.fit, for the canvas as it is now.
 function frame() {
   const camera = viewer.camera, aspect = pane.clientWidth / Math.max(1, pane.clientHeight);
-  const tangent = Math.tan((settings.fieldOfView * Math.PI) / 360) * 0.95;
+  const tangent = Math.tan((settings.fieldOfView * Math.PI) / 360) * (1 - settings.margin);
   const centre = [], depths = [];
   for (const [axis, reach] of [[right, tangent * aspect], [up, tangent]]) {
     let high = -Infinity, low = Infinity;
@@ -57,7 +57,7 @@ function frame() {
 }
 
 for (const command of read("commands")) viewer.handle_command(command);
-viewer.gui.close();
+viewer.gui.domElement.style.display = "none";  // the page has switches of its own
 viewer.controls.addEventListener("start", () => { touched = true; });
 byId("reset").addEventListener("click", () => { touched = false; frame(); });
 viewer.set_3d_pane_size();

@@ -1,6 +1,6 @@
 // The player: drives meshcat's own animator, so that its control panel and this one never disagree.
 const animator = viewer.animator;
-const play = byId("play"), scrub = byId("scrub"), clock = byId("clock");
+const play = byId("play"), scrub = byId("scrub"), clock = byId("clock"), speed = byId("speed");
 let duration = 0;
 
 function seek(t) {
@@ -30,18 +30,41 @@ function show() {
   requestAnimationFrame(show);
 }
 
-// The animator holds a motion of so many seconds, or none; it begins unless the address or the reader wants calm.
-function offer(seconds) {
+// The animator holds a motion of so many seconds, or none; it begins unless it is to rest at a moment (start), or the
+// address or the reader wants calm.
+function offer(seconds, start = null) {
   duration = seconds;
   const moving = animator.actions.length > 0;
   byId("player").hidden = !moving;
   if (!moving) return;
   scrub.max = duration;
   const calm = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
-  if (!fromAddress() && !calm) animator.play();
+  if (fromAddress()) return;
+  if (start !== null) seek(start);
+  else if (!calm) animator.play();
 }
 
-play.addEventListener("click", () => (animator.playing ? animator.pause() : animator.play()));
+function toggle() {
+  if (animator.playing) animator.pause();
+  else animator.play();
+}
+
+// Keys of the whole page, where nothing that is focused wants them for itself.
+const STEP = 1 / 30;
+window.addEventListener("keydown", (event) => {
+  if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.target.closest("input:not([type=checkbox]), select, button, textarea, summary")) return;
+  if (event.key === "r" || event.key === "R") byId("reset").click();
+  if (animator.actions.length === 0) return;
+  if (event.key === " " && !event.target.closest("input")) toggle();
+  else if (event.key === "ArrowLeft") seek(animator.time - STEP);
+  else if (event.key === "ArrowRight") seek(animator.time + STEP);
+  else return;
+  event.preventDefault();
+});
+
+play.addEventListener("click", toggle);
+if (speed) speed.addEventListener("change", () => { animator.mixer.timeScale = Number(speed.value); });
 scrub.addEventListener("input", () => seek(Number(scrub.value)));
 window.addEventListener("hashchange", fromAddress);
 show();

@@ -14,7 +14,7 @@ from pinproof.description import LinkGeometry
 from pinproof.errors import MeshError
 from pinproof.model import Arm
 from pinproof.spatial import matrix
-from pinproof.viewer.appearance import link_surfaces, obstacle_surfaces
+from pinproof.viewer.appearance import body_surfaces, link_surfaces, obstacle_surfaces
 from pinproof.viewer.surfaces import Surface, merge_by_colour
 
 __all__ = ["DrawnLink", "DrawnObstacle", "Stage", "set_stage"]
@@ -24,10 +24,11 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class DrawnLink:
-    """A link and its surfaces in its own frame."""
+    """A link, its surfaces and, where they were asked for, the bodies it collides with, all in its own frame."""
 
     name: str
     surfaces: tuple[Surface, ...]
+    bodies: tuple[Surface, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +51,13 @@ class Stage:
 
     def link_poses(self, q: Array) -> Array:
         """(L, 4, 4) ``root_from_link`` of the drawn links at the configuration q (n,)."""
+        return self.frame_poses(q, [link.name for link in self.links])
+
+    def frame_poses(self, q: Array, names: Sequence[str]) -> Array:
+        """(K, 4, 4) ``root_from_frame`` of links, drawn or not, at the configuration q (n,)."""
         root_from_base = self.arm.root_from_base
-        return np.stack([matrix(root_from_base * self.arm.frame_placement(q, link.name)) for link in self.links])
+        placed = [matrix(root_from_base * self.arm.frame_placement(q, name)) for name in names]
+        return np.array(placed).reshape(-1, 4, 4)
 
     def tcp_position(self, q: Array) -> Array:
         """(3,) the tcp at the configuration q (n,), in metres."""
@@ -68,10 +74,11 @@ class Stage:
         return min([0.0, *lowest])
 
 
-def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = ()) -> Stage:
+def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = (), *, bodies: bool = False) -> Stage:
     """Load every picture; what cannot be loaded is left out and named in ``notes``, never dropped in silence.
 
-    ``attached`` objects (their pose is ``tcp_from_object``) are drawn with the link that is the tcp.
+    ``attached`` objects (their pose is ``tcp_from_object``) are drawn with the link that is the tcp. ``bodies`` also
+    loads what links collide with.
     """
     notes: list[str] = []
     visuals, collisions = _by_link(arm.robot.urdf.visuals), _by_link(arm.robot.urdf.collisions)
@@ -91,8 +98,11 @@ def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = ()) 
             surfaces = [*surfaces, *(part.moved(matrix(thing.pose)) for part in parts)]
             if lost:
                 notes.append(f"attached {thing.name} is not drawn: {lost}")
-        if surfaces:
-            links.append(DrawnLink(name, tuple(merge_by_colour(surfaces))))
+        solid, unusable = _pictures(collisions.get(name, ()) if bodies else (), body_surfaces)
+        if unusable:
+            notes.append(f"the collision geometry of {name} is not drawn: {unusable}")
+        if surfaces or solid:
+            links.append(DrawnLink(name, tuple(merge_by_colour(surfaces)), tuple(merge_by_colour(solid))))
     obstacles = []
     for obstacle in scene.obstacles if scene is not None else ():
         surfaces, problem = _pictures((obstacle,), obstacle_surfaces)

@@ -19,7 +19,7 @@ SQUARE = 0.25
 def add_surroundings(commands: Commands, view: View, floor: float) -> None:
     """Light from the camera's left, a floor at height ``floor`` (m) that takes shadows, and a calm background."""
     low, high = view.points.min(axis=0), view.points.max(axis=0)
-    centre, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2
+    centre, radius = (low + high) / 2, view.radius
     commands.set_property("/Background", "top_color", [0.85, 0.88, 0.91])
     commands.set_property("/Background", "bottom_color", [0.70, 0.74, 0.79])
     for unused in ("/Grid", "/Axes", "/Lights/PointLightNegativeX", "/Lights/PointLightPositiveX"):
@@ -29,8 +29,13 @@ def add_surroundings(commands: Commands, view: View, floor: float) -> None:
 
 
 def _light(commands: Commands, view: View, reach: float) -> None:
-    commands.set_property("/Lights/AmbientLight/<object>", "intensity", 0.46)
-    commands.set_property("/Lights/FillLight/<object>", "intensity", 0.22)
+    commands.set_property("/Lights/AmbientLight/<object>", "intensity", 0.14)
+    # From the sky more than from the floor: what lies in shadow keeps its shape.
+    above = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 1, 1]
+    sky = {"color": 0xFFFFFF, "groundColor": 0x8A8378, "intensity": 0.38, "matrix": above}
+    commands.set_object("/Lights/SkyLight", "HemisphereLight", {}, **sky)
+    commands.set_property("/Lights/SkyLight/<object>", "castShadow", False)
+    commands.set_property("/Lights/FillLight/<object>", "intensity", 0.15)
     commands.set_property("/Lights/FillLight/<object>", "position", [float(v) for v in (*(-view.direction[:2]), 0.4)])
     # A directional light shines on the origin; its shadow is drawn in a box about it that must hold everything.
     left = np.cross(view.direction, (0.0, 0.0, 1.0))
@@ -40,7 +45,7 @@ def _light(commands: Commands, view: View, reach: float) -> None:
     box = {"uuid": "shadow", "type": "OrthographicCamera", "near": 0.1 * reach, "far": 4 * reach, "zoom": 1}
     box |= {"left": -reach, "right": reach, "top": reach, "bottom": -reach}
     shadow = {"mapSize": [2048, 2048], "bias": -0.0005, "normalBias": 0.01, "radius": 2.5, "camera": box}
-    look = {"color": 0xFFFFFF, "intensity": 0.58, "matrix": matrix, "shadow": shadow}
+    look = {"color": 0xFFFFFF, "intensity": 0.52, "matrix": matrix, "shadow": shadow}
     commands.set_object("/Lights/KeyLight", "DirectionalLight", {}, **look)
 
 

@@ -33,7 +33,7 @@ from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import still
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
 from pinproof.viewer.markers import PoseMarkers
-from pinproof.viewer.page import stage_commands
+from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import set_stage
 
 if TYPE_CHECKING:

@@ -1,0 +1,93 @@
+// What lies over the picture (faint copies, frames, bodies in contact) and the switches of its layers.
+const THREE = MeshCat.THREE;
+const meshesUnder = (path) => {
+  const found = [];
+  viewer.scene_tree.find(path).object.traverse((thing) => { if (thing.isMesh) found.push(thing); });
+  return found;
+};
+
+// --- ghosts and the swept tool: one instanced mesh draws all copies of a part ---
+settings.copies.forEach((copy, number) => {
+  const group = new THREE.Group(), m = new THREE.Matrix4(), colour = new THREE.Color();
+  for (const mesh of meshesUnder(copy.of)) {
+    const look = mesh.material.clone();
+    Object.assign(look, { transparent: true, opacity: copy.opacity, depthWrite: false });
+    if (copy.rgb) look.color.set(0xffffff);
+    const many = new THREE.InstancedMesh(mesh.geometry, look, copy.count);
+    for (let k = 0; k < copy.count; k++) {
+      many.setMatrixAt(k, m.fromArray(copy.matrices, 16 * k));
+      if (copy.rgb) many.setColorAt(k, colour.fromArray(copy.rgb, 3 * k));
+    }
+    many.frustumCulled = false;  // its bounds are those of one part at the origin
+    // A first pass writes depth alone: of each ghost only its outer surface is seen, not its inner walls.
+    const shell = many.clone();
+    shell.material = new THREE.MeshBasicMaterial({ colorWrite: false, side: THREE.DoubleSide });
+    [shell.instanceMatrix, shell.frustumCulled, shell.renderOrder, many.renderOrder] = [many.instanceMatrix, false, 1, 2];
+    group.add(shell, many);
+  }
+  viewer.scene_tree.find([copy.into, String(number)]).set_object(group);
+});
+
+// --- frames: red x, green y, blue z, and the name ---
+const hues = [0xd62728, 0x2ca02c, 0x1f5fd0];
+for (const [node, name] of settings.frames.names) {
+  const size = settings.frames.length, group = new THREE.Group();
+  hues.forEach((color, axis) => {
+    const rod = new THREE.Mesh(new THREE.CylinderGeometry(0.025 * size, 0.025 * size, size, 8),
+      new THREE.MeshBasicMaterial({ color, depthTest: false, transparent: true }));
+    rod.position.setComponent(axis, size / 2);
+    if (axis === 0) rod.rotation.z = -Math.PI / 2;
+    if (axis === 2) rod.rotation.x = Math.PI / 2;
+    rod.renderOrder = 5;
+    group.add(rod);
+  });
+  group.add(label(name, size));
+  viewer.scene_tree.find(["frames", node, "axes"]).set_object(group);
+}
+
+function label(text, size) {
+  const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = "600 40px system-ui, sans-serif";
+  pen.font = font;
+  canvas.width = Math.ceil(pen.measureText(text).width) + 24;
+  canvas.height = 56;
+  pen.font = font;
+  pen.fillStyle = "#ffffffd0";
+  pen.fillRect(0, 0, canvas.width, canvas.height);
+  pen.fillStyle = "#1b2530";
+  pen.fillText(text, 12, 42);
+  const map = new THREE.CanvasTexture(canvas);
+  map.minFilter = THREE.LinearFilter;
+  const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
+  sprite.scale.set((0.0125 * canvas.width) / canvas.height, 0.0125, 1);
+  sprite.center.set(0, 0);
+  sprite.position.setScalar(0.12 * size);
+  sprite.renderOrder = 6;
+  return sprite;
+}
+
+// --- the two bodies of a contact, in red while contacts are shown ---
+const touching = settings.touching.flatMap(meshesUnder).map((mesh) => [mesh.material, mesh.material.color.clone()]);
+const alarm = new THREE.Color(0xd01515);
+function redden(on) {
+  for (const [material, own] of touching) material.color.copy(own).lerp(alarm, on ? 0.78 : 0);
+}
+
+// --- switches ---
+function setLayer(name, shown) {
+  const layer = settings.layers.find((each) => each.name === name);
+  for (const node of layer.nodes) viewer.scene_tree.find(node).object.visible = shown;
+  if (name === "contact") redden(shown);
+  layer.shown = shown;
+  byId("layer-" + name).checked = shown;
+  viewer.set_dirty();
+}
+for (const layer of settings.layers) {
+  const line = document.createElement("label"), box = document.createElement("input");
+  Object.assign(box, { type: "checkbox", id: "layer-" + layer.name });
+  box.addEventListener("change", () => setLayer(layer.name, box.checked));
+  const note = document.createElement("small");
+  note.textContent = layer.note;
+  line.append(box, layer.label, " ", note);
+  byId("layers").append(line);
+  setLayer(layer.name, layer.shown);
+}

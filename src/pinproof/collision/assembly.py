@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.bodies import Body, shape_body
-from pinproof.collision.pairs import Pairs, choose_pairs
+from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, Pairs, choose_pairs
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -17,7 +17,7 @@ from pinproof.model import Arm
 if TYPE_CHECKING:
     from pinproof.kernels.world import World
 
-__all__ = ["ROUNDING", "Assembly", "Known", "assemble"]
+__all__ = ["ROUNDING", "Assembly", "Known", "assemble", "leave_out"]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -85,6 +85,39 @@ def assemble(
     rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
     world, at, still = pack_world(arm, bodies, pairs.checked, rounding)
     return Assembly(bodies, pairs, rounding, world, at, still, convex_pairs(world), made)
+
+
+def leave_out(made: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
+    """The same bodies, with fewer pairs of them checked: what :func:`assemble` makes where more may touch.
+
+    None where names stand for more than one body each, or for none: then it takes :func:`assemble` to tell.
+    """
+    order = {owner: i for i, owner in enumerate(dict.fromkeys(body.owner for body in made.bodies))}
+    if any(name not in order for pair in allowed for name in pair) or any(len(set(pair)) != 2 for pair in allowed):
+        return None
+    moving = {body.owner for body in made.bodies if body.link is not None}
+    named = {frozenset(pair) for pair in allowed if moving & set(pair)}
+    owners = [body.owner for body in made.bodies]
+    kept = np.array(
+        [k for k, (i, j) in enumerate(made.pairs.checked) if frozenset((owners[i], owners[j])) not in named], dtype=int
+    )
+    excluded = [pair for pair in made.pairs.excluded if frozenset(pair.owners) not in named]
+    for pair in named:
+        first, second = sorted(pair, key=lambda owner: (owner not in moving, order[owner]))
+        excluded.append(ExcludedPair((first, second), ALLOWED_BY_CALLER))
+    excluded.sort(key=lambda pair: (pair.owners[1] not in moving, *(order[owner] for owner in pair.owners)))
+    pairs = Pairs(
+        [made.pairs.checked[k] for k in kept.tolist()],
+        excluded,
+        [pair for pair in made.pairs.finer if frozenset(pair.owners) not in named],
+    )
+    now = np.full(len(made.pairs.checked), -1)
+    now[kept] = np.arange(len(kept))
+    own, still = now[made.world.own], now[made.still]
+    outer = np.where(made.world.outer >= 0, now[made.world.outer], -1) if len(now) else made.world.outer
+    around = np.flatnonzero((outer >= 0).any(axis=1))[::-1]
+    world = made.world._replace(pairs=made.world.pairs[kept], own=own[own >= 0], around=around, outer=outer)
+    return made._replace(pairs=pairs, world=world, still=still[still >= 0], convex=made.convex[kept])
 
 
 def _check_names(bodies: Sequence[Body], links: Sequence[str]) -> None:

@@ -15,7 +15,7 @@ from pinproof.collision.bodies import Body
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
 
-__all__ = ["GJK_SLACK", "GJK_TOLERANCE", "ByCoal", "Distance", "geometry_model"]
+__all__ = ["GJK_SLACK", "GJK_TOLERANCE", "ByCoal", "Distance", "geometry_model", "measure_convex"]
 
 Array = npt.NDArray[np.float64]
 
@@ -60,6 +60,27 @@ class Distance(NamedTuple):
     """(2, 3) the nearest (or deepest) points in the root frame."""
     normal: Array
     """(3,) the unit vector from the first body to the second, in the root frame."""
+
+
+def measure_convex(one: Body, at: Array, other: Body, other_at: Array) -> Distance:
+    """The distance of two convex bodies that stand at ``at`` and ``other_at``: rotation row by row, translation."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    _settle(request)
+    places = (coal.Transform3s(place[:9].reshape(3, 3), place[9:12]) for place in (at, other_at))
+    first, second = places
+    distance = float(coal.distance(one.geometry, first, other.geometry, second, request, result))
+    points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+    return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
+
+
+def _settle(request: Any) -> None:
+    """Tell coal how to answer: the same whatever was asked before.
+
+    Pinocchio's own requests start GJK where the pair's last query ended, so that answers move in their last digits with
+    the order of the questions, and with the number of threads.
+    """
+    request.gjk_initial_guess = coal.GJKInitialGuess.DefaultGuess
+    request.gjk_tolerance, request.gjk_max_iterations = GJK_TOLERANCE, GJK_ITERATIONS
 
 
 class ByCoal:
@@ -120,17 +141,11 @@ class ByCoal:
         return solid.contains(body.witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
 
     def _set_requests(self) -> None:
-        """Tell coal how to answer: the same whatever was asked before.
-
-        Pinocchio's own requests start GJK where the pair's last query ended, so that answers move in their last digits
-        with the order of the questions, and with the number of threads.
-        """
         for k, margin in enumerate(self._margins.tolist()):
             collision, distance = coal.CollisionRequest(), coal.DistanceRequest()
             collision.security_margin = margin + GJK_SLACK
             for request in (collision, distance):
-                request.gjk_initial_guess = coal.GJKInitialGuess.DefaultGuess
-                request.gjk_tolerance, request.gjk_max_iterations = GJK_TOLERANCE, GJK_ITERATIONS
+                _settle(request)
             self._geometry_data.collisionRequests[k] = collision
             self._geometry_data.distanceRequests[k] = distance
 

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.assembly import Known, assemble
+from pinproof.collision.assembly import Assembly, Known, assemble, leave_out
 from pinproof.collision.by_coal import Distance, geometry_model
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.finer import Levels, finer_levels
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
 from pinproof.collision.margins import Margins, checked_margin
-from pinproof.collision.pairs import unexplained_pairs
+from pinproof.collision.pairs import Pairs, unexplained_pairs
 from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, NOT_FINITE, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.still import Still, judge_still
@@ -213,7 +213,13 @@ class CollisionChecker:
         A certificate lists them as not checked. So allow a contact for the stage that means it, and for no other. For a
         part and the support it is lifted off, ``certify(..., parting=)`` allows less and proves more: that they part.
         """
-        return self._derived(self.scene, self.attached, (*self._allowed, *((str(a), str(b)) for a, b in pairs)))
+        more = tuple((str(a), str(b)) for a, b in pairs)
+        made = leave_out(self._assembly, more)
+        if made is None:
+            return self._derived(self.scene, self.attached, (*self._allowed, *more))
+        other = copy(self)
+        other._take(made, self.scene, self.attached, (*self._allowed, *more))
+        return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
         """The same, but pairs that touch at q (n,) by coarse bodies alone are judged by closer ones, as far as needed.
@@ -314,15 +320,27 @@ class CollisionChecker:
 
     def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
         """Everything that follows from the links, the scene, what is attached, what is allowed, and the margins."""
-        self.scene, self.attached, self._allowed = scene, attached, allowed
         made = assemble(
             self.arm, self._link_bodies.of(self._levels), scene, attached,
             levels=self._levels, allowed=allowed, trust_disabled=self._trust_disabled, known=self._known,
         )  # fmt: skip
+        self._take(made, scene, attached, allowed)
+
+    def _take(
+        self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
+    ) -> None:
+        self.scene, self.attached, self._allowed = scene, attached, allowed
         self.bodies, (self.pairs, self.excluded, self.finer), self.rounding = made.bodies, made.pairs, made.rounding
         self._world, self.at, self.still_pairs, self.convex = made.world, made.at, made.still, made.convex
         self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
+
+    @property
+    def _assembly(self) -> Assembly:
+        pairs = Pairs(self.pairs, self.excluded, self.finer)
+        return Assembly(
+            self.bodies, pairs, self.rounding, self._world, self.at, self.still_pairs, self.convex, self._known
+        )
 
     def _set_margins(self, margins: Margins) -> None:
         """The margins of all pairs, larger where obstacles may be moved, and what follows from them."""
@@ -365,6 +383,12 @@ class CollisionChecker:
             ]:
                 done.result()
         return many, rows
+
+    def __copy__(self) -> CollisionChecker:
+        """With all that is known of the obstacles, which a pickle leaves out."""
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)
+        return other
 
     def __getstate__(self) -> dict[str, Any]:
         left_out = ("_threads", "_known")

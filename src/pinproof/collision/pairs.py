@@ -24,7 +24,7 @@ from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Robot
 
-__all__ = ["ExcludedPair", "FinerPair", "Pairs", "choose_pairs", "unexplained_pairs"]
+__all__ = ["ALLOWED_BY_CALLER", "ExcludedPair", "FinerPair", "Pairs", "choose_pairs", "unexplained_pairs"]
 
 HOUSING = 0.05
 """Metres. Joints nearer than this share a housing: the links on both sides of a link without geometry meet there."""
@@ -39,6 +39,9 @@ TOUCHING = ("adjacent", "always", "default", "user", "overlaps in every sampled 
 
 BY = {DECOMPOSED: "several hulls", EXACT: "exact meshes"}
 """What a pair is judged by on each level."""
+
+ALLOWED_BY_CALLER = "allowed by the caller"
+"""Why a pair is left out that may touch."""
 
 DISABLED, TOUCHED = "the SRDF disables them without a reason", "they touch by their hulls where their meshes do not"
 """Why a pair is judged more finely than as told."""
@@ -156,7 +159,10 @@ def _reasons(
         if trust_disabled or pair.reason.lower() in TOUCHING:
             reasons[frozenset(pair.links)] = f"SRDF: {pair.reason or 'disabled without a reason'}"
     silent = set(robot.urdf.links) - set(owners)  # links without geometry touch nothing
-    for source, where, pairs in (("scene", scene.where, scene.allowed), ("caller", "the caller", tuple(allowed))):
+    for reason, where, pairs in (
+        ("allowed by the scene", scene.where, scene.allowed),
+        (ALLOWED_BY_CALLER, "the caller", tuple(allowed)),
+    ):
         for first, second in pairs:
             for name in (first, second):
                 if name not in owners and name not in silent and name != ANYTHING:
@@ -164,7 +170,7 @@ def _reasons(
             if first == second:
                 raise InputError(f"the contacts allowed by {where} name {first!r} twice; a pair is two bodies")
             for one, other in product(*(owners if name == ANYTHING else (name,) for name in (first, second))):
-                reasons[frozenset((one, other))] = f"allowed by the {source}"
+                reasons[frozenset((one, other))] = reason
     return reasons
 
 

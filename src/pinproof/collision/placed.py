@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.by_coal import ByCoal, Distance
+from pinproof.collision.by_coal import ByCoal, Distance, measure_convex
 
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
@@ -103,7 +103,9 @@ class Placed:
         lower, upper = self._kernels.measure(self._numbers, self._indices, self.at, k, points, normal)
         if lower > 0:
             return Distance(lower, lower, upper, points, normal)
-        deep = self._by_coal().measure(k)
+        i, j = self._checker.pairs[k]
+        bodies = self._checker.bodies
+        deep = measure_convex(bodies[i], self.at[i], bodies[j], self.at[j])
         return deep._replace(distance=min(deep.distance, upper), proven=lower, attained=upper)
 
     def touches(self, k: int) -> bool:

@@ -20,13 +20,13 @@ class PickWeights:
     Parameters
     ----------
     clearance
-        The clearance, 1 from 50 mm on.
+        The least clearance seen on the way, 1 from 50 mm on.
     limit_margin
         How far the joints stay from their limits, 1 in the middle of every range.
     manipulability
         Yoshikawa's measure at the grasp, 1 for the best of the configurations.
     duration
-        1 for the shortest.
+        The share of the time at full speed that no pick from any of the configurations can undercut; 1 at best.
     """
 
     clearance: float = 1.0
@@ -48,9 +48,11 @@ class PickBudget:
     Parameters
     ----------
     configurations
-        Of the configurations that are free at the grasp, how many are taken on, the best first.
+        Of the configurations that are free at the grasp, how many are taken on, those with the highest bounds first:
+        more than any arm with a closed form has for one grasp.
     compared
-        How many whole picks are made, of which the best is returned.
+        How many whole picks are made at most, of which the best is returned. Fewer are made where bounds of the scores
+        of the others tell that none is better.
     quick_nodes
         Nodes of the trees that look for a transit to one configuration.
     nodes
@@ -59,8 +61,8 @@ class PickBudget:
         Changed grasps, and distances, whose lines are tried for what would work; 0 for no remedies at all.
     """
 
-    configurations: int = 16
-    compared: int = 2
+    configurations: int = 32
+    compared: int = 16
     quick_nodes: int = 300
     nodes: int = 4000
     remedies: int = 6

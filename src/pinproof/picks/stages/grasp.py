@@ -74,12 +74,12 @@ def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
         near = np.sort(np.argsort(seconds, kind="stable")[:RANKED])
         q, members, seconds = q[near], [members[i] for i in near], seconds[near]
     clearance, volume = task.at_grasp.clearance_batch(q), manipulability(arm, q)
-    margins = [limit_margin(task, each, each) for each in q]
+    margins = limit_margin(task, q, q)
     ranked = []
     for i, member in enumerate(members):
         parts = {
             "clearance": float(np.clip(clearance[i], 0.0, AMPLE)) / AMPLE,
-            "limit_margin": margins[i],
+            "limit_margin": float(margins[i]),
             "manipulability": float(volume[i] / max(volume.max(), np.finfo(float).tiny)),
             "duration": float((seconds.min() + 0.1) / (seconds[i] + 0.1)),
         }
@@ -92,13 +92,13 @@ def weighed(parts: dict[str, float], weights: PickWeights) -> float:
     return sum(getattr(weights, name) * value for name, value in parts.items())
 
 
-def limit_margin(task: Task, low: Array, high: Array) -> float:
-    """How far joints that span from low (n,) to high (n,) stay from limits: 1 in the middle of all ranges, 0 at one."""
+def limit_margin(task: Task, low: Array, high: Array) -> Array:
+    """How far joints that span from low to high (..., n) stay from limits: 1 in the middle of all ranges, 0 at one."""
     limits = task.arm.limits
     half = (limits.upper - limits.lower) / 2
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.minimum(low - limits.lower, limits.upper - high) / half
-    return float(np.clip(np.where(np.isfinite(share), share, 1.0).min(), 0.0, 1.0))
+    return np.asarray(np.clip(np.where(np.isfinite(share), share, 1.0).min(axis=-1), 0.0, 1.0))
 
 
 def contact_words(result: CheckResult) -> list[str]:

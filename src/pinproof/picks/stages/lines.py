@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +17,7 @@ from pinproof.picks.verdict import Stage, StageResult
 from pinproof.planning import LinearMove, plan_linear
 from pinproof.spatial import SE3
 
-__all__ = ["Pairs", "Way", "along", "line"]
+__all__ = ["Line", "Pairs", "Way", "along", "line", "shifted", "span"]
 
 Array = npt.NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]
@@ -27,7 +28,7 @@ class Way:
     """A configuration at the grasp, as far as it came; both lines lead from the grasp outwards.
 
     ``parting`` are the pairs of the object and what it stands on, ``shift`` (n,) whole turns that all of it is moved
-    by, ``fraction`` how much of the line that failed was possible.
+    by, ``fraction`` how much of the line that failed was possible, ``clearance`` the least (m) that was seen on both.
     """
 
     candidate: Candidate
@@ -37,6 +38,7 @@ class Way:
     parting: Pairs = ()
     shift: Array = field(default_factory=lambda: np.zeros(1))
     fraction: float = 0.0
+    clearance: float = np.inf
 
     @property
     def passed(self) -> bool:
@@ -68,9 +70,7 @@ class Way:
 
     def span(self) -> tuple[Array, Array]:
         """Bounds (n,) of every joint along both lines, without ``shift``: those of Bezier control points."""
-        paths = [path for path in (self.approach, self.retreat) if path is not None]
-        points = np.vstack([self.candidate.q, *(path.bezier()[1].reshape(-1, len(self.candidate.q)) for path in paths)])
-        return points.min(axis=0), points.max(axis=0)
+        return span(self.candidate.q, self.approach, self.retreat)
 
 
 def shifted(path: CubicPath | None, by: Array) -> CubicPath | None:
@@ -80,26 +80,35 @@ def shifted(path: CubicPath | None, by: Array) -> CubicPath | None:
     return CubicPath(path.q + by, path.tangents, path.knots, path.joint_names)
 
 
+class Line(NamedTuple):
+    """A straight line: the stage's result, the curve, how much was possible, and the least clearance (m) seen on it."""
+
+    result: StageResult
+    path: CubicPath | None = None
+    fraction: float = 1.0
+    clearance: float = np.inf
+
+
+def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
+    """Bounds (n,) of every joint along some paths and at q (n,): those of Bezier control points."""
+    points = np.vstack([q, *(path.bezier()[1].reshape(-1, len(q)) for path in paths if path is not None)])
+    return points.min(axis=0), points.max(axis=0)
+
+
 def along(task: Task, candidate: Candidate) -> Way:
     """A configuration judged on approach and retreat."""
     pick, member, q = task.pick, candidate.member, candidate.q
     root_from_tip = task.grasp(member)
-    stages: list[StageResult] = []
     # The approach is planned from the grasp outwards, so that both moves share its configuration to the last bit.
-    result, approach, fraction = line(
-        Stage.APPROACH, task, task.at_grasp, q, task.approach_end(root_from_tip), pick.approach
-    )
-    stages.append(result)
-    if not result.ok:
-        return Way(candidate, tuple(stages), fraction=fraction)
+    into = line(Stage.APPROACH, task, task.at_grasp, q, task.approach_end(root_from_tip), pick.approach)
+    if not into.result.ok:
+        return Way(candidate, (into.result,), fraction=into.fraction)
     carrying = task.carrying(member)
     parting = task.supports(carrying, q, pick.support)
-    result, retreat, fraction = line(
-        Stage.RETREAT, task, carrying, q, task.retreat_end(root_from_tip), pick.retreat, parting
-    )
-    stages.append(result)
-    shift = np.zeros(task.arm.dof)
-    return Way(candidate, tuple(stages), approach, retreat, parting, shift, fraction)
+    out = line(Stage.RETREAT, task, carrying, q, task.retreat_end(root_from_tip), pick.retreat, parting)
+    stages, shift = (into.result, out.result), np.zeros(task.arm.dof)
+    clearance = min(into.clearance, out.clearance)
+    return Way(candidate, stages, into.path, out.path, parting, shift, out.fraction, clearance)
 
 
 def line(
@@ -110,23 +119,23 @@ def line(
     end: SE3,
     length: float,
     parting: Pairs = (),
-) -> tuple[StageResult, CubicPath | None, float]:
-    """A straight line from q (n,) to a pose of the tip; the stage's result, the curve, and how much was possible."""
+) -> Line:
+    """A straight line from q (n,) to a pose of the tip."""
     if length == 0:
-        return StageResult(stage, True, "none asked for"), None, 1.0
+        return Line(StageResult(stage, True, "none asked for"))
     # a support that is not checked against the object needs no leave
     parting = tuple(pair for pair in parting if _is_checked(checker, pair))
     move = plan_linear(checker, q, task.target(end), parting=parting)
     if not move.ok:
         said = f"of {length * 1e3:.0f} mm, seen from the grasp, {move.message}"
-        return (
-            StageResult(stage, False, said, {"distance": length, "possible": move.fraction * length}),
-            None,
-            move.fraction,
-        )
+        figures = {"distance": length, "possible": move.fraction * length}
+        return Line(StageResult(stage, False, said, figures), fraction=move.fraction)
     said = f"{length * 1e3:.0f} mm straight, {_proven(move)}"
-    figures = {"distance": length, "clearance": np.nan if move.certificate is None else move.certificate.clearance}
-    return StageResult(stage, True, said, figures), move.path, 1.0
+    proven, seen = (
+        (np.nan, np.inf) if move.certificate is None else (move.certificate.clearance, move.certificate.observed)
+    )
+    figures = {"distance": length, "clearance": proven}
+    return Line(StageResult(stage, True, said, figures), move.path, clearance=seen)
 
 
 def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:

@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.configurations import configurations
+from pinproof.picks.family import Member
 from pinproof.picks.pick import Place, moved
 from pinproof.picks.stages.grasp import contact_words
-from pinproof.picks.stages.lines import Pairs, Way, line
+from pinproof.picks.stages.lines import Pairs, Way, line, shifted, span
+from pinproof.picks.stages.seconds import least_seconds
 from pinproof.picks.stages.task import Task
-from pinproof.picks.stages.transit import planner
+from pinproof.picks.stages.transit import planner, shortened
 from pinproof.picks.verdict import Stage, StageResult
-from pinproof.planning import shortcut
 from pinproof.planning.goals import with_turns
-from pinproof.spatial import SE3
 
-__all__ = ["Placing", "place"]
+__all__ = ["Placer", "Placing"]
 
 Array = npt.NDArray[np.float64]
+
+DOWN, OFF, TRANSFER = 1, 2, 3
+"""How many parts of a place were possible where one of them was not."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,77 +35,125 @@ class Placing:
     lift: CubicPath | None
     leave: CubicPath | None
     parting: Pairs
+    clearance: float
 
 
-def place(task: Task, way: Way, seeds: list[int]) -> tuple[StageResult, Placing | None]:
-    """Put down what a way has grasped."""
-    asked = task.place
-    if asked is None:
-        return StageResult(Stage.PLACE, True, "none asked for"), None
-    member, arm = way.candidate.member, task.arm
+@dataclass(frozen=True, eq=False)
+class _Down:
+    """The straight lines from a release q (n,); without them, how many parts were possible, and why not more."""
+
+    q: Array
+    passed: int = TRANSFER
+    why: str = ""
+    lift: CubicPath | None = None
+    leave: CubicPath | None = None
+    parting: Pairs = ()
+    proven: float = np.inf
+    clearance: float = np.inf
+
+    @property
+    def entrance(self) -> Array:
+        """(n,) where the transfer ends."""
+        return self.q if self.lift is None else self.lift.end
+
+
+class Placer:
+    """Puts down what ways have grasped; what does not depend on the way is found once.
+
+    Parameters
+    ----------
+    task
+        The pick.
+    seed
+        Of the search for configurations at the release, where there is no closed form.
+    """
+
+    def __init__(self, task: Task, seed: int) -> None:
+        self._task, self._seed = task, seed
+        self._releases: dict[str, Array] = {}
+        self._downs: dict[tuple[str, int], _Down] = {}
+
+    def releases(self, member: Member) -> Array:
+        """(m, n) the configurations at which a member of the family lets go; none where nothing is put down."""
+        task = self._task
+        if task.place is None:
+            return np.empty((0, task.arm.dof))
+        if member.words not in self._releases:
+            target = task.targets([task.release(member)])
+            self._releases[member.words] = configurations(task.arm, target, task.cell.home, self._seed)[1]
+        return self._releases[member.words]
+
+    def place(self, way: Way, seeds: list[int]) -> tuple[StageResult, Placing | None]:
+        """Put down what a way has grasped: at the first release that works, the nearest in time first."""
+        task, member = self._task, way.candidate.member
+        if task.place is None:
+            return StageResult(Stage.PLACE, True, "none asked for"), None
+        many = self.releases(member)
+        if not len(many):
+            return StageResult(Stage.PLACE, False, "no configuration was found where the object is let go"), None
+        nearest = np.argsort(least_seconds(task.arm, way.exit[None], many)[0], kind="stable")
+        best = StageResult(Stage.PLACE, False, "")
+        for index in nearest[: task.cell.budget.configurations].tolist():
+            down = self._down(task.place, member, index)
+            result, found = self._transfer(task.place, way, down, seeds) if not down.why else (_no(down), None)
+            if found is not None:
+                return result, found
+            if not best.message or result.figures["passed"] > best.figures["passed"]:
+                best = result
+        return best, None
+
+    def _down(self, asked: Place, member: Member, index: int) -> _Down:
+        """The lines of one of the releases."""
+        key = member.words, index
+        if key not in self._downs:
+            self._downs[key] = _down(self._task, asked, member, self.releases(member)[index])
+        return self._downs[key]
+
+    def _transfer(self, asked: Place, way: Way, down: _Down, seeds: list[int]) -> tuple[StageResult, Placing | None]:
+        """From the end of the retreat to where the way down begins, whole turns away if limits and lines allow."""
+        task, arm = self._task, self._task.arm
+        carrying, limits = task.carrying(way.candidate.member), arm.limits
+        low, high = span(down.q, down.lift, down.leave)
+        goals, _ = with_turns(arm, way.exit, down.entrance[None])
+        shifts = [goal - down.entrance for goal in goals]
+        inside = [s for s in shifts if (low + s >= limits.lower).all() and (high + s <= limits.upper).all()]
+        shifts = inside or shifts[:1]
+        plan = planner(task.cell.budget.nodes).plan(carrying, way.exit, down.entrance + np.array(shifts), rng=seeds[0])
+        if plan.path is None or plan.goal is None:
+            return _no(replace(down, why=f"transfer: {plan.message}")), None
+        path, clearance = shortened(plan, carrying, seeds[1])
+        by = shifts[plan.goal]
+        on = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
+        said = f"transfer of {path.length:.2f} rad, {asked.approach * 1e3:.0f} mm down{on}, "
+        proven = np.nan if plan.certificate is None else plan.certificate.clearance
+        figures = {"length": path.length, "clearance": min(down.proven, proven)}
+        return (
+            StageResult(Stage.PLACE, True, f"{said}{asked.retreat * 1e3:.0f} mm off", figures),
+            Placing(
+                path, shifted(down.lift, by), shifted(down.leave, by), down.parting, min(down.clearance, clearance)
+            ),
+        )
+
+
+def _no(down: _Down) -> StageResult:
+    return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
+
+
+def _down(task: Task, asked: Place, member: Member, q: Array) -> _Down:
+    """The lines down to a release q (n,), and off it with the empty hand."""
     release = task.release(member)
-    _, many = configurations(arm, task.targets([release]), way.exit, seeds[0])
-    if not len(many):
-        return StageResult(Stage.PLACE, False, "no configuration was found where the object is let go"), None
-    many = many[np.argsort((np.abs(many - way.exit) / arm.limits.velocity).max(axis=1), kind="stable")]
-    best = StageResult(Stage.PLACE, False, "")
-    for q in many[: task.cell.budget.configurations]:
-        result, found = _down(task, asked, way, q, release, seeds)
-        if found is not None:
-            return result, found
-        if not best.message or result.figures.get("passed", 0.0) > best.figures.get("passed", 0.0):
-            best = result
-    return best, None
-
-
-def _down(
-    task: Task, asked: Place, way: Way, q: Array, release: SE3, seeds: list[int]
-) -> tuple[StageResult, Placing | None]:
-    """The same for one configuration q (n,) at the release; ``passed`` counts the parts that were possible."""
-    member = way.candidate.member
     carrying, free_hand = task.carrying(member), task.letting_go(member)
-
-    def no(passed: int, words: str) -> tuple[StageResult, None]:
-        return StageResult(Stage.PLACE, False, words, {"passed": float(passed)}), None
-
     if not free_hand.is_free(q):
-        return no(0, f"when the object is let go: {'; '.join(contact_words(free_hand.check(q)))}")
+        return _Down(q, 0, f"when the object is let go: {'; '.join(contact_words(free_hand.check(q)))}")
     parting = task.supports(carrying, q, asked.support)
     above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
-    down, lift, _ = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting)
-    if not down.ok:
-        return no(1, f"way down, {down.message}")
+    down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting)
+    if not down.result.ok:
+        return _Down(q, DOWN, f"way down, {down.result.message}")
     off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
-    off_it, leave, _ = line(Stage.PLACE, task, free_hand, q, off, asked.retreat)
-    if not off_it.ok:
-        return no(2, f"way off: {off_it.message}")
-    entrance = q if lift is None else lift.end
-    low, high = _span(q, lift, leave)
-    limits = task.arm.limits
-    goals, _ = with_turns(task.arm, way.exit, entrance[None])
-    shifts = [goal - entrance for goal in goals]
-    shifts = [s for s in shifts if (low + s >= limits.lower).all() and (high + s <= limits.upper).all()] or shifts[:1]
-    plan = planner(task.cell.budget.nodes).plan(carrying, way.exit, entrance + np.array(shifts), rng=seeds[0])
-    if plan.path is None or plan.goal is None:
-        return no(3, f"transfer: {plan.message}")
-    by = shifts[plan.goal]
-    lift, leave = (
-        None if path is None else CubicPath(path.q + by, path.tangents, path.knots, path.joint_names)
-        for path in (lift, leave)
-    )
-    path = shortcut(plan.path, carrying, rng=seeds[1])
-    on = f" onto {', '.join(pair[1] for pair in parting)}" if parting else ""
-    said = f"transfer of {path.length:.2f} rad, {asked.approach * 1e3:.0f} mm down{on}, "
-    certificate = np.nan if plan.certificate is None else plan.certificate.clearance
-    clearance = min(each.figures.get("clearance", np.inf) for each in (down, off_it))
-    figures = {"length": path.length, "clearance": min(clearance, certificate)}
-    return (
-        StageResult(Stage.PLACE, True, f"{said}{asked.retreat * 1e3:.0f} mm off", figures),
-        Placing(path, lift, leave, parting),
-    )
-
-
-def _span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
-    """Bounds (n,) of every joint along some paths: those of Bezier control points."""
-    points = np.vstack([q, *(path.bezier()[1].reshape(-1, len(q)) for path in paths if path is not None)])
-    return points.min(axis=0), points.max(axis=0)
+    leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat)
+    if not leave.result.ok:
+        return _Down(q, OFF, f"way off: {leave.result.message}")
+    proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))
+    clearance = min(down.clearance, leave.clearance)
+    return _Down(q, TRANSFER, "", down.path, leave.path, parting, proven, clearance)

@@ -134,11 +134,15 @@ class Task:
         if self.name is None:
             return self.outside
         if member.words not in self._carrying:
-            bare = self.cell.closed_hand
-            bare = bare.with_scene(self.scene.remove(self.name)) if self.from_scene else bare
-            full = bare.with_attached(self.holding(member))
+            full = self._without_object.with_attached(self.holding(member))
             self._carrying[member.words] = full.allowing(*self._touching(full))
         return self._carrying[member.words]
+
+    @cached_property
+    def _without_object(self) -> CollisionChecker:
+        """With the hand closed, and nothing where the object was."""
+        bare = self.cell.closed_hand
+        return bare.with_scene(self.scene.remove(str(self.name))) if self.from_scene else bare
 
     def letting_go(self, member: Member) -> CollisionChecker:
         """With the object where it was put, and the hand open."""

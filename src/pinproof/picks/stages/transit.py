@@ -1,24 +1,30 @@
-"""The transit from home to where the approach begins, to any whole turn of it that the limits leave."""
+"""The transit from home to where the approach begins, and the whole turns of it that the limits leave."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision import CollisionChecker, certify
+from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import JointPath
 from pinproof.picks.stages.lines import Way
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
-from pinproof.planning import RrtConnect, shortcut
+from pinproof.planning import PlanResult, RrtConnect, shortcut
 from pinproof.planning.goals import with_turns
 
-__all__ = ["planner", "transit"]
+__all__ = ["Crossing", "planner", "shortened", "transit", "whole_turns"]
 
 Array = npt.NDArray[np.float64]
+
+
+STRAIGHT = 2
+"""Waypoints of a path that cannot be shortened."""
 
 
 def planner(nodes: int) -> RrtConnect:
@@ -26,34 +32,41 @@ def planner(nodes: int) -> RrtConnect:
     return RrtConnect(max_nodes=nodes, max_samples=4 * nodes, time_limit=math.inf)
 
 
-def transit(
-    task: Task, ways: list[Way], nodes: int, seeds: list[int]
-) -> tuple[Way | None, JointPath | None, StageResult]:
-    """A path from home to the entrance of one of some ways, that way moved by whole turns, and what is to be said."""
-    turned = _turned(task.arm, task.cell.home, ways)
-    plan = planner(nodes).plan(task.outside, task.cell.home, np.array([way.entrance for way in turned]), rng=seeds[0])
+class Crossing(NamedTuple):
+    """A path, the way it leads to, what is to be said, and the least clearance (m) seen on it."""
+
+    result: StageResult
+    way: Way | None = None
+    path: JointPath | None = None
+    clearance: float = np.inf
+
+
+def transit(task: Task, ways: list[Way], nodes: int, seeds: list[int]) -> Crossing:
+    """A path from home to the entrance of one of some ways."""
+    plan = planner(nodes).plan(task.outside, task.cell.home, np.array([way.entrance for way in ways]), rng=seeds[0])
     if plan.path is None or plan.goal is None:
-        figures = {"nodes": float(plan.nodes), "goals": float(len(turned))}
-        return None, None, StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures)
-    path = shortcut(plan.path, task.outside, rng=seeds[1])
+        figures = {"nodes": float(plan.nodes), "goals": float(len(ways))}
+        return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
+    path, clearance = shortened(plan, task.outside, seeds[1])
     said = f"{path.length:.2f} rad, {len(path)} waypoints"
-    clearance = (
-        np.nan if plan.certificate is None else plan.certificate.clearance
-    )  # of the path before it was shortened
-    figures = {
-        "length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes), "plan_clearance": clearance
-    }  # fmt: skip
-    return turned[plan.goal], path, StageResult(Stage.TRANSIT, True, said, figures)
+    figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
+    return Crossing(StageResult(Stage.TRANSIT, True, said, figures), ways[plan.goal], path, clearance)
 
 
-def _turned(arm: Arm, home: Array, ways: list[Way]) -> list[Way]:
-    """The ways, and the same poses with joints whole turns away wherever all of the way stays inside the limits."""
-    entrances, index_of = with_turns(arm, home, np.array([way.entrance for way in ways]))
-    spans = [way.span() for way in ways]
-    every = []
-    for entrance, index in zip(entrances, index_of, strict=True):
-        shift = entrance - ways[index].entrance
-        low, high = spans[index]
-        if (low + shift >= arm.limits.lower).all() and (high + shift <= arm.limits.upper).all():
-            every.append(replace(ways[index], shift=ways[index].shift + shift) if shift.any() else ways[index])
-    return every or list(ways)
+def shortened(plan: PlanResult, checker: CollisionChecker, seed: int) -> tuple[JointPath, float]:
+    """The path of a plan that found one, shortened, and the least clearance (m) seen on it."""
+    if plan.path is None or plan.certificate is None:
+        raise InputError("a plan without a path cannot be shortened")
+    if len(plan.path) <= STRAIGHT:
+        return plan.path, plan.certificate.observed
+    path = shortcut(plan.path, checker, rng=seed)
+    return path, certify(path, checker).observed
+
+
+def whole_turns(arm: Arm, home: Array, way: Way) -> Array:
+    """(k, n) by how many whole turns (rad) all of a way can be moved inside the limits; as it is first."""
+    entrances, _ = with_turns(arm, home, way.entrance[None])
+    shifts = entrances - way.entrance
+    low, high = way.span()
+    inside = ((low + shifts >= arm.limits.lower) & (high + shifts <= arm.limits.upper)).all(axis=1)
+    return np.asarray(shifts[inside | (np.arange(len(shifts)) == 0)])

@@ -1,0 +1,94 @@
+"""The best whole pick of all: bounds of the score leave out what cannot win, and nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description import robots_folder
+from pinproof.picks.search import BestFirst
+from pinproof.picks.stages.grasp import screen
+from pinproof.picks.stages.reach import reach
+from pinproof.picks.stages.task import Task
+
+ALL = pp.PickBudget(configurations=10_000, compared=10_000, remedies=0)
+SEEDS = [1, 2]
+
+
+def setup(robot: str, file: str, weights: pp.PickWeights | None = None) -> tuple[pp.PickSetup, pp.Picks]:
+    picks = pp.read_picks(robots_folder() / robot / file)
+    arm = pp.load_robot(robot).arm(tcp=picks.tcp, held=picks.held)
+    scene = pp.Scene.load(picks.scene)
+    return pp.PickSetup.make(arm, scene, picks, home=None, rng=0, weights=weights, budget=ALL), picks
+
+
+def search(made: pp.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFirst:
+    task = Task(pick, made.cell)
+    ring = next(iter(task.rings()))
+    candidates = screen(task, ring, reach(task, ring, 0)).candidates
+    found = BestFirst(task, candidates, SEEDS, bounded=bounded)
+    found.run()
+    return found
+
+
+@pytest.mark.parametrize(
+    ("robot", "file", "name", "weights"),
+    [
+        ("ur5", "picks.yaml", "bolt_1", None),
+        ("ur5", "picks.yaml", "bolt_5", pp.PickWeights(clearance=0, manipulability=0, limit_margin=0)),
+        ("ur5", "picks.yaml", "bolt_7", pp.PickWeights(duration=0.2)),
+        ("ur5", "carry.yaml", "over_the_wall", None),
+        ("generic_6dof", "picks.yaml", None, None),
+        ("panda", "picks.yaml", "cube_2", None),
+    ],
+)
+def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str | None, weights) -> None:
+    made, picks = setup(robot, file, weights)
+    pick = picks.picks[0] if name is None else next(each for each in picks if each.name == name)
+    quick, whole = (search(made, pick, bounded=bounded) for bounded in (True, False))
+    assert quick.best is not None
+    np.testing.assert_array_equal(quick.best.way.q, whole.best.way.q)
+    assert quick.best.parts == whole.best.parts
+    assert quick.best.path.q.tobytes() == whole.best.path.q.tobytes()
+    assert quick.made <= whole.made
+    # What came out is never above what was said before: each whole pick was bounded from its configuration on.
+    scores = {each.key[1]: each.parts["score"] for each in whole.wholes}
+    assert all(score <= whole._scoring.bounds[index] + 1e-12 for index, score in scores.items())
+    assert (whole.excluded, whole.untried) == (0, 0)
+    assert quick.untried == 0
+    assert quick.made + quick.excluded >= min(whole.made, 2)
+
+
+def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> None:
+    made, picks = setup("ur5", "picks.yaml")
+    verdict = made.judge(0, picks.picks[0])
+    figures = verdict.stages[-1].figures
+    assert verdict.ok
+    assert figures["whole"] >= 1
+    assert figures["excluded"] > 10
+    assert figures["untried"] == 0
+    assert f"{figures['excluded']:.0f} others excluded by the bound of their score" in verdict.reason
+
+
+def test_a_budget_that_runs_out_is_told() -> None:
+    made, picks = setup("panda", "picks.yaml", pp.PickWeights(clearance=0, limit_margin=0, manipulability=0))
+    short = replace(made, budget=replace(ALL, compared=1))
+    figures = short.judge(0, picks.picks[0]).stages[-1].figures
+    assert figures["whole"] == 1
+    verdict = replace(made, budget=replace(ALL, configurations=1)).judge(1, picks.picks[1])
+    assert verdict.ok
+    assert verdict.stages[-1].figures["untried"] + verdict.stages[-1].figures["excluded"] > 0
+
+
+def test_the_score_is_made_of_parts_between_0_and_1() -> None:
+    made, picks = setup("ur5", "carry.yaml", pp.PickWeights(clearance=2.0, duration=0.5))
+    verdict = made.judge(0, picks.picks[0])
+    parts = dict(verdict.score)
+    total = parts.pop("score")
+    assert all(0 <= part <= 1 for part in parts.values())
+    assert total == pytest.approx(
+        2.0 * parts["clearance"] + parts["limit_margin"] + parts["manipulability"] + 0.5 * parts["duration"]
+    )

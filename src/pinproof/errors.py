@@ -55,8 +55,18 @@ __all__ = [
 ]
 
 
+LONGEST_MESSAGE = 3000
+"""Characters. What a file holds may stand in a message, and may be of any length; nobody reads on beyond this."""
+
+
 class PinproofError(Exception):
-    """Root of every error that pinproof raises on purpose."""
+    """Root of every error that pinproof raises on purpose.
+
+    Messages are cut in the middle beyond :data:`LONGEST_MESSAGE`, and what cannot be printed is escaped.
+    """
+
+    def __init__(self, *args: object) -> None:
+        super().__init__(*(_readable(each) if isinstance(each, str) else each for each in args))
 
 
 class InputError(PinproofError, ValueError):
@@ -107,7 +117,7 @@ class FileError(PinproofError):
     """
 
     def __init__(self, path: str | Path, reason: str, place: str = "") -> None:
-        self.path, self.reason, self.place = str(path), reason, place
+        self.path, self.reason, self.place = str(path), _readable(reason), place
         super().__init__(": ".join(part for part in (self.path, place, reason) if part))
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -174,11 +184,24 @@ class NotProvenFree(NoAnswer):
     """The certificate is not FREE."""
 
 
+COMPARED = 64
+"""Characters of a name that count for its likeness to others."""
+
+
+def _readable(message: str) -> str:
+    if len(message) > LONGEST_MESSAGE:
+        message = f"{message[: LONGEST_MESSAGE * 2 // 3]} [...] {message[-LONGEST_MESSAGE // 3 :]}"
+    if message.isprintable():
+        return message
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in message)
+
+
 def _nearest_first(name: str, valid: Iterable[str]) -> list[str]:
     """Sort ``valid`` by likeness to ``name``, the most alike first (ties alphabetical)."""
 
     def unlike(candidate: str) -> float:
-        return -difflib.SequenceMatcher(None, name.lower(), candidate.lower()).ratio()
+        # Cut: the time grows with the product of both lengths.
+        return -difflib.SequenceMatcher(None, name[:COMPARED].lower(), candidate[:COMPARED].lower()).ratio()
 
     return sorted(sorted(valid), key=unlike)
 

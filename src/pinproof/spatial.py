@@ -67,10 +67,10 @@ def pose(
         raise InputError("give rpy or quat_xyzw, not both")
     if quat_xyzw is not None:
         quaternion = finite("quat_xyzw", quat_xyzw, (4,))
-        norm = float(np.linalg.norm(quaternion))
-        if norm < 1e-9:
-            raise InputError(f"quat_xyzw has length {norm:g}; a rotation needs a quaternion of length 1")
-        return pin.SE3(pin.Quaternion(quaternion / norm), position)
+        if (largest := float(np.abs(quaternion).max())) < 1e-9:
+            raise InputError(f"quat_xyzw has length {largest:g}; a rotation needs a quaternion of length 1")
+        quaternion /= largest  # so that no square overflows
+        return pin.SE3(pin.Quaternion(quaternion / np.linalg.norm(quaternion)), position)
     roll, pitch, yaw = finite("rpy", (0.0, 0.0, 0.0) if rpy is None else rpy, (3,))
     return pin.SE3(pin.rpy.rpyToMatrix(roll, pitch, yaw), position)
 
@@ -120,7 +120,7 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
     try:
         source: Any = value.homogeneous if isinstance(value, pin.SE3) else value
         m = np.array(source, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix, not {type(value).__name__}") from error
     if m.shape != (4, 4):
         raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix; its shape is {m.shape}")
@@ -193,7 +193,7 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
     """
     try:
         array = np.array(value, dtype=float)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be numbers of shape {_shape_text(shape)}: {error}") from error
     if array.ndim != len(shape) or any(w is not None and w != s for w, s in zip(shape, array.shape, strict=True)):
         raise InputError(f"{name} must have the shape {_shape_text(shape)}; it has {array.shape}")

@@ -111,7 +111,7 @@ def test_unusable_mesh_is_refused(tmp_path, name, text, message):
 
 
 def test_missing_file_is_refused(tmp_path):
-    with pytest.raises(pp.MeshError, match="no such file"):
+    with pytest.raises(pp.MeshError, match="No such file"):
         read_mesh(tmp_path / "a.stl")
 
 

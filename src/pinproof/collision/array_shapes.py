@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pinproof.collision.hulls import refuse_flat
 from pinproof.collision.sizes import LARGEST_SIZE, SMALLEST_SIZE, checked_size, coordinates
 from pinproof.errors import InputError
+from pinproof.spatial import finite
 
 __all__ = ["ConvexHull", "HeightMap", "Mesh", "PointCloud"]
 
@@ -111,7 +112,10 @@ class Mesh(_ByContent):
             object.__setattr__(self, "path", Path(self.path))
             return
         vertices = coordinates("Mesh.vertices", self.vertices if self.vertices is not None else [], (None, 3))
-        triangles = np.array(self.triangles if self.triangles is not None else [])
+        try:
+            triangles = np.array(self.triangles if self.triangles is not None else [])
+        except ValueError as error:  # rows of different lengths
+            raise InputError(f"Mesh.triangles must be whole numbers of the shape (F, 3): {error}") from error
         if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0 or triangles.dtype.kind not in "iu":
             raise InputError(
                 f"Mesh.triangles must be whole numbers of the shape (F, 3); the shape is {triangles.shape}"
@@ -193,7 +197,7 @@ class HeightMap(_ByContent):
         if min(heights.shape) < 2:
             raise InputError(f"HeightMap.heights has the shape {heights.shape}; a map has 2 rows and 2 columns or more")
         lowest = float(heights.min())
-        bottom = lowest - BELOW_LOWEST if self.bottom is None else float(self.bottom)
+        bottom = lowest - BELOW_LOWEST if self.bottom is None else float(finite("HeightMap.bottom", self.bottom, ()))
         if not -2 * LARGEST_SIZE <= bottom <= lowest - SMALLEST_SIZE:
             raise InputError(f"HeightMap.bottom = {bottom:g} must lie below the lowest point, {lowest:g}")
         object.__setattr__(self, "heights", heights)

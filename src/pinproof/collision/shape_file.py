@@ -42,6 +42,7 @@ from pinproof.collision.shapes import (
     Sphere,
 )
 from pinproof.description.dh_files import parse_number
+from pinproof.description.input_file import is_file
 from pinproof.description.lined_yaml import refuse_unknown
 from pinproof.errors import InputError, SceneError
 from pinproof.spatial import finite
@@ -62,6 +63,9 @@ KINDS: dict[str, Any] = {
 SHAPE_KEYS = ("box", *KINDS, "mesh")
 MESH_KEYS = ("path", "scale", "hull", "hollow", "vertices", "triangles")
 OPTIONAL = ("bottom",)
+
+LARGEST_INDEX = 2**53
+"""Up to it every whole number is a double."""
 
 
 def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
@@ -128,8 +132,8 @@ def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
     if "path" not in stated and "vertices" in stated:
         if "scale" in stated:
             raise InputError("mesh.scale: a mesh whose vertices stand in the file has none")
-        triangles = np.array(numbers_of("mesh.triangles", stated.get("triangles", [])))
-        if triangles.dtype.kind == "f" and np.array_equal(triangles, np.floor(triangles)):
+        triangles = finite("mesh.triangles", numbers_of("mesh.triangles", stated.get("triangles", [])), (None, 3))
+        if (triangles == np.floor(triangles)).all() and np.abs(triangles).max(initial=0) < LARGEST_INDEX:
             triangles = triangles.astype(np.int64)
         vertices = finite("mesh.vertices", numbers_of("mesh.vertices", stated["vertices"]), (None, 3))
         return Mesh.from_arrays(vertices, triangles, hull=hull, hollow=hollow)
@@ -141,7 +145,7 @@ def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
     if not isinstance(file, str) or not file:
         raise InputError(f"mesh.path: {file!r} is no file name")
     full = path.parent / file
-    if not full.is_file():
+    if not is_file(full):
         raise InputError(f"mesh.path: there is no file {full}; paths are relative to the scene file")
     scale = numbers_of("mesh.scale", stated.get("scale", 1.0))
     return Mesh(full, tuple(scale) if isinstance(scale, list) else scale, hull, hollow)

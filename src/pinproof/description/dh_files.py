@@ -34,8 +34,10 @@ import yaml
 
 from pinproof.description.dh_row import DhRow, row_problem
 from pinproof.description.dh_table import DhTable
+from pinproof.description.input_file import read_text
+from pinproof.description.lined_yaml import read_yaml, refuse_unknown
 from pinproof.description.whole_file import write_text_whole
-from pinproof.errors import DhTableError, InputError, UnknownNameError
+from pinproof.errors import DhTableError, InputError
 from pinproof.spatial import finite, pose
 
 __all__ = ["load_table", "parse_number", "save_table"]
@@ -56,13 +58,7 @@ def load_table(path: str | Path) -> DhTable:
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise DhTableError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except OSError as error:
-        raise DhTableError(path, f"cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise DhTableError(path, f"is not UTF-8 text: {error}") from error
-    return _table_from_csv(path, text) if path.suffix.lower() == ".csv" else _table_from_yaml(path, text)
+    return _table_from_csv(path) if path.suffix.lower() == ".csv" else _table_from_yaml(path)
 
 
 def save_table(table: DhTable, path: str | Path) -> None:
@@ -82,7 +78,10 @@ def parse_number(value: object) -> float:
         If it is anything else; nothing is ever evaluated.
     """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("an integer here is larger than any double") from None
     text = value.strip() if isinstance(value, str) else ""
     if _PLAIN.fullmatch(text):
         return float(text)
@@ -93,16 +92,9 @@ def parse_number(value: object) -> float:
     return -size if match["sign"] == "-" else size
 
 
-def _table_from_yaml(path: Path, text: str) -> DhTable:
-    try:
-        content = yaml.load(text, Loader=_UniqueKeys)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        problem = getattr(error, "problem", None) or str(error)
-        raise DhTableError(path, f"is no valid YAML: {problem}", f"line {mark.line + 1}" if mark else "") from error
-    if not isinstance(content, dict):
-        raise DhTableError(path, f"holds {type(content).__name__}, not the keys {', '.join(TABLE_KEYS)}")
-    _refuse_unknown(path, "key", content, TABLE_KEYS)
+def _table_from_yaml(path: Path) -> DhTable:
+    content = read_yaml(path, TABLE_KEYS, DhTableError)
+    refuse_unknown(DhTableError, path, "key", content, TABLE_KEYS, "")
     rows = content.get("rows")
     if not isinstance(rows, list) or not rows:
         raise DhTableError(path, "holds no rows; wanted is a list under the key rows", "key rows")
@@ -119,8 +111,8 @@ def _table_from_yaml(path: Path, text: str) -> DhTable:
     )
 
 
-def _table_from_csv(path: Path, text: str) -> DhTable:
-    lines = text.splitlines()
+def _table_from_csv(path: Path) -> DhTable:
+    lines = read_text(path, DhTableError).splitlines()
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), len(lines))
     # Spreadsheets pad every line with commas, this one too.
     conventions = re.findall(r"^\s*#\s*convention\s*:\s*([^\s,]+)[\s,]*$", "\n".join(lines[:first]), re.MULTILINE)
@@ -134,7 +126,7 @@ def _table_from_csv(path: Path, text: str) -> DhTable:
     if not content:
         raise DhTableError(path, f"holds no header; wanted are the columns {', '.join(COLUMNS)}")
     header = [cell.strip() for cell in content[0]]
-    _refuse_unknown(path, "column", header, COLUMNS, "header")
+    refuse_unknown(DhTableError, path, "column", header, COLUMNS, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
         raise DhTableError(path, f"the column {twice[0]} stands there more than once", "header")
@@ -149,7 +141,7 @@ def _table_from_csv(path: Path, text: str) -> DhTable:
 
 def _row(path: Path, number: int, stated: Mapping[Any, Any]) -> DhRow:
     """One row from what the file states of it, column by column so that the culprit can be named."""
-    _refuse_unknown(path, "column", stated, COLUMNS, f"row {number}")
+    refuse_unknown(DhTableError, path, "column", stated, COLUMNS, f"row {number}")
     values: dict[str, Any] = {"name": stated.get("name"), "joint_type": stated.get("type", "revolute")}
     for column in COLUMNS:
         if stated.get(column) is None and column in MUST_STATE:
@@ -187,7 +179,7 @@ def _transform(path: Path, key: str, stated: object) -> Any:
         return np.eye(4)
     if not isinstance(stated, dict):
         raise DhTableError(path, f"{stated!r} is no transform; valid keys: {', '.join(POSE_KEYS)}", f"key {key}")
-    _refuse_unknown(path, "key", stated, POSE_KEYS, f"key {key}")
+    refuse_unknown(DhTableError, path, "key", stated, POSE_KEYS, f"key {key}")
     if "matrix" in stated and len(stated) > 1:
         raise DhTableError(path, "give matrix alone, or xyz with rpy or quat_xyzw", f"key {key}")
     numbers: dict[str, Any] = {}
@@ -210,14 +202,6 @@ def _parsed(value: object, depth: int = 2) -> Any:
     if isinstance(value, list) and depth > 0:
         return [_parsed(part, depth - 1) for part in value]
     return parse_number(value)
-
-
-def _refuse_unknown(
-    path: Path, kind: str, stated: Mapping[Any, Any] | Sequence[str], valid: Sequence[str], place: str = ""
-) -> None:
-    for key in stated:
-        if key not in valid:
-            raise DhTableError(path, str(UnknownNameError(kind, key, valid)), place)
 
 
 def _csv_text(table: DhTable) -> str:
@@ -249,19 +233,6 @@ def _stated(row: DhRow) -> dict[str, Any]:
     values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
     values |= {column: getattr(row, column) for column in COLUMNS[2:]}
     return {column: value for column, value in values.items() if isinstance(value, str) or math.isfinite(value)}
-
-
-class _UniqueKeys(yaml.SafeLoader):
-    """A SafeLoader that refuses a key given twice, of which YAML would silently keep the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for index, key in enumerate(keys):
-            if key in keys[:index]:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"the key {key!r} is given twice", node.value[index][0].start_mark
-                )
-        return super().construct_mapping(node, deep)
 
 
 class _FlatRows(yaml.SafeDumper):

@@ -3,20 +3,39 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Hashable, Iterable
 from pathlib import Path
 from typing import Any
 
 import yaml
+from yaml.composer import Composer, ComposerError
+from yaml.constructor import ConstructorError, SafeConstructor
+from yaml.parser import Parser
+from yaml.reader import Reader
+from yaml.resolver import Resolver
+from yaml.scanner import Scanner
 
+from pinproof.description.input_file import read_text
 from pinproof.errors import FileError, UnknownNameError
 
 __all__ = ["YAML_SUFFIXES", "LinedMapping", "listed", "read_yaml", "refuse_unknown"]
 
 YAML_SUFFIXES = (".yaml", ".yml")
 
+LARGEST_YAML = 16 * 2**20
+"""Bytes (16 MiB): some 40 s of parsing. What is larger has its place in a file of another kind."""
+
+MOST_VALUES = 3_000_000
+"""Values in a file once its aliases are written out: nine aliases of nine of nine ... fill any memory."""
+
+LARGEST_INTEGER = 10**300
+"""Beyond it an integer is no double, and Python refuses to print it."""
+
 _END_MARK = re.compile(r"\n---\s*\Z")
 """What ``ros2 topic echo`` prints after each message; it would begin a second, empty document."""
+
+_NO_YAML = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
+"""Characters that YAML does not allow (YAML 1.1, section 5.1)."""
 
 
 def read_yaml(
@@ -35,16 +54,23 @@ def read_yaml(
     """
     if path.suffix.lower() not in suffixes:
         raise error(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(suffixes)}")
+    remedy = "put meshes and points in mesh files, picks in a CSV table"
+    text = _END_MARK.sub("\n", read_text(path, error, largest=LARGEST_YAML, remedy=remedy))
+    if odd := _NO_YAML.search(text):
+        line = text.count("\n", 0, odd.start()) + 1
+        raise error(path, f"is no valid YAML: it holds the character U+{ord(odd[0]):04X}", f"line {line}")
     try:
-        text = _END_MARK.sub("\n", path.read_text(encoding="utf-8-sig"))
-        content = yaml.load(text, Loader=_LinedLoader)
-    except OSError as caught:
-        raise error(path, f"cannot be read: {caught.strerror or caught}") from caught
-    except UnicodeDecodeError as caught:
-        raise error(path, f"is not UTF-8 text: {caught}") from caught
-    except (yaml.YAMLError, ValueError, RecursionError) as caught:  # ValueError: a date such as 2026-99-99
+        content = _LinedLoader(text).get_single_data()
+    except RecursionError as caught:
+        raise error(path, "is no valid YAML: it is nested too deep") from caught
+    except Exception as caught:  # not only YAMLErrors: dates and tags that make no sense raise what Python raises
         mark = getattr(caught, "problem_mark", None)
-        problem = getattr(caught, "problem", None) or str(caught)
+        problem = getattr(caught, "problem", None) or str(caught) or type(caught).__name__
+        context = getattr(caught, "context_mark", None)
+        if mark and context and context.line != mark.line:
+            problem += f" (for what begins in line {context.line + 1})"
+        if mark and "\t" in _indent(text, mark.line):
+            problem += "; indent with blanks, YAML takes no tabs there"
         raise error(path, f"is no valid YAML: {problem}", f"line {mark.line + 1}" if mark else "") from caught
     if not isinstance(content, LinedMapping):
         what = "is empty" if content is None else f"holds {type(content).__name__}"
@@ -66,7 +92,7 @@ def listed(error: type[FileError], path: Path, key: str, stated: object) -> list
 
 
 def refuse_unknown(
-    error: type[FileError], path: Path, kind: str, stated: Mapping[Any, Any], valid: tuple[str, ...], where: str
+    error: type[FileError], path: Path, kind: str, stated: Iterable[Any], valid: tuple[str, ...], where: str
 ) -> None:
     """Refuse the first key that is not one of ``valid``, naming those that are."""
     for key in stated:
@@ -74,21 +100,86 @@ def refuse_unknown(
             raise error(path, str(UnknownNameError(kind, key, valid)), where)
 
 
-class _LinedLoader(yaml.SafeLoader):
-    """A SafeLoader whose mappings know their line, and which refuses a key given twice (YAML would keep the last)."""
+def _indent(text: str, line: int) -> str:
+    lines = text.split("\n", line + 1)
+    return re.match(r"\s*", lines[line])[0] if line < len(lines) else ""  # type: ignore[index]  # always matches
 
 
-def _lined(loader: yaml.SafeLoader, node: yaml.MappingNode) -> Any:
+class _PlainParser(Reader, Scanner, Parser):
+    """From text to events, in Python."""
+
+    def __init__(self, stream: str) -> None:
+        Reader.__init__(self, stream)
+        Scanner.__init__(self)
+        Parser.__init__(self)
+
+
+_Parser: Any = getattr(getattr(yaml, "cyaml", None), "CParser", _PlainParser)
+"""libyaml's, four times as fast, where PyYAML was built with it."""
+
+
+class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignore[misc]  # PyYAML's way to make loaders
+    """A loader of plain values whose mappings know their line, and which refuses what would be read wrongly.
+
+    That is a key given twice (YAML would keep the last), ``010`` (YAML's 8) and ``1:30`` (its 90). The composer is
+    PyYAML's own: libyaml's recurses in C, and a file nested deep enough would end the interpreter.
+    """
+
+    def __init__(self, stream: str) -> None:
+        _Parser.__init__(self, stream)
+        Composer.__init__(self)
+        SafeConstructor.__init__(self)
+        Resolver.__init__(self)
+        self._values = 0
+        self._values_of: dict[str, int] = {}
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """A node, counted with all that stands in it."""
+        event: Any = self.peek_event()
+        alias = isinstance(event, yaml.AliasEvent)
+        before = self._values
+        node = super().compose_node(parent, index)
+        if not alias:
+            self._values += 1
+            if event.anchor is not None:
+                self._values_of[event.anchor] = self._values - before
+        elif event.anchor not in self._values_of:
+            raise ComposerError(None, None, f"the alias *{event.anchor} stands in what it names", event.start_mark)
+        else:
+            self._values += self._values_of[event.anchor]
+        if self._values > MOST_VALUES:
+            what = f"it holds more than {MOST_VALUES} values once its aliases are written out"
+            raise ComposerError(None, None, what, event.start_mark)
+        return node
+
+
+def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
     mapping = LinedMapping()
     mapping.line = node.start_mark.line + 1
     yield mapping
-    seen: list[Any] = []
-    for key_node, _ in node.value:
+    for key_node, value_node in node.value:
+        if key_node.tag == "tag:yaml.org,2002:merge":
+            raise ConstructorError(None, None, "<< is not read; write the keys out", key_node.start_mark)
         key = loader.construct_object(key_node, deep=True)
-        if key in seen:
-            raise yaml.constructor.ConstructorError(None, None, f"the key {key!r} is given twice", key_node.start_mark)
-        seen.append(key)
-    mapping.update(loader.construct_mapping(node, deep=True))
+        if not isinstance(key, Hashable):
+            raise ConstructorError(None, None, "a list or a mapping is no key", key_node.start_mark)
+        if key in mapping:
+            raise ConstructorError(None, None, f"the key {key!r} is given twice", key_node.start_mark)
+        mapping[key] = loader.construct_object(value_node, deep=True)
 
 
-_LinedLoader.add_constructor(yaml.resolver.BaseResolver.DEFAULT_MAPPING_TAG, _lined)
+def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
+    """A number as it looks; YAML 1.1 has octal numbers and numbers to the base 60 that look like others."""
+    if ":" in node.value or re.match(r"[+-]?0[0-9_]", node.value):
+        why = f"{node.value!r} is another number in YAML 1.1; write it as a decimal, or a text in quotes"
+        raise ConstructorError(None, None, why, node.start_mark)
+    if node.tag.endswith(":float"):
+        return float(loader.construct_yaml_float(node))
+    value = int(loader.construct_yaml_int(node))
+    if abs(value) > LARGEST_INTEGER:
+        raise ConstructorError(None, None, "an integer here is larger than any double", node.start_mark)
+    return value
+
+
+for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
+    _LinedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _made)

@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.description.input_file import read_bytes
 from pinproof.description.packages import MeshFile
 from pinproof.errors import MeshError
 
 __all__ = ["MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
 
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
+
+
+LARGEST_MESH = 256 * 2**20
+"""Bytes (256 MiB): five million triangles as binary STL, a hundred times what a link needs."""
+
+FARTHEST = 1e4
+"""Metres from a mesh's own origin: beyond it is a mistake of units, and distances lose their digits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,21 +49,25 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
     Raises
     ------
     MeshError
-        If the file is missing or unreadable, holds no triangle, or holds numbers that are not finite.
+        If the file is missing, unreadable or too large, holds no triangle, or holds numbers that are not finite, that
+        are beyond :data:`FARTHEST`, or that name vertices which are not there.
     """
     path = Path(path)
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise MeshError(path, f"is no mesh of a known kind: {', '.join(MESH_SUFFIXES)}")
-    if not path.is_file():
-        raise MeshError(path, "no such file")
-    loaded = _load(path)
-    vertices = np.array(loaded.vertices, dtype=float).reshape(-1, 3) @ z_up(path).T
-    vertices *= np.asarray(scale) * collada_unit(path)
-    triangles = np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
+    vertices, triangles = _load(path)
     if len(triangles) == 0:
         raise MeshError(path, "holds no triangle")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):  # coal would read beyond the end
+        raise MeshError(path, f"has triangles that name other vertices than the {len(vertices)} it holds")
     if not np.isfinite(vertices).all():
         raise MeshError(path, "holds vertices that are not finite numbers")
+    factor = np.asarray(scale) * collada_unit(path)
+    with np.errstate(over="ignore"):
+        vertices = vertices @ z_up(path).T * factor
+    if not (farthest := float(np.abs(vertices).max())) <= FARTHEST:
+        what = f"reaches {farthest:g} m far, at most {FARTHEST:g} m make sense; the scale {max(scale):g} is given"
+        raise MeshError(path, f"{what}, which for a mesh in millimetres is 0.001")
     return TriangleMesh(vertices, triangles[:, ::-1].copy() if np.prod(scale) < 0 else triangles)
 
 
@@ -76,7 +89,8 @@ def collada_unit(path: Path) -> float:
     """Metres per unit of a COLLADA file; 1 for every other kind; readers hand the raw numbers on."""
     if path.suffix.lower() != ".dae":
         return 1.0
-    match = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", path.read_bytes()[:100_000])
+    with path.open("rb") as file:
+        match = re.search(rb"<unit\b[^>]*\bmeter\s*=\s*[\"']([^\"']+)", file.read(100_000))
     try:
         unit = float(match.group(1)) if match else 1.0
     except ValueError:
@@ -99,10 +113,67 @@ def z_up(path: Path) -> npt.NDArray[np.float64]:
     return np.eye(3)
 
 
-def _load(path: Path) -> Any:
+def _load(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    """Vertices and triangles as the file states them."""
     import trimesh
 
+    data = read_bytes(path, MeshError, largest=LARGEST_MESH, remedy="make it coarser, or cut it into several")
+    kind = path.suffix.lower()[1:]
+    if kind == "dae":
+        _refuse_doctype(path, data)
+    if kind == "stl" and not data.lstrip().startswith(b"solid"):
+        _refuse_cut_short(path, data)
     try:
-        return trimesh.load(path, force="mesh", process=False)
+        loaded: Any = trimesh.load(
+            BytesIO(data), file_type=kind, resolver=_beside(path), force="mesh", process=False, skip_materials=True
+        )
+        vertices = np.array(loaded.vertices, dtype=float).reshape(-1, 3)
+        return vertices, np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
     except Exception as error:  # trimesh raises whatever its many readers raise
+        raise MeshError(path, f"cannot be read as a mesh: {error or type(error).__name__}") from error
+
+
+def _refuse_doctype(path: Path, data: bytes) -> None:
+    """What a COLLADA file could do by entities: swell, and fetch other files."""
+    from lxml import etree
+
+    try:
+        _, root = next(etree.iterparse(BytesIO(data), events=("start",), resolve_entities=False, no_network=True))
+    except (etree.XMLSyntaxError, StopIteration) as error:
         raise MeshError(path, f"cannot be read as a mesh: {error}") from error
+    if root.getroottree().docinfo.doctype:
+        raise MeshError(path, "holds a DOCTYPE, which meshes do not need and which can hide entity bombs")
+
+
+def _refuse_cut_short(path: Path, data: bytes) -> None:
+    """A binary STL states how many triangles follow, 50 bytes each."""
+    wanted = 84 + 50 * int.from_bytes(data[80:84], "little")
+    if len(data) < wanted:
+        what = f"by its header the STL has {wanted:,} bytes, and there are {len(data):,}"
+        raise MeshError(path, f"cannot be read as a mesh: {what}")
+
+
+def _beside(path: Path) -> Any:
+    """What hands a reader the other files that a mesh names: of glTF those in its folder, of every other kind none."""
+    from trimesh.resolvers import Resolver
+
+    class Beside(Resolver):  # type: ignore[misc]  # trimesh is not typed
+        def __init__(self) -> None:
+            self.folder = path.parent.resolve()
+
+        def get(self, name: str) -> bytes:
+            file = (self.folder / name).resolve()
+            if path.suffix.lower() != ".gltf" or not file.is_relative_to(self.folder):
+                raise FileNotFoundError(name)
+            return read_bytes(file, MeshError, largest=LARGEST_MESH)
+
+        def keys(self) -> list[str]:
+            return []
+
+        def namespaced(self, _namespace: str) -> Any:
+            return self
+
+        def write(self, name: str, _data: bytes) -> None:
+            raise PermissionError(name)
+
+    return Beside()

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
+from pinproof.description.input_file import is_file
+
 __all__ = ["MeshFile", "climbs_out", "example_robot_data", "find_package", "locate"]
 
 WORKSPACE_DEPTH = 4
@@ -35,7 +37,7 @@ def locate(uri: str, urdf_folder: Path | None, package_dirs: Sequence[Path]) -> 
     scheme, _, rest = uri.partition("://")
     if scheme in ("package", "model"):
         # package:///P/rest is written too, and other tools read it so; as it stands it would be an absolute path.
-        package, _, inside = unquote(rest).lstrip("/").partition("/")
+        package, inside = _inside(rest)
         candidates = [folder / inside for folder in _package_folders(package, urdf_folder, package_dirs)]
     elif scheme == "file" and rest:
         candidates = [Path(unquote(rest))]
@@ -44,12 +46,12 @@ def locate(uri: str, urdf_folder: Path | None, package_dirs: Sequence[Path]) -> 
     else:
         candidates = [root / uri for root in [*([] if urdf_folder is None else [urdf_folder]), *package_dirs]]
     for candidate in candidates:
-        if candidate.is_file():
+        if is_file(candidate):
             return MeshFile(uri, candidate, tuple(candidates))
     if scheme in ("package", "model"):
         for folder in _workspace_packages(package):
             candidates.append(folder / inside)
-            if candidates[-1].is_file():
+            if is_file(candidates[-1]):
                 return MeshFile(uri, candidates[-1], tuple(candidates))
     return MeshFile(uri, None, tuple(candidates))
 
@@ -67,8 +69,11 @@ def climbs_out(uri: str) -> bool:
     scheme, _, rest = uri.partition("://")
     if scheme not in ("package", "model"):
         return False
+    package, inside = _inside(rest)
+    if package in ("", ".", ".."):
+        return True
     depth = 0
-    for part in unquote(rest).lstrip("/").split("/")[1:]:
+    for part in inside.split("/"):
         depth += -1 if part == ".." else part not in ("", ".")
         if depth < 0:
             return True
@@ -84,6 +89,12 @@ def example_robot_data() -> Path | None:
     except PackageNotFoundError:
         return None
     return share if share.is_dir() else None
+
+
+def _inside(rest: str) -> tuple[str, str]:
+    """The package, and the path in it; a second slash behind the package would begin an absolute path."""
+    package, _, inside = unquote(rest).lstrip("/").partition("/")
+    return package, inside.lstrip("/")
 
 
 def _package_folders(package: str, near: Path | None, package_dirs: Sequence[Path]) -> list[Path]:

@@ -15,6 +15,9 @@ __all__ = ["DisabledPair", "EndEffector", "Group", "GroupState", "Srdf", "read_s
 
 T = TypeVar("T")
 
+DEEPEST = 100
+"""Groups within groups within groups."""
+
 
 @dataclass(frozen=True)
 class DisabledPair:
@@ -139,6 +142,8 @@ def _join(
     """Enter a group into ``groups``, with all that its subgroups hold; one that is written twice holds both lists."""
     if name in groups:
         return groups[name]
+    if len(within) > DEEPEST:
+        raise UrdfError(path, f"the groups {' -> '.join(within[:3])} -> ... are nested more than {DEEPEST} deep")
     if name in within:
         raise UrdfError(path, f"the groups {' -> '.join((*within, name))} contain each other")
     if name not in elements:

@@ -8,6 +8,7 @@ from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
+from pinproof.description.input_file import read_bytes
 from pinproof.errors import UrdfError
 
 __all__ = [
@@ -26,6 +27,9 @@ __all__ = [
 NEAR = 0.8
 """Likeness (difflib's ratio) above which an unknown tag is taken for a misspelt one; 'collison' has 0.94."""
 
+LONGEST_TAG = 64
+"""Characters that are compared: the time grows with their square."""
+
 Element = Any  # lxml.etree._Element; lxml is typed only by its private names
 
 
@@ -37,11 +41,7 @@ def parse_file(path: Path) -> Element:
     UrdfError
         If it cannot be read or is not well-formed, with the line.
     """
-    try:
-        text = path.read_bytes()
-    except OSError as error:
-        raise UrdfError(path, f"cannot be read: {error.strerror or error}") from error
-    return parse_text(text, path)
+    return parse_text(read_bytes(path, UrdfError), path)
 
 
 def parse_text(text: str | bytes, path: str | Path) -> Element:
@@ -54,7 +54,8 @@ def parse_text(text: str | bytes, path: str | Path) -> Element:
     try:
         root = etree.fromstring(text.encode() if isinstance(text, str) else text, parser)
     except etree.XMLSyntaxError as error:
-        raise UrdfError(path, f"is not well-formed XML: {error.msg}", f"line {error.lineno}") from error
+        reason = str(error.msg).partition("\n")[0]
+        raise UrdfError(path, f"is not well-formed XML: {reason}", f"line {error.lineno}") from error
     if root.getroottree().docinfo.doctype:
         raise UrdfError(path, "holds a DOCTYPE, which robot descriptions do not need and which can hide entity bombs")
     return root
@@ -68,15 +69,19 @@ def place(element: Element) -> str:
 def spelt(element: Element, known: Collection[str], path: str | Path) -> None:
     """Refuse a child element that is nearly a known one, such as ``<collison>``: it would be skipped in silence."""
     for child in element:
-        if child.tag not in known and (near := difflib.get_close_matches(str(child.tag).lower(), known, 1, NEAR)):
+        if child.tag not in known and (near := _near(str(child.tag), known)):
             raise UrdfError(path, f"<{element.tag}> holds <{child.tag}>; is <{near[0]}> meant?", place(child))
 
 
 def spelt_attributes(element: Element, known: Collection[str], path: str | Path) -> None:
     """The same for attributes, such as ``uper``."""
     for name in element.attrib:
-        if name not in known and (near := difflib.get_close_matches(str(name).lower(), known, 1, NEAR)):
+        if name not in known and (near := _near(str(name), known)):
             raise UrdfError(path, f"<{element.tag}> has the attribute {name!r}; is {near[0]!r} meant?", place(element))
+
+
+def _near(name: str, known: Collection[str]) -> list[str]:
+    return difflib.get_close_matches(name[:LONGEST_TAG].lower(), known, 1, NEAR)
 
 
 def only(element: Element, known: Collection[str], path: str | Path) -> None:

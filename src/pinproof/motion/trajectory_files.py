@@ -11,6 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
+from pinproof.description.input_file import read_text
 from pinproof.description.lined_yaml import YAML_SUFFIXES
 from pinproof.errors import TrajectoryError
 from pinproof.motion.trajectory_csv import from_csv, to_csv
@@ -49,13 +50,7 @@ def read(path: str | Path) -> Record:
     """Read a file that :func:`write` wrote, or a JointTrajectory message with positions and velocities."""
     source = Path(path)
     parse = _by_ending(source, _READERS, "read")
-    try:
-        text = source.read_bytes().decode("utf-8")
-    except OSError as error:
-        raise TrajectoryError(source, f"cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise TrajectoryError(source, f"is no UTF-8 text: {error.reason}", f"byte {error.start}") from error
-    return parse(Reader(source), text)
+    return parse(Reader(source), read_text(source, TrajectoryError))
 
 
 def _by_ending(path: Path, codecs: dict[str, Codec], done: str) -> Codec:

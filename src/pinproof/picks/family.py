@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 STEPS = 24
 """Turns that are tried of a free spin: every 15 degrees."""
 
+MOST_STEPS = 3600
+"""Of a range of turns: a tenth of a degree each of a whole turn. Every one is tried."""
+
 SHARES = (0.5, 1.0)
 """Of a tolerance, where grasps are tried: half way out, then at its end."""
 
@@ -51,8 +54,8 @@ class Spin:
     @classmethod
     def between(cls, first: float, last: float, steps: int = STEPS) -> Spin:
         """Turns from ``first`` to ``last``, the smallest first."""
-        if not last >= first or steps < 1:
-            raise InputError(f"spin from {first} to {last} in {steps} steps; it goes upwards in 1 or more")
+        if not last >= first or not 1 <= steps <= MOST_STEPS:
+            raise InputError(f"spin from {first} to {last} in {steps} steps; it goes upwards in 1 to {MOST_STEPS}")
         return cls(tuple(sorted(np.linspace(first, last, steps + 1).tolist(), key=abs)), sampled=last > first)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from itertools import product
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -136,8 +137,8 @@ def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:
         raise InputError("pattern.grid does not state its counts and its step")
     counts = [_count("pattern.grid.counts", count) for count in _three("counts", grid["counts"])]
     step = finite("pattern.grid.step", numbers_of("pattern.grid.step", grid["step"]), (3,)).tolist()
-    if np.prod(counts) > LARGEST_PATTERN:
-        raise InputError(f"pattern.grid has {np.prod(counts)} picks; more than {LARGEST_PATTERN} make no list")
+    if prod(counts) > LARGEST_PATTERN:  # not NumPy's, which overflows
+        raise InputError(f"pattern.grid has {prod(counts)} picks; more than {LARGEST_PATTERN} make no list")
     for index in product(*map(range, counts)):
         yield index if counts[2] > 1 else index[:2], [k * d for k, d in zip(index, step, strict=True)]
 

@@ -206,8 +206,12 @@ def _fingers(path: Path, content: LinedMapping) -> Fingers | None:
     if missing:
         raise PicksError(path, f"does not state {' and '.join(missing)}", "key fingers")
     bodies = _bodies(path, told, "bodies")
-    numbers = {key: numbers_of(key, value) for key, value in told.items() if key != "bodies"}
-    return _shared(path, content, "fingers", {}, lambda _: Fingers(bodies, **numbers))  # type: ignore[arg-type]
+    numbers = {key: value for key, value in told.items() if key != "bodies"}
+
+    def made(_: object) -> Fingers:
+        return Fingers(bodies, **{key: numbers_of(key, value) for key, value in numbers.items()})  # type: ignore[arg-type]
+
+    return _shared(path, content, "fingers", {}, made)
 
 
 def _names(path: Path, content: LinedMapping, key: str) -> list[str]:

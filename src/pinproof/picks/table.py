@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from pinproof.description.input_file import refuse_unreadable
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.identity import digest
 from pinproof.picks.pick import Pick, PickProblem, Picks
@@ -35,6 +36,9 @@ from pinproof.picks.source import PickSource
 __all__ = ["TABLE_SUFFIX", "PickTable"]
 
 TABLE_SUFFIX = ".csv"
+
+LONGEST_LINE = 2**20
+"""Bytes: a file without line ends is not taken into memory to be refused."""
 
 KEYS = {
     "name": ("name",),
@@ -86,12 +90,13 @@ class PickTable(PickSource):
         self._defaults = dict(defaults or {})
         content = blake2b(digest_size=16)
         self._begin, names = array("q"), array("Q")
+        refuse_unreadable(self.path, PicksError, largest=None)
         try:
             with self.path.open("rb") as file:
                 self._stamp = _stamp(file)
                 self._columns, at = self._header(file, content)
                 self._where = _where(self._columns)
-                for line in file:
+                for line in self._lines(file):
                     content.update(line)
                     if _counts(line):
                         self._begin.append(at)
@@ -135,7 +140,7 @@ class PickTable(PickSource):
     def _header(self, file: Any, content: Any) -> tuple[tuple[str, ...], int]:
         """The columns, and where the lines after them begin."""
         at = 0
-        for number, line in enumerate(file, start=1):
+        for number, line in enumerate(self._lines(file), start=1):
             content.update(line)
             at += len(line)
             if not _counts(line):
@@ -147,6 +152,12 @@ class PickTable(PickSource):
                 raise PicksError(self.path, str(error), f"line {number}") from error
             return columns, at
         raise PicksError(self.path, "is empty; its first line names the columns, such as name,x,y,z,roll,pitch,yaw")
+
+    def _lines(self, file: Any) -> Iterator[bytes]:
+        while line := file.readline(LONGEST_LINE):
+            if len(line) == LONGEST_LINE and not line.endswith(b"\n"):
+                raise PicksError(self.path, f"has a line of more than {LONGEST_LINE} bytes: this is no table")
+            yield line
 
     def _name(self, cells: list[str] | None, number: int) -> str:
         return _name(self._where, cells, number)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
+import stat
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +48,7 @@ LEVELS = 3
 """How many sets of bodies there may be that each stand for a geometry: coarse and finer ones."""
 
 LARGEST_FILE = 1 << 30
-"""Bytes, unpacked: a file that unpacks to more is no proof of ours."""
+"""Bytes, packed or unpacked: what has more is no proof of ours."""
 
 
 class Refused(ValueError):
@@ -55,15 +57,20 @@ class Refused(ValueError):
 
 def load(path: str | Path) -> Any:
     """The parsed JSON of a file, packed with gzip or not; raises OSError or ValueError if it is none."""
+    status = Path(path).stat()
+    if not stat.S_ISREG(status.st_mode):  # a pipe would be waited on for ever
+        raise ValueError("is a folder, a pipe or a device, not a file")
+    if status.st_size > LARGEST_FILE:
+        raise ValueError(f"holds {status.st_size} bytes; at most {LARGEST_FILE} are read")
     data = Path(path).read_bytes()
     if data[:2] == b"\x1f\x8b":
         try:
             with gzip.open(path) as file:
                 data = file.read(LARGEST_FILE + 1)
-        except EOFError as error:
-            raise ValueError("ends too early") from error
+        except (EOFError, zlib.error) as error:
+            raise ValueError(f"is no whole gzip file: {error}") from error
     if len(data) > LARGEST_FILE:
-        raise ValueError(f"holds more than {LARGEST_FILE} bytes")
+        raise ValueError(f"unpacks to more than {LARGEST_FILE} bytes")
     try:
         return json.loads(data, object_pairs_hook=_once)
     except RecursionError as error:

@@ -202,7 +202,7 @@ def test_what_is_not_known_about_a_robot_is_said(run: Run) -> None:
         ("plan", "arm.urdf", "--goal", "home", "-o", "new.json", "--html", "new.json"),
         ("plan", "arm.urdf", "--goal", "home", "-o", "new.json", "--html", "nowhere/new.html"),
         ("plan", "arm.urdf", "--goal", "home", "-o", "new.json", "--html", "folder"),
-        ("demo", "--json", "new.json", "--html", "nowhere/new.html"),
+        ("demo", "-o", "new.json", "--html", "nowhere/new.html"),
     ],
     ids=" ".join,
 )

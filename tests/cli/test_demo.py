@@ -34,7 +34,8 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Com
 
 def test_the_demo_prints_its_verdicts_and_writes_page_and_motion(demo) -> None:
     folder, ran = demo
-    assert (ran.returncode, ran.stderr) == (0, "")
+    # A machine that never ran it says once that it compiles.
+    assert (ran.returncode, [line for line in ran.stderr.splitlines() if "compiling" not in line]) == (0, [])
     assert all(f"bolt_{k}" in ran.stdout for k in range(1, 8))
     assert "4 of 7 picks good; failed: 2 at grasp, 1 at reach" in ran.stdout
     assert "bolt_1: FREE: no contact anywhere: clearance proven " in ran.stdout
@@ -56,7 +57,7 @@ def test_the_motion_written_is_the_one_that_was_certified(demo) -> None:
     assert min(np.linalg.norm(tip - [0.46, 0.15, 0.035]) for tip in tips) < 1e-6
 
 
-@pytest.mark.parametrize("told", ["html", "json"])
+@pytest.mark.parametrize("told", ["html", "output"])
 def test_a_place_that_cannot_be_written_to_is_2(
     told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -72,7 +73,7 @@ def test_a_place_that_cannot_be_written_to_is_2(
 
 def test_the_page_goes_where_it_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["pinproof", "demo", "--html", "shown.html", "--json", "sent.json", "--seed", "3"])
+    monkeypatch.setattr("sys.argv", ["pinproof", "demo", "--html", "shown.html", "-o", "sent.json", "--seed", "3"])
     with pytest.raises(SystemExit) as ended:
         main()
     assert not ended.value.code

@@ -143,14 +143,16 @@ def test_wrong_usage_is_2(run: Run, words: tuple[str, ...]) -> None:
     code, out, err = run(*words)
     assert (code, out) == (2, "")
     assert "Traceback" not in err
-    assert "Usage" in err
+    assert err.startswith("pinproof: ")
+    assert " --help' shows what can be said\n" in err
+    assert err.count("\n") == 1
 
 
 def test_an_internal_error_is_3_and_its_traceback_is_shown_when_asked_for(run: Run, write, monkeypatch) -> None:
     def broken(*args: object, **settings: object) -> None:
         raise ZeroDivisionError("oops")
 
-    monkeypatch.setattr("pinproof.cli.pick.validate_picks", broken)
+    monkeypatch.setattr("pinproof.validate_picks", broken)
     code, out, err = run("pick", write(GOOD))
     assert (code, out) == (3, "")
     assert "internal error: ZeroDivisionError: oops" in err
@@ -164,7 +166,7 @@ def test_ctrl_c_is_no_answer(run: Run, write, monkeypatch) -> None:
     def interrupted(*args: object, **settings: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("pinproof.cli.pick.validate_picks", interrupted)
+    monkeypatch.setattr("pinproof.validate_picks", interrupted)
     code, out, err = run("pick", write(GOOD))
     assert (code, out) == (130, "")
     assert "Traceback" not in err

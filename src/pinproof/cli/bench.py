@@ -7,15 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pinproof.benchmarks import (
-    ik_benchmark,
-    ik_markdown,
-    plan_benchmark,
-    plan_markdown,
-    write_ik_table,
-    write_plan_table,
-)
-from pinproof.benchmarks.plan_own import OWN_ROBOTS
+from pinproof.cli.complete import robot_names
 from pinproof.cli.console import print_json, say, working
 from pinproof.cli.options import Json, Seed
 from pinproof.cli.outputs import make_folder
@@ -30,7 +22,10 @@ Folder = Annotated[
 
 def bench_ik(
     robots: Annotated[
-        list[str] | None, typer.Argument(help="Catalogue names or robot files; by default ur5.", metavar="[ROBOT]...")
+        list[str] | None,
+        typer.Argument(
+            help="Catalogue names or robot files; by default ur5.", metavar="[ROBOT]...", autocompletion=robot_names
+        ),
     ] = None,
     points: Annotated[int, typer.Option(help="Targets of each part of the table.", min=1)] = 10_000,
     methods: Annotated[str | None, typer.Option(help='Which methods: "clik pseudo_inverse"; by default all.')] = None,
@@ -47,6 +42,8 @@ def bench_ik(
 
     Example: pinproof bench ik ur5 --points 20 --no-peers
     """
+    from pinproof.benchmarks import ik_benchmark, ik_markdown, write_ik_table
+
     if output is not None:
         make_folder(output)
     with working("running the table of inverse kinematics") as tell:
@@ -69,6 +66,7 @@ def bench_plan(
         typer.Argument(
             help="Catalogue names or robot files for our own scenes; by default ur5, panda and generic_6dof.",
             metavar="[ROBOT]...",
+            autocompletion=robot_names,
         ),
     ] = None,
     mbm: Annotated[
@@ -101,6 +99,9 @@ def bench_plan(
 
     Example: pinproof bench plan ur5 --set shelf --problems 1 --no-peers
     """
+    from pinproof.benchmarks import plan_benchmark, plan_markdown, write_plan_table
+    from pinproof.benchmarks.plan_own import OWN_ROBOTS
+
     if output is not None:
         make_folder(output)
     with working("running the table of planning") as tell:

@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
 from rich.text import Text
 
-from pinproof.cli.console import complain, print_json, remark, say
+import pinproof as pp
+from pinproof.cli.console import Stopped, print_json, remark, say
 from pinproof.cli.workers import chosen_workers
-from pinproof.picks import Campaign, CampaignResult
-from pinproof.picks.campaign.journal import rows_there
 
 __all__ = ["run_campaign"]
-
-INTERRUPTED = 130
 
 
 class _Rate(ProgressColumn):
@@ -27,8 +23,8 @@ class _Rate(ProgressColumn):
 
 
 def run_campaign(
-    campaign: Campaign, folder: Path, workers: int | None, dask: str | None, *, as_json: bool
-) -> CampaignResult:
+    campaign: pp.Campaign, folder: Path, workers: int | None, dask: str | None, *, as_json: bool
+) -> pp.CampaignResult:
     """Run it and tell how it went; an interrupted one ends with the exit code that says so."""
     console = Console(stderr=True)
     columns = (
@@ -55,9 +51,11 @@ def run_campaign(
 
             result = campaign.run(folder, progress=progress, **where)
     except KeyboardInterrupt:
+        from pinproof.picks.campaign.journal import rows_there
+
         # Counted, not remembered: it may have come between a row and its being counted.
-        complain(f"interrupted after {rows_there(folder):,} of {len(campaign):,} picks; the same command goes on there")
-        raise typer.Exit(INTERRUPTED) from None
+        there = f"after {rows_there(folder):,} of {len(campaign):,} picks"
+        raise Stopped(f"interrupted {there}; the same command goes on there") from None
     if as_json:
         print_json(result.to_dict())
     else:

@@ -7,27 +7,12 @@ from typing import Annotated, Any
 
 import typer
 
+import pinproof as pp
+from pinproof.cli.complete import robot_names
 from pinproof.cli.console import print_json, say, working
-from pinproof.cli.options import (
-    Base,
-    Group,
-    Html,
-    Json,
-    Margin,
-    PackageDirs,
-    SceneFile,
-    SrdfFile,
-    Tcp,
-    load_arm,
-    load_scene,
-)
+from pinproof.cli.options import Chain, Html, Json, Surroundings
 from pinproof.cli.outputs import check_outputs
-from pinproof.collision import Audit, Certificate, CollisionChecker, Scene, audit, certify, verify_proof
 from pinproof.errors import InputError
-from pinproof.model import Arm
-from pinproof.motion import Trajectory
-from pinproof.verifier import ProofVerdict
-from pinproof.viewer import write_html
 
 __all__ = ["certify_motion", "verdict"]
 
@@ -37,11 +22,12 @@ ROUNDING = 1e-6
 
 def certify_motion(
     robot: Annotated[
-        str | None, typer.Argument(help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT")
+        str | None,
+        typer.Argument(
+            help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT", autocompletion=robot_names
+        ),
     ] = None,
     motion: Annotated[Path | None, typer.Argument(help="A motion (.json, .csv).", metavar="MOTION")] = None,
-    scene: SceneFile = None,
-    margin: Margin = 0.0,
     joint_tolerance: Annotated[
         float, typer.Option(help="Prove it for joints that are off by up to this, rad or m.", min=0.0)
     ] = 0.0,
@@ -65,11 +51,9 @@ def certify_motion(
         float, typer.Option(help="No joint moves farther between two samples, rad or m.", min=1e-6)
     ] = 0.002,
     html: Html = None,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    chain: Chain,
+    around: Surroundings,
     as_json: Json = False,
 ) -> None:
     """Prove that a motion touches nothing, between its points too. Exit code 1 unless it is FREE and inside the limits.
@@ -78,28 +62,28 @@ def certify_motion(
 
     Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml --save-proof proof.json
     """
-    arm = None if robot is None else load_arm(robot, tcp, base, group, srdf, package_dir)
+    arm = None if robot is None else chain.arm(robot)
     if verify is not None:
         if save_proof is not None or html is not None or sample or joint_tolerance or obstacle_tolerance:
             raise InputError("--verify re-checks a proof: it writes nothing, and the tolerances are those of the proof")
-        _verify(verify, arm, motion, scene, margin, as_json)
+        _verify(verify, arm, motion, around, as_json)
         return
     if arm is None or motion is None:
         raise InputError("what is to be proven? Name ROBOT and MOTION, or a saved proof with --verify")
-    check_outputs([html, save_proof], [robot, motion, scene, srdf])
-    world = load_scene(scene)
-    trajectory = Trajectory.load(motion, arm.joint_names)
+    check_outputs([html, save_proof], [robot, motion, around.scene, chain.srdf])
+    world = around.load()
+    trajectory = pp.Trajectory.load(motion, arm.joint_names)
     with working("proving"):
-        certificate = certify(
+        certificate = pp.certify(
             trajectory,
-            CollisionChecker(arm, world, margin=margin),
+            around.checker(arm, world),
             joint_tolerance=joint_tolerance,
             obstacle_tolerance=obstacle_tolerance,
             record=save_proof is not None,
         )
     seen = _second_look(trajectory, arm, world, audit_step) if sample else None
     if html is not None:
-        write_html(html, arm, world, trajectory, certificate=certificate)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate)
     if save_proof is not None and certificate.free:
         certificate.save(save_proof)
     beyond = _beyond_limits(trajectory, arm)
@@ -120,14 +104,12 @@ def certify_motion(
         raise typer.Exit(1)
 
 
-def _verify(
-    proof: Path, arm: Arm | None, motion: Path | None, scene: Path | None, margin: float, as_json: bool
-) -> None:
-    if arm is None and (scene is not None or margin):
+def _verify(proof: Path, arm: pp.Arm | None, motion: Path | None, around: Surroundings, as_json: bool) -> None:
+    if arm is None and (around.scene is not None or around.margin):
         raise InputError("--scene and --margin are of a robot: name ROBOT too")
-    checker = None if arm is None else CollisionChecker(arm, load_scene(scene), margin=margin)
-    curve = None if motion is None or arm is None else Trajectory.load(motion, arm.joint_names)
-    found: ProofVerdict = verify_proof(proof, checker, curve)
+    checker = None if arm is None else around.checker(arm)
+    curve = None if motion is None or arm is None else pp.Trajectory.load(motion, arm.joint_names)
+    found: pp.ProofVerdict = pp.verify_proof(proof, checker, curve)
     if as_json:
         print_json(
             {
@@ -151,12 +133,12 @@ def _verify(
         raise typer.Exit(1)
 
 
-def _second_look(trajectory: Trajectory, arm: Arm, scene: Scene, step: float) -> Audit:
+def _second_look(trajectory: pp.Trajectory, arm: pp.Arm, scene: pp.Scene, step: float) -> pp.Audit:
     with working("sampling"):
-        return audit(trajectory, CollisionChecker(arm, scene, link_meshes="mesh"), step=step)
+        return pp.audit(trajectory, pp.CollisionChecker(arm, scene, link_meshes="mesh"), step=step)
 
 
-def _beyond_limits(trajectory: Trajectory, arm: Arm) -> list[str]:
+def _beyond_limits(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
     """Where a motion leaves the limits of position and speed, between its points too; rounding is let pass."""
     limits, said = arm.limits, []
     low, high = trajectory.range()
@@ -171,7 +153,7 @@ def _beyond_limits(trajectory: Trajectory, arm: Arm) -> list[str]:
     return said
 
 
-def verdict(certificate: Certificate) -> dict[str, Any]:
+def verdict(certificate: pp.Certificate) -> dict[str, Any]:
     """A certificate for machines."""
     contact = certificate.first_contact
     return {

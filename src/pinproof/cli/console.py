@@ -7,16 +7,18 @@ import math
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rich.box import ROUNDED
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from pinproof.picks import PickReport
+if TYPE_CHECKING:
+    from pinproof.picks import PickReport
+    from pinproof.viewer.live import LiveView
 
-__all__ = ["complain", "print_json", "print_report", "remark", "say", "working"]
+__all__ = ["Stopped", "complain", "print_json", "print_report", "remark", "say", "wait_for_stop", "working"]
 
 _STYLES = {
     "good": "green",
@@ -25,6 +27,14 @@ _STYLES = {
     "unreadable": "yellow",
     "crashed": "magenta",
 }
+
+
+class Stopped(Exception):
+    """Ctrl-C; the message says what became of the work, ``answered`` whether the answer was printed before."""
+
+    def __init__(self, message: str = "interrupted; no answer was given", *, answered: bool = False) -> None:
+        super().__init__(message)
+        self.answered = answered
 
 
 def say(text: str) -> None:
@@ -38,9 +48,10 @@ def complain(text: str) -> None:
 
 
 def print_json(value: dict[str, Any]) -> None:
-    """A value for machines, to stdout; numbers that JSON does not know (infinite, undefined) become null."""
+    """A value for machines, to stdout at once; numbers that JSON does not know (infinite, undefined) become null."""
     json.dump(_finite(value), sys.stdout, indent=2, allow_nan=False)
     sys.stdout.write("\n")
+    sys.stdout.flush()  # a command may go on for long after it, as the live view does
 
 
 def remark(text: str) -> None:
@@ -75,6 +86,14 @@ def print_report(report: PickReport) -> None:
     say(report.summary)
     for note in report.notes:
         say(f"not covered: {note}")
+
+
+def wait_for_stop(view: LiveView) -> None:
+    """Let a live view go on until Ctrl-C, which is how it ends."""
+    try:
+        view.wait()
+    except KeyboardInterrupt:
+        raise Stopped("the live view has ended", answered=True) from None
 
 
 def _finite(value: Any) -> Any:

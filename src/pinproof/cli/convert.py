@@ -8,11 +8,10 @@ from typing import Annotated
 
 import typer
 
+import pinproof as pp
 from pinproof.cli.console import print_json, say
-from pinproof.cli.options import Base, Group, Json, PackageDirs, Robot, SrdfFile, Tcp, load_arm
+from pinproof.cli.options import Chain, Json, Robot
 from pinproof.cli.outputs import check_outputs
-from pinproof.conversion import urdf_to_dh, write_urdf
-from pinproof.description import DhTable
 
 __all__ = ["dh2urdf", "urdf2dh"]
 
@@ -34,8 +33,8 @@ def dh2urdf(
     Example: pinproof dh2urdf robots/generic_6dof/dh.yaml -o generic_6dof.urdf
     """
     check_outputs([output], [table])
-    rows = DhTable.load(table)
-    write_urdf(rows, output)
+    rows = pp.DhTable.load(table)
+    pp.write_urdf(rows, output)
     if as_json:
         print_json({"urdf": str(output), "robot": rows.name, "joints": list(rows.joint_names)})
     else:
@@ -46,20 +45,17 @@ def urdf2dh(
     robot: Robot,
     output: Annotated[Path, typer.Option("-o", "--output", help="The DH table (.yaml, .csv).")],
     convention: Annotated[Convention, typer.Option(help="Which convention the table is in.")] = Convention.STANDARD,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    chain: Chain,
     as_json: Json = False,
 ) -> None:
     """Recover the DH table of an arm, if it has one that is exact.
 
     Example: pinproof urdf2dh ur5 -o ur5.yaml
     """
-    check_outputs([output], [robot, srdf])
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
-    rows = urdf_to_dh(arm, convention=convention.value)
+    check_outputs([output], [robot, chain.srdf])
+    arm = chain.arm(robot)
+    rows = pp.urdf_to_dh(arm, convention=convention.value)
     rows.save(output)
     if as_json:
         print_json({"table": str(output), "robot": rows.name, "joints": list(rows.joint_names)})

@@ -2,56 +2,65 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pinproof.cli.console import complain, print_report, say, working
+import pinproof as pp
+from pinproof.cli.console import complain, print_json, print_report, remark, say, wait_for_stop, working
+from pinproof.cli.options import Json, Seed
 from pinproof.cli.outputs import check_outputs, write_motion
 from pinproof.cli.pick import judge_file
-from pinproof.description import robots_folder
-from pinproof.viewer import show
 
 __all__ = ["demo"]
 
 
 def demo(
     html: Annotated[Path, typer.Option(help="The page.")] = Path("pick.html"),
-    json: Annotated[Path, typer.Option(help="The motion, shaped as trajectory_msgs/JointTrajectory.")] = Path(
-        "pick.json"
-    ),
+    output: Annotated[
+        Path,
+        typer.Option("-o", "--output", help="The motion (.json, shaped as trajectory_msgs/JointTrajectory; or .csv)."),
+    ] = Path("pick.json"),
     live: Annotated[bool, typer.Option("--live", help="Also open the live view; Ctrl-C ends it.")] = False,
-    seed: Annotated[int, typer.Option(help="Seed of every random choice.", min=0)] = 0,
+    seed: Seed = 0,
+    as_json: Json = False,
 ) -> None:
     """Give a UR5 bolts to pick: judge each, prove the first good one, show it in a page.
 
     Example: pinproof demo --html pick.html
     """
-    check_outputs([html, json])
+    from pinproof.description import robots_folder
+
+    check_outputs([html, output])
     with working("judging the picks of robots/ur5/picks.yaml"):
         arm, _, _, report = judge_file(robots_folder() / "ur5" / "picks.yaml", seed=seed)
-    print_report(report)
+    if not as_json:
+        print_report(report)
     if not report.good:
+        if as_json:
+            print_json({**report.to_dict(), "written": []})
         complain("no pick is good, so there is no motion to show")
         raise typer.Exit(1)
     first = report.good[0]
     with working("drawing the page"):
-        written = write_motion(first, arm, html, json)
-    for motion in first.motions:
-        say(f"{first.pick.name}: {motion.certificate}")
-    say(f"wrote {' and '.join(str(path) for path in written)}; open the page in a browser, it needs no network")
+        written = write_motion(first, arm, html, output)
+    if as_json:
+        print_json({**report.to_dict(), "written": [str(path) for path in written]})
+    else:
+        for motion in first.motions:
+            say(f"{first.pick.name}: {motion.certificate}")
+        say(f"wrote {' and '.join(map(str, written))}; open the page in a browser, it needs no network")
     if live:
-        with show(
-            arm,
-            first.motions[0].scene,
-            first.motions[0].trajectory,
-            certificate=first.motions[0].certificate,
-            attached=first.motions[0].attached,
+        shown = first.motions[0]
+        with pp.show(
+            arm.with_held(shown.held),
+            shown.scene,
+            shown.trajectory,
+            certificate=shown.certificate,
+            attached=shown.attached,
             title=first.pick.name,
             open_browser=True,
         ) as view:
-            say(f"live view at {view.url} (Ctrl-C ends it)")
-            with suppress(KeyboardInterrupt):
-                view.wait()
+            (remark if as_json else say)(f"live view at {view.url} (Ctrl-C ends it)")
+            wait_for_stop(view)

@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+import pinproof as pp
 from pinproof.cli.console import print_json, say
-from pinproof.cli.options import Base, Group, Json, PackageDirs, Robot, SrdfFile, Tcp, load_arm
-from pinproof.collision import CollisionChecker
+from pinproof.cli.options import Chain, Json, Robot
 from pinproof.errors import MeshError
-from pinproof.model import JointInfo, RobotInfo, describe
+
+if TYPE_CHECKING:
+    from pinproof.model import JointInfo
 
 __all__ = ["info"]
 
 
 def info(
     robot: Robot,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    chain: Chain,
     as_json: Json = False,
 ) -> None:
     """Print joints, limits, frames, collision pairs, kinematic class and home of a robot, and what is missing.
 
     Example: pinproof info ur5
     """
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
-    told = describe(arm.robot, arm)
+    arm = chain.arm(robot)
+    told = pp.describe(arm.robot, arm)
     try:
-        checker = CollisionChecker(arm)
+        checker = pp.CollisionChecker(arm)
     except MeshError as error:
         pairs: dict[str, object] = {"checked": None, "excluded": [], "why": str(error)}
     else:
@@ -55,7 +56,7 @@ def info(
         say(f"missing: {sentence}")
 
 
-def _joints(told: RobotInfo) -> None:
+def _joints(told: pp.RobotInfo) -> None:
     heads = ("joint", "type", "limits", "speed", "accel.", "role")
     rows = [heads, *(_row(joint) for joint in told.joints if joint.role != "fixed")]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -73,5 +74,5 @@ def _row(joint: JointInfo) -> tuple[str, ...]:
     return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, role
 
 
-def _counted(told: RobotInfo) -> str:
+def _counted(told: pp.RobotInfo) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in told.collisions.items()) or "none"

@@ -7,31 +7,22 @@ from typing import Annotated
 
 import typer
 
+import pinproof as pp
+from pinproof.cli.complete import link_names
 from pinproof.cli.console import print_json, say
 from pinproof.cli.options import (
-    Base,
-    Group,
+    Chain,
+    Configuration,
     Json,
-    Margin,
-    PackageDirs,
     Robot,
-    SceneFile,
     Seed,
-    SrdfFile,
-    Tcp,
-    load_arm,
-    load_scene,
+    Surroundings,
     numbers,
     parse_configuration,
 )
-from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
-from pinproof.ik import AnalyticIk, Clik, DampedLeastSquares, Fabrik, IkBranches, PseudoInverse
-from pinproof.spatial import matrix, pose, xyz_rpy
 
 __all__ = ["fk", "ik"]
-
-Configuration = Annotated[str | None, typer.Option(help='Joint values in rad or m: "0 -pi/2 pi/2 ...", or home.')]
 
 
 class TaskOption(str, Enum):
@@ -55,37 +46,36 @@ class MethodOption(str, Enum):
     FABRIK = "fabrik"
 
 
-METHODS = {
-    MethodOption.CLIK: Clik,
-    MethodOption.ANALYTIC: AnalyticIk,
-    MethodOption.DAMPED_LEAST_SQUARES: DampedLeastSquares,
-    MethodOption.PSEUDO_INVERSE: PseudoInverse,
-    MethodOption.FABRIK: Fabrik,
+SOLVERS = {
+    MethodOption.CLIK: "Clik",
+    MethodOption.ANALYTIC: "AnalyticIk",
+    MethodOption.DAMPED_LEAST_SQUARES: "DampedLeastSquares",
+    MethodOption.PSEUDO_INVERSE: "PseudoInverse",
+    MethodOption.FABRIK: "Fabrik",
 }
 
 
 def fk(
     robot: Robot,
     q: Configuration = None,
-    frame: Annotated[str | None, typer.Option(help="A link to locate instead of the tcp.")] = None,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    frame: Annotated[
+        str | None, typer.Option(help="A link to locate instead of the tcp.", autocompletion=link_names)
+    ] = None,
+    *,
+    chain: Chain,
     as_json: Json = False,
 ) -> None:
     """Print where the tcp (or another frame) is at a configuration.
 
     Example: pinproof fk ur5 --q "0 -pi/2 pi/2 -pi/2 -pi/2 0"
     """
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
+    arm = chain.arm(robot)
     configuration = parse_configuration(q, arm, "--q")
     placement = arm.frame_placement(configuration, frame or arm.tcp)
-    vector = xyz_rpy(placement)
+    vector = pp.xyz_rpy(placement)
     if as_json:
         named = dict(zip(arm.joint_names, configuration.tolist(), strict=True))
-        place = {"xyz": vector[:3].tolist(), "rpy": vector[3:].tolist(), "matrix": matrix(placement).tolist()}
+        place = {"xyz": vector[:3].tolist(), "rpy": vector[3:].tolist(), "matrix": placement.homogeneous.tolist()}
         print_json({"base": arm.base, "frame": frame or arm.tcp, "q": named, **place})
         return
     say(f"{arm.base} -> {frame or arm.tcp}")
@@ -101,14 +91,10 @@ def ik(
     method: Annotated[MethodOption, typer.Option(help="How it is solved.")] = MethodOption.CLIK,
     every: Annotated[bool, typer.Option("--all", help="Every configuration, in closed form.")] = False,
     q0: Annotated[str | None, typer.Option(help="Where to start; by default home.")] = None,
-    scene: SceneFile = None,
-    margin: Margin = 0.0,
     seed: Seed = 0,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    around: Surroundings,
+    chain: Chain,
     as_json: Json = False,
 ) -> None:
     """Find joint values for a pose of the tcp; with a scene or a margin, free of contact. Exit code 1 if none is found.
@@ -119,16 +105,16 @@ def ik(
         raise InputError('--xyz is missing: say where the tcp shall be, such as --xyz "0.4 0.1 0.3"')
     if every and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
         raise InputError("--all enumerates whole poses in closed form; leave --method and --task out")
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
-    target = pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
-    judged = scene is not None or margin > 0.0  # a margin alone is kept between the bodies of the robot
-    accept = None if not judged else CollisionChecker(arm, load_scene(scene), margin=margin).is_free
+    arm = chain.arm(robot)
+    target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
+    judged = around.scene is not None or around.margin > 0.0  # a margin alone is kept between the bodies of the robot
+    accept = None if not judged else around.checker(arm).is_free
     start = parse_configuration(q0, arm, "--q0")
     if every:
-        branches = AnalyticIk().solve_all(arm, target, start)
+        branches = pp.AnalyticIk().solve_all(arm, target, start)
         _print_all(branches if accept is None else branches.free(accept), as_json)
         return
-    found = METHODS[method]().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    found = getattr(pp, SOLVERS[method])().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
     if as_json:
         print_json(
             {
@@ -148,7 +134,7 @@ def ik(
         raise typer.Exit(1)
 
 
-def _print_all(found: IkBranches, as_json: bool) -> None:
+def _print_all(found: pp.IkBranches, as_json: bool) -> None:
     """Distinct configurations, the nearest to where the search started first; whole turns are only counted."""
     names = found.arm.joint_names
     if as_json:

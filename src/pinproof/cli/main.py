@@ -1,11 +1,13 @@
 """The command ``pinproof`` and its exit codes.
 
 0: yes. 1: an honest "no" (unreachable, in collision, a pick that fails). 2: wrong usage or unreadable input. 3: an
-internal error, so that it is never mistaken for a "no".
+internal error, so that it is never mistaken for a "no". 130: Ctrl-C, as shells count it; 141: whoever read the answer
+went away before it was all said.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import traceback
 from collections.abc import Callable
@@ -16,23 +18,27 @@ import typer
 from pinproof import __version__
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
-from pinproof.cli.console import complain
+from pinproof.cli.console import Stopped, complain, print_json
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
+from pinproof.cli.faults import asked_for_help, remedy, usage_fault, versions
 from pinproof.cli.info import info
 from pinproof.cli.kinematics import fk, ik
 from pinproof.cli.motion import check, plan, view
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
+from pinproof.cli.spread import spread
 from pinproof.errors import NoAnswer, PinproofError
 
 __all__ = ["main"]
 
-NO, USAGE, INTERNAL, INTERRUPTED = 1, 2, 3, 130
+YES, NO, USAGE, INTERNAL, INTERRUPTED, NOBODY_READS = 0, 1, 2, 3, 130, 141
 
 app = typer.Typer(
     name="pinproof",
     help="Can this arm make this pick, and how? Answered with proof.",
+    epilog='"pinproof COMMAND --help" shows an example of each. Exit code 0: yes; 1: an honest no; 2: wrong usage or '
+    "unreadable input; 3: an internal error.",
     no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
@@ -55,11 +61,22 @@ COMMANDS: dict[str, Callable[..., None]] = {
 }
 """Each command by the words that call it; the first of two is a group's."""
 
+
+class _Options:
+    """What was said on the line about how errors are told."""
+
+    verbose = False
+
+    @classmethod
+    def be_verbose(cls) -> None:
+        cls.verbose = True
+
+
 groups = {"": app, "bench": typer.Typer(help="Tables of figures, measured on this machine.", no_args_is_help=True)}
 app.add_typer(groups["bench"], name="bench")
 for words, command in COMMANDS.items():
     group, _, name = words.rpartition(" ")
-    groups[group].command(name)(command)
+    groups[group].command(name)(spread(command, _Options.be_verbose))
 
 
 def _version(wanted: bool) -> None:
@@ -79,34 +96,58 @@ def common(
     _Options.verbose = verbose
 
 
-class _Options:
-    """What the options before the command said."""
-
-    verbose = False
-
-
 def main() -> None:
     """Run the command line; ends the process with one of the exit codes above."""
     try:
-        app()
+        code = _run()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        code = NOBODY_READS
+    if code == NOBODY_READS:
+        # What is still to be written has nowhere to go, and Python would complain of it at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(code)
+
+
+def _run() -> int:
+    try:
+        return int(app(prog_name="pinproof", standalone_mode=False) or YES)
+    except Stopped as stop:
+        return _told(stop, INTERRUPTED)
     except NoAnswer as error:
-        sys.exit(_told(error, NO))
+        return _told(error, NO)
     except PinproofError as error:
-        sys.exit(_told(error, USAGE))
-    except KeyboardInterrupt:
-        complain("interrupted")
-        sys.exit(INTERRUPTED)
+        return _told(error, USAGE, remedy(error))
+    except BrokenPipeError:
+        raise
+    except SystemExit as end:
+        # Commands end by typer.Exit. Rich and the parser end so themselves, with 1, if nobody reads what they print.
+        return NOBODY_READS if end.code == NO else int(end.code or YES)
+    except (KeyboardInterrupt, typer.Abort):
+        return _told(Stopped(), INTERRUPTED)
     except Exception as error:  # noqa: BLE001  # whatever it is, it must not look like a "no"
-        complain(f"internal error: {type(error).__name__}: {error}")
+        if asked_for_help(error):
+            return USAGE
+        said = usage_fault(error)
+        if said is not None:
+            return _told(error, USAGE, words=said)
+        code = _told(error, INTERNAL, words=f"internal error: {type(error).__name__}: {error}")
         if _Options.verbose:
-            traceback.print_exc()
+            complain(
+                f"this is a defect of pinproof and no answer: please report it with all of the above; {versions()}"
+            )
         else:
-            complain("run it again with 'pinproof --verbose ...' for the traceback")
-        sys.exit(INTERNAL)
+            complain("this is a defect of pinproof and no answer: run it again with --verbose, and report what it says")
+        return code
 
 
-def _told(error: PinproofError, code: int) -> int:
-    if _Options.verbose:
+def _told(error: Exception, code: int, hint: str = "", words: str = "") -> int:
+    """Say what went wrong: a line to stderr, and with --json also the one document that is then due on stdout."""
+    if _Options.verbose and code != INTERRUPTED:
         traceback.print_exc()
-    complain(str(error))
+    message = (words or str(error)) + hint
+    complain(message)
+    if "--json" in sys.argv and not (isinstance(error, Stopped) and error.answered):
+        kind = {NO: "no", USAGE: "usage", INTERNAL: "internal", INTERRUPTED: "interrupted"}[code]
+        print_json({"error": {"kind": kind, "type": type(error).__name__, "message": message, "exit_code": code}})
     return code

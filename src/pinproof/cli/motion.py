@@ -7,55 +7,39 @@ from typing import Annotated, Literal
 
 import typer
 
+import pinproof as pp
 from pinproof.cli.certify import verdict
-from pinproof.cli.console import print_json, say, working
+from pinproof.cli.console import print_json, say, wait_for_stop, working
 from pinproof.cli.options import (
-    Base,
-    Group,
+    Chain,
+    Configuration,
     Html,
     Json,
-    LimitsFile,
-    Margin,
-    PackageDirs,
     Robot,
-    SceneFile,
     Seed,
-    SrdfFile,
-    Tcp,
-    load_arm,
-    load_scene,
+    Surroundings,
     parse_configuration,
 )
 from pinproof.cli.outputs import check_outputs
-from pinproof.collision import CollisionChecker, certify
 from pinproof.errors import InputError
-from pinproof.motion import Trajectory, time_parametrise
-from pinproof.planning import RrtConnect, simplify
-from pinproof.viewer import show, write_html
 
 __all__ = ["check", "plan", "view"]
-
-Configuration = Annotated[str | None, typer.Option(help='Joint values in rad or m: "0 -pi/2 pi/2 ...", or home.')]
 
 
 def check(
     robot: Robot,
     q: Configuration = None,
-    scene: SceneFile = None,
-    margin: Margin = 0.0,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    chain: Chain,
+    around: Surroundings,
     as_json: Json = False,
 ) -> None:
     """Say whether a configuration is inside its limits and free of contact. Exit code 1 if it is not.
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
-    checker = CollisionChecker(arm, load_scene(scene), margin=margin)
+    arm = chain.arm(robot)
+    checker = around.checker(arm)
     configuration = parse_configuration(q, arm, "--q")
     outside = arm.limits.violations(configuration, arm.joint_names)
     result, clearance = checker.check(configuration), checker.clearance(configuration)
@@ -75,35 +59,33 @@ def plan(
     robot: Robot,
     goal: Annotated[str, typer.Option(help="Joint values to reach, in rad or m, or home.")],
     start: Annotated[str | None, typer.Option(help="Joint values to start from; by default home.")] = None,
-    scene: SceneFile = None,
-    margin: Margin = 0.0,
     output: Annotated[Path | None, typer.Option("-o", "--output", help="The motion (.json, .csv).")] = None,
     blend: Annotated[bool, typer.Option(help="Run through rounded corners; without it, stop at each.")] = True,
     html: Html = None,
     seed: Seed = 0,
-    limits: LimitsFile = None,
+    limits: Annotated[
+        Path | None, typer.Option("--limits", help="Limits of joints, as MoveIt's joint_limits.yaml states them.")
+    ] = None,
     jerk: Annotated[
         str | None,
         typer.Option(help="Largest jerk of every joint, in rad/s^3 or m/s^3, or: limits, those of the file."),
     ] = None,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    chain: Chain,
+    around: Surroundings,
     as_json: Json = False,
 ) -> None:
     """Plan, shorten, round, time and certify a motion between two configurations. Exit code 1 if none is found.
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_outputs([output, html], [robot, scene, srdf, limits])
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir, limits)
-    world = load_scene(scene)
-    checker = CollisionChecker(arm, world, margin=margin)
+    check_outputs([output, html], [robot, around.scene, chain.srdf, limits])
+    arm = chain.arm(robot, limits)
+    world = around.load()
+    checker = around.checker(arm, world)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
     with working("planning"):
-        result = RrtConnect().plan(checker, *ends, rng=seed)
+        result = pp.RrtConnect().plan(checker, *ends, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})
@@ -111,16 +93,16 @@ def plan(
                 say(result.message)
             raise typer.Exit(1)
         checker = result.checker or checker  # closer bodies, where an end touched by coarse ones alone
-        simplified = simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
+        simplified = pp.simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
         path = simplified.path
-        trajectory = time_parametrise(path, arm.limits, jerk=_jerk(jerk))
-        certificate = certify(trajectory, checker)
+        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk))
+        certificate = pp.certify(trajectory, checker)
     written = []
     if output is not None:
         trajectory.save(output)
         written.append(output)
     if html is not None:
-        write_html(html, arm, world, trajectory, certificate=certificate)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate)
         written.append(html)
     if as_json:
         figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}
@@ -139,36 +121,33 @@ def view(
     robot: Robot,
     q: Configuration = None,
     motion: Annotated[Path | None, typer.Option(help="A motion (.json, .csv) to play.")] = None,
-    scene: SceneFile = None,
     html: Html = None,
     port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 takes a free one.", min=0)] = 0,
     browser: Annotated[bool, typer.Option(help="Open the live view in the browser.")] = True,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    chain: Chain,
+    around: Surroundings,
     as_json: Json = False,
 ) -> None:
     """Show a robot, still or in motion: live in the browser (Ctrl-C ends it), or as a page with --html.
 
-    A motion is certified for its caption, with no margin.
+    A motion is certified for its caption.
 
     Example: pinproof view ur5 --html ur5.html
     """
-    check_outputs([html], [robot, motion, scene, srdf])
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
-    world = load_scene(scene)
-    trajectory = None if motion is None else Trajectory.load(motion, arm.joint_names)
-    certificate = None if trajectory is None else certify(trajectory, CollisionChecker(arm, world))
+    check_outputs([html], [robot, motion, around.scene, chain.srdf])
+    arm = chain.arm(robot)
+    world = around.load()
+    trajectory = None if motion is None else pp.Trajectory.load(motion, arm.joint_names)
+    certificate = None if trajectory is None else pp.certify(trajectory, around.checker(arm, world))
     still = parse_configuration(q, arm, "--q") if trajectory is None else None
     if html is not None:
-        write_html(html, arm, world, trajectory, certificate=certificate, q=still)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate, q=still)
         print_json({"page": str(html)}) if as_json else say(f"wrote {html}")
         return
-    with show(arm, world, trajectory, certificate=certificate, q=still, port=port, open_browser=browser) as shown:
+    with pp.show(arm, world, trajectory, certificate=certificate, q=still, port=port, open_browser=browser) as shown:
         print_json({"url": shown.url}) if as_json else say(f"{shown.url} (Ctrl-C ends it)")
-        shown.wait()
+        wait_for_stop(shown)
 
 
 def _jerk(text: str | None) -> float | Literal["limits"] | None:

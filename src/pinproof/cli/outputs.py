@@ -7,10 +7,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+import pinproof as pp
 from pinproof.errors import FileError, InputError
-from pinproof.model import Arm
-from pinproof.picks import PickVerdict
-from pinproof.viewer import write_html
 
 __all__ = ["check_outputs", "file_stems", "make_folder", "write_motion"]
 
@@ -43,28 +41,28 @@ def check_outputs(outputs: Iterable[Path | None], inputs: Iterable[str | Path | 
         taken[place] = "written to"
 
 
-def write_motion(verdict: PickVerdict, arm: Arm, html: Path, json: Path) -> list[Path]:
+def write_motion(verdict: pp.PickVerdict, arm: pp.Arm, html: Path, motion: Path) -> list[Path]:
     """Write the trajectory of a good pick and its page, or a page for each motion where what is carried changes.
 
     The files written are handed back.
     """
     if verdict.trajectory is None:
         raise InputError(f"pick {verdict.pick.name!r} is not good, so it has no motion to write")
-    verdict.trajectory.save(json)
+    verdict.trajectory.save(motion)
     pages = []
-    for number, motion in enumerate(verdict.motions, start=1):
+    for number, part in enumerate(verdict.motions, start=1):
         alone = len(verdict.motions) == 1
-        pages.append(html if alone else html.with_name(f"{html.stem}_{number}_{motion.name}{html.suffix}"))
-        write_html(
+        pages.append(html if alone else html.with_name(f"{html.stem}_{number}_{part.name}{html.suffix}"))
+        pp.write_html(
             pages[-1],
-            arm.with_held(motion.held),
-            motion.scene,
-            motion.trajectory,
-            certificate=motion.certificate,
-            attached=motion.attached,
-            title=f"{arm.robot.name}: {verdict.pick.name}" + ("" if alone else f", {motion.name}"),
+            arm.with_held(part.held),
+            part.scene,
+            part.trajectory,
+            certificate=part.certificate,
+            attached=part.attached,
+            title=f"{arm.robot.name}: {verdict.pick.name}" + ("" if alone else f", {part.name}"),
         )
-    return [*pages, json]
+    return [*pages, motion]
 
 
 def make_folder(path: Path) -> None:

@@ -3,32 +3,24 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+import pinproof as pp
 from pinproof.cli.campaign import run_campaign
 from pinproof.cli.console import print_json, print_report, say, working
 from pinproof.cli.outputs import file_stems, make_folder, write_motion
 from pinproof.cli.workers import Dask, WorkerCount, chosen_workers
-from pinproof.collision import Scene
 from pinproof.errors import InputError
-from pinproof.model import Arm, load_robot
-from pinproof.picks import (
-    Campaign,
-    PickReport,
-    Picks,
-    PickSource,
-    open_picks,
-    validate_picks,
-    write_report_page,
-)
-from pinproof.picks.report.report import SUFFIXES
+
+if TYPE_CHECKING:
+    from pinproof.picks import PickSource
 
 __all__ = ["judge_file", "pick"]
 
 PAGE = ".html"
-KINDS = (*SUFFIXES, PAGE)
+KINDS = (".json", ".md", ".csv", PAGE)
 
 
 def pick(
@@ -64,10 +56,10 @@ def pick(
             if output.suffix.lower() != PAGE:
                 raise InputError("--campaign writes rows to its folder as they come; -o adds a page of them (.html)")
             _check_output(output)
-        arm, world, source = _read(open_picks(file), file, robot, tcp, scene)
-        result = run_campaign(Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
+        arm, world, source = _read(pp.open_picks(file), file, robot, tcp, scene)
+        result = run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
         if output is not None:
-            write_report_page(output, result, arm, world, source.shared)
+            pp.write_report_page(output, result, arm, world, source.shared)
             if not as_json:
                 say(f"wrote {output}")
         if not result.ok:
@@ -96,23 +88,23 @@ def judge_file(
     scene: Path | None = None,
     seed: int = 0,
     **where: Any,
-) -> tuple[Arm, Scene, Picks, PickReport]:
+) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.PickReport]:
     """The arm, the scene, the picks and the report of a picks file; what is given goes before what the file names."""
-    arm, world, source = _read(open_picks(file), file, robot, tcp, scene)
+    arm, world, source = _read(pp.open_picks(file), file, robot, tcp, scene)
     picks = source.load()
-    return arm, world, picks, validate_picks(arm, world, picks, rng=seed, **where)
+    return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **where)
 
 
 def _read(
     source: PickSource, file: Path, robot: str | None, tcp: str | None, scene: Path | None
-) -> tuple[Arm, Scene, PickSource]:
+) -> tuple[pp.Arm, pp.Scene, PickSource]:
     named = source.shared
     name = robot or named.robot
     if name is None:
         raise InputError(f"{file} names no robot; add 'robot: ur5' to it or give --robot")
-    arm = load_robot(name).arm(tcp or named.tcp, held=named.held)
+    arm = pp.load_robot(name).arm(tcp or named.tcp, held=named.held)
     place = scene or named.scene
-    return arm, Scene() if place is None else Scene.load(place), source
+    return arm, pp.Scene() if place is None else pp.Scene.load(place), source
 
 
 def _is_folder(output: Path) -> bool:
@@ -129,11 +121,11 @@ def _check_output(output: Path) -> None:
         raise InputError(f"{output}: there is no folder {output.parent}")
 
 
-def _write(output: Path, arm: Arm, scene: Scene, picks: Picks, report: PickReport) -> list[Path]:
+def _write(output: Path, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, report: pp.PickReport) -> list[Path]:
     written = [output] if not _is_folder(output) else [output / f"report{kind}" for kind in KINDS]
     for path in written:
         if path.suffix.lower() == PAGE:
-            write_report_page(path, report, arm, scene, picks)
+            pp.write_report_page(path, report, arm, scene, picks)
         else:
             report.save(path)
     if _is_folder(output):

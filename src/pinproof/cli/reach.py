@@ -2,37 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import Progress
 
+import pinproof as pp
 from pinproof.cli.console import print_json, say
-from pinproof.cli.options import (
-    Base,
-    Group,
-    Json,
-    Margin,
-    PackageDirs,
-    Robot,
-    SceneFile,
-    Seed,
-    SrdfFile,
-    Tcp,
-    load_arm,
-    load_scene,
-    numbers,
-)
+from pinproof.cli.options import Chain, Json, Robot, Seed, Surroundings, numbers
 from pinproof.cli.outputs import check_outputs
-from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
-from pinproof.picks.reach import ReachChange, ReachMap, Region, approach_directions, reach_map, tool_orientations
-from pinproof.spatial import pose
-from pinproof.viewer import ColouredPoints, write_html
 
 __all__ = ["reach"]
 
@@ -66,14 +49,10 @@ def reach(
         Path | None, typer.Option(help="A map (.npz) of another set-up: say what was won and lost since.")
     ] = None,
     threads: Annotated[int, typer.Option(help="Threads that share the work.", min=1)] = 1,
-    scene: SceneFile = None,
-    margin: Margin = 0.0,
     seed: Seed = 0,
-    tcp: Tcp = None,
-    base: Base = None,
-    group: Group = None,
-    srdf: SrdfFile = None,
-    package_dir: PackageDirs = None,
+    *,
+    chain: Chain,
+    around: Surroundings,
     as_json: Json = False,
 ) -> None:
     """Say where an arm can be used: at each point, the share of orientations it reaches free of contact.
@@ -86,18 +65,18 @@ def reach(
     for path in outputs:
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path}: a reach map is written as {', '.join(SUFFIXES)}")
-    check_outputs(outputs, [robot, scene, srdf, against])
-    before = None if against is None else ReachMap.load(against)
+    check_outputs(outputs, [robot, around.scene, chain.srdf, against])
+    before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
-    arm = load_arm(robot, tcp, base, group, srdf, package_dir)
-    world = load_scene(scene)
-    checker = CollisionChecker(arm, world, margin=margin)
-    half = {Orientations.DOWN: 0.0, Orientations.CONE: np.radians(angle), Orientations.ALL: np.pi}[orientations]
-    frames = tool_orientations(approach_directions(half_angle=half, count=directions), spins)
-    tcp_from_tip = pose(numbers(tip, "--tip"))
+    arm = chain.arm(robot)
+    world = around.load()
+    checker = around.checker(arm, world)
+    half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
+    frames = pp.tool_orientations(pp.approach_directions(half_angle=half, count=directions), spins)
+    tcp_from_tip = pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
-        found = reach_map(
+        found = pp.reach_map(
             checker,
             grid,
             frames,
@@ -106,13 +85,13 @@ def reach(
             threads=threads,
             progress=lambda done, _: bar.update(task, completed=done),
         )
-    change = None if before is None else ReachChange(before, found)
+    change = None if before is None else pp.ReachChange(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
-            words = ColouredPoints.of_values(
+            words = pp.ColouredPoints.of_values(
                 grid.points, found.free_share, label="share free:", size=min(0.35 * step, 0.03)
             )
-            write_html(path, arm, world, points=words, title=f"{arm.robot.name}: reach")
+            pp.write_html(path, arm, world, points=words, title=f"{arm.robot.name}: reach")
         else:
             found.save(path)
     if as_json:
@@ -130,8 +109,8 @@ def reach(
         raise typer.Exit(1)
 
 
-def _region(text: str, step: float) -> Region:
+def _region(text: str, step: float) -> pp.Region:
     ends = numbers(text, "--region")
     if len(ends) != 6:
         raise InputError(f'--region: "x0 x1 y0 y1 z0 z1" are six numbers, not {len(ends)}')
-    return Region.box(ends[0::2], ends[1::2], step)
+    return pp.Region.box(ends[0::2], ends[1::2], step)

@@ -1,0 +1,207 @@
+"""The line as people expect it: mistakes in one line with the remedy, also as JSON; completion; pipes; Ctrl-C."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from pinproof.cli.main import COMMANDS, main
+from pinproof.description import catalogue_names, robots_folder
+
+RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main; main()"
+Run = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run a command line in this process, in an empty folder: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("fkk ur5", "no such command 'fkk' (did you mean 'fk'); 'pinproof --help'"),
+        ("bench ikk", "no such command 'ikk' (did you mean 'ik'); 'pinproof bench --help'"),
+        ("fk", "missing argument 'ROBOT'; 'pinproof fk --help'"),
+        ("fk ur5 --fram tool0", "(did you mean --frame)"),
+        ("fk ur5 --q 0 1 0", "several numbers go between quotes"),
+        ("fk ur5 --q 0 -pi/2", "several numbers go between quotes"),
+        ("ik ur5 --method klik", "'klik' is not one of 'clik', 'analytic', 'damped-least-squares'"),
+        ("check ur5 --margin -1", "--margin"),
+        ("fk ur55", "unknown robot 'ur55' in the catalogue"),
+        ("fk ur5 --tcp tol0", "unknown frame 'tol0' in robot 'ur5'; valid: tool0"),
+        (
+            "check ur5 --scene scen.yaml",
+            "scen.yaml: cannot be read: No such file or directory; did you mean scene.yaml?",
+        ),
+        ("check ur5 --scene no/scene.yaml", "there is no folder no"),
+    ],
+)
+def test_a_mistake_is_one_line_with_its_remedy_and_one_document_of_json(run: Run, words: str, said: str) -> None:
+    Path("scene.yaml").write_text("obstacles: []\n")
+    code, out, err = run(*words.split())
+    assert (code, out) == (2, "")
+    assert err.startswith("pinproof: ")
+    assert err.count("\n") == 1
+    assert said in err
+    code, out, err_again = run(*words.split(), "--json")
+    assert (code, err_again) == (2, err)
+    told = json.loads(out)["error"]
+    assert (told["kind"], told["exit_code"], f"pinproof: {told['message']}\n") == ("usage", 2, err)
+
+
+@pytest.mark.parametrize("words", ["", "bench"])
+def test_a_line_that_asks_for_nothing_is_answered_by_the_help(run: Run, words: str) -> None:
+    code, out, err = run(*words.split())
+    assert code == 2
+    assert "Usage: pinproof" in out + err
+    assert "internal" not in err
+
+
+def test_an_internal_error_says_what_to_report(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(*args: object, **settings: object) -> None:
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr("pinproof.load_robot", broken)
+    code, out, err = run("fk", "ur5", "--json")
+    assert code == 3
+    assert json.loads(out)["error"]["kind"] == "internal"
+    assert "run it again with --verbose, and report what it says" in err
+    assert "Traceback" not in err
+    code, out, err = run("fk", "ur5", "--verbose")  # after the command too
+    assert (code, out) == (3, "")
+    assert err.startswith("Traceback")
+    assert "pinproof 0." in err
+    assert "numba" in err
+
+
+def test_ctrl_c_in_the_work_is_130_and_no_answer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(*args: object, **settings: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("pinproof.reach_map", interrupted)
+    words = ("reach", "ur5", "--region", "0.4 0.4 0 0 0.3 0.3", "-o", "map.csv")
+    assert run(*words) == (130, "", "pinproof: interrupted; no answer was given\n")
+    assert list(Path().iterdir()) == []
+    code, out, _ = run(*words, "--json")
+    assert (code, json.loads(out)["error"]["kind"]) == (130, "interrupted")
+
+
+def test_the_live_view_says_where_it_is_at_once_and_ends_by_ctrl_c() -> None:
+    view = subprocess.Popen(
+        [sys.executable, "-c", RUN_CLI, "view", "generic_6dof", "--no-browser", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        assert view.stdout is not None
+        said = "".join(view.stdout.readline() for _ in range(3))
+        assert json.loads(said)["url"].startswith("http://127.0.0.1:")
+        view.send_signal(signal.SIGINT)
+        out, err = view.communicate(timeout=60)
+    finally:
+        view.kill()
+    assert (view.returncode, out, err) == (130, "", "pinproof: the live view has ended\n")
+
+
+@pytest.mark.parametrize("words", ["fk ur5", "fk ur5 --json", "--help"])
+def test_nobody_who_reads_is_no_complaint_and_no_answer(words: str) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    with os.fdopen(writer, "w") as closed:
+        done = subprocess.run(
+            [sys.executable, "-c", RUN_CLI, *words.split()], stdout=closed, stderr=subprocess.PIPE, check=False
+        )
+    assert (done.returncode, done.stderr) == (141, b"")
+
+
+@pytest.fixture
+def terminal() -> Callable[..., bytes]:
+    """Run a command line in a terminal of its own; all that shows there."""
+
+    def show(*words: str, **environment: str) -> bytes:
+        ours, theirs = pty.openpty()
+        plain = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR", "CI")}
+        subprocess.run(
+            [sys.executable, "-c", RUN_CLI, *words],
+            stdout=theirs,
+            stderr=theirs,
+            env={**plain, "TERM": "xterm-256color", **environment},
+            check=False,
+        )
+        os.close(theirs)
+        shown = b""
+        try:
+            while part := os.read(ours, 65536):
+                shown += part
+        except OSError:  # how Linux says that the other end is closed
+            pass
+        os.close(ours)
+        return shown
+
+    return show
+
+
+def test_colours_are_for_terminals_that_want_them(run: Run, terminal: Callable[..., bytes]) -> None:
+    assert b"\x1b[31m" in terminal("fk", "ur55")
+    assert b"\x1b[3" not in terminal("fk", "ur55", NO_COLOR="1")
+    assert "\x1b" not in "".join(run("fk", "ur55")[1:])
+
+
+@pytest.fixture
+def complete(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path):
+    """What bash is offered for the last word of a line."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(line: str) -> list[str]:
+        words = line.split(" ")
+        monkeypatch.setenv("_PINPROOF_COMPLETE", "complete_bash")
+        monkeypatch.setenv("COMP_WORDS", line)
+        monkeypatch.setenv("COMP_CWORD", str(len(words) - 1))
+        monkeypatch.setattr("sys.argv", ["pinproof"])
+        with pytest.raises(SystemExit):
+            main()
+        return capsys.readouterr().out.split()
+
+    return call
+
+
+def test_tab_completes_commands_options_robots_files_frames_and_groups(complete: Callable[[str], list[str]]) -> None:
+    assert set(complete("pinproof ")) == {name.split()[0] for name in COMMANDS}
+    assert complete("pinproof fk --fra") == ["--frame"]
+    assert complete("pinproof ik ur5 --method f") == ["fabrik"]
+    assert complete("pinproof fk u") == [name for name in sorted(catalogue_names()) if name.startswith("u")]
+    Path("mine.urdf").write_text("")
+    Path("mine.yaml").write_text("")
+    assert complete("pinproof view m") == ["mine.urdf"]
+    assert complete("pinproof fk ur5 --frame wrist_") == ["wrist_1_link", "wrist_2_link", "wrist_3_link"]
+    assert complete(f"pinproof fk {robots_folder()}/ur5/u") == [f"{robots_folder()}/ur5/ur5.urdf"]
+    assert complete("pinproof ik panda --group arm") == ["arm", "arm_and_hand"]
+    assert complete("pinproof ik nobody --group arm") == []
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_every_shell_gets_its_script(run: Run, shell: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("_PINPROOF_COMPLETE", f"source_{shell}")
+    code, out, err = run()
+    assert (code, err) == (0, "")
+    assert f"_PINPROOF_COMPLETE=complete_{shell}" in out

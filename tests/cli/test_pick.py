@@ -191,3 +191,23 @@ def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
         "report.html",
         *(f"pin_{k}{end}" for k in (1, 2) for end in (".csv", "_pick.html")),
     }
+
+
+def test_screening_tells_the_counts_and_writes_a_table(run: Run) -> None:
+    file = str(ROOT / "robots" / "ur5" / "picks.yaml")
+    code, out, _ = run("pick", file, "--screen", "-o", "screen.csv")
+    assert code == 1
+    assert "4 free, 2 in contact, 1 out of reach" in out
+    assert "picks a second" in out
+    rows = Path("screen.csv").read_text().splitlines()
+    assert len(rows) == 8
+    assert rows[0].startswith("name,status,grasp,limit_margin,manipulability,clearance,shoulder_pan_joint")
+    assert rows[3].startswith("bolt_3,in contact,0,,,,")
+    assert json.loads(run("pick", file, "--screen", "--json")[1])["counts"]["free"] == 4
+
+
+@pytest.mark.parametrize("also", [("-o", "out.json"), ("--workers", "2"), ("--campaign", "folder")])
+def test_screening_refuses_what_it_does_not_do(also: tuple[str, str], run: Run) -> None:
+    code, _, err = run("pick", str(ROOT / "robots" / "ur5" / "picks.yaml"), "--screen", *also)
+    assert code == 2
+    assert "--screen" in err

@@ -11,6 +11,7 @@ import pinproof as pp
 from pinproof.cli.campaign import run_campaign
 from pinproof.cli.console import print_json, print_report, say, working
 from pinproof.cli.outputs import file_stems, make_folder, write_motion
+from pinproof.cli.screen import run_screen
 from pinproof.cli.workers import Dask, WorkerCount, chosen_workers
 from pinproof.errors import InputError
 
@@ -40,6 +41,9 @@ def pick(
         Path | None,
         typer.Option(help="For very many picks: stream rows to this folder, or go on with what was begun there."),
     ] = None,
+    screen: Annotated[
+        bool, typer.Option("--screen", help="Judge the grasp alone: reach, limits, contact; -o writes a table (.csv).")
+    ] = False,
     workers: WorkerCount = None,
     dask: Dask = None,
     seed: Annotated[int, typer.Option(help="Seed of every random choice.", min=0)] = 0,
@@ -51,6 +55,13 @@ def pick(
 
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
+    if screen:
+        if campaign is not None or workers is not None or dask is not None:
+            raise InputError("--screen needs no workers and leaves no campaign; leave one of them out")
+        arm, world, source = _read(open_picks(file), file, robot, tcp, scene)
+        if not run_screen(arm, world, source, file, output, seed, as_json=as_json).free.all():
+            raise typer.Exit(1)
+        return
     if campaign is not None:
         if output is not None:
             if output.suffix.lower() != PAGE:

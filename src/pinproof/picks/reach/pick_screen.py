@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import csv
+import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.description.whole_file import write_text_whole
+from pinproof.errors import InputError
 from pinproof.picks.reach.screening import CODES, ScreenStatus, code_of
 
 __all__ = ["PickScreen"]
 
 Array = npt.NDArray[np.float64]
+
+FIGURES = ("limit_margin", "manipulability", "clearance")
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +33,8 @@ class PickScreen:
     ----------
     names
         N names.
+    joint_names
+        Of the arm.
     codes
         (N,) the statuses, as places in ``ScreenStatus``; :attr:`status` are they themselves.
     q
@@ -44,6 +53,7 @@ class PickScreen:
     """
 
     names: Sequence[str]
+    joint_names: tuple[str, ...]
     codes: npt.NDArray[np.int8]
     q: Array
     member: npt.NDArray[np.int64]
@@ -89,3 +99,24 @@ class PickScreen:
         if self.free[index]:
             return "free at the grasp"
         return self._reason(index % len(self)) or CODES[self.codes[index]].value
+
+    def save(self, path: str | Path) -> None:
+        """Write a table (``.csv``), whole or not at all: a row a pick with its status and all that is known of it.
+
+        Raises
+        ------
+        InputError
+            For another ending.
+        FileError
+            For a place that cannot be written to.
+        """
+        if Path(path).suffix.lower() != ".csv":
+            raise InputError(f"{path}: what was screened is written as .csv")
+        out = io.StringIO()
+        writer = csv.writer(out, lineterminator="\n")
+        writer.writerow(("name", "status", "grasp", *FIGURES, *self.joint_names))
+        figures = np.column_stack([*(getattr(self, name) for name in FIGURES), self.q])
+        for name, code, member, row in zip(self.names, self.codes.tolist(), self.member.tolist(), figures, strict=True):
+            told = ["" if np.isnan(value) else f"{value:.9g}" for value in row.tolist()]
+            writer.writerow((name, CODES[code].value, member, *told))
+        write_text_whole(path, out.getvalue())

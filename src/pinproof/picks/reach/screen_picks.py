@@ -119,6 +119,7 @@ def screen_picks(
     margins[free] = np.clip(limit_margins(arm, looked.q[free]), 0.0, 1.0)
     return PickScreen(
         source.names if isinstance(source, _Poses) else found.names,
+        arm.joint_names,
         looked.codes,
         looked.q,
         found.member,

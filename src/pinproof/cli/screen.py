@@ -41,9 +41,8 @@ def run_screen(
         print_json({"ok": bool(found.free.all()), "picks": len(found), "complete": found.complete, "counts": counts})
         return found
     say(found.summary)
-    say(
-        f"{seconds:.3g} s, {len(found) / max(seconds, 1e-9):,.0f} picks a second; the ways to and from it are not judged"
-    )
+    rate = len(found) / max(seconds, 1e-9)
+    say(f"{seconds:.3g} s, {rate:,.0f} picks a second; the ways to and from the grasp are not judged")
     if output is not None:
         say(f"wrote {output}")
     return found

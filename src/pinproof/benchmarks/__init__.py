@@ -9,6 +9,9 @@ from pinproof.benchmarks.ik_markdown import ik_markdown, ik_summary, success_mar
 from pinproof.benchmarks.ik_run import ik_benchmark
 from pinproof.benchmarks.ik_success import SuccessRow, success_rates
 from pinproof.benchmarks.ik_table import IkTable
+from pinproof.benchmarks.picks_markdown import picks_markdown, write_picks_table
+from pinproof.benchmarks.picks_run import picks_benchmark
+from pinproof.benchmarks.picks_table import PicksTable
 from pinproof.benchmarks.plan_files import write_plan_table
 from pinproof.benchmarks.plan_markdown import plan_markdown, plan_summary
 from pinproof.benchmarks.plan_run import plan_benchmark
@@ -17,6 +20,7 @@ from pinproof.benchmarks.plan_table import PlanTable
 __all__ = [
     "CollisionTable",
     "IkTable",
+    "PicksTable",
     "PlanTable",
     "SuccessRow",
     "collision_benchmark",
@@ -24,6 +28,8 @@ __all__ = [
     "ik_benchmark",
     "ik_markdown",
     "ik_summary",
+    "picks_benchmark",
+    "picks_markdown",
     "plan_benchmark",
     "plan_markdown",
     "plan_summary",
@@ -31,5 +37,6 @@ __all__ = [
     "success_rates",
     "write_collision_table",
     "write_ik_table",
+    "write_picks_table",
     "write_plan_table",
 ]

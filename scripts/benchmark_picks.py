@@ -30,7 +30,7 @@ def main() -> None:
     parser.add_argument("cells", nargs="*", metavar="CELL", help="ur5, panda, generic_6dof, 'ur5, carried'")
     parser.add_argument("--picks", type=int, default=200, metavar="N", help="judged one by one in each cell")
     parser.add_argument("--poses", type=int, default=20_000, metavar="N", help="screened in each cell")
-    parser.add_argument("--campaign", type=int, default=2_000, metavar="N", help="picks of the campaigns")
+    parser.add_argument("--campaign", type=int, default=1_500, metavar="N", help="picks of the campaigns")
     parser.add_argument("--machinery", type=int, default=20_000, metavar="N", help="picks of the idle campaign")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--docs", action="store_true")

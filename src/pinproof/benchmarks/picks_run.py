@@ -19,7 +19,7 @@ def picks_benchmark(
     *,
     picks: int = 200,
     poses: int = 20_000,
-    campaign: int = 2_000,
+    campaign: int = 1_500,
     machinery: int = 20_000,
     seed: int = 0,
     on_progress: Callable[[str], object] = str,

@@ -58,7 +58,7 @@ def pick(
     if screen:
         if campaign is not None or workers is not None or dask is not None:
             raise InputError("--screen needs no workers and leaves no campaign; leave one of them out")
-        arm, world, source = _read(open_picks(file), file, robot, tcp, scene)
+        arm, world, source = _read(pp.open_picks(file), file, robot, tcp, scene)
         if not run_screen(arm, world, source, file, output, seed, as_json=as_json).free.all():
             raise typer.Exit(1)
         return

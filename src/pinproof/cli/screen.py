@@ -4,23 +4,25 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import Progress
 
+import pinproof as pp
 from pinproof.cli.console import print_json, say
 from pinproof.cli.outputs import check_outputs
-from pinproof.collision import Scene
 from pinproof.errors import InputError
-from pinproof.model import Arm
-from pinproof.picks import PickScreen, PickSource, screen_picks
+
+if TYPE_CHECKING:
+    from pinproof.picks import PickSource
 
 __all__ = ["run_screen"]
 
 
 def run_screen(
-    arm: Arm, scene: Scene, source: PickSource, file: Path, output: Path | None, seed: int, *, as_json: bool
-) -> PickScreen:
+    arm: pp.Arm, scene: pp.Scene, source: PickSource, file: Path, output: Path | None, seed: int, *, as_json: bool
+) -> pp.PickScreen:
     """Screen the picks of a file, tell how many there are of each status, and write the table that is asked for."""
     if output is not None:
         if output.suffix.lower() != ".csv":
@@ -29,7 +31,7 @@ def run_screen(
     begun = time.perf_counter()
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         line = bar.add_task("screening", total=len(source))
-        found = screen_picks(
+        found = pp.screen_picks(
             arm, scene, source, rng=seed, clearance=output is not None,
             progress=lambda done, _: bar.update(line, completed=done),
         )  # fmt: skip

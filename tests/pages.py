@@ -2,7 +2,8 @@
 
 - ``python`` blocks share one set of names; one with ``if __name__ == "__main__"`` is a program of its own.
 - ``sh`` blocks are commands of pinproof, each on a line; a comment ``# exit code 1`` says which is expected if not 0.
-- a ``text`` block after either is what they write to stdout, ``...`` for what differs from run to run.
+- a ``text`` block after either is what they write to stdout (and, where they end with 2, to stderr), ``...`` for what
+  differs from run to run.
 - any other language is a file, and the line above the block its name: `` `cell.yaml`: ``
 - directives of the manual (``{toctree}``) are left alone.
 
@@ -33,6 +34,7 @@ PROGRAM = 'if __name__ == "__main__":'
 RUN_CLI = (
     "import sys; sys.argv[0] = 'pinproof'\nfrom pinproof.cli import main\nif __name__ == '__main__': sys.exit(main())"
 )
+USAGE = 2
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 PATIENCE = 300.0
 """Seconds for one command."""
@@ -70,7 +72,7 @@ def run_page(page: Path, folder: Path, judge: Judge | None = None) -> dict[str, 
 
     ``judge`` is given every ``text`` block and what came out in front of it; by default it asserts that they agree.
     """
-    judge = judge or same
+    judge, page = judge or same, page.resolve()
     names: dict[str, object] = {"__name__": page.stem}
     printed = ""
     with standing_in(folder):
@@ -118,7 +120,7 @@ def finished(command: list[str], code: int, where: str) -> str:
     env = {**os.environ, "COLUMNS": "120", "TERM": "dumb"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE, env=env)
     assert done.returncode == code, f"{where}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done.stdout
+    return done.stdout + (done.stderr if code == USAGE else "")
 
 
 @contextlib.contextmanager

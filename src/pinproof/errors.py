@@ -29,6 +29,7 @@ asks for one with ``.or_raise()``.
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -55,6 +56,9 @@ __all__ = [
 ]
 
 
+LONGEST_WORD = 400
+"""Characters without a blank: longer than any path, so part of a file."""
+
 LONGEST_MESSAGE = 3000
 """Characters. What a file holds may stand in a message, and may be of any length; nobody reads on beyond this."""
 
@@ -71,6 +75,10 @@ class PinproofError(Exception):
 
 class InputError(PinproofError, ValueError):
     """An argument that makes no sense; the message names it and what would."""
+
+
+LISTED = 16
+"""Valid names that a message lists before it only counts."""
 
 
 class UnknownNameError(InputError):
@@ -92,7 +100,8 @@ class UnknownNameError(InputError):
         self.kind, self.name = kind, name
         self.valid = _nearest_first(str(name), valid)
         place = f" in {where}" if where else ""
-        choices = ", ".join(self.valid[:12]) + (f", ... ({len(self.valid)} in all)" if len(self.valid) > 12 else "")
+        more = f", ... ({len(self.valid)} in all)" if len(self.valid) > LISTED else ""
+        choices = ", ".join(self.valid[:LISTED]) + more
         super().__init__(f"unknown {kind} {name!r}{place}; valid: {choices or 'none'}")
 
     def __reduce__(self) -> tuple[object, ...]:
@@ -188,7 +197,12 @@ COMPARED = 64
 """Characters of a name that count for its likeness to others."""
 
 
+ALIKE = 0.5
+"""Likeness (difflib's ratio) from which a name may be meant."""
+
+
 def _readable(message: str) -> str:
+    message = re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:100]}[...]{word[0][-40:]}", message)
     if len(message) > LONGEST_MESSAGE:
         message = f"{message[: LONGEST_MESSAGE * 2 // 3]} [...] {message[-LONGEST_MESSAGE // 3 :]}"
     if message.isprintable():
@@ -197,11 +211,12 @@ def _readable(message: str) -> str:
 
 
 def _nearest_first(name: str, valid: Iterable[str]) -> list[str]:
-    """Sort ``valid`` by likeness to ``name``, the most alike first (ties alphabetical)."""
+    """``valid`` in alphabetical order, but for what is much like ``name``: that first, the most alike foremost."""
 
     def unlike(candidate: str) -> float:
         # Cut: the time grows with the product of both lengths.
-        return -difflib.SequenceMatcher(None, name[:COMPARED].lower(), candidate[:COMPARED].lower()).ratio()
+        likeness = difflib.SequenceMatcher(None, name[:COMPARED].lower(), candidate[:COMPARED].lower()).ratio()
+        return -likeness if likeness > ALIKE else 0.0
 
     return sorted(sorted(valid), key=unlike)
 

@@ -38,11 +38,12 @@ import yaml
 
 from pinproof.collision.moveit_scene import is_moveit, moveit_scene
 from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.shape_file import SHAPE_KEYS, numbers_of, read_shape, stated_shape
+from pinproof.collision.shape_file import SHAPE_KEYS, numbers_of, pose_of, read_shape, stated_shape
 from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
+from pinproof.description.units import MOST_REACH
 from pinproof.description.whole_file import write_text_whole
 from pinproof.errors import FileError, InputError, SceneError
-from pinproof.spatial import Array, finite, pose
+from pinproof.spatial import Array, finite
 
 __all__ = ["OBSTACLE_KEYS", "read_obstacle", "read_scene", "write_scene"]
 
@@ -109,9 +110,15 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
     if not isinstance(frame, str):
         raise SceneError(path, f"holds {frame!r}, not the name of a link", "key frame")
     try:
-        return Scene(obstacles, allowed=allowed, disabled=disabled, frame=frame, source=path)
+        return Scene(obstacles, allowed=allowed, disabled=disabled, frame=frame, notes=_far(obstacles), source=path)
     except InputError as error:
         raise SceneError(path, str(error), "key allowed_contacts or disabled_pairs") from error
+
+
+def _far(obstacles: list[Obstacle]) -> list[str]:
+    """A note on each obstacle that stands where no arm of a few metres has one, perhaps for want of a point."""
+    far = [(thing.name, float(np.abs(thing.pose.translation).max())) for thing in obstacles]
+    return [f"obstacle {name!r} stands {off:g} m off; lengths are metres" for name, off in far if off > MOST_REACH]
 
 
 def _pairs(path: Path, content: LinedMapping, key: str, what: str) -> list[tuple[str, str]]:
@@ -142,7 +149,7 @@ def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
         raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPE_KEYS)}", where)
     try:
         shape = read_shape(path, kinds[0], stated[kinds[0]], where)
-        placement = pose(**{key: numbers_of(key, stated[key]) for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
+        placement = pose_of({key: stated[key] for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
         return Obstacle(name, shape, placement, _rgba(stated["rgba"]) if "rgba" in stated else None)
     except InputError as error:
         raise SceneError(path, str(error), where) from error

@@ -44,10 +44,11 @@ from pinproof.collision.shapes import (
 from pinproof.description.dh_files import parse_number
 from pinproof.description.input_file import is_file
 from pinproof.description.lined_yaml import refuse_unknown
+from pinproof.description.units import refuse_degrees
 from pinproof.errors import InputError, SceneError
-from pinproof.spatial import finite
+from pinproof.spatial import SE3, finite, pose
 
-__all__ = ["SHAPE_KEYS", "numbers_of", "read_shape", "stated_shape"]
+__all__ = ["SHAPE_KEYS", "numbers_of", "pose_of", "read_shape", "stated_shape"]
 
 KINDS: dict[str, Any] = {
     "sphere": Sphere,
@@ -79,11 +80,13 @@ def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
         For sizes that make no sense.
     """
     if kind == "box":
+        if not isinstance(stated, list):
+            raise InputError(f"box: {stated!r} is no list of its full sides: box: [x, y, z]")
         return Box(*finite("box", numbers_of("box", stated), (3,)))
     keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(KINDS[kind]))
     if not isinstance(stated, dict):
-        what = f"no mapping of {', '.join(keys)}" if keys else "not {}"
-        raise InputError(f"{kind}: {stated!r} is {what}")
+        wanted = ", ".join(f"{key}: ..." for key in keys)
+        raise InputError(f"{kind}: {stated!r} is no mapping; write {kind}: {{{wanted}}}")
     refuse_unknown(SceneError, path, f"key of {kind}", stated, keys or ("none",), where)
     if kind == "mesh":
         return _mesh(path, stated)
@@ -123,6 +126,20 @@ def numbers_of(key: str, stated: object) -> Any:
         raise
     except ValueError as error:
         raise InputError(f"{key}: {error}") from error
+
+
+def pose_of(stated: Mapping[str, Any]) -> SE3:
+    """The pose that ``xyz`` and ``rpy`` or ``quat_xyzw`` state.
+
+    Raises
+    ------
+    InputError
+        If they state none, or angles that can only be degrees.
+    """
+    numbers = {key: numbers_of(key, value) for key, value in stated.items()}
+    placed = pose(**numbers)
+    refuse_degrees("rpy", numbers.get("rpy", ()))
+    return placed
 
 
 def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:

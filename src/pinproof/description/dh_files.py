@@ -36,11 +36,12 @@ from pinproof.description.dh_row import DhRow, row_problem
 from pinproof.description.dh_table import DhTable
 from pinproof.description.input_file import read_text
 from pinproof.description.lined_yaml import read_yaml, refuse_unknown
+from pinproof.description.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
 from pinproof.description.whole_file import write_text_whole
 from pinproof.errors import DhTableError, InputError
 from pinproof.spatial import finite, pose
 
-__all__ = ["load_table", "parse_number", "save_table"]
+__all__ = ["load_table", "other_separator", "parse_number", "save_table"]
 
 SUFFIXES = (".yaml", ".yml", ".csv")
 TABLE_KEYS = ("name", "convention", "base", "tool", "rows")
@@ -50,6 +51,7 @@ POSE_KEYS = ("xyz", "rpy", "quat_xyzw", "matrix")
 
 _DECIMAL = r"(?:\d+(?:\.\d*)?|\.\d+)"
 _PLAIN = re.compile(rf"[+-]?{_DECIMAL}(?:[eE][+-]?\d+)?")
+_WITH_COMMA = re.compile(r"[+-]?\d+,\d+")
 _WITH_PI = re.compile(rf"(?P<sign>[+-]?)(?:(?P<times>{_DECIMAL})\s*\*\s*)?pi(?:\s*/\s*(?P<over>{_DECIMAL}))?")
 
 
@@ -87,7 +89,8 @@ def parse_number(value: object) -> float:
         return float(text)
     match = _WITH_PI.fullmatch(text)
     if match is None or (match["over"] is not None and float(match["over"]) == 0.0):
-        raise ValueError(f"{value!r} is not a number; wanted is a decimal or [-][k*]pi[/m]")
+        comma = ": decimals have a point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
+        raise ValueError(f"{value!r} is not a number{comma}; wanted is a decimal or [-][k*]pi[/m]")
     size = float(match["times"] or 1) * math.pi / float(match["over"] or 1)
     return -size if match["sign"] == "-" else size
 
@@ -126,6 +129,8 @@ def _table_from_csv(path: Path) -> DhTable:
     if not content:
         raise DhTableError(path, f"holds no header; wanted are the columns {', '.join(COLUMNS)}")
     header = [cell.strip() for cell in content[0]]
+    if other := other_separator(header):
+        raise DhTableError(path, other, "header")
     refuse_unknown(DhTableError, path, "column", header, COLUMNS, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
@@ -133,10 +138,19 @@ def _table_from_csv(path: Path) -> DhTable:
     rows = []
     for number, cells in enumerate(content[1:], start=1):
         if len(cells) != len(header):
-            raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}", f"row {number}")
+            more = "; decimals have a point, not a comma" if len(cells) > len(header) else ""
+            raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}{more}", f"row {number}")
         stated = {column: cell.strip() for column, cell in zip(header, cells, strict=True) if cell.strip()}
         rows.append(_row(path, number, stated))
     return _table(path, rows, convention=convention, name=path.stem)
+
+
+def other_separator(header: Sequence[str]) -> str:
+    """What is wrong with a header that is not parted by commas, as spreadsheets of many countries write it; else ''."""
+    for separator, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and separator in header[0]:
+            return f"columns are parted by {name}; save it with commas between columns, and points in decimals"
+    return ""
 
 
 def _row(path: Path, number: int, stated: Mapping[Any, Any]) -> DhRow:
@@ -152,11 +166,30 @@ def _row(path: Path, number: int, stated: Mapping[Any, Any]) -> DhRow:
             values[column] = None if stated.get(column) is None else parse_number(stated[column])
         except ValueError as error:
             raise DhTableError(path, str(error), f"row {number}, column {column}") from error
-    problem = row_problem(values)
+    problem = row_problem(values) or _unit_problem(values)
     if problem is not None:
         column = "type" if problem[0] == "joint_type" else problem[0]
         raise DhTableError(path, problem[1], f"row {number}, column {column}")
     return DhRow(**values)
+
+
+def _unit_problem(values: Mapping[str, Any]) -> tuple[str, str] | None:
+    """The first column of a sound row whose angle can only be meant in degrees, and the reason."""
+    turns = [column for column in ("lower", "upper") if values["joint_type"] == "revolute"]
+    for column, refuse in (
+        ("theta", _refuse_degrees),
+        ("alpha", _refuse_degrees),
+        *((c, refuse_degree_limit) for c in turns),
+    ):
+        try:
+            refuse(column, values[column])
+        except InputError as error:
+            return column, str(error).removeprefix(f"{column}: ")
+    return None
+
+
+def _refuse_degrees(column: str, angle: float) -> None:
+    refuse_degrees(column, [angle])
 
 
 def _table(path: Path, rows: Sequence[DhRow], *, convention: object, **rest: Any) -> DhTable:
@@ -168,6 +201,7 @@ def _table(path: Path, rows: Sequence[DhRow], *, convention: object, **rest: Any
             reason = f"row {names.index(name) + 1} is already named {name!r}"
             raise DhTableError(path, reason, f"row {number}, column name")
     try:
+        refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
         return DhTable(tuple(rows), convention=convention, **rest)  # type: ignore[arg-type]
     except InputError as error:
         raise DhTableError(path, str(error)) from error
@@ -192,6 +226,7 @@ def _transform(path: Path, key: str, stated: object) -> Any:
     if "matrix" in numbers:
         return numbers["matrix"]
     try:
+        refuse_degrees("rpy", numbers.get("rpy", ()))
         return pose(**numbers)
     except InputError as error:
         raise DhTableError(path, str(error), f"key {key}") from error

@@ -87,7 +87,8 @@ class LinedMapping(dict[Any, Any]):
 def listed(error: type[FileError], path: Path, key: str, stated: object) -> list[Any]:
     """A list, which is what must stand under ``key``."""
     if not isinstance(stated, list):
-        raise error(path, f"holds {stated!r}, not a list", f"key {key}")
+        how = ": write '- ' before each" if isinstance(stated, dict) else ""
+        raise error(path, f"holds {stated!r}, not a list{how}", f"key {key}")
     return stated
 
 
@@ -97,7 +98,8 @@ def refuse_unknown(
     """Refuse the first key that is not one of ``valid``, naming those that are."""
     for key in stated:
         if key not in valid:
-            raise error(path, str(UnknownNameError(kind, key, valid)), where)
+            comma = "; decimals have a point, not a comma" if isinstance(key, int) else ""
+            raise error(path, f"{UnknownNameError(kind, key, valid)}{comma}", where)
 
 
 def _indent(text: str, line: int) -> str:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pinproof.description.srdf import Srdf
+from pinproof.description.units import refuse_degree_limit
 from pinproof.description.urdf import Urdf
+from pinproof.errors import InputError
 
 __all__ = ["notes"]
 
@@ -20,7 +22,14 @@ def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
         lost = [g for g in geometries if g.mesh is not None and g.mesh.path is None]
         if lost:
             uris = list(dict.fromkeys(g.mesh.uri for g in lost if g.mesh is not None))
-            said.append(f"{len(lost)} {kind} meshes were not found: {_some(uris)}")
+            how = "; paths have / and not \\" if any("\\" in uri for uri in uris) else ""
+            said.append(f"{len(lost)} {kind} meshes were not found: {_some(uris)}{how}")
+    for joint in urdf.joints.values():
+        try:
+            for limit in (joint.lower, joint.upper) if joint.type == "revolute" else ():
+                refuse_degree_limit(f"limit of joint {joint.name!r}", limit)
+        except InputError as odd:
+            said.append(str(odd))
     links, joints = set(urdf.links), set(urdf.joints)
     pairs = [pair.links for pair in srdf.disabled if not links.issuperset(pair.links)]
     if pairs:

@@ -13,12 +13,13 @@ import numpy as np
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import read_obstacle
-from pinproof.collision.shape_file import numbers_of
+from pinproof.collision.shape_file import numbers_of, pose_of
 from pinproof.description.lined_yaml import LinedMapping
+from pinproof.description.units import refuse_millimetres
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.picks.family import STEPS, Spin, Tolerance
 from pinproof.picks.pick import Pick, Place
-from pinproof.spatial import SE3, finite, pose
+from pinproof.spatial import SE3, finite
 
 __all__ = ["DEFAULT_KEYS", "PICK_KEYS", "POSE_KEYS", "is_turned", "make_pick", "mapping_of", "picks_of_row"]
 
@@ -87,7 +88,8 @@ def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
     for key in (*POSE_KEYS, "frame", *WAY_KEYS):
         if key in stated:
             settings[key] = _text(key, stated[key]) if key.endswith("frame") else numbers_of(key, stated[key])
-    placed = pose(**{key: settings.pop(key) for key in POSE_KEYS if key in settings})
+    placed = pose_of({key: settings.pop(key) for key in POSE_KEYS if key in settings})
+    refuse_millimetres("xyz", placed.translation.tolist())
     return {"pose": placed, **settings}
 
 

@@ -50,7 +50,7 @@ from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import read_obstacle
-from pinproof.collision.shape_file import numbers_of
+from pinproof.collision.shape_file import numbers_of, pose_of
 from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.picks.frames import NamedFrame
@@ -59,7 +59,7 @@ from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.pick_row import DEFAULT_KEYS, PICK_KEYS, POSE_KEYS, is_turned, make_pick, mapping_of, picks_of_row
 from pinproof.picks.source import PickList, PickSource
 from pinproof.picks.table import TABLE_SUFFIX, PickTable
-from pinproof.spatial import SE3, finite, pose
+from pinproof.spatial import SE3, finite
 
 __all__ = ["open_picks", "read_picks"]
 
@@ -223,7 +223,7 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
 
 
 def _tip(stated: object) -> SE3:
-    return pose(**{name: numbers_of(name, value) for name, value in mapping_of("", stated, POSE_KEYS).items()})
+    return pose_of(mapping_of("", stated, POSE_KEYS))
 
 
 def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle, ...]:

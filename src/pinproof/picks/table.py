@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import csv
 from array import array
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from hashlib import blake2b
@@ -26,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from pinproof.description.dh_files import other_separator
 from pinproof.description.input_file import refuse_unreadable
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.identity import digest
@@ -146,6 +148,8 @@ class PickTable(PickSource):
             if not _counts(line):
                 continue
             try:
+                if line.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+                    raise InputError("is UTF-16 text; save it as UTF-8")
                 columns = tuple(cell.strip() for cell in next(csv.reader([line.decode("utf-8-sig")], strict=True)))
                 _check_columns(columns)
             except (UnicodeDecodeError, csv.Error, InputError) as error:
@@ -213,6 +217,8 @@ def _where(columns: tuple[str, ...]) -> dict[str, list[int]]:
 
 
 def _check_columns(columns: tuple[str, ...]) -> None:
+    if other := other_separator(columns):
+        raise InputError(other)
     known = [name for names in KEYS.values() for name in names]
     for column in columns:
         if column not in known:
@@ -228,7 +234,8 @@ def _check_columns(columns: tuple[str, ...]) -> None:
 def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dict[str, Any]:
     """What a row states, by key."""
     if len(cells) != width:
-        raise InputError(f"has {len(cells)} cells under {width} columns")
+        more = "; decimals have a point, not a comma" if len(cells) > width else ""
+        raise InputError(f"has {len(cells)} cells under {width} columns{more}")
     stated: dict[str, Any] = {}
     for key, places in where.items():
         values = [cells[place].strip() for place in places]

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy.typing as npt
 
-from pinproof import __version__
 from pinproof.collision import Scene
 from pinproof.errors import FileError, InputError
 from pinproof.ik.settings import whole
 from pinproof.model import Arm
 from pinproof.picks.campaign.chunks import Outcome
+from pinproof.picks.campaign.code import code_here, judge_words
 from pinproof.picks.campaign.crew import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.campaign.journal import JOURNAL, ROWS, SCHEMA, Journal, read_header, refuse_foreign, to_line
 from pinproof.picks.campaign.line_file import LineFile
@@ -87,10 +87,10 @@ class Campaign:
             "schema": SCHEMA,
             "picks": len(self),
             "setup": {
-                "pinproof": __version__,
+                "pinproof": code_here(),
                 **self._setup.identity(),
                 "picks": f"{len(self)} picks {self._picks.digest()}",
-                "judge": f"{self._judge.__module__}.{self._judge.__qualname__}",
+                "judge": judge_words(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
             "notes": list(self._setup.not_covered()),
@@ -133,7 +133,8 @@ class Campaign:
         Raises
         ------
         CampaignError
-            If ``folder`` holds another campaign (names the difference), or the workers cannot work.
+            If ``folder`` holds another campaign, or rows of other code (names the difference), or the workers cannot
+            work or have other code.
         FileError
             If the folder cannot be written to; what was judged until then is kept.
         KeyboardInterrupt

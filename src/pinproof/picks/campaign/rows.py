@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import pickle
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from pinproof.errors import CampaignError
+from pinproof.picks.campaign.code import code_here
 from pinproof.picks.campaign.journal import to_line
 from pinproof.picks.pick import Pick, PickProblem
 from pinproof.picks.report.rows import problem_row, verdict_row
@@ -38,6 +41,9 @@ class RowTask:
         """The rows of the picks from place ``start`` on."""
         return [self._line(index, item) for index, item in enumerate(part, start)]
 
+    def __reduce__(self) -> tuple[Callable[[str, bytes], RowTask], tuple[str, bytes]]:
+        return _unpacked, (code_here(), pickle.dumps((self.setup, self.judge), protocol=pickle.HIGHEST_PROTOCOL))
+
     def _line(self, index: int, item: Pick | PickProblem) -> bytes:
         if isinstance(item, PickProblem):
             return to_line({"index": index, **problem_row(item)})
@@ -46,6 +52,16 @@ class RowTask:
             return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})
         except Exception as error:  # noqa: BLE001  # one pick that cannot be judged never stops the others
             return crashed_row(index, item.name, f"the judge failed: {type(error).__name__}: {error}")
+
+
+def _unpacked(code: str, packed: bytes) -> RowTask:
+    """The task in a worker, which must have the code of the one who sent it: before anything of it is unpickled."""
+    if code != code_here():
+        raise CampaignError(
+            f"a worker has pinproof {code_here()}; the campaign is run by {code}: rows of two codes do not make one "
+            "file, so give the workers the same"
+        )
+    return RowTask(*pickle.loads(packed))
 
 
 def crashed_row(index: int, name: str, reason: str) -> bytes:

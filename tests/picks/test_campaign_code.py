@@ -1,0 +1,86 @@
+"""Rows of one file come from one code."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+from pathlib import Path
+
+import pytest
+
+import pinproof as pp
+from pinproof.errors import CampaignError
+from pinproof.picks.campaign import code
+from pinproof.picks.campaign.rows import RowTask, judge_row
+
+
+@pytest.fixture
+def copy_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Pinproof's source elsewhere, to be changed; what is told of it."""
+    package = tmp_path / "pinproof"
+    for path in code.PACKAGE.rglob("*.py"):
+        place = package / path.relative_to(code.PACKAGE)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, place)
+    original = code.code_here()
+    monkeypatch.setattr(code, "PACKAGE", package)
+    code.code_here.cache_clear()
+    assert code.code_here() == original
+    yield package
+    monkeypatch.undo()
+    code.code_here.cache_clear()
+
+
+def told_anew() -> str:
+    code.code_here.cache_clear()
+    return code.code_here()
+
+
+def test_it_names_the_version_and_the_libraries() -> None:
+    said = code.code_here()
+    assert said.startswith(f"{pp.__version__} ")
+    assert "numpy " in said
+    assert "unknown" not in said
+
+
+def test_any_change_of_what_judges_is_told(copy_of_the_package: Path) -> None:
+    before = told_anew()
+    kernel = copy_of_the_package / "kernels" / "gjk.py"
+    kernel.write_text(kernel.read_text() + "\n# mended\n")
+    mended = told_anew()
+    assert mended != before
+    (copy_of_the_package / "picks" / "new.py").touch()
+    assert told_anew() not in (before, mended)
+
+
+def test_words_of_help_are_no_other_code(copy_of_the_package: Path) -> None:
+    before = told_anew()
+    page = copy_of_the_package / "cli" / "pick.py"
+    page.write_text(page.read_text() + "\n# mended\n")
+    assert told_anew() == before
+
+
+def test_a_campaign_begun_with_other_code_is_refused(stick, many, judges, tmp_path, monkeypatch) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    made.run(tmp_path, workers=1)
+    before = (tmp_path / "rows.jsonl").read_bytes()
+    monkeypatch.setattr("pinproof.picks.campaign.campaign.code_here", lambda: "0.1.0 otherwise")
+    with pytest.raises(CampaignError, match=r"differs in pinproof \(0.1.0 .* there, 0.1.0 otherwise here\)"):
+        made.run(tmp_path, workers=1)
+    assert (tmp_path / "rows.jsonl").read_bytes() == before
+
+
+def test_a_worker_of_other_code_takes_no_task(stick, many, monkeypatch) -> None:
+    setup = pp.PickSetup.make(stick, pp.Scene(), many.shared, home=None, rng=0)
+    package = pickle.dumps(RowTask(setup, judge_row))
+    assert isinstance(pickle.loads(package), RowTask)
+    monkeypatch.setattr("pinproof.picks.campaign.rows.code_here", lambda: "0.1.0 otherwise")
+    with pytest.raises(CampaignError, match=r"a worker has pinproof 0.1.0 otherwise; .* give the workers the same"):
+        pickle.loads(package)
+
+
+def test_a_judge_of_ones_own_is_known_by_its_source(judges) -> None:
+    assert code.judge_words(judge_row) == "pinproof.picks.campaign.rows.judge_row"
+    echo, slow = code.judge_words(judges.echo), code.judge_words(judges.slow)
+    assert echo.startswith("campaign_judges.echo ")
+    assert echo.split()[1] != slow.split()[1]

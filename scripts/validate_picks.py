@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Judge a list of picks from Python: copy this and make it yours.
+"""Judge a list of picks from Python: copy this and make it yours. Of the picks named last, each part gets a page too.
 
-python scripts/validate_picks.py robots/ur5/picks.yaml out
+python scripts/validate_picks.py robots/panda/bin_picks.yaml out [standing ...]
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from pathlib import Path
 import pinproof as pp
 
 
-def main(file: Path, folder: Path) -> int:
+def main(file: Path, folder: Path, shown: list[str]) -> int:
     """Judge the picks of a file, write the report and the good motions; 0 if all are good, else 1."""
     picks = pp.read_picks(file)
     if picks.robot is None or picks.scene is None:
@@ -27,12 +27,12 @@ def main(file: Path, folder: Path) -> int:
     print(report.to_markdown())
     for verdict in report.good:
         verdict.trajectory.save(folder / f"{verdict.pick.name}.csv")
-        for part in verdict.motions:  # several where an object is carried: it is not the same motion with and without
-            page = folder / f"{verdict.pick.name}_{part.name}.html"
-            motion, proof, held = part.trajectory, part.certificate, part.attached
-            pp.write_html(page, arm, part.scene, motion, certificate=proof, attached=held)
+        # Where an object is carried there are several parts, each with its own proof: what moves with the hand differs.
+        for part in verdict.motions if verdict.pick.name in shown else ():
+            page, around = folder / f"{verdict.pick.name}_{part.name}.html", (arm.with_held(part.held), part.scene)
+            pp.write_html(page, *around, part.trajectory, certificate=part.certificate, attached=part.attached)
     return 0 if report.ok else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]))

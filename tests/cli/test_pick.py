@@ -181,7 +181,10 @@ def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
     assert len(program.read_text().splitlines()) < 40
     picks = robots_folder() / "generic_6dof" / "picks.yaml"
     ran = subprocess.run(
-        [sys.executable, str(program), str(picks), str(tmp_path / "out")], capture_output=True, text=True, check=False
+        [sys.executable, str(program), str(picks), str(tmp_path / "out"), "pin_2"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     said = [line for line in ran.stderr.splitlines() if not line.startswith("pinproof: compiling ")]
     assert (ran.returncode, said) == (1, [])
@@ -189,8 +192,11 @@ def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "report.json",
         "report.html",
-        *(f"pin_{k}{end}" for k in (1, 2) for end in (".csv", "_pick.html")),
+        "pin_1.csv",
+        "pin_2.csv",
+        "pin_2_pick.html",
     }
+    assert '"verdict">FREE<' in (tmp_path / "out" / "pin_2_pick.html").read_text(encoding="utf-8")
 
 
 def test_screening_tells_the_counts_and_writes_a_table(run: Run) -> None:

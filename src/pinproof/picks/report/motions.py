@@ -89,8 +89,10 @@ class Reel:
 
     @property
     def ways(self) -> Array:
-        """(N, 3) the ways of the tcp."""
-        return np.concatenate([np.empty((0, 3)), *(each.tcp for each in self.films if each is not None)])
+        """(N, 3) the ways of the tcp, and of what is carried."""
+        films = [each for each in self.films if each is not None]
+        carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
+        return np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
 
     def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
         """The tracks of each motion; draws what is carried, hidden until its pick is chosen."""

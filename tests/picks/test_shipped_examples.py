@@ -1,0 +1,153 @@
+"""The three worked examples: each pick is good, or fails where and why it was built to, as surely as can be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description import robots_folder
+from pinproof.motion import JointPath
+from pinproof.picks import PickStatus, Stage
+
+GOOD = (PickStatus.GOOD, None, "")
+IMPOSSIBLE, NOT_FOUND = PickStatus.IMPOSSIBLE, PickStatus.NOT_FOUND
+
+EXPECTED = {
+    "ur5/plate_picks.yaml": {
+        **{f"bolts[{i},{j}]": GOOD for i in range(4) for j in range(3)},
+        "bolts[0,2]": (NOT_FOUND, Stage.GRASP, "picker penetrates clamp_jaw"),
+        "unturned": (IMPOSSIBLE, Stage.GRASP, "camera penetrates stop"),
+        "moved": GOOD,
+    },
+    "panda/bin_picks.yaml": {
+        "standing": GOOD,
+        "lying": GOOD,
+        "round": GOOD,
+        "leaning": GOOD,
+        "on_the_wall": (NOT_FOUND, Stage.RETREAT, "on_the_wall is near bin_far"),
+        "cornered": (NOT_FOUND, Stage.GRASP, "panda_hand penetrates bin_far"),
+        "fallen": (NOT_FOUND, Stage.GRASP, "panda_hand penetrates guard"),
+        "far_off": (NOT_FOUND, Stage.REACH, "out of reach"),
+        "onto_the_crate": (NOT_FOUND, Stage.PLACE, "penetrates crate"),
+    },
+    "generic_6dof/machine_picks.yaml": {
+        "unload": GOOD,
+        **{f"blank[{i},0]": GOOD for i in range(3)},
+        "sideways": (IMPOSSIBLE, Stage.RETREAT, "turned is not proven to leave chuck"),
+        "from_afar": (IMPOSSIBLE, Stage.APPROACH, "of 1200 mm"),
+        "shadowed": (IMPOSSIBLE, Stage.GRASP, "tube penetrates post_right"),
+        "remote": (IMPOSSIBLE, Stage.REACH, "out of reach"),
+        "near_by": (IMPOSSIBLE, Stage.LIMITS, "joint_3"),
+        "gauged": (NOT_FOUND, Stage.TRANSIT, "no path within"),
+        "onto_a_blank": (NOT_FOUND, Stage.PLACE, "turned penetrates blank_1"),
+    },
+}
+
+
+@dataclass(frozen=True)
+class Example:
+    arm: pp.Arm
+    scene: pp.Scene
+    picks: pp.Picks
+    report: pp.PickReport
+
+    def verdict(self, name: str) -> pp.PickVerdict:
+        return next(verdict for verdict in self.report.verdicts if verdict.pick.name == name)
+
+
+@pytest.fixture(scope="module")
+def examples() -> dict[str, Example]:
+    found = {}
+    for name in EXPECTED:
+        picks = pp.read_picks(robots_folder() / name)
+        assert picks.problems == ()
+        arm = pp.load_robot(picks.robot).arm(tcp=picks.tcp, held=picks.held)
+        scene = pp.Scene.load(picks.scene)
+        budget = pp.PickBudget(remedies=1)
+        found[name] = Example(arm, scene, picks, pp.validate_picks(arm, scene, picks, budget=budget))
+    return found
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_each_is_judged_as_it_was_built(examples, name: str) -> None:
+    expected, report = EXPECTED[name], examples[name].report
+    assert {v.pick.name: (v.status, v.failed) for v in report.verdicts} == {k: e[:2] for k, e in expected.items()}
+    reasons = {v.pick.name: v.reason for v in report.verdicts if not v.ok}
+    assert {k: expected[k][2] for k, why in reasons.items() if expected[k][2] not in why} == {}
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_what_is_impossible_is_refuted_branch_by_branch(examples, name: str) -> None:
+    for verdict in examples[name].report.verdicts:
+        assert bool(verdict.refuted) == (verdict.status is IMPOSSIBLE)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_every_motion_is_free_by_a_second_look(examples, name: str) -> None:
+    """Dense samples, a checker made anew from what the motion itself says stands around and is held."""
+    example = examples[name]
+    hand = {*(thing.name for thing in example.picks.open_tool), "panda_leftfinger", "panda_rightfinger"}
+    for verdict in example.report.good:
+        assert verdict.motions[0].scene is example.scene
+        q = verdict.motions[0].trajectory.start
+        for motion in verdict.motions:
+            arm, proof = example.arm.with_held(motion.held), motion.certificate
+            assert proof.free
+            assert proof.matches(motion.trajectory, arm, motion.scene, motion.attached)
+            assert proof.clearance > example.picks.margin
+            np.testing.assert_allclose(motion.trajectory.start, q, atol=1e-12)
+            q = motion.trajectory.end
+            meant = {frozenset((verdict.pick.carried, each)) for each in hand}
+            meant |= {frozenset(parting.bodies) for parting in proof.partings}
+            checker = pp.CollisionChecker(arm, motion.scene, attached=motion.attached)
+            for at in motion.trajectory(np.linspace(0.0, motion.trajectory.duration, 40)):
+                assert {frozenset(contact.bodies) for contact in checker.check(at).contacts} <= meant
+
+
+def test_the_guard_stands_between_the_tray_and_the_bin(examples) -> None:
+    example = examples["panda/bin_picks.yaml"]
+    checker = pp.CollisionChecker(example.arm, example.scene)
+    for verdict in example.report.good:
+        transit = verdict.motions[0].trajectory
+        straight = pp.certify(JointPath([transit.start, transit.end], example.arm.joint_names), checker)
+        assert straight.status is pp.CertificateStatus.COLLIDING
+        assert "guard" in straight.first_contact.bodies
+        over = [example.arm.forward_kinematics(q).translation for q in transit(np.linspace(0, transit.duration, 300))]
+        crossing = next(at for at in over if at[0] > 0.35)
+        assert crossing[2] > 0.30 or abs(crossing[1]) > 0.45
+
+
+def test_the_robots_own_fingers_close_on_the_part_and_open_again(examples) -> None:
+    verdict = examples["panda/bin_picks.yaml"].verdict("round")
+    assert [(motion.name, motion.held["panda_finger_joint1"]) for motion in verdict.motions] == [
+        ("transit", 0.04), ("approach", 0.04), ("retreat", 0.02), ("transfer", 0.02), ("place", 0.02), ("leave", 0.04),
+    ]  # fmt: skip
+
+
+def test_the_long_tool_goes_in_and_out_through_the_door_straight(examples) -> None:
+    example = examples["generic_6dof/machine_picks.yaml"]
+    verdict = example.verdict("unload")
+    tips = {}
+    for motion in verdict.motions:
+        q = motion.trajectory(np.linspace(0.0, motion.trajectory.duration, 50))
+        placed = [example.arm.root_from_base * example.arm.forward_kinematics(each) * example.picks.tip for each in q]
+        tips[motion.name] = np.array([at.translation for at in placed])
+    for name in ("approach", "retreat"):
+        np.testing.assert_allclose(tips[name][:, 1:], [[-0.20, 0.50]] * 50, atol=1.01e-3)  # along the spindle
+        assert np.ptp(tips[name][:, 0]) == pytest.approx(0.2, abs=1e-3)
+    assert tips["retreat"][0, 0] == pytest.approx(1.075, abs=1e-5)
+    assert tips["place"][-1] == pytest.approx([0.14, 0.33, 0.12], abs=1e-5)
+    assert max(np.linalg.norm(thing.pose.translation) for thing in example.picks.tool) < 0.5
+
+
+def test_the_plate_is_emptied_whichever_way_the_camera_must_be_turned(examples) -> None:
+    example = examples["ur5/plate_picks.yaml"]
+    assert example.verdict("bolts[3,1]").member.startswith("spun by ")
+    assert "mm along the tip's" in example.verdict("moved").member
+    report = pp.validate_picks(
+        example.arm, example.scene, replace(example.picks, picks=(example.verdict("unturned").pick,))
+    )
+    assert "spun by" in report.verdicts[0].remedy

@@ -101,7 +101,7 @@ _HOME = {
         "shortcut",
         "simplify",
     ),
-    "pinproof.viewer": ("ColouredPoints", "show", "write_html"),
+    "pinproof.viewer": ("ColouredPoints", "show", "write_html", "write_png"),
     "pinproof.picks": (
         "Campaign",
         "CampaignResult",

@@ -33,7 +33,7 @@ def page(browser: Browser, pages: Callable[[str], Path], certificate: Certificat
     path = pages("layers")
     here = {"camera": pose(xyz=(0.2, -0.2, 0.4))}
     write_html(path, ARM, SCENE, MOTION, certificate=certificate, ghosts=GHOSTS, frames=here, layers=["sweep"])
-    opened = browser.open(path.as_uri(), 1000, 640)
+    opened = browser.open(path.as_uri(), 740, 400)
     yield opened
     assert opened.complaints == []
     assert [url for url in opened.requests if not url.startswith(("file:", "data:"))] == []
@@ -49,10 +49,10 @@ def key(page: Page, name: str) -> None:
         page.send("Input.dispatchKeyEvent", type=kind, key=name)
 
 
-def instances(page: Page, into: str, number: int, of: int) -> np.ndarray:
-    """(k, 4, 4) where the copies of a part are."""
+def places(page: Page, into: str, number: int) -> np.ndarray:
+    """(k, 4, 4) where the copies of a link are."""
     columns = page.evaluate(
-        f"[...pinproof.viewer.scene_tree.find(['{into}', '{number}']).object.children[{of}].instanceMatrix.array]"
+        f"pinproof.viewer.scene_tree.find(['{into}', '{number}']).object.children.map((one) => one.matrix.elements)"
     )
     return np.reshape(columns, (-1, 4, 4)).swapaxes(1, 2)
 
@@ -95,7 +95,7 @@ def test_every_layer_can_be_switched_and_comes_back_as_it_was(page: Page) -> Non
     for name in names:
         switch(page, name)
         after = page.canvas()
-        assert (np.abs(after.astype(int) - before).max(axis=2) > 8).sum() > 60, name
+        assert (np.abs(after.astype(int) - before).max(axis=2) > 8).sum() > 25, name
         switch(page, name)
         assert np.array_equal(page.canvas(), before), name
 
@@ -103,8 +103,8 @@ def test_every_layer_can_be_switched_and_comes_back_as_it_was(page: Page) -> Non
 def test_ghosts_stand_at_their_configurations_and_those_that_look_alike_once(page: Page) -> None:
     stage = set_stage(ARM, SCENE)
     copies = page.evaluate("pinproof.settings.copies.map((copy) => [copy.into, copy.of[1], copy.count])")
-    assert [entry for entry in copies if entry[0] == "ghosts"] == [["ghosts", "base", 2], ["ghosts", "upper", 2]]
-    placed = instances(page, "ghosts", 1, 0)
+    assert [entry for entry in copies if entry[0] == "ghosts"] == [["ghosts", "upper", 2]]  # the base stays
+    placed = places(page, "ghosts", 0)
     assert np.allclose(placed, [stage.link_poses(np.array(q))[1] for q in GHOSTS[:2]], atol=1e-6)
     notes = page.evaluate("Object.fromEntries(pinproof.settings.layers.map((layer) => [layer.name, layer.note]))")
     assert notes["ghosts"] == "2 of 3"
@@ -162,7 +162,7 @@ def test_keys_play_pause_and_step(page: Page) -> None:
     assert not page.evaluate("pinproof.viewer.animator.playing")
 
 
-@pytest.mark.parametrize("width", [360, 1000])
+@pytest.mark.parametrize("width", [360, 740])
 def test_controls_neither_overlap_nor_stick_out(page: Page, width: int) -> None:
     page.send("Emulation.setDeviceMetricsOverride", width=width, height=640, deviceScaleFactor=1, mobile=False)
     boxes = page.evaluate(
@@ -176,7 +176,7 @@ def test_controls_neither_overlap_nor_stick_out(page: Page, width: int) -> None:
         for low, high, far, deep in boxes[k + 1 :]:
             assert right <= low or far <= left or bottom <= high or deep <= top
     assert page.evaluate("document.documentElement.scrollWidth") <= width
-    page.send("Emulation.setDeviceMetricsOverride", width=1000, height=640, deviceScaleFactor=1, mobile=False)
+    page.send("Emulation.setDeviceMetricsOverride", width=740, height=400, deviceScaleFactor=1, mobile=False)
 
 
 def test_the_normal_of_a_contact_is_the_way_the_second_body_would_leave(page: Page, certificate: Certificate) -> None:

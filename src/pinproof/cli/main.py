@@ -24,10 +24,11 @@ from pinproof.cli.demo import demo
 from pinproof.cli.faults import asked_for_help, remedy, usage_fault, versions
 from pinproof.cli.info import info
 from pinproof.cli.kinematics import fk, ik
-from pinproof.cli.motion import check, plan, view
+from pinproof.cli.motion import check, plan
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
 from pinproof.cli.spread import spread
+from pinproof.cli.view import view
 from pinproof.errors import NoAnswer, PinproofError
 
 __all__ = ["main"]

@@ -1,4 +1,4 @@
-"""``pinproof check``, ``plan`` and ``view``: configurations and motions in a scene."""
+"""``pinproof check`` and ``plan``: configurations and motions in a scene."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
-from pinproof.cli.console import print_json, say, wait_for_stop, working
+from pinproof.cli.console import print_json, say, working
 from pinproof.cli.options import (
     Chain,
     Configuration,
@@ -23,7 +23,7 @@ from pinproof.cli.options import (
 from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
 
-__all__ = ["check", "plan", "view"]
+__all__ = ["check", "plan"]
 
 
 def check(
@@ -115,39 +115,6 @@ def plan(
             say(f"wrote {' and '.join(map(str, written))}")
     if not certificate.free:
         raise typer.Exit(1)
-
-
-def view(
-    robot: Robot,
-    q: Configuration = None,
-    motion: Annotated[Path | None, typer.Option(help="A motion (.json, .csv) to play.")] = None,
-    html: Html = None,
-    port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 takes a free one.", min=0)] = 0,
-    browser: Annotated[bool, typer.Option(help="Open the live view in the browser.")] = True,
-    *,
-    chain: Chain,
-    around: Surroundings,
-    as_json: Json = False,
-) -> None:
-    """Show a robot, still or in motion: live in the browser (Ctrl-C ends it), or as a page with --html.
-
-    A motion is certified for its caption.
-
-    Example: pinproof view ur5 --html ur5.html
-    """
-    check_outputs([html], [robot, motion, around.scene, chain.srdf])
-    arm = chain.arm(robot)
-    world = around.load()
-    trajectory = None if motion is None else pp.Trajectory.load(motion, arm.joint_names)
-    certificate = None if trajectory is None else pp.certify(trajectory, around.checker(arm, world))
-    still = parse_configuration(q, arm, "--q") if trajectory is None else None
-    if html is not None:
-        pp.write_html(html, arm, world, trajectory, certificate=certificate, q=still)
-        print_json({"page": str(html)}) if as_json else say(f"wrote {html}")
-        return
-    with pp.show(arm, world, trajectory, certificate=certificate, q=still, port=port, open_browser=browser) as shown:
-        print_json({"url": shown.url}) if as_json else say(f"{shown.url} (Ctrl-C ends it)")
-        wait_for_stop(shown)
 
 
 def _jerk(text: str | None) -> float | Literal["limits"] | None:

@@ -63,8 +63,9 @@ class Caption:
 
     @property
     def brief(self) -> tuple[str, ...]:
-        """The figures that go with the headline where there is one line."""
-        return tuple(f"{name.lower()} {value}" for name, value in self.figures if name in BRIEF)
+        """What there is to say in one line: the headline, unless there was nothing to prove, and the main figures."""
+        figures = tuple(f"{name.lower()} {value}" for name, value in self.figures if name in BRIEF)
+        return figures if self.tone == "still" else (self.headline, *figures)
 
     def _legend(self) -> str:
         items = "".join(

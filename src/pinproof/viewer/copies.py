@@ -12,7 +12,7 @@ from pinproof.viewer.animation import Film
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands
 
-__all__ = ["GHOST_HUES", "copies", "swept"]
+__all__ = ["GHOST_HUES", "copies", "ghosts_at", "swept"]
 
 Array = npt.NDArray[np.float64]
 
@@ -22,14 +22,30 @@ SWEEP_TURN, SWEEP_SHARE, MOST_STEPS = np.deg2rad(25.0), 0.07, 40
 GHOST_HUES = ((0.12, 0.47, 0.80), (0.90, 0.45, 0.10), (0.16, 0.58, 0.28), (0.72, 0.22, 0.55), (0.45, 0.36, 0.75),
               (0.75, 0.62, 0.10), (0.10, 0.60, 0.62), (0.78, 0.25, 0.22))  # fmt: skip
 """Colours that tell ghosts apart; they repeat."""
+SAME_LOOK = 1e-4
+"""Copies that differ by about this much (m, or matrix entries) are one: joints often differ by whole turns alone."""
+
 SAME_PLACE = 1e-6
 """Links whose pose in the tcp frame changes by less (m, or matrix entries) move with the tool."""
 
 
+def ghosts_at(stage: Stage, q: Array) -> Array:
+    """(k, L, 4, 4) ``root_from_link`` at each of the configurations q (k, n), those once that look the same."""
+    poses = np.array([stage.link_poses(each) for each in q]).reshape(-1, len(stage.links), 4, 4)
+    return poses[_different(poses)] if len(poses) else poses
+
+
 def copies(
-    commands: Commands, stage: Stage, poses: Array, into: str, *, opacity: float, hues: Sequence[Any] = ()
+    commands: Commands,
+    stage: Stage,
+    poses: Array,
+    into: str,
+    *,
+    opacity: float,
+    hues: Sequence[Any] = (),
+    own: Array | None = None,
 ) -> list[dict[str, Any]]:
-    """Faint copies of links for the page's script, which draws each mesh once for all of them.
+    """Faint copies of links, for the page's script.
 
     Parameters
     ----------
@@ -41,6 +57,8 @@ def copies(
         The node that holds them.
     hues
         A colour for each of the k, in turn; without, each mesh keeps its own.
+    own
+        (L, 4, 4) where the links themselves are: a copy on the same place is left out, as is one on another copy.
     """
     found = []
     rgb = np.array([hues[k % len(hues)] for k in range(len(poses))], dtype=np.float32) if hues else None
@@ -48,13 +66,23 @@ def copies(
         placed = poses[:, number]
         if not link.surfaces or not len(placed) or np.isnan(placed).any():
             continue
-        columns = np.swapaxes(placed, 1, 2).astype(np.float32)  # three.js reads matrices by columns
-        entry = {"into": into, "of": ["robot", link.name, "visual"], "count": len(placed), "opacity": opacity}
+        kept = _different(placed)
+        if own is not None:
+            kept = kept[(np.abs(placed[kept] - own[number]) > SAME_LOOK).any(axis=(1, 2))]
+        columns = np.swapaxes(placed[kept], 1, 2).astype(np.float32)  # three.js reads matrices by columns
+        entry = {"into": into, "of": ["robot", link.name, "visual"], "count": len(kept), "opacity": opacity}
         entry["matrices"] = commands.array(columns.ravel())
         if rgb is not None:
-            entry["rgb"] = commands.array(rgb.ravel())
-        found.append(entry)
+            entry["rgb"] = commands.array(rgb[kept].ravel())
+        if len(kept):
+            found.append(entry)
     return found
+
+
+def _different(poses: Array) -> npt.NDArray[np.int64]:
+    """Which of poses (k, ...) are the first of their kind, in order."""
+    same = np.round(poses.reshape(len(poses), -1) / SAME_LOOK).astype(np.int64)
+    return np.sort(np.unique(same, axis=0, return_index=True)[1])
 
 
 def _tool(stage: Stage) -> npt.NDArray[np.bool_]:

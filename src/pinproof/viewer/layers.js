@@ -6,24 +6,27 @@ const meshesUnder = (path) => {
   return found;
 };
 
-// --- ghosts and the swept tool: one instanced mesh draws all copies of a part ---
+// --- ghosts and the swept tool ---
 settings.copies.forEach((copy, number) => {
-  const group = new THREE.Group(), m = new THREE.Matrix4(), colour = new THREE.Color();
-  for (const mesh of meshesUnder(copy.of)) {
-    const look = mesh.material.clone();
-    Object.assign(look, { transparent: true, opacity: copy.opacity, depthWrite: false });
-    if (copy.rgb) look.color.set(0xffffff);
-    const many = new THREE.InstancedMesh(mesh.geometry, look, copy.count);
-    for (let k = 0; k < copy.count; k++) {
-      many.setMatrixAt(k, m.fromArray(copy.matrices, 16 * k));
-      if (copy.rgb) many.setColorAt(k, colour.fromArray(copy.rgb, 3 * k));
+  const group = new THREE.Group(), colour = new THREE.Color();
+  for (let k = 0; k < copy.count; k++) {
+    // A little further away than what they lie upon, each copy a little more: surfaces on one place would flicker.
+    const back = { polygonOffset: true, polygonOffsetFactor: 0.4 * (k + 1), polygonOffsetUnits: 2 * (k + 1) };
+    const one = new THREE.Group();
+    one.matrix.fromArray(copy.matrices, 16 * k);
+    one.matrixAutoUpdate = false;
+    for (const mesh of meshesUnder(copy.of)) {
+      // A first pass writes depth alone: of a copy only the outer surface is seen, not its inner walls.
+      const shell = new THREE.MeshBasicMaterial({ colorWrite: false, side: THREE.DoubleSide, ...back });
+      const look = Object.assign(mesh.material.clone(), { transparent: true, opacity: copy.opacity, depthWrite: false, ...back });
+      if (copy.rgb) look.color.copy(colour.fromArray(copy.rgb, 3 * k));
+      [shell, look].forEach((material, pass) => {
+        const part = new THREE.Mesh(mesh.geometry, material);
+        part.renderOrder = 1 + pass;
+        one.add(part);
+      });
     }
-    many.frustumCulled = false;  // its bounds are those of one part at the origin
-    // A first pass writes depth alone: of each ghost only its outer surface is seen, not its inner walls.
-    const shell = many.clone();
-    shell.material = new THREE.MeshBasicMaterial({ colorWrite: false, side: THREE.DoubleSide });
-    [shell.instanceMatrix, shell.frustumCulled, shell.renderOrder, many.renderOrder] = [many.instanceMatrix, false, 1, 2];
-    group.add(shell, many);
+    group.add(one);
   }
   viewer.scene_tree.find([copy.into, String(number)]).set_object(group);
 });

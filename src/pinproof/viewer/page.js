@@ -6,6 +6,8 @@ moment.hidden = settings.start === null;
 moment.addEventListener("click", () => seek(settings.start));
 if (/(?:^#|&)still\b/.test(location.hash)) document.body.classList.add("still");
 viewer.set_3d_pane_size();
+// Whoever waits for the picture is told when it stands: after a frame that was drawn in full.
+requestAnimationFrame(() => requestAnimationFrame(() => console.info("pinproof: drawn")));
 
 // The browser itself reconnects when the connection is lost. What it then meets may be another page, at the same
 // place: its number tells.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from types import MappingProxyType
@@ -28,12 +28,13 @@ NO_FRAMES: Mapping[str, SE3] = MappingProxyType({})
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """A page's HTML, what it shows, whether in motion, and the links whose frames it has."""
+    """A page's HTML, what it shows, whether in motion, the links whose frames it has, and when (s) it opens at rest."""
 
     text: str
     stage: Stage
     moving: bool
-    frames: tuple[str, ...] = field(default=())
+    frames: tuple[str, ...] = ()
+    start: float = 0.0
 
 
 def write_html(
@@ -110,7 +111,7 @@ def render_page(picture: Picture, *, live: str | None = None) -> Page:
     drawn = picture.draw()
     title = picture.title or picture.arm.robot.name
     settings = {**drawn.settings, "live": live}
-    plate = " \u00b7 ".join([drawn.words.headline, *drawn.words.brief])
+    plate = " \u00b7 ".join(drawn.words.brief)
     body = fill(
         part("page.html"),
         {
@@ -122,4 +123,4 @@ def render_page(picture: Picture, *, live: str | None = None) -> Page:
     )
     style, script = part("common.css") + part("page.css"), part("layers.js") + part("page.js")
     text = assemble(title, style, body, script, settings, drawn.commands, live=live is not None)
-    return Page(text, drawn.stage, drawn.moving, drawn.frames)
+    return Page(text, drawn.stage, drawn.moving, drawn.frames, drawn.settings["start"] or 0.0)

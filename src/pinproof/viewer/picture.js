@@ -1,7 +1,15 @@
 // Hands the commands to meshcat's viewer and frames what they draw.
 const byId = (id) => document.getElementById(id);
 const pane = byId("meshcat-pane");
-const viewer = new MeshCat.Viewer(pane);
+const viewer = (() => {
+  try {
+    return new MeshCat.Viewer(pane);
+  } catch (error) {
+    pane.textContent = "This browser cannot draw in three dimensions: WebGL is not available or switched off.";
+    pane.classList.add("dark");
+    throw error;
+  }
+})();
 
 // meshcat sizes itself by the window; here it has the part of it that the caption leaves.
 const resize = viewer.set_3d_pane_size.bind(viewer);

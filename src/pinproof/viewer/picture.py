@@ -21,7 +21,7 @@ from pinproof.viewer.camera import View, choose_view
 from pinproof.viewer.caption import Caption, caption
 from pinproof.viewer.cloud import ColouredPoints
 from pinproof.viewer.contacts import Mark, body_nodes, mark_radius, marks_of
-from pinproof.viewer.copies import GHOST_HUES, copies, swept
+from pinproof.viewer.copies import GHOST_HUES, copies, ghosts_at, swept
 from pinproof.viewer.frames import add_frames, frame_names
 from pinproof.viewer.layers import Layer, checked_layers
 from pinproof.viewer.stage import Stage, set_stage
@@ -39,10 +39,7 @@ PATH_RADIUS = 0.004
 PATH_ORANGE: Rgba = (0.93, 0.42, 0.05, 1.0)
 START_WHITE: Rgba = (0.98, 0.98, 0.98, 1.0)
 
-GHOST_OPACITY, SWEEP_OPACITY = 0.32, 0.30
-
-SAME_LOOK = 1e-4
-"""Ghosts that differ by about this much (m, or matrix entries) are one: joints often differ by whole turns alone."""
+GHOST_OPACITY, SWEEP_OPACITY = 0.28, 0.30
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +111,7 @@ class Picture:
             "start": words.contact.time if words.contact is not None else None,
             "frames": add_frames(commands, placed, reach),
             "copies": [
-                *copies(commands, stage, ghosted, "ghosts", opacity=GHOST_OPACITY, hues=GHOST_HUES),
+                *copies(commands, stage, ghosted, "ghosts", opacity=GHOST_OPACITY, hues=GHOST_HUES, own=shown.poses[0]),
                 *copies(commands, stage, steps, "sweep", opacity=SWEEP_OPACITY),
             ],
             "touching": body_nodes(stage, marks),
@@ -161,15 +158,6 @@ class Picture:
             ("points", (("points",),) if self.points is not None else (), True, ""),
         ]
         return [Layer(name, nodes, on or name in wanted, note) for name, nodes, on, note in found if nodes]
-
-
-def ghosts_at(stage: Stage, q: Array) -> Array:
-    """(k, L, 4, 4) ``root_from_link`` at each of the configurations q (k, n), those once that look the same."""
-    poses = np.array([stage.link_poses(each) for each in q]).reshape(-1, len(stage.links), 4, 4)
-    if not len(poses):
-        return poses
-    same = np.round(poses.reshape(len(poses), -1) / SAME_LOOK).astype(np.int64)
-    return poses[np.sort(np.unique(same, axis=0, return_index=True)[1])]
 
 
 def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:

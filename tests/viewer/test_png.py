@@ -1,0 +1,107 @@
+"""Still pictures as files, and what is said when no browser can draw them."""
+
+from __future__ import annotations
+
+import os
+import stat
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from pinproof.errors import InputError, UnknownNameError, ViewerError
+from pinproof.viewer import headless, write_png
+
+from .browser import find_browser
+from .conftest import small_arm, swing
+
+
+@pytest.fixture
+def program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Make a shell script the browser."""
+
+    def make(body: str) -> Path:
+        script = tmp_path / "browser"
+        script.write_text(f"#!/bin/sh\n{body}\n")
+        script.chmod(script.stat().st_mode | stat.S_IXUSR)
+        monkeypatch.setenv("PINPROOF_BROWSER", str(script))
+        return script
+
+    return make
+
+
+def test_a_still_picture_of_a_motion_has_its_size_its_moment_and_its_caption(tmp_path, monkeypatch) -> None:
+    executable = find_browser()
+    if executable is None:
+        pytest.skip("no Chromium")
+    monkeypatch.setenv("PINPROOF_BROWSER", executable)
+    arm = small_arm()
+    pictures = []
+    for name, seconds in (("start", None), ("end", 2.0)):
+        write_png(tmp_path / f"{name}.png", arm, None, swing(arm), time=seconds, size=(480, 360))
+        pictures.append(np.asarray(Image.open(tmp_path / f"{name}.png").convert("RGB")).astype(int))
+    assert [picture.shape for picture in pictures] == [(360, 480, 3)] * 2
+    assert pictures[0][:300].std() > 10
+    assert (np.abs(pictures[0] - pictures[1]).max(axis=2) > 30).mean() > 0.01  # another moment
+    strip = pictures[0][-25:]
+    assert (strip.min(axis=2) > 250).mean() > 0.6  # words on white
+    assert (strip.max(axis=2) < 140).any()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["end.png", "start.png"]
+
+
+def test_without_a_browser_the_remedy_is_told(tmp_path, monkeypatch) -> None:
+    monkeypatch.delenv("PINPROOF_BROWSER", raising=False)
+    monkeypatch.setattr(headless, "BROWSERS", ("no-such-browser",))
+    monkeypatch.setattr(headless, "APPLICATIONS", ())
+    with pytest.raises(ViewerError, match=r"no-such-browser is on PATH: install Chromium, .* PINPROOF_BROWSER"):
+        write_png(tmp_path / "a.png", small_arm())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_named_browser_that_is_not_there_is_said(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("PINPROOF_BROWSER", "gone-browser")
+    with pytest.raises(ViewerError, match="PINPROOF_BROWSER names gone-browser"):
+        write_png(tmp_path / "a.png", small_arm())
+
+
+@pytest.mark.parametrize("body", ["exit 1", "echo ERROR: no display >&2; exit 1", "echo pinproof: drawn >&2"])
+def test_a_browser_that_draws_nothing_leaves_no_file(tmp_path, program, body: str) -> None:
+    program(body)
+    with pytest.raises(ViewerError, match="drew no picture"):
+        write_png(tmp_path / "a.png", small_arm())
+    assert not (tmp_path / "a.png").exists()
+
+
+def test_a_browser_that_hangs_is_ended_with_all_it_started(tmp_path, program, monkeypatch) -> None:
+    monkeypatch.setattr(headless, "PATIENCE", 0.5)
+    program(f"sleep 60 & echo $! > {tmp_path}/child; wait")
+    began = time.monotonic()
+    with pytest.raises(ViewerError, match="did not draw the picture within"):
+        write_png(tmp_path / "a.png", small_arm())
+    assert time.monotonic() - began < 20
+    child = int((tmp_path / "child").read_text())
+    for _ in range(100):
+        try:
+            os.kill(child, 0)
+        except ProcessLookupError:
+            return
+        if Path(f"/proc/{child}/stat").exists() and " Z " in Path(f"/proc/{child}/stat").read_text():
+            return  # dead, and waiting for a parent that reads its code
+        time.sleep(0.05)
+    raise AssertionError("its child lives on")
+
+
+def test_what_cannot_be_drawn_is_refused_before_a_browser_is_asked(tmp_path) -> None:
+    arm, path = small_arm(), tmp_path / "a.png"
+    for settings, said in (
+        ({"time": 1.0}, "none is given"),
+        ({"trajectory": swing(arm), "time": 2.5}, "outside the trajectory"),
+        ({"size": (10, 10)}, "between"),
+        ({"trajectory": swing(arm), "q": [0, 0]}, "not both"),
+    ):
+        with pytest.raises(InputError, match=said):
+            write_png(path, arm, **settings)
+    with pytest.raises(UnknownNameError, match="collision"):
+        write_png(path, arm, layers=["collisions"])

@@ -18,6 +18,7 @@ import typer
 from pinproof import __version__
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
+from pinproof.cli.compiling import compile_kernels, hush
 from pinproof.cli.console import Stopped, complain, print_json
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
@@ -59,6 +60,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "urdf2dh": urdf2dh,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
+    "compile": compile_kernels,
 }
 """Each command by the words that call it; the first of two is a group's."""
 
@@ -99,6 +101,7 @@ def common(
 
 def main() -> None:
     """Run the command line; ends the process with one of the exit codes above."""
+    hush()
     try:
         code = _run()
         sys.stdout.flush()

@@ -9,6 +9,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.campaign import run_campaign
+from pinproof.cli.compiling import compile_ahead
 from pinproof.cli.console import print_json, print_report, say, working
 from pinproof.cli.outputs import file_stems, make_folder, write_motion
 from pinproof.cli.screen import run_screen
@@ -68,6 +69,8 @@ def pick(
                 raise InputError("--campaign writes rows to its folder as they come; -o adds a page of them (.html)")
             _check_output(output)
         arm, world, source = _read(pp.open_picks(file), file, robot, tcp, scene)
+        if dask is None:
+            compile_ahead()
         result = run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
         if output is not None:
             pp.write_report_page(output, result, arm, world, source.shared)
@@ -103,6 +106,7 @@ def judge_file(
     """The arm, the scene, the picks and the report of a picks file; what is given goes before what the file names."""
     arm, world, source = _read(pp.open_picks(file), file, robot, tcp, scene)
     picks = source.load()
+    compile_ahead()
     return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **where)
 
 

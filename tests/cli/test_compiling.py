@@ -1,0 +1,96 @@
+"""``pinproof compile``, and what commands compile ahead: in processes of its own, once, and never in the way."""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from pinproof.cli import compiling
+
+RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main; main()"
+
+
+@pytest.fixture
+def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[int]:
+    """How many processes were asked for, each time that jobs were run; ``tmp_path`` stands for the cache."""
+    asked: list[int] = []
+
+    def run_jobs(at_a_time: int) -> list[str]:
+        asked.append(at_a_time)
+        return []
+
+    monkeypatch.setattr("pinproof.kernels.compiled.CACHE", tmp_path)
+    monkeypatch.setattr(compiling, "_run_jobs", run_jobs)
+    monkeypatch.setattr(compiling, "_cores", lambda: 3)
+    return asked
+
+
+def test_it_is_done_once_and_told_in_one_line(runs: list[int], capsys: pytest.CaptureFixture[str]) -> None:
+    compiling.compile_ahead()
+    compiling.compile_ahead()
+    assert runs == [3]
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", "pinproof: compiling for this machine, once, in 3 processes: about 33 s ...\n")
+
+
+def test_what_failed_is_not_taken_for_done(runs: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+    run_jobs = compiling._run_jobs
+    monkeypatch.setattr(compiling, "_run_jobs", lambda at_a_time: [*run_jobs(at_a_time), "lines"])
+    compiling.compile_ahead()
+    compiling.compile_ahead()
+    assert runs == [3, 3]
+
+
+@pytest.mark.parametrize("reason", ["one core", "nothing can be kept"])
+def test_where_it_gains_nothing_it_is_left(runs: list[int], reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    if reason == "one core":
+        monkeypatch.setattr(compiling, "_cores", lambda: 1)
+    else:
+        monkeypatch.setattr("pinproof.kernels.compiled.CACHE", None)
+    compiling.compile_ahead()
+    assert runs == []
+
+
+def test_a_job_that_fails_is_named_and_the_process_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiling, "JOBS", {"no such job": compiling.compile_ahead})
+    assert compiling._run_jobs(1) == ["no such job"]
+
+
+def test_many_kernels_are_one_line(caplog: pytest.LogCaptureFixture) -> None:
+    compiling.hush()
+    logger = logging.getLogger("pinproof")
+    for one in logger.filters:
+        if isinstance(one, compiling._OnlyTheFirst):
+            one._told = False
+    for name in ("near", "sweep"):
+        logger.warning("pinproof: compiling %s.%s for this machine, %s ...", "room", name, "once")
+    logger.warning("another word")
+    first, other = (record.getMessage() for record in caplog.records)
+    assert first == "pinproof: compiling for this machine, once: up to a minute and a half in all ..."
+    assert other == "another word"
+
+
+def test_ctrl_c_ends_every_process(tmp_path: Path) -> None:
+    begun = subprocess.Popen(
+        [sys.executable, "-c", RUN_CLI, "compile", "--processes", "2"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+        start_new_session=True,
+    )
+    locks, end = tmp_path / "pinproof", time.monotonic() + 300
+    while len(list(locks.rglob("*.lock"))) < 2:  # both are at work
+        assert begun.poll() is None
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    os.killpg(begun.pid, signal.SIGINT)
+    out, err = begun.communicate(timeout=300)  # which waits for all that hold these pipes
+    assert (begun.returncode, out, err) == (130, "", "pinproof: interrupted; no answer was given\n")

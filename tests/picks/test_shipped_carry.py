@@ -44,6 +44,8 @@ def test_a_carried_pick_has_its_motions_in_order(report) -> None:
     verdict, row = report.verdicts[0], report.to_dict()["picks"][0]
     names = [motion.name for motion in verdict.motions]
     assert names == ["transit", "approach", "retreat", "transfer", "place", "leave"]
+    touching = {motion["name"]: motion["backwards"] for motion in row["motions"] if motion["partings"]}
+    assert touching == {"retreat": False, "place": True}  # leaves what it stands on; comes to stand
     assert 0 < row["grasp_time"] < verdict.release_time < row["duration"]
     assert row["clearance_proven"] == verdict.clearance
     assert report.to_dict()["picks"][3]["remedy"].startswith("passes the approach: approach ")

@@ -25,6 +25,7 @@ from pinproof.picks import (
     write_report_page,
 )
 from pinproof.picks.frames import NamedFrame
+from pinproof.picks.gripper import Fingers
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.report import page as page_module
 from pinproof.picks.report.motions import MOST_BYTES, RATE, Reel
@@ -252,6 +253,24 @@ def test_what_is_carried_moves_with_the_hand_and_stays_where_it_was_put(
     assert marks[0, 3, :3] == pytest.approx(tip.translation, abs=1e-6)  # where it was really taken
     assert marks[1, 3, :3] == pytest.approx([0.0, -0.4, 0.1], abs=1e-6)  # the frame it is given in
     assert opened.complaints == []
+    opened.close()
+
+
+def test_fingers_are_seen_apart_where_no_motion_brings_them(
+    browser: Browser, pages: Callable[[str], Path], report: PickReport
+) -> None:
+    path, thin = pages("fingers"), Box(0.02, 0.01, 0.06)
+    fingers = Fingers((Obstacle("left", thin), Obstacle("right", thin)), opening=0.06, grip=0.04)
+    write_report_page(path, report, ARM, SCENE, Picks((), fingers=fingers))
+    opened = browser.open(path.as_uri())
+    assert opened.text("#verdict") == "NOT VALIDATED"  # it was proven without fingers
+    hand = "pinproof.viewer.scene_tree.find(['open hand']).object.visible"
+    assert opened.evaluate(hand) is False
+    click(opened, "#rows tr:nth-child(1)")
+    assert opened.evaluate(hand) is True
+    for name, side in (("left", 0.03), ("right", -0.03)):
+        at = opened.evaluate(f"pinproof.viewer.scene_tree.find(['open hand', '{name}']).object.position.toArray()")
+        assert at == pytest.approx([0.5, side, 0.1], abs=1e-6)
     opened.close()
 
 

@@ -184,6 +184,9 @@ class Certificate:
         of the two bodies are apart at the middle (zeros where balls or boxes around them are).
     partings
         The pairs that were allowed to touch at the start, each with the proof that it parts.
+    backwards
+        Whether it was proven of the same curve run backwards: ``partings`` tell of that, and what may touch does so at
+        the curve's end.
     subject
         What it was recorded of, for :meth:`save`.
     """
@@ -205,6 +208,7 @@ class Certificate:
     tube: Tube | None = None
     evidence: Array | None = None
     partings: tuple[Parting, ...] = ()
+    backwards: bool = False
     subject: tuple[Curve, CollisionChecker] | None = field(default=None, repr=False)
 
     @property

@@ -97,7 +97,8 @@ def caption(
         proof = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
         clearance = ("Proven clearance", proven_millimetres(certificate.clearance))
         left_out = tuple(f"{' and '.join(pair.owners)}: {pair.reason}" for pair in certificate.excluded)
-        leaves = tuple(("Begins in contact", str(parting)) for parting in certificate.partings)
+        contact = "Ends in contact; told of the motion run backwards" if certificate.backwards else "Begins in contact"
+        leaves = tuple((contact, str(parting)) for parting in certificate.partings)
         return Caption("FREE", proof, "free", (*figures, clearance, duration, *leaves), left_out)
     if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
         reason = _contact(certificate.first_contact, certificate.margin)

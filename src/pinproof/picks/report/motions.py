@@ -18,7 +18,7 @@ from pinproof.viewer.stage import Stage
 from pinproof.viewer.surfaces import Surface
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
-__all__ = ["Reel"]
+__all__ = ["Reel", "surfaces_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -127,7 +127,7 @@ class Reel:
         """The node of something carried, drawn once however many picks carry the like."""
         if any(thing.name == each.name for each in self.scene.obstacles):
             return node_path("scene", thing.name)
-        surfaces = _surfaces(thing)
+        surfaces = surfaces_of(thing)
         key = (thing.name, b"".join(surface.vertices.tobytes() for surface in surfaces))
         if key not in drawn:
             drawn[key] = path = node_path("riders", str(len(drawn)))
@@ -143,7 +143,8 @@ def _phases(verdict: PickVerdict | None, always: set[str]) -> list[Phase]:
     return [Phase(each.trajectory, tuple(t for t in each.attached if t.name not in always)) for each in verdict.motions]
 
 
-def _surfaces(thing: Obstacle) -> list[Surface]:
+def surfaces_of(thing: Obstacle) -> list[Surface]:
+    """The pictures of a thing; none where they cannot be read."""
     try:
         return obstacle_surfaces(thing)
     except MeshError:  # a picture that is missing is no reason to show none

@@ -151,6 +151,7 @@ function pose(motion) {
   viewer.animator.pause();
   for (const command of settings.rest) viewer.handle_command(command);
   for (const other of motions) for (const path of Object.keys(other ? other.riders : {})) show_(path, false);
+  viewer.handle_command({ type: "set_property", path: "/open hand", property: "visible", value: !motion });
   if (trail) { trail.geometry.dispose(); trail.visible = false; trail = null; }
   if (motion) {
     for (const [path, matrix] of Object.entries(motion.riders)) {

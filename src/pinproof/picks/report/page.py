@@ -25,7 +25,7 @@ from pinproof.picks.frames import root_from_frame
 from pinproof.picks.pick import Picks
 from pinproof.picks.report.entries import KINDS, entry
 from pinproof.picks.report.framing import frame_picks
-from pinproof.picks.report.motions import Reel
+from pinproof.picks.report.motions import Reel, surfaces_of
 from pinproof.picks.report.report import PickReport
 from pinproof.picks.report.rows import problem_row, verdict_row
 from pinproof.picks.verdict import PickVerdict
@@ -34,7 +34,8 @@ from pinproof.viewer.animation import still
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
 from pinproof.viewer.markers import PoseMarkers
 from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.stage import set_stage
+from pinproof.viewer.stage import Stage, set_stage
+from pinproof.viewer.wire import Commands, node_path
 
 if TYPE_CHECKING:
     from pinproof.picks.campaign.result import CampaignResult
@@ -42,6 +43,9 @@ if TYPE_CHECKING:
 __all__ = ["MOST_ROWS", "write_report_page"]
 
 Array = npt.NDArray[np.float64]
+
+OPEN_HAND = "open hand"
+"""The node of the fingers at home; the page's script knows it by this name."""
 
 MOST_ROWS = 5000
 """A table that a browser scrolls and sorts without a wait. Of more rows the first are shown, and the page says so."""
@@ -127,6 +131,7 @@ def _render(
     poses = np.concatenate([rest.poses, reel.moments])
     view = frame_picks(stage, poses, np.concatenate([rest.tcp, reel.ways]), grasps)
     commands = stage_commands(stage, rest, view)
+    _draw_open_hand(commands, stage, home, picks)
     marked = [k for k, at in enumerate(placed) if at is not None]
     names = list(KINDS)
     colour_of = [names.index(rows[k].values["verdict"]) if rows[k].values["verdict"] in KINDS else -1 for k in marked]
@@ -166,6 +171,15 @@ def _chips(kinds: Counter[str]) -> str:
 
 def _items(texts: Iterable[str]) -> str:
     return "".join(f"<li>{escape(text)}</li>" for text in texts)
+
+
+def _draw_open_hand(commands: Commands, stage: Stage, home: Array, picks: Picks) -> None:
+    """Fingers as they stand apart at home; the page shows them while no motion brings its own."""
+    for thing in picks.fingers.apart() if picks.fingers is not None else ():
+        path = node_path(OPEN_HAND, thing.name)
+        for number, surface in enumerate(surfaces_of(thing)):
+            commands.set_surface(f"{path}/{number}", surface)
+        commands.set_transform(path, stage.tcp_pose(home) @ matrix(thing.pose))
 
 
 def _root_from_tip(values: dict[str, Any], arm: Arm, scene: Scene, picks: Picks) -> Array | None:

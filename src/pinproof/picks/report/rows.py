@@ -70,6 +70,7 @@ def _motion(motion: PickMotion) -> dict[str, Any]:
         "duration": motion.trajectory.duration,
         **_proven((motion.certificate,)),
         "attached": [thing.name for thing in motion.attached],
+        "backwards": motion.certificate.backwards,
         "partings": [str(parting) for parting in motion.certificate.partings],
     }
 

@@ -104,7 +104,7 @@ def _proof(part: _Part, trajectory: Trajectory) -> Certificate:
         return certify(trajectory, part.checker, parting=part.parting)
     proof = certify(_backwards(trajectory), part.checker, parting=part.parting)
     # the same configurations: what is proven of the one is proven of the other
-    return replace(proof, curve=curve_hash(trajectory), notes=(*proof.notes, BACKWARDS))
+    return replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
 
 
 def _backwards(trajectory: Trajectory) -> Trajectory:

@@ -105,6 +105,18 @@ def test_the_tip_is_what_reaches_the_points(ur5: pp.CollisionChecker) -> None:
     assert of_tip.manipulability == pytest.approx(of_tcp.manipulability)
 
 
+def test_a_robot_that_stands_elsewhere_sees_the_region_from_there(ur5: pp.CollisionChecker) -> None:
+    stands = pp.pose(xyz=(0.3, -0.2, 0.1), rpy=(0.0, 0.0, 0.7))
+    moved = pp.reach_map(ur5, BOX, DOWN, world_from_root=stands)
+    seen = (BOX.points - stands.translation) @ stands.rotation
+    turned = np.array([stands.rotation.T @ frame for frame in DOWN])
+    same = pp.reach_map(ur5, pp.Region(seen), turned)
+    assert np.array_equal(moved.free, same.free)
+    assert moved.free.any()
+    assert np.array_equal(moved.region.points, BOX.points)
+    assert "the robot at (0.3, -0.2, 0.1) m" in moved.title
+
+
 def test_a_wall_taken_away_is_only_won(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
     change = pp.ReachChange(map_of_ur5, pp.reach_map(ur5.with_scene(pp.Scene([TABLE])), BOX, DOWN))
     assert change.won.any()

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from enum import Enum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -17,9 +18,15 @@ from pinproof.cli.options import Chain, Json, Robot, Seed, Surroundings, numbers
 from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
 
+if TYPE_CHECKING:
+    from pinproof.spatial import SE3
+
 __all__ = ["reach"]
 
 SUFFIXES = (".csv", ".npz", ".png", ".html")
+
+POINT_SHARE, LARGEST_POINT = 0.4, 0.04
+"""How large points are drawn: of the distance between them, and in metres at most."""
 
 
 class Orientations(str, Enum):
@@ -40,13 +47,24 @@ def reach(
     angle: Annotated[float, typer.Option(help="Half the angle of the cone, in degrees.", min=0.0, max=180.0)] = 30.0,
     directions: Annotated[int, typer.Option(help="Directions in the cone, or all round.", min=1)] = 12,
     spins: Annotated[int, typer.Option(help="Turns about each direction.", min=1)] = 8,
-    tip: Annotated[str, typer.Option(help='Where on the tcp the tool\'s tip is, in metres: "0 0 0.1".')] = "0 0 0",
+    tip: Annotated[
+        str | None, typer.Option(help='Where on the tcp the tool\'s tip is, in metres: "0 0 0.1"; a point, not a body.')
+    ] = None,
+    tool_of: Annotated[
+        Path | None, typer.Option(help="A picks file whose tool the arm carries, with its tip, margin and held joints.")
+    ] = None,
+    place: Annotated[
+        str, typer.Option(help='Where the robot stands among scene and region: "x y z", and a turn about z (rad).')
+    ] = "0 0 0 0",
     output: Annotated[
         list[Path] | None,
         typer.Option("-o", "--output", help="The map: .csv, .npz, .png (slices), .html; repeatable."),
     ] = None,
     against: Annotated[
-        Path | None, typer.Option(help="A map (.npz) of another set-up: say what was won and lost since.")
+        Path | None,
+        typer.Option(
+            help="A map (.npz) of another set-up: say, and show in what -o writes but .npz, what was won and lost."
+        ),
     ] = None,
     threads: Annotated[int, typer.Option(help="Threads that share the work.", min=1)] = 1,
     seed: Seed = 0,
@@ -65,15 +83,21 @@ def reach(
     for path in outputs:
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path}: a reach map is written as {', '.join(SUFFIXES)}")
-    check_outputs(outputs, [robot, around.scene, chain.srdf, against])
+    check_outputs(outputs, [robot, around.scene, chain.srdf, against, tool_of])
     before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
+    stands = _place(place)
+    shared = pp.Picks(()) if tool_of is None else pp.open_picks(tool_of).shared
     arm = chain.arm(robot)
+    arm = arm.with_held(shared.held) if shared.held else arm
     world = around.load()
-    checker = around.checker(arm, world)
+    # the scene as the robot sees it from where it stands
+    seen = replace(world, obstacles=tuple(replace(o, pose=stands.actInv(o.pose)) for o in world.obstacles))
+    margin = max(around.margin, shared.margin)
+    checker = pp.CollisionChecker(arm, seen, margin=margin, attached=shared.open_tool)
     half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
     frames = pp.tool_orientations(pp.approach_directions(half_angle=half, count=directions), spins)
-    tcp_from_tip = pp.pose(numbers(tip, "--tip"))
+    tcp_from_tip = shared.tip if tip is None else pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
         found = pp.reach_map(
@@ -81,6 +105,7 @@ def reach(
             grid,
             frames,
             tip=tcp_from_tip,
+            world_from_root=stands,
             rng=seed,
             threads=threads,
             progress=lambda done, _: bar.update(task, completed=done),
@@ -88,12 +113,12 @@ def reach(
     change = None if before is None else pp.ReachChange(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
-            words = pp.ColouredPoints.of_values(
-                grid.points, found.free_share, label="share free:", size=min(0.35 * step, 0.03)
-            )
-            pp.write_html(path, arm, world, points=words, title=f"{arm.robot.name}: reach")
-        else:
+            title = f"{arm.robot.name}: reach" + ("" if change is None else ", won and lost")
+            pp.write_html(path, arm, seen, points=_points(found, change, stands, step), title=title)
+        elif change is None or path.suffix.lower() == ".npz":
             found.save(path)
+        else:
+            change.save(path)
     if as_json:
         figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
         counts = {"points": len(grid), "orientations": len(frames), "complete": found.complete}
@@ -107,6 +132,26 @@ def reach(
             say(f"wrote {', '.join(map(str, outputs))}")
     if not found.free.any():
         raise typer.Exit(1)
+
+
+def _points(found: pp.ReachMap, change: pp.ReachChange | None, stands: SE3, step: float) -> pp.ColouredPoints:
+    """Points where something is reached, or changed, as the robot sees them; the others would hide these."""
+    values = found.free_share if change is None else change.won.mean(axis=1) - change.lost.mean(axis=1)
+    told = values > 0 if change is None else (change.won | change.lost).any(axis=1)
+    seen = (found.region.points[told] - stands.translation) @ stands.rotation
+    size = min(POINT_SHARE * step, LARGEST_POINT)
+    if change is None:
+        return pp.ColouredPoints.of_values(seen, values[told], label="share free:", size=size)
+    return pp.ColouredPoints.of_values(
+        seen, values[told], label="won less lost:", low=-1.0, high=1.0, colours="RdBu", size=size
+    )
+
+
+def _place(text: str) -> SE3:
+    told = numbers(text, "--place")
+    if len(told) not in (3, 4):
+        raise InputError(f'--place: "x y z", and a turn about z, are three numbers or four, not {len(told)}')
+    return pp.pose(told[:3], (0.0, 0.0, told[3] if len(told) == 4 else 0.0))
 
 
 def _region(text: str, step: float) -> pp.Region:

@@ -30,6 +30,7 @@ def reach_map(
     orientations: npt.ArrayLike,
     *,
     tip: SE3 | npt.ArrayLike | None = None,
+    world_from_root: SE3 | npt.ArrayLike | None = None,
     attempts: int = 4,
     rng: int = 0,
     threads: int = 1,
@@ -51,6 +52,9 @@ def reach_map(
         (m, 3, 3) ``root_from_tip`` rotations, as :func:`tool_orientations` makes them.
     tip
         ``tcp_from_tip``: what is put onto the points; by default the tcp itself.
+    world_from_root
+        Where the robot stands in the frame of the region and the orientations, to compare places for it; the checker's
+        scene stays in the robot's root frame. By default they are one.
     attempts
         Starts of the search for arms without a closed form.
     rng
@@ -69,7 +73,8 @@ def reach_map(
     frames = _frames(orientations)
     arm = checker.arm
     tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))
-    before, after = np.linalg.inv(matrix(arm.root_from_base)), np.linalg.inv(tcp_from_tip)
+    place = rigid("world_from_root", SE3.Identity() if world_from_root is None else world_from_root)
+    before, after = np.linalg.inv(matrix(place * arm.root_from_base)), np.linalg.inv(tcp_from_tip)
     screening = Screening(checker, arm.home, attempts=attempts, rng=rng, why=False, clearance=True)
     points, m = len(region), len(frames)
     total = points * m
@@ -101,8 +106,23 @@ def reach_map(
         figures[:, 0].reshape(shape),
         figures[:, 1].reshape(shape),
         screening.complete,
-        f"{arm.robot.name}, {arm.base} to {arm.tcp}, {len(checker.scene.obstacles)} obstacles",
+        _title(checker, tcp_from_tip, place),
     )
+
+
+def _title(checker: CollisionChecker, tcp_from_tip: Array, place: SE3) -> str:
+    """What was looked at, in words."""
+    arm, tool = checker.arm, ", ".join(body.name for body in checker.attached)
+    tip, stands = tcp_from_tip[:3, 3], place.translation
+    words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene.obstacles)} obstacles"]
+    words += [f"with {tool}"] if tool else []
+    words += [f"tip {_metres(tip)} m from the tcp"] if tip.any() else []
+    words += [f"the robot at {_metres(stands)} m"] if stands.any() else []
+    return ", ".join(words)
+
+
+def _metres(point: Array) -> str:
+    return f"({', '.join(f'{value:.3g}' for value in point)})"
 
 
 def _frames(orientations: npt.ArrayLike) -> Array:

@@ -24,7 +24,7 @@ class ReachMap:
     Parameters
     ----------
     region
-        The N points, in the frame of the robot's root link.
+        The N points, in the frame of the robot's root link, or of the world it was placed in.
     orientations
         (m, 3, 3) ``root_from_tip``.
     reachable

@@ -1,0 +1,80 @@
+"""``pinproof reach``: set-ups compared, tools of picks files, what is written."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.cli.main import main
+from pinproof.description import robots_folder
+
+Run = Callable[..., tuple[int, str, str]]
+CELL = robots_folder() / "generic_6dof"
+REGION = ("--region", "0.2 0.6 -0.3 0.3 0.06 0.06", "--step", "0.2", "--spins", "2")
+
+
+@pytest.fixture
+def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    """Run a command line in this process, in an empty folder: exit code, stdout, stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", "reach", "generic_6dof", *REGION, *words])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+def test_the_tool_of_a_picks_file_is_a_body_and_not_a_tip_alone(run: Run) -> None:
+    scene = ("--scene", str(CELL / "scene.yaml"))
+    assert run(*scene, "--tip", "0 0 0.105", "-o", "tip.npz")[0] == 0
+    assert run(*scene, "--tool-of", str(CELL / "picks.yaml"), "-o", "tool.npz")[0] == 0
+    tip, tool = pp.ReachMap.load("tip.npz"), pp.ReachMap.load("tool.npz")
+    assert "with picker, tip (0, 0, 0.105) m from the tcp" in tool.title
+    assert not (tool.free & ~tip.free).any()
+    picks = pp.read_picks(CELL / "picks.yaml")
+    arm, rows = pp.load_robot("generic_6dof").arm(), []
+    for point in tool.region.points:
+        for rotation in tool.orientations:
+            rows.append(np.eye(4))
+            rows[-1][:3, :3], rows[-1][:3, 3] = rotation, point
+    screened = pp.screen_picks(
+        arm, pp.Scene.load(CELL / "scene.yaml"), np.array(rows),
+        tip=picks.tip, tool=picks.open_tool, margin=picks.margin,
+    )  # fmt: skip
+    np.testing.assert_array_equal(screened.free, tool.free.ravel())
+
+
+def test_a_robot_that_is_moved_is_compared_with_where_it_stood(run: Run) -> None:
+    scene = ("--scene", str(CELL / "scene.yaml"))
+    assert run(*scene, "-o", "here.npz")[0] == 0
+    code, out, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "-o", "c.csv", "-o", "c.html")
+    assert code == 0
+    assert "won" in out
+    assert Path("c.csv").read_text().startswith("x,y,z,before,after,won,lost")
+    assert "won less lost" in Path("c.html").read_text()
+    arm, world = pp.load_robot("generic_6dof").arm(), pp.Scene.load(CELL / "scene.yaml")
+    before = pp.ReachMap.load("here.npz")
+    stands = pp.pose((-0.2, 0.0, 0.0), (0.0, 0.0, 0.3))
+    seen = pp.Scene(
+        [pp.Obstacle(o.name, o.shape, stands.actInv(o.pose)) for o in world.obstacles], allowed=world.allowed
+    )
+    checker = pp.CollisionChecker(arm, seen)
+    after = pp.reach_map(checker, before.region, before.orientations, world_from_root=stands)
+    code, told, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "--json")
+    assert json.loads(told)["won"] == (after.free & ~before.free).sum()
+    assert json.loads(told)["lost"] == (before.free & ~after.free).sum()
+
+
+def test_a_place_that_makes_no_sense_is_refused(run: Run) -> None:
+    code, _, err = run("--place", "1 2")
+    assert code == 2
+    assert "--place" in err

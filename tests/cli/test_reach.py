@@ -74,6 +74,13 @@ def test_a_robot_that_is_moved_is_compared_with_where_it_stood(run: Run) -> None
     assert json.loads(told)["lost"] == (before.free & ~after.free).sum()
 
 
+def test_a_foot_that_stands_in_an_obstacle_is_told(run: Run) -> None:
+    code, out, err = run("--scene", str(CELL / "scene.yaml"), "--place", "0.4 -0.15 0")
+    assert code == 1
+    assert "0.0% reachable and free" in out
+    assert "nothing can be free: base_link" in err
+
+
 def test_a_place_that_makes_no_sense_is_refused(run: Run) -> None:
     code, _, err = run("--place", "1 2")
     assert code == 2

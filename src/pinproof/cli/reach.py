@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 import pinproof as pp
-from pinproof.cli.console import print_json, say
+from pinproof.cli.console import print_json, remark, say
 from pinproof.cli.options import Chain, Json, Robot, Seed, Surroundings, numbers
 from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
@@ -95,6 +95,8 @@ def reach(
     seen = replace(world, obstacles=tuple(replace(o, pose=stands.actInv(o.pose)) for o in world.obstacles))
     margin = max(around.margin, shared.margin)
     checker = pp.CollisionChecker(arm, seen, margin=margin, attached=shared.open_tool)
+    for k, measured in checker.still.touching:
+        remark(f"nothing can be free: {checker.contact(k, measured)}, whatever the arm does")
     half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
     frames = pp.tool_orientations(pp.approach_directions(half_angle=half, count=directions), spins)
     tcp_from_tip = shared.tip if tip is None else pp.pose(numbers(tip, "--tip"))
@@ -114,7 +116,8 @@ def reach(
     for path in outputs:
         if path.suffix.lower() == ".html":
             title = f"{arm.robot.name}: reach" + ("" if change is None else ", won and lost")
-            pp.write_html(path, arm, seen, points=_points(found, change, stands, step), title=title)
+            cloud = _points(found, change, stands, step)
+            pp.write_html(path, arm, seen, points=cloud, attached=checker.attached, title=title)
         elif change is None or path.suffix.lower() == ".npz":
             found.save(path)
         else:

@@ -82,6 +82,13 @@ class Support:
         reach = float((self.points @ direction + self.disc_radii * flat).max()) + self.radius
         return reach + float(np.linalg.norm(self.semi_axes * direction))
 
+    def reaches(self, directions: Array) -> Array:
+        """(d,) the same for directions (d, 3) of any length, 0 too."""
+        flat = np.sqrt((directions[:, :2] ** 2).sum(axis=1))
+        reach = (directions @ self.points.T + flat[:, None] * self.disc_radii).max(axis=1)
+        length = np.sqrt((directions**2).sum(axis=1))
+        return np.asarray(reach + self.radius * length + np.sqrt(((self.semi_axes * directions) ** 2).sum(axis=1)))
+
 
 @dataclass(frozen=True, eq=False)
 class Body:

@@ -15,7 +15,7 @@ from pinproof.collision.bodies import Body
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
 
-__all__ = ["GJK_SLACK", "GJK_TOLERANCE", "ByCoal", "Distance", "geometry_model", "measure_convex"]
+__all__ = ["GJK_SLACK", "GJK_TOLERANCE", "ByCoal", "Distance", "MeasureConvex", "geometry_model"]
 
 Array = npt.NDArray[np.float64]
 
@@ -62,15 +62,21 @@ class Distance(NamedTuple):
     """(3,) the unit vector from the first body to the second, in the root frame."""
 
 
-def measure_convex(one: Body, at: Array, other: Body, other_at: Array) -> Distance:
-    """The distance of two convex bodies that stand at ``at`` and ``other_at``: rotation row by row, translation."""
-    request, result = coal.DistanceRequest(), coal.DistanceResult()
-    _settle(request)
-    places = (coal.Transform3s(place[:9].reshape(3, 3), place[9:12]) for place in (at, other_at))
-    first, second = places
-    distance = float(coal.distance(one.geometry, first, other.geometry, second, request, result))
-    points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
-    return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
+class MeasureConvex:
+    """Measures the distance of two convex bodies; one a thread."""
+
+    def __init__(self) -> None:
+        self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
+        _settle(self._request)
+
+    def __call__(self, one: Body, at: Array, other: Body, other_at: Array) -> Distance:
+        """Their distance where they stand at ``at`` and ``other_at``: rotation row by row, translation."""
+        first, second = (coal.Transform3s(place[:9].reshape(3, 3), place[9:12]) for place in (at, other_at))
+        result = self._result
+        result.clear()
+        distance = float(coal.distance(one.geometry, first, other.geometry, second, self._request, result))
+        points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
+        return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
 
 
 def _settle(request: Any) -> None:

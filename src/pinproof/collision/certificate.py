@@ -7,8 +7,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -38,6 +39,9 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float64]
+
+ARMS_KEPT = 8
+"""Arms whose hashes are kept: a task has one, or one for each way its fingers stand."""
 
 
 class CertificateStatus(Enum):
@@ -267,11 +271,7 @@ def curve_hash(curve: Curve) -> str:
 
 def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
     """A hash of an arm (kinematics, held joints, collision geometry), what it carries, and a scene; meshes by file."""
-    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
-    for geometry in arm.robot.urdf.collisions:
-        mesh = None if geometry.mesh is None else geometry.mesh.uri
-        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh)).encode())
-        digest.update(np.ascontiguousarray(geometry.origin).tobytes())
+    digest = _hash_of(arm).copy()
     digest.update(repr(scene.allowed).encode())
     for obstacle in (*attached, None, *scene.obstacles):
         if obstacle is None:  # what is carried ends, what stands around begins
@@ -279,6 +279,16 @@ def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str
             continue
         digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
     return digest.hexdigest()
+
+
+@lru_cache(maxsize=ARMS_KEPT)
+def _hash_of(arm: Arm) -> Any:
+    digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
+    for geometry in arm.robot.urdf.collisions:
+        mesh = None if geometry.mesh is None else geometry.mesh.uri
+        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh)).encode())
+        digest.update(np.ascontiguousarray(geometry.origin).tobytes())
+    return digest
 
 
 def free_sentence(proven: float, seen: float, pairs: int) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.by_coal import ByCoal, Distance, measure_convex
+from pinproof.collision.by_coal import ByCoal, Distance, MeasureConvex
 
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
@@ -59,6 +59,7 @@ class Placed:
         self._pairs = np.full((3, max(len(checker.pairs), near.LIKELY)), -1)
         self._moves = 0
         self._coal: ByCoal | None = None
+        self._convex: MeasureConvex | None = None
 
     def judge(self, q: Array) -> int:
         """Place every body at q (n,), and say what :func:`pinproof.kernels.near.touching` does."""
@@ -105,7 +106,9 @@ class Placed:
             return Distance(lower, lower, upper, points, normal)
         i, j = self._checker.pairs[k]
         bodies = self._checker.bodies
-        deep = measure_convex(bodies[i], self.at[i], bodies[j], self.at[j])
+        if self._convex is None:
+            self._convex = MeasureConvex()
+        deep = self._convex(bodies[i], self.at[i], bodies[j], self.at[j])
         return deep._replace(distance=min(deep.distance, upper), proven=lower, attained=upper)
 
     def touches(self, k: int) -> bool:

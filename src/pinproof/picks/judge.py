@@ -8,6 +8,7 @@ farthest.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from pinproof.picks.pick import Pick
 from pinproof.picks.search import BestFirst, Whole
 from pinproof.picks.stages.cell import Cell
 from pinproof.picks.stages.grasp import screen
-from pinproof.picks.stages.impossible import refuted_at_the_end
+from pinproof.picks.stages.impossible import refuted_by_name, unreached
+from pinproof.picks.stages.lines import Way
 from pinproof.picks.stages.reach import Reached, every_branch_is_known, reach
 from pinproof.picks.stages.remedy import remedy
 from pinproof.picks.stages.task import Task
@@ -25,6 +27,13 @@ from pinproof.picks.stages.timing import Timed, time_whole
 from pinproof.picks.verdict import PickStatus, PickVerdict, Stage, StageResult
 
 __all__ = ["judge"]
+
+
+class _Ring(NamedTuple):
+    """The verdict on a ring, and, if a line failed, the way that came farthest."""
+
+    verdict: PickVerdict
+    way: Way | None = None
 
 
 def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
@@ -44,19 +53,19 @@ def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
         task = Task(pick, cell)
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
-    farthest, tried, members = None, 0, 0
+    tried, members, judged = 0, 0, list[_Ring]()
     for ring in task.rings():
-        verdict = _ring(task, ring, seeds)
+        judged.append(_ring(task, ring, seeds))
+        verdict = judged[-1].verdict
         tried, members = tried + verdict.configurations, members + len(ring)
         if verdict.ok:
             return replace(verdict, pick=pick, configurations=tried)
-        if farthest is None or len(verdict.stages) > len(farthest.stages):
-            farthest = verdict
-    return replace(_no(task, farthest or verdict, tried, members, seeds[3]), pick=pick)
+    return replace(_no(task, judged, tried, members, seeds[3]), pick=pick)
 
 
-def _no(task: Task, farthest: PickVerdict, tried: int, members: int, seed: int) -> PickVerdict:
+def _no(task: Task, rings: list[_Ring], tried: int, members: int, seed: int) -> PickVerdict:
     """The verdict on a pick of which no ring is good: that of the ring that came farthest, and what would work."""
+    farthest, way = max(rings, key=lambda ring: len(ring.verdict.stages))
     status, stages = farthest.status, farthest.stages
     # of a range of turns or a tolerance only some places were tried: the grasps between them are not refuted
     if task.sampled:
@@ -68,11 +77,11 @@ def _no(task: Task, farthest: PickVerdict, tried: int, members: int, seed: int) 
         stages=stages,
         configurations=tried,
         refuted=farthest.refuted if status is PickStatus.IMPOSSIBLE else (),
-        remedy=remedy(task, farthest.stages[-1], seed),
+        remedy=remedy(task, farthest.stages[-1], way, seed),
     )
 
 
-def _ring(task: Task, ring: list[Member], seeds: list[int]) -> PickVerdict:
+def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
     """The verdict on grasps that are as far from the nominal one as each other."""
     pick = task.pick
     start = (StageResult(Stage.INPUT, True, "read"),)
@@ -80,7 +89,7 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> PickVerdict:
     stages = (*start, *reached.stages)
     if not len(reached.q):
         status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
-        return PickVerdict(pick, status, stages, refuted=reached.refuted)
+        return _Ring(PickVerdict(pick, status, stages, refuted=reached.refuted))
     tried = len(reached.q)
     screened = screen(task, ring, reached)
     stages = (*stages, *screened.stages)
@@ -88,24 +97,33 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> PickVerdict:
         if (finer := _finer(task, reached)) is not None:
             return _ring(finer, ring, seeds)
         known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in ring])
-        status = PickStatus.IMPOSSIBLE if known else PickStatus.NOT_FOUND
-        return PickVerdict(pick, status, stages, tried, refuted=screened.refuted)
+        if known:
+            reachable = set(reached.member.tolist())
+            refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(ring) if i not in reachable))
+            return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
+        said = f"{stages[-1].message}; of all there may be, {_configurations(tried)} were tried"
+        stages = (*stages[:-1], replace(stages[-1], message=said))
+        return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
     search = BestFirst(task, screened.candidates, seeds[1:3])
     while (whole := search.run() or search.anyhow()) is not None:
         result, timed = time_whole(task, whole.way, whole.path, whole.placing)
         if timed is not None:
-            return _good(task, whole, (*stages, *whole.stages, _compared(result, search)), timed, tried)
+            return _Ring(_good(task, whole, (*stages, *whole.stages, _compared(result, search)), timed, tried))
         search.give_up(whole, (*whole.stages, result))
     if search.failed:
-        return PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried)
+        return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried))
     best = max(search.ways, key=lambda way: (len(way.stages), way.fraction))
-    refuted = refuted_at_the_end(task, ring, best.stages[-1].stage, seeds[0])
+    refuted = refuted_by_name(task, ring, seeds[0])
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
     last = best.stages[-1]
     if not refuted:
         of = f"; {len(search.ways)} of {len(screened.candidates)} free configurations were tried"
         last = replace(last, message=last.message + of)
-    return PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted)
+    return _Ring(PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted), best)
+
+
+def _configurations(count: int) -> str:
+    return f"{count} configuration{'' if count == 1 else 's'}"
 
 
 def _compared(result: StageResult, search: BestFirst) -> StageResult:

@@ -21,7 +21,7 @@ from pinproof.picks.stages.grasp import Candidate, limit_margin
 from pinproof.picks.stages.lines import Way, along
 from pinproof.picks.stages.place import Placer, Placing
 from pinproof.picks.stages.score import Scoring
-from pinproof.picks.stages.seconds import at_full_speed, least_seconds
+from pinproof.picks.stages.seconds import at_full_speed
 from pinproof.picks.stages.task import Task
 from pinproof.picks.stages.transit import Crossing, transit, whole_turns
 from pinproof.picks.verdict import Stage, StageResult
@@ -80,8 +80,7 @@ class BestFirst:
         self._task, self._budget, self._seeds, self._bounded = task, task.cell.budget, seeds, bounded
         self._candidates = candidates
         self._placer = Placer(task, seeds[0])
-        releases = {each.member.words: self._placer.releases(each.member) for each in candidates}
-        self._scoring = Scoring.of(task, candidates, releases)
+        self._scoring = Scoring.of(task, candidates, self._placer.rest)
         self._order = np.argsort(-self._scoring.bounds, kind="stable").tolist()
         self._next = 0
         self._open: list[_Open] = []
@@ -225,9 +224,8 @@ class BestFirst:
         return self._scoring.scores(clearance, margins, way.candidate.parts["manipulability"], seconds)
 
     def _rest(self, way: Way) -> float:
-        """Seconds that it takes at least from the end of the retreat to where the object is let go."""
-        releases = self._placer.releases(way.candidate.member)
-        return float(least_seconds(self._task.arm, way.exit[None], releases).min()) if len(releases) else 0.0
+        """Seconds that it takes at least from the end of the retreat on."""
+        return float(self._placer.rest(way.candidate.member, way.exit[None])[0])
 
     def _parts(self, crossing: Crossing, placing: Placing | None) -> dict[str, float]:
         """The parts of the score of a whole pick; where it is still to be put down, what they are at most."""

@@ -17,7 +17,7 @@ from pinproof.picks.verdict import Stage, StageResult
 from pinproof.planning import LinearMove, plan_linear
 from pinproof.spatial import SE3
 
-__all__ = ["Line", "Pairs", "Way", "along", "line", "shifted", "span"]
+__all__ = ["Line", "Pairs", "Way", "along", "line", "line_in", "line_out", "shifted", "span"]
 
 Array = npt.NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]
@@ -97,18 +97,27 @@ def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
 
 def along(task: Task, candidate: Candidate) -> Way:
     """A configuration judged on approach and retreat."""
-    pick, member, q = task.pick, candidate.member, candidate.q
-    root_from_tip = task.grasp(member)
-    # The approach is planned from the grasp outwards, so that both moves share its configuration to the last bit.
-    into = line(Stage.APPROACH, task, task.at_grasp, q, task.approach_end(root_from_tip), pick.approach)
+    into, shift = line_in(task, candidate), np.zeros(task.arm.dof)
     if not into.result.ok:
-        return Way(candidate, (into.result,), fraction=into.fraction)
-    carrying = task.carrying(member)
-    parting = task.supports(carrying, q, pick.support)
-    out = line(Stage.RETREAT, task, carrying, q, task.retreat_end(root_from_tip), pick.retreat, parting)
-    stages, shift = (into.result, out.result), np.zeros(task.arm.dof)
-    clearance = min(into.clearance, out.clearance)
+        return Way(candidate, (into.result,), shift=shift, fraction=into.fraction)
+    out, parting = line_out(task, candidate)
+    stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
     return Way(candidate, stages, into.path, out.path, parting, shift, out.fraction, clearance)
+
+
+def line_in(task: Task, candidate: Candidate) -> Line:
+    """The approach, planned from the grasp outwards: so both moves share its configuration to the last bit."""
+    end = task.approach_end(task.grasp(candidate.member))
+    return line(Stage.APPROACH, task, task.at_grasp, candidate.q, end, task.pick.approach)
+
+
+def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
+    """The retreat, and the pairs of the object and what it leaves on it."""
+    member, q = candidate.member, candidate.q
+    carrying = task.carrying(member)
+    parting = task.supports(carrying, q, task.pick.support)
+    end = task.retreat_end(task.grasp(member))
+    return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting), parting
 
 
 def line(

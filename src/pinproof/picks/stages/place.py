@@ -7,12 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.ik import Clik
 from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.configurations import configurations
 from pinproof.picks.family import Member
 from pinproof.picks.pick import Place, moved
 from pinproof.picks.stages.grasp import contact_words
 from pinproof.picks.stages.lines import Pairs, Way, line, shifted, span
+from pinproof.picks.stages.reach import every_branch
 from pinproof.picks.stages.seconds import least_seconds
 from pinproof.picks.stages.task import Task
 from pinproof.picks.stages.transit import planner, shortened
@@ -72,6 +74,7 @@ class Placer:
         self._task, self._seed = task, seed
         self._releases: dict[str, Array] = {}
         self._downs: dict[tuple[str, int], _Down] = {}
+        self._tails: dict[tuple[str, bool], tuple[Array, Array]] = {}
 
     def releases(self, member: Member) -> Array:
         """(m, n) the configurations at which a member of the family lets go; none where nothing is put down."""
@@ -83,6 +86,34 @@ class Placer:
             self._releases[member.words] = configurations(task.arm, target, task.cell.home, self._seed)[1]
         return self._releases[member.words]
 
+    def rest(self, member: Member, q: Array, exact: bool = True) -> Array:
+        """(k,) seconds that it takes at least from each of q (k, n), behind the retreat, to the end; 0 without a place.
+
+        If ``exact``, by way of the configurations at both ends of the lines, where all of them are known.
+        """
+        key = member.words, exact
+        if key not in self._tails:
+            self._tails[key] = self._tail(member, exact)
+        first, seconds = self._tails[key]
+        if not len(first):
+            return np.zeros(len(q))
+        return np.asarray((least_seconds(self._task.arm, q, first) + seconds).min(axis=1))
+
+    def _tail(self, member: Member, exact: bool) -> tuple[Array, Array]:
+        """Where a transfer may end (m, n), and the seconds (m,) that it takes at least from there on."""
+        task, arm, here = self._task, self._task.arm, self.releases(member)
+        seconds, asked = np.zeros(len(here)), task.place
+        if asked is None or not len(here):
+            return here, seconds
+        release = task.release(member)
+        above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
+        off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
+        if len(behind := every_branch(task, off, exact and asked.retreat > 0)):
+            seconds = least_seconds(arm, here, behind).min(axis=1)
+        if len(before := every_branch(task, above, exact and asked.approach > 0)):
+            return before, (least_seconds(arm, before, here) + seconds).min(axis=1)
+        return here, seconds
+
     def place(self, way: Way, seeds: list[int]) -> tuple[StageResult, Placing | None]:
         """Put down what a way has grasped: at the first release that works, the nearest in time first."""
         task, member = self._task, way.candidate.member
@@ -90,7 +121,7 @@ class Placer:
             return StageResult(Stage.PLACE, True, "none asked for"), None
         many = self.releases(member)
         if not len(many):
-            return StageResult(Stage.PLACE, False, "no configuration was found where the object is let go"), None
+            return self._out_of_reach(member), None
         nearest = np.argsort(least_seconds(task.arm, way.exit[None], many)[0], kind="stable")
         best = StageResult(Stage.PLACE, False, "")
         for index in nearest[: task.cell.budget.configurations].tolist():
@@ -100,7 +131,18 @@ class Placer:
                 return result, found
             if not best.message or result.figures["passed"] > best.figures["passed"]:
                 best = result
+        if len(many) > 1:
+            tried = min(len(many), task.cell.budget.configurations)
+            best = replace(best, message=f"{best.message}; {tried} of {len(many)} configurations there were tried")
         return best, None
+
+    def _out_of_reach(self, member: Member) -> StageResult:
+        task = self._task
+        nearest = Clik().solve(task.arm, task.target(task.release(member)), task.cell.home, rng=self._seed)
+        short = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg short"
+        said = f"no configuration was found where the object is let go: the nearest is {short}"
+        figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
+        return StageResult(Stage.PLACE, False, said, figures)
 
     def _down(self, asked: Place, member: Member, index: int) -> _Down:
         """The lines of one of the releases."""

@@ -15,7 +15,7 @@ from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
 from pinproof.spatial import SE3, twist_size
 
-__all__ = ["Reached", "every_branch_is_known", "reach"]
+__all__ = ["Reached", "every_branch", "every_branch_is_known", "reach"]
 
 Array = npt.NDArray[np.float64]
 
@@ -82,6 +82,13 @@ def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None
     return True
 
 
+def every_branch(task: Task, root_from_tip: SE3, wanted: bool = True) -> Array:
+    """(m, n) all configurations at a pose; none where not all are known, or they are not wanted."""
+    if not wanted or not every_branch_is_known(task, [task.target(root_from_tip)]):
+        return np.empty((0, task.arm.dof))
+    return configurations(task.arm, task.targets([root_from_tip]), task.cell.home, 0)[1]
+
+
 def _none(task: Task, members: list[Member], targets: list[SE3], seed: int) -> Reached:
     """Why no configuration was found: limits alone, or reach."""
     arm, wide, limits = task.arm, task.cell.wide_arm, task.arm.limits
@@ -104,7 +111,9 @@ def _none(task: Task, members: list[Member], targets: list[SE3], seed: int) -> R
     best = int(np.argmin(by))
     if by[best] == 0.0:  # a search that only met it under wider limits
         return _reached(task, members, targets, row[[best]], np.array([inside[best]]))
+    beyond = np.abs(inside[best] - limits.clip(inside[best]))
     outside = "; ".join(limits.violations(inside[best], arm.joint_names))
+    outside += f" ({', '.join(f'{arm.joint_names[j]} by {beyond[j]:.3g}' for j in np.flatnonzero(beyond))})"
     figures = {"outside": by[best], "configurations": float(len(inside))}
     reached = StageResult(
         Stage.REACH, True, "reachable if limits are left aside", {"configurations": float(len(inside))}

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.ik import Clik
+from pinproof.picks.configurations import configurations
 from pinproof.picks.family import Member, Spin, Tolerance, family
-from pinproof.picks.pick import TIP
+from pinproof.picks.pick import ROOT, TIP, Place
 from pinproof.picks.stages.grasp import rank
-from pinproof.picks.stages.lines import along
+from pinproof.picks.stages.lines import Way, line_in, line_out
 from pinproof.picks.stages.reach import reach
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
@@ -37,13 +38,25 @@ STRETCHES = (1.02, 1.1, 1.25, 1.5, 2.0)
 WAYS_A_MEMBER = 2
 """Configurations of each changed grasp whose lines are tried."""
 
+UP = (0.0, 0.0, 1.0)
+
 STEP = 1e-3
 """Metres: distances that work are told to the millimetre."""
 
 
-def remedy(task: Task, failed: StageResult, seed: int) -> str:
-    """The nearest changes that pass the stage, in words; empty if none was found within the budget."""
+def remedy(task: Task, failed: StageResult, way: Way | None, seed: int) -> str:
+    """The nearest changes that pass the stage, in words; empty if none was found within the budget.
+
+    Parameters
+    ----------
+    failed
+        The stage.
+    way
+        If a line failed: the way that came farthest.
+    """
     tries = task.cell.budget.remedies
+    if tries and failed.stage is Stage.PLACE and task.place is not None:
+        return _nearer(task, task.place, seed)
     if not tries or failed.stage not in (
         Stage.REACH,
         Stage.LIMITS,
@@ -53,7 +66,7 @@ def remedy(task: Task, failed: StageResult, seed: int) -> str:
         Stage.RETREAT,
     ):
         return ""
-    found: list[str | None] = [_shorter(task, failed, seed, tries)]
+    found: list[str | None] = [_shorter(task, failed.stage, way, tries), _upwards(task, failed.stage, way)]
     if not task.pick.spin.sampled:
         found.append(_first(task, failed.stage, _spins(task), seed, tries))
     found.append(_first(task, failed.stage, list(_shifts(task, failed, seed)), seed, tries))
@@ -61,23 +74,31 @@ def remedy(task: Task, failed: StageResult, seed: int) -> str:
     return f"passes the {failed.stage.value}: {'; or '.join(said)}" if said else ""
 
 
-def _shorter(task: Task, failed: StageResult, seed: int, tries: int) -> str:
-    """The largest distance, to the millimetre, at which a line that failed passes."""
-    if failed.stage not in (Stage.APPROACH, Stage.RETREAT):
+def _shorter(task: Task, stage: Stage, way: Way | None, tries: int) -> str:
+    """The largest distance, to the millimetre, at which a line that failed passes: less than was possible of it."""
+    if way is None or stage not in (Stage.APPROACH, Stage.RETREAT):
         return ""
-    key = failed.stage.value
-    works, fails = 0.0, float(getattr(task.pick, key))
-    guess = failed.figures.get("possible", 0.0)
+    key = stage.value
+    asked = float(getattr(task.pick, key))
+    length = np.floor(way.fraction * asked / STEP) * STEP
     for _ in range(tries):
-        middle = np.floor((guess if works < guess < fails else (works + fails) / 2) / STEP) * STEP
-        if not works < middle < fails:
+        if not 0 < length < asked:
             break
-        if _first(task.with_pick(**{key: middle}), failed.stage, [Member(SE3.Identity())], seed, 1) is not None:
-            works = float(middle)
-        else:
-            fails = float(middle)
-        guess = 0.0
-    return f"{key} {works * 1e3:.0f} mm instead of {getattr(task.pick, key) * 1e3:.0f} mm" if works else ""
+        shorter = task.with_pick(**{key: float(length)})
+        line = line_in(shorter, way.candidate) if stage is Stage.APPROACH else line_out(shorter, way.candidate)[0]
+        if line.result.ok:
+            return f"{key} {length * 1e3:.0f} mm instead of {asked * 1e3:.0f} mm"
+        length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
+    return ""
+
+
+def _upwards(task: Task, stage: Stage, way: Way | None) -> str:
+    """Straight up, if that is the way out."""
+    pick = task.pick
+    if way is None or stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
+        return ""
+    up = task.with_pick(retreat_frame=ROOT, retreat_direction=UP)
+    return "retreat straight up" if line_out(up, way.candidate)[0].result.ok else ""
 
 
 def _first(task: Task, stage: Stage, members: list[Member], seed: int, tries: int) -> str | None:
@@ -92,13 +113,51 @@ def _first(task: Task, stage: Stage, members: list[Member], seed: int, tries: in
         return None
     if stage in (Stage.SELF, Stage.GRASP):
         return members[int(reached.member[free].min())].words
-    for index in np.unique(reached.member[free])[:tries].tolist():
+    left = tries
+    for index in np.unique(reached.member[free]).tolist():
+        if left == 0:
+            break
+        if not _ends_free(task, stage, members[index], seed):
+            left -= stage is Stage.RETREAT  # for which every grasp takes a checker of its own
+            continue
+        left -= 1
         q = reached.q[free & (reached.member == index)]
         for candidate in rank(task, q, [members[index]] * len(q))[:WAYS_A_MEMBER]:
-            judged = along(task, candidate).stages
-            if any(result.stage is stage and result.ok for result in judged):
+            if stage is Stage.RETREAT and not line_out(task, candidate)[0].result.ok:
+                continue
+            if line_in(task, candidate).result.ok:
                 return members[index].words
     return None
+
+
+def _ends_free(task: Task, stage: Stage, member: Member, seed: int) -> bool:
+    """Whether the arm can stand, free, where the line of a stage ends: without that, it need not be walked."""
+    out, grasp = stage is Stage.RETREAT, task.grasp(member)
+    end = task.retreat_end(grasp) if out else task.approach_end(grasp)
+    _, q = configurations(task.arm, task.targets([end]), task.cell.home, seed)
+    checker = task.carrying(member) if out else task.at_grasp
+    return bool(checker.is_free_batch(q).any())
+
+
+def _nearer(task: Task, place: Place, seed: int) -> str:
+    """The place shifted towards where the arm comes nearest to it, if it is out of reach; empty if it is not."""
+    target = task.targets([place.pose])
+    if len(configurations(task.arm, target, task.cell.home, seed)[1]):
+        return ""
+    for stretch in STRETCHES:
+        by = stretch * _short_of(task, place.pose, seed)
+        there = SE3(place.pose.rotation, place.pose.translation + by)
+        if len(configurations(task.arm, task.targets([there]), task.cell.home, seed)[1]):
+            return f"reaches the place: shifted by {np.linalg.norm(by) * 1e3:.0f} mm towards the arm"
+    return ""
+
+
+def _short_of(task: Task, root_from_tip: SE3, seed: int) -> Array:
+    """(3,) metres in the root frame from a pose to where the arm comes nearest to it."""
+    target = task.target(root_from_tip)
+    nearest = Clik().solve(task.arm, target, task.cell.home, rng=seed)
+    gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
+    return np.asarray(task.arm.root_from_base.rotation @ gap)
 
 
 def _spins(task: Task) -> list[Member]:
@@ -112,10 +171,7 @@ def _spins(task: Task) -> list[Member]:
 def _shifts(task: Task, failed: StageResult, seed: int) -> Iterator[Member]:
     """The grasp shifted, the nearest first; one out of reach towards where the arm comes nearest to it."""
     if failed.stage is Stage.REACH:
-        target = task.target(task.pick.pose)
-        nearest = Clik().solve(task.arm, target, task.cell.home, rng=seed)
-        gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
-        away = task.arm.root_from_base.rotation @ gap
+        away = _short_of(task, task.pick.pose, seed)
         for stretch in STRETCHES:
             yield _shifted(task, stretch * away, "towards the arm")
         return

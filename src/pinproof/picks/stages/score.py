@@ -19,19 +19,18 @@ problems", Econometrica 28(3).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.model import Arm
-from pinproof.picks.configurations import configurations
 from pinproof.picks.family import Member
 from pinproof.picks.stages.grasp import AMPLE, Candidate
-from pinproof.picks.stages.reach import every_branch_is_known
+from pinproof.picks.stages.reach import every_branch
 from pinproof.picks.stages.seconds import TURN, least_seconds
 from pinproof.picks.stages.task import Task
-from pinproof.spatial import SE3
 
 __all__ = ["Scoring"]
 
@@ -64,16 +63,16 @@ class Scoring:
     least: float
 
     @classmethod
-    def of(cls, task: Task, candidates: tuple[Candidate, ...], releases: dict[str, Array]) -> Scoring:
-        """The scoring of picks from some configurations; ``releases`` (m, n) are where each grasp lets go, by words."""
+    def of(cls, task: Task, candidates: tuple[Candidate, ...], rest: Callable[[Member, Array, bool], Array]) -> Scoring:
+        """The scoring of picks from some configurations; ``rest`` is :meth:`Placer.rest`."""
         seconds = np.empty(len(candidates))
         members: dict[str, list[int]] = {}
         for i, candidate in enumerate(candidates):
             members.setdefault(candidate.member.words, []).append(i)
         exact = len(members) <= MANY and task.cell.closed_form
-        for words, own in members.items():
+        for own in members.values():
             q, member = np.array([candidates[i].q for i in own]), candidates[own[0]].member
-            seconds[own] = _least(task, q, member, releases.get(words, np.empty((0, q.shape[1]))), exact)
+            seconds[own] = _least(task, q, member, rest, exact)
         least = float(seconds.min(initial=np.inf))
         margins = _widest(task.arm, np.array([candidate.q for candidate in candidates]).reshape(-1, task.arm.dof))
         clearances = np.array([candidate.clearance for candidate in candidates])
@@ -105,25 +104,17 @@ def _sum(parts: dict[str, Array], task: Task) -> Array:
     return np.asarray(sum(getattr(weights, name) * part for name, part in parts.items()))
 
 
-def _least(task: Task, q: Array, member: Member, releases: Array, exact: bool) -> Array:
+def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool) -> Array:
     """(k,) seconds that a whole pick takes at least that grasps at q (k, n)."""
     arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
     ends = (task.approach_end(grasp), task.pick.approach), (task.retreat_end(grasp), task.pick.retreat)
-    before, after = (_at(task, pose, exact and length > 0) for pose, length in ends)
+    before, after = (every_branch(task, pose, exact and length > 0) for pose, length in ends)
     into = least_seconds(arm, home, q)[0]
     if len(before):
         into = (least_seconds(arm, home, before) + least_seconds(arm, q, before)).min(axis=1)
     if len(after):
-        on = least_seconds(arm, after, releases).min(axis=1) if len(releases) else 0.0
-        return np.asarray(into + (least_seconds(arm, q, after) + on).min(axis=1))
-    return np.asarray(into + (least_seconds(arm, q, releases).min(axis=1) if len(releases) else 0.0))
-
-
-def _at(task: Task, root_from_tip: SE3, exact: bool) -> Array:
-    """(m, n) all configurations at a pose, or none where not all are known."""
-    if not exact or not every_branch_is_known(task, [task.target(root_from_tip)]):
-        return np.empty((0, task.arm.dof))
-    return configurations(task.arm, task.targets([root_from_tip]), task.cell.home, 0)[1]
+        return np.asarray(into + (least_seconds(arm, q, after) + rest(member, after, exact)).min(axis=1))
+    return np.asarray(into + rest(member, q, exact))
 
 
 def _widest(arm: Arm, q: Array) -> Array:

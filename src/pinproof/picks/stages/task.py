@@ -61,6 +61,7 @@ class Task:
                 raise UnknownNameError("support", support, names, self.scene.where)
         self.name = carried.name if isinstance(carried, Obstacle) else carried
         self._carrying: dict[str, CollisionChecker] = {}
+        self._letting_go: dict[str, CollisionChecker] = {}
 
     @property
     def sampled(self) -> bool:
@@ -146,11 +147,13 @@ class Task:
 
     def letting_go(self, member: Member) -> CollisionChecker:
         """With the object where it was put, and the hand open."""
-        held = self.holding(member)
-        stands = replace(held, pose=self.release(member) * self.cell.shared.tip.actInv(held.pose))
-        others = self.scene.remove(held.name) if self.from_scene else self.scene
-        there = self.outside.with_scene(others.add(stands))
-        return there.allowing(*self._touching(there))
+        if member.words not in self._letting_go:
+            held = self.holding(member)
+            stands = replace(held, pose=self.release(member) * self.cell.shared.tip.actInv(held.pose))
+            others = self.scene.remove(held.name) if self.from_scene else self.scene
+            there = self.outside.with_scene(others.add(stands))
+            self._letting_go[member.words] = there.allowing(*self._touching(there))
+        return self._letting_go[member.words]
 
     def supports(self, checker: CollisionChecker, q: Array, stated: str | None) -> tuple[tuple[str, str], ...]:
         """The pairs of the object and what it stands on, held at q (n,)."""

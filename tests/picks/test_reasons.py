@@ -1,0 +1,152 @@
+"""The facts in a reason: joint, pair, distance or residual, and what would work, tried before it is said."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description import robots_folder
+from pinproof.picks import PickStatus, Stage
+
+DOWN = (np.pi, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def cell(arms) -> tuple[pp.Arm, pp.Scene, pp.Picks]:
+    picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
+    return pp.load_robot("ur5").arm(tcp=picks.tcp), pp.Scene.load(picks.scene), picks
+
+
+def judge(cell, pick: pp.Pick, *, scene: pp.Scene | None = None, budget: pp.PickBudget | None = None) -> pp.PickVerdict:
+    arm, usual, picks = cell
+    (verdict,) = pp.validate_picks(arm, scene or usual, replace(picks, picks=(pick,)), budget=budget).verdicts
+    return verdict
+
+
+def bolt(cell, name: str) -> pp.Pick:
+    """The pick of carry.yaml."""
+    return next(pick for pick in cell[2] if pick.name == name)
+
+
+def test_reach_tells_the_residual_and_a_shift_that_reaches(cell) -> None:
+    far = pp.Pick("far", pp.pose((1.1, 0.0, 0.035), DOWN))
+    verdict = judge(cell, far)
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.REACH)
+    short = float(re.search(r"([\d.]+) mm and", verdict.reason)[1])
+    assert short == pytest.approx(verdict.stages[-1].figures["position_error"] * 1e3, abs=0.06)
+    shift = float(re.search(r"shifted by ([\d.]+) mm towards the arm", verdict.remedy)[1])
+    assert short <= shift < 2.1 * short + 1
+
+
+def test_limits_tell_which_joint_and_by_how_much(arms) -> None:
+    arm = arms["generic_6dof"]
+    around = {name: (float(q) - 0.3, float(q) + 0.3) for name, q in zip(arm.joint_names, arm.home, strict=True)}
+    tight = arm.with_limits(arm.limits.replace(arm.joint_names, around))
+    pose = pp.pose(rpy=(0, 0, 0.8)) * (arm.root_from_base * arm.forward_kinematics(arm.home))
+    picks = pp.Picks((pp.Pick("part", pose, approach=0, retreat=0),))
+    (verdict,) = pp.validate_picks(tight, pp.Scene(), picks, budget=pp.PickBudget(remedies=0)).verdicts
+    assert verdict.failed is Stage.LIMITS
+    assert "joint_1 = 0.8 is outside [-0.3, 0.3]" in verdict.reason
+    assert "joint_1 by 0.5" in verdict.reason
+    assert verdict.stages[-1].figures["outside"] == pytest.approx(0.5, abs=1e-6)
+
+
+def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
+    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin()))
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
+    assert "picker penetrates bin_right (-8.0 mm)" in verdict.reason
+    assert verdict.stages[-1].figures["distance"] == pytest.approx(-0.008, abs=1e-4)
+    assert len(verdict.refuted) == verdict.configurations
+    assert all("picker penetrates" in words for words in verdict.refuted)
+    millimetres, axes = re.search(r"shifted by (\d+) mm along ([-+xyz ]+) of the root", verdict.remedy).groups()
+    way = np.array([{"+": 1, "-": -1}.get((re.search(rf"([-+]){axis}", axes) or " 0")[1], 0) for axis in "xyz"])
+    by = float(millimetres) / 1e3 * way / np.linalg.norm(way)
+    (x, y, z) = bolt(cell, "in_the_corner").pose.translation + by
+    there = judge(cell, pp.Pick("there", pp.pose((x, y, z), DOWN)), budget=pp.PickBudget(remedies=0))
+    assert there.failed not in (Stage.REACH, Stage.LIMITS, Stage.SELF, Stage.GRASP)
+
+
+def test_an_approach_too_long_tells_what_is_missing_and_the_longest_that_works(cell) -> None:
+    high = bolt(cell, "too_high")
+    verdict = judge(cell, high)
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.APPROACH)
+    assert re.search(r"stops at \d+ % of the line: [\d.]+ mm and [\d.]+ rad short", verdict.reason)
+    assert verdict.refuted == ("no branch reaches the end of the approach inside the limits",)
+    length = float(re.search(r"approach (\d+) mm instead of 900 mm", verdict.remedy)[1]) / 1e3
+    assert judge(cell, replace(high, approach=length), budget=pp.PickBudget(remedies=0)).failed is None
+    longer = judge(cell, replace(high, approach=length + 0.02), budget=pp.PickBudget(remedies=0))
+    assert longer.failed is Stage.APPROACH
+
+
+def test_a_retreat_that_drags_tells_what_is_touched_and_the_way_out(cell) -> None:
+    dragged = bolt(cell, "dragged")
+    verdict = judge(cell, dragged)
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.RETREAT)
+    assert "bolt_1 is not proven to leave table" in verdict.reason
+    assert len(verdict.refuted) == 8
+    assert all(words.startswith("at the end of the retreat: ") for words in verdict.refuted)
+    assert all(re.search(r"bolt_1 (is near|penetrates) table", words) for words in verdict.refuted)
+    assert verdict.remedy == "passes the retreat: retreat straight up"
+    assert judge(cell, replace(dragged, retreat_direction=(0, 0, 1))).ok
+
+
+def test_a_place_out_of_reach_tells_the_residual_and_a_shift_that_reaches(cell) -> None:
+    verdict = judge(cell, bolt(cell, "too_far"))
+    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
+    short = float(re.search(r"the nearest is ([\d.]+) mm", verdict.reason)[1])
+    shift = float(re.search(r"reaches the place: shifted by (\d+) mm towards the arm", verdict.remedy)[1])
+    assert 200 < short < shift < 2 * short
+
+
+def test_a_place_that_is_taken_tells_by_what(cell) -> None:
+    _, scene, _ = cell
+    stone = pp.Obstacle("stone", pp.Box(0.06, 0.06, 0.06), pp.pose((0.42, -0.35, 0.03)))
+    verdict = judge(cell, bolt(cell, "over_the_wall"), scene=scene.add(stone))
+    assert verdict.failed is Stage.PLACE
+    assert "stone" in verdict.reason
+    assert "bolt_1" in verdict.reason or "picker" in verdict.reason
+    assert re.search(r"\d+ of \d+ configurations there were tried", verdict.reason)
+
+
+def test_a_family_of_which_every_member_is_refuted_is_impossible(cell) -> None:
+    corner = replace(bolt(cell, "in_the_corner"), spin=pp.Spin((0.0, 0.4, -0.4)))
+    verdict = judge(cell, corner, budget=pp.PickBudget(remedies=0))
+    assert verdict.status is PickStatus.IMPOSSIBLE
+    assert len(verdict.refuted) == verdict.configurations == 24
+    for words in ("spun by +23 deg: ", "spun by -23 deg: "):
+        assert sum(each.startswith(words) for each in verdict.refuted) == 8
+    assert all(re.search(r"\w+ (penetrates|is near) \w+ \([-+][\d.]+ mm\)", each) for each in verdict.refuted)
+
+
+def test_members_may_be_refuted_at_different_stages(cell) -> None:
+    # A post beside the bolt: a broad tool meets it at the grasp, or only on its way back, as it is turned.
+    arm, scene, picks = cell
+    bar = pp.Obstacle("bar", pp.Box(0.16, 0.01, 0.01), pp.pose((0, 0, 0.09)))
+    shared = replace(picks, tool=(*picks.tool, bar), picks=())
+    post = pp.Obstacle("post", pp.Box(0.03, 0.03, 0.08), pp.pose((0.42 + 0.06, -0.25, 0.035)))
+    shelf = pp.Obstacle("shelf", pp.Box(0.05, 0.3, 0.02), pp.pose((0.42, -0.25, 0.4)))
+    pick = pp.Pick("b", pp.pose((0.42, -0.25, 0.035), DOWN), spin=pp.Spin((0.0, np.pi / 2)), approach=0.2, retreat=0.0)
+    (verdict,) = pp.validate_picks(
+        arm, scene.add(post, shelf), replace(shared, picks=(pick,)), budget=pp.PickBudget(remedies=0)
+    ).verdicts
+    assert verdict.status is PickStatus.IMPOSSIBLE, verdict.reason
+    straight = [each for each in verdict.refuted if not each.startswith("spun")]
+    spun = [each for each in verdict.refuted if each.startswith("spun by +90 deg: ")]
+    assert len(straight) + len(spun) == len(verdict.refuted)
+    assert straight
+    assert spun
+    assert all("at the grasp: " in each and "bar" in each for each in straight)
+    assert all("at the end of the approach: " in each for each in spun)
+
+
+def test_an_arm_of_seven_says_that_not_all_was_tried(arms) -> None:
+    arm = arms["panda"]
+    stone = pp.Obstacle("stone", pp.Sphere(0.05), pp.pose((0.5, 0.0, 0.3)))
+    picks = pp.Picks((pp.Pick("p", pp.pose((0.5, 0.0, 0.3), DOWN)),))
+    (verdict,) = pp.validate_picks(arm, pp.Scene([stone]), picks, budget=pp.PickBudget(remedies=0)).verdicts
+    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.GRASP)
+    assert f"of all there may be, {verdict.configurations} configurations were tried" in verdict.reason

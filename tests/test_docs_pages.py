@@ -6,7 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from .pages import ROOT, run_page
+import pinproof as pp
+
+from .pages import ROOT, blocks, run_page, run_python, standing_in
 
 DOCS = ROOT / "docs"
 PAGES = sorted(str(page.relative_to(DOCS)) for page in [DOCS / "index.md", *(DOCS / "tutorials").glob("*.md")])
@@ -16,6 +18,17 @@ PAGES = sorted(str(page.relative_to(DOCS)) for page in [DOCS / "index.md", *(DOC
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_runs_as_printed(page: str, tmp_path: Path) -> None:
     run_page(DOCS / page, tmp_path)
+
+
+@pytest.mark.parametrize("page", ["certificates.md", "timing.md"])
+def test_the_fragments_of_a_page_run_on_a_path_of_an_arm(page: str, tmp_path: Path) -> None:
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    path = pp.JointPath([arm.home, arm.home + 0.2], arm.joint_names)
+    names: dict[str, object] = {"pp": pp, "arm": arm, "path": path, "v": [0.1] * 6}
+    names |= {"checker": pp.CollisionChecker(arm), "trajectory": pp.time_parametrise(path, arm.limits)}
+    with standing_in(tmp_path):
+        for block in blocks(DOCS / page, "python"):
+            run_python("\n" * block.line + block.text, DOCS / page, names)
 
 
 def test_the_pictures_of_the_manual_are_small() -> None:

@@ -31,5 +31,7 @@ napoleon_use_ivar = True
 
 html_theme = "furo"
 html_title = f"pinproof {release}"
+html_static_path = ["_static"]
+html_css_files = ["pages.css"]
 html_show_sourcelink = False
 html_math_renderer = "mathml"

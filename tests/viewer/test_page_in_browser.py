@@ -9,46 +9,63 @@ import numpy as np
 import pytest
 
 from pinproof.collision import Scene
-from pinproof.model import load_robot
+from pinproof.conversion import dh_to_urdf
+from pinproof.description import DhTable, robots_folder
+from pinproof.model import Arm, load_robot, load_robot_from_text
 from pinproof.viewer import write_html
 
-from .browser import Browser
+from .browser import Browser, Page
 from .conftest import POST, certified, small_arm, swing, turn
 
 SMALLEST_LINK = 40
 """Pixels of 1280 x 720 in which the smallest link, a finger of the Panda, can still be made out."""
 
 
-def check_picture(page) -> None:
+def check_picture(page: Page) -> None:
     """The robot covers 15 to 60 % of the canvas and every link is there to see."""
     before = page.canvas()
     assert before.std() > 10  # not blank
-    pixels = page.link_pixels()
+    check_links(page)
+
+
+def check_links(page: Page) -> None:
+    pixels, size = page.link_pixels(), page.canvas()[..., 0].size
     assert {name: count for name, count in pixels.items() if count < SMALLEST_LINK} == {}
-    assert 0.15 <= sum(pixels.values()) / before[..., 0].size <= 0.60
+    assert 0.15 <= sum(pixels.values()) / size <= 0.60
 
 
-@pytest.mark.parametrize("seconds", [0, 2.2])
-@pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_a_robot_in_its_cell_is_framed_at_both_ends_of_its_motion(
-    browser: Browser, pages: Callable[[str], Path], cell: Scene, name: str, seconds: float
-) -> None:
-    path, arm = pages(name), load_robot(name).arm()
-    if not path.exists():
-        write_html(path, arm, cell, turn(arm))
-    page = browser.open(f"{path.as_uri()}#t={seconds}")
+def from_table(name: str) -> Arm:
+    return load_robot_from_text(dh_to_urdf(DhTable.load(robots_folder() / name / "dh.yaml"))).arm()
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "xarm7", "generic_6dof", "scara", "stanford"])
+def test_every_link_of_a_robot_is_seen(browser: Browser, pages: Callable[[str], Path], name: str) -> None:
+    path = pages(f"still_{name}")
+    arm = load_robot(name).arm()
+    write_html(path, arm if name in ("ur5", "panda", "xarm7") else from_table(name), q=arm.home)
+    page = browser.open(path.as_uri(), 900, 560)
     check_picture(page)
+    assert page.evaluate("document.getElementById('player').hidden")
     assert page.complaints == []
-    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+    if name == "ur5":
+        page.send("Emulation.setDeviceMetricsOverride", width=420, height=800, deviceScaleFactor=1, mobile=False)
+        page.wait_for("document.getElementById('meshcat-pane').clientWidth === 420")
+        check_links(page)
     page.close()
 
 
-def test_a_still_picture_fits_windows_of_any_shape(browser: Browser, pages: Callable[[str], Path], ur5) -> None:
-    path = pages("still")
-    write_html(path, ur5)
-    page = browser.open(path.as_uri(), 500, 900)
+@pytest.mark.parametrize("name", ["ur5", "panda"])
+def test_a_robot_in_its_cell_is_framed_at_both_ends_of_its_motion(
+    browser: Browser, pages: Callable[[str], Path], cell: Scene, name: str
+) -> None:
+    path, arm = pages(name), load_robot(name).arm()
+    write_html(path, arm, cell, turn(arm))
+    page = browser.open(f"{path.as_uri()}#t=0", 1280, 720)
     check_picture(page)
-    assert page.evaluate("document.getElementById('player').hidden")
+    page.evaluate("pinproof.seek(2.2)")
+    check_links(page)
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
     page.close()
 
 

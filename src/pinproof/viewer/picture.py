@@ -24,6 +24,7 @@ from pinproof.viewer.contacts import Mark, body_nodes, mark_radius, marks_of
 from pinproof.viewer.copies import GHOST_HUES, copies, ghosts_at, swept
 from pinproof.viewer.frames import add_frames, frame_names
 from pinproof.viewer.layers import Layer, checked_layers
+from pinproof.viewer.simplify import simplified
 from pinproof.viewer.stage import Stage, set_stage
 from pinproof.viewer.surfaces import Rgba
 from pinproof.viewer.surroundings import add_surroundings
@@ -85,7 +86,7 @@ class Picture:
             given = "q" if self.q is not None else "check"
             raise InputError(f"give a trajectory or {given}, not both: a trajectory says where the arm is")
         wanted, ghosts = checked_layers(self.layers), self._ghosts()
-        stage = set_stage(self.arm, self.scene, self.attached, bodies=True)
+        stage = simplified(set_stage(self.arm, self.scene, self.attached, bodies=True))
         if not any(link.surfaces for link in stage.links):
             why = "; ".join(stage.notes) or "no link has geometry"
             raise ViewerError(f"robot {self.arm.robot.name!r} has nothing to draw: {why}")

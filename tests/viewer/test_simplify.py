@@ -1,0 +1,56 @@
+"""Meshes made coarser for show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import trimesh
+
+from pinproof.collision import Mesh, Obstacle, Scene
+from pinproof.spatial import pose
+from pinproof.viewer import page as page_module
+from pinproof.viewer import simplify
+from pinproof.viewer.picture import Picture
+from pinproof.viewer.simplify import MOST_BYTES, simplified
+from pinproof.viewer.stage import set_stage
+
+from .conftest import small_arm
+
+
+@pytest.fixture(scope="module")
+def globe() -> Scene:
+    made = trimesh.creation.icosphere(subdivisions=5, radius=0.2)  # 20,480 triangles
+    mesh = Mesh.from_arrays(np.array(made.vertices), np.array(made.faces))
+    return Scene([Obstacle("globe", mesh, pose(xyz=(0.8, 0, 0.2)))])
+
+
+def drawn(scene: Scene, most: float):
+    stage = simplified(set_stage(small_arm(), scene), most)
+    return stage, stage.obstacles[0].surfaces[0]
+
+
+def test_what_fits_stays_as_it_is(globe: Scene) -> None:
+    stage, surface = drawn(globe, MOST_BYTES)
+    assert stage.notes == ()
+    assert len(surface.triangles) == 20480
+
+
+@pytest.mark.parametrize("most", [300e3, 60e3])
+def test_what_does_not_fit_is_made_coarser_until_it_does_keeps_its_shape_and_says_so(globe: Scene, most: float) -> None:
+    stage, surface = drawn(globe, most)
+    assert simplify._bytes(stage) <= most
+    cell = float(stage.notes[0].split("details of ")[1].split()[0]) * 1e-3
+    assert np.abs(np.linalg.norm(surface.vertices, axis=1) - 0.2).max() < cell
+    assert np.linalg.norm(surface.vertices.max(axis=0) - surface.vertices.min(axis=0)) == pytest.approx(
+        0.4 * 3**0.5, abs=2 * cell
+    )
+    solid = trimesh.Trimesh(surface.vertices, surface.triangles, process=True)
+    assert solid.volume == pytest.approx(4 / 3 * np.pi * 0.2**3, rel=0.1)  # closed, and turned outwards as before
+    along = np.einsum("ij,ij->i", surface.normals, surface.vertices / 0.2)
+    assert np.median(along) > 0.9
+
+
+def test_the_page_of_a_giant_stays_small_and_says_that_it_is_simplified(globe: Scene, monkeypatch) -> None:
+    monkeypatch.setattr(simplify.simplified, "__defaults__", (100e3,))
+    whole = page_module.render_page(Picture(small_arm(), globe))
+    assert "Meshes are simplified for show" in whole.text

@@ -16,6 +16,7 @@ from pinproof.collision.point_cloud import cell_faces
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import InputError, MeshError
+from pinproof.viewer.pictures import picture_on
 from pinproof.viewer.surfaces import Rgba, Surface, merge_by_colour, shade
 
 __all__ = ["ball", "body_surfaces", "cone", "link_surfaces", "obstacle_surfaces", "tube"]
@@ -212,7 +213,8 @@ def _mesh(
         vertices = np.asarray(part.vertices) @ scene_from_node[:3, :3].T + scene_from_node[:3, 3]
         vertices = vertices @ z_up(path).T * factor
         colour = _own_colour(part, linear=path.suffix.lower() == ".dae") or told or default
-        surfaces.append(shade(vertices, np.array(part.faces, dtype=np.int64)[:, ::turn], colour))
+        uv, image = picture_on(part)
+        surfaces.append(shade(vertices, np.array(part.faces, dtype=np.int64)[:, ::turn], colour, uv, image))
     return merge_by_colour(surfaces)
 
 

@@ -60,6 +60,7 @@ def assemble(
         "bundle": _inside_script(bundle),
         "settings": json.dumps(settings, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c"),
         "commands": commands.json(),
+        "pictures": commands.pictures_json(),
         "buffers": commands.base64(),
         "script": f'"use strict";\n(function () {{\n{own}\n}})();',
     }

@@ -7,7 +7,7 @@ moment.addEventListener("click", () => seek(settings.start));
 if (/(?:^#|&)still\b/.test(location.hash)) document.body.classList.add("still");
 viewer.set_3d_pane_size();
 // Whoever waits for the picture is told when it stands: after a frame that was drawn in full.
-requestAnimationFrame(() => requestAnimationFrame(() => console.info("pinproof: drawn")));
+pictured.then(() => requestAnimationFrame(() => requestAnimationFrame(() => console.info("pinproof: drawn"))));
 
 // The browser itself reconnects when the connection is lost. What it then meets may be another page, at the same
 // place: its number tells.
@@ -24,4 +24,4 @@ if (settings.live !== null) {
   source.addEventListener("closed", () => { away.hidden = false; });
 }
 
-window.pinproof = { viewer, seek, setLayer, settings, events: source, ready: true };
+window.pinproof = { viewer, seek, setLayer, settings, pictured, events: source, ready: true };

@@ -65,6 +65,22 @@ function frame() {
 }
 
 for (const command of read("commands")) viewer.handle_command(command);
+
+// Pictures on meshes come a moment later than the meshes.
+const pictured = Promise.all(read("pictures").map(async ([address, nodes]) => {
+  const image = new Image();
+  image.src = address;
+  try { await image.decode(); } catch { return; }  // then the plain colour stays
+  const map = new MeshCat.THREE.Texture(image);
+  map.wrapS = map.wrapT = MeshCat.THREE.RepeatWrapping;
+  map.needsUpdate = true;
+  for (const node of nodes) {
+    viewer.scene_tree.find(node).object.traverse((thing) => {
+      if (thing.isMesh) Object.assign(thing.material, { map, needsUpdate: true });
+    });
+  }
+  viewer.set_dirty();
+}));
 viewer.gui.domElement.style.display = "none";  // the page has switches of its own
 viewer.controls.addEventListener("start", () => { touched = true; });
 byId("reset").addEventListener("click", () => { touched = false; frame(); });

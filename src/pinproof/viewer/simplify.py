@@ -68,7 +68,7 @@ def _coarser(stage: Stage, cell: float) -> Stage:
 
 
 def _merged(surface: Surface, cell: float) -> Surface:
-    if len(surface.triangles) < FINE:
+    if len(surface.triangles) < FINE or surface.image is not None:  # a picture would no longer lie where it should
         return surface
     grid = np.floor(surface.vertices / cell).astype(np.int64)
     _, kind, count = np.unique(grid, axis=0, return_inverse=True, return_counts=True)

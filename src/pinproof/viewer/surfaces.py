@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,10 @@ WELD_GRID = 1e-5
 """Metres. Vertices that fall on the same point of this grid are one; a hundredth of a millimetre is never seen."""
 
 
+UV_GRID = 1 / 8192
+"""Of a picture's side: less than a pixel of any that is shown."""
+
+
 @dataclass(frozen=True, eq=False)
 class Surface:
     """Triangles of one colour.
@@ -34,26 +38,35 @@ class Surface:
     triangles
         (F, 3) indices of vertices.
     rgba
-        0 to 1.
+        0 to 1; of a surface with a picture on it, what the picture's colours are multiplied by.
+    uv
+        (V, 2) where on the picture each vertex lies, from 0 to 1, from its lower left corner.
+    image
+        The picture, as a ``data:`` address.
     """
 
     vertices: Array
     normals: Array
     triangles: npt.NDArray[np.int64]
     rgba: Rgba
+    uv: Array | None = None
+    image: str | None = None
 
     def moved(self, a_from_b: Array) -> Surface:
         """The same surface after a rigid transform (4, 4)."""
         rotation, shift = a_from_b[:3, :3], a_from_b[:3, 3]
-        return Surface(self.vertices @ rotation.T + shift, self.normals @ rotation.T, self.triangles, self.rgba)
+        return replace(self, vertices=self.vertices @ rotation.T + shift, normals=self.normals @ rotation.T)
 
 
-def shade(vertices: Array, triangles: npt.NDArray[np.int64], rgba: Rgba) -> Surface:
+def shade(
+    vertices: Array, triangles: npt.NDArray[np.int64], rgba: Rgba, uv: Array | None = None, image: str | None = None
+) -> Surface:
     """Weld vertices and give each a normal, split where the surface has a crease.
 
     The corners of the triangles are the nodes of a graph. Two faces that share an edge and meet at less than
     :data:`CREASE` have their corners joined at both ends of it. Each connected set of corners becomes one vertex; its
-    normal is the mean of its faces' normals, weighted by area.
+    normal is the mean of its faces' normals, weighted by area. With a picture (``uv`` (V, 2) and ``image``) it is
+    split further, where the picture has a seam.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -93,18 +106,25 @@ def shade(vertices: Array, triangles: npt.NDArray[np.int64], rgba: Rgba) -> Surf
     normals = np.divide(normals, size, out=np.zeros_like(normals), where=size > 0)
     positions = np.zeros((total, 3))
     positions[label] = points[faces.ravel()]
-    return Surface(positions, normals, label.reshape(count, 3).astype(np.int64), rgba)
+    if uv is None or image is None:
+        return Surface(positions, normals, label.reshape(count, 3).astype(np.int64), rgba)
+    spots = np.column_stack([label, np.rint(uv[triangles[solid]].reshape(-1, 2) / UV_GRID).astype(np.int64)])
+    spots, vertex = np.unique(spots, axis=0, return_inverse=True)
+    kind = spots[:, 0]
+    corners = vertex.reshape(count, 3).astype(np.int64)
+    return Surface(positions[kind], normals[kind], corners, rgba, spots[:, 1:] * UV_GRID, image)
 
 
 def merge_by_colour(surfaces: Sequence[Surface]) -> list[Surface]:
-    """One surface for each colour, in the order of their first appearance: fewer objects draw faster."""
-    groups: dict[Rgba, list[Surface]] = {}
+    """One surface for each colour or picture, in the order of their first appearance: fewer objects draw faster."""
+    groups: dict[tuple[Rgba, str | None], list[Surface]] = {}
     for surface in surfaces:
-        groups.setdefault(surface.rgba, []).append(surface)
+        groups.setdefault((surface.rgba, surface.image), []).append(surface)
     merged = []
-    for rgba, group in groups.items():
+    for (rgba, image), group in groups.items():
         offsets = np.cumsum([0, *(len(s.vertices) for s in group[:-1])])
         triangles = np.concatenate([s.triangles + o for s, o in zip(group, offsets, strict=True)])
         vertices, normals = np.concatenate([s.vertices for s in group]), np.concatenate([s.normals for s in group])
-        merged.append(Surface(vertices, normals, triangles, rgba))
+        uv = None if image is None else np.concatenate([s.uv for s in group if s.uv is not None])
+        merged.append(Surface(vertices, normals, triangles, rgba, uv, image))
     return merged

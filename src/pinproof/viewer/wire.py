@@ -34,6 +34,8 @@ class Commands:
 
     def __init__(self) -> None:
         self.items: list[dict[str, Any]] = []
+        self.pictures: dict[str, list[list[str]]] = {}
+        """Nodes by the ``data:`` address of the picture on them, which the page puts there: meshcat draws such late."""
         self._blob = bytearray()
         self._objects = 0
 
@@ -58,6 +60,9 @@ class Commands:
             # A normal in three bytes is off by less than half a degree, which no shading shows.
             "normal": {**self._attribute(np.rint(surface.normals * 127).astype(np.int8)), "normalized": True},
         }
+        if surface.uv is not None and surface.image is not None:
+            attributes["uv"] = {**self._attribute(surface.uv.astype(np.float32)), "itemSize": 2}
+            self.pictures.setdefault(surface.image, []).append([*path.strip("/").split("/")])
         index = {**self._attribute(surface.triangles.astype(np.uint32 if wide else np.uint16)), "itemSize": 1}
         geometry = {"type": "BufferGeometry", "data": {"attributes": attributes, "index": index}}
         self.set_mesh(path, geometry, surface.rgba, **material)
@@ -119,6 +124,10 @@ class Commands:
     def json(self) -> str:
         """The commands as JSON that is safe inside a ``<script>`` element."""
         return json.dumps(self.items, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+
+    def pictures_json(self) -> str:
+        """The pictures, each with its nodes, as JSON that is safe inside a ``<script>`` element."""
+        return json.dumps([*self.pictures.items()], separators=(",", ":")).replace("<", "\\u003c")
 
     def base64(self) -> str:
         """The arrays."""

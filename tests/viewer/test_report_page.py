@@ -27,8 +27,9 @@ from pinproof.picks import (
 from pinproof.picks.frames import NamedFrame
 from pinproof.picks.gripper import Fingers
 from pinproof.picks.pick import PickProblem
+from pinproof.picks.report import entries as entries_module
 from pinproof.picks.report import page as page_module
-from pinproof.picks.report.motions import MOST_BYTES, RATE, Reel
+from pinproof.picks.report.motions import BYTES_A_LINK, MOST_BYTES, RATE, Reel
 from pinproof.picks.report.rows import verdict_row
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Phase, film
@@ -321,6 +322,17 @@ def test_of_too_many_rows_the_first_are_shown_and_the_page_says_so(tmp_path, mon
     assert '"name":"away"' not in text
 
 
+def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
+    tmp_path, monkeypatch, report: PickReport
+) -> None:
+    monkeypatch.setattr(entries_module, "MOST_DETAILS", 0)
+    write_report_page(tmp_path / "full.html", report, ARM, SCENE, SHARED)
+    text = (tmp_path / "full.html").read_text(encoding="utf-8")
+    assert "Of 5 rows there is no room here for stages and parts" in text
+    assert text.count('"stages":[]') == 5
+    assert text.count('"reason":') == 5
+
+
 def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport) -> None:
     other = Scene([POST, Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))])
     write_report_page(tmp_path / "other.html", report, ARM, other, SHARED)
@@ -357,7 +369,8 @@ def test_a_hundred_motions_stay_within_their_bytes() -> None:
     for count in (1, 100, 1000):
         reel = Reel.of(stage, SCENE, (), [long] * count)
         frames = sum(len(each.times) for each in reel.films if each is not None)
-        assert frames * len(stage.links) * 28 * 4 / 3 <= 1.01 * MOST_BYTES
+        shown = sum(each is not None for each in reel.films)
+        assert (frames * 28 * 4 / 3 + shown * BYTES_A_LINK) * len(stage.links) <= 1.01 * MOST_BYTES
         assert len(reel.films[0].times) - 1 <= 60 * RATE
     assert "more good picks have motions that found no room" in reel.notes[1]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +13,7 @@ from pinproof.model import Arm
 from pinproof.picks.pick import Picks
 from pinproof.picks.verdict import PickVerdict
 
-__all__ = ["KINDS", "Kind", "entry"]
+__all__ = ["KINDS", "Kind", "entry", "without_more_details"]
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,11 @@ KINDS = {
     "unreadable": Kind("#5b6673", "The row could not be read."),
     "crashed": Kind("#7a2aa3", "The pick could not be judged."),
 }
+
+DETAILS = ("stages", "motions", "refuted")
+
+MOST_DETAILS = 2_000_000
+"""Characters of what entries tell beside verdict, reason and figures: a page of thousands stays one that opens."""
 
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
@@ -79,6 +86,17 @@ def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Sce
         "motions": [[each["name"], _seconds(each["duration"]), _proven_text(each)] for each in row.get("motions", ())],
         "refuted": list(row.get("refuted", ())),
     }
+
+
+def without_more_details(entries: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any]], int]:
+    """Entries of which those behind :data:`MOST_DETAILS` lose their details, and how many those are."""
+    kept, room, bare = [], MOST_DETAILS, 0
+    for each in entries:
+        room -= len(json.dumps([each[name] for name in DETAILS]))
+        if room < 0:
+            each, bare = {**each, **dict.fromkeys(DETAILS, ())}, bare + 1
+        kept.append(each)
+    return kept, bare
 
 
 def _seconds(value: float | None) -> str:

@@ -25,14 +25,21 @@ Array = npt.NDArray[np.float64]
 RATE, LEAST_RATE = 30.0, 5.0
 """Key frames a second of a motion: at best, and where there is so much motion that fewer fit."""
 
-MOST_BYTES = 6e6
-"""Of all key frames together, as text."""
+MOST_BYTES = 5e6
+"""Of all motions together, as text."""
 
 BYTES_A_POSE = 28 * 4 / 3
 """Seven numbers of four bytes, as base64."""
 
+BYTES_A_LINK = 450
+"""What a motion says of a link beside the poses."""
+
 SHOWN_MOMENTS = 40
 """Moments of all motions together that the camera frames."""
+
+
+SHOWN_PLACES = 4000
+"""Places on all ways together that it frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +72,11 @@ class Reel:
         always = {thing.name for thing in tool}
         parts = [_phases(verdict, always) for verdict in verdicts]
         seconds = [sum(phase.trajectory.duration for phase in phases) for phases in parts]
-        played = MOST_BYTES / (BYTES_A_POSE * max(len(stage.links), 1))  # key frames there is room for
-        fits = np.cumsum(seconds) * LEAST_RATE <= played
-        rate = min(RATE, played / max(sum(s for s, fit in zip(seconds, fits, strict=True) if fit), 1e-9))
+        room = MOST_BYTES / max(len(stage.links), 1)
+        said = BYTES_A_LINK * np.array([bool(phases) for phases in parts])
+        fits = np.cumsum(np.array(seconds) * LEAST_RATE * BYTES_A_POSE + said) <= room
+        spare = room - said[fits].sum()  # for poses
+        rate = min(RATE, spare / (BYTES_A_POSE * max(float(np.array(seconds)[fits].sum()), 1e-9)))
         films = tuple(
             film(stage, phases, rate=rate) if phases and fit else None for phases, fit in zip(parts, fits, strict=True)
         )
@@ -89,10 +98,11 @@ class Reel:
 
     @property
     def ways(self) -> Array:
-        """(N, 3) the ways of the tcp, and of what is carried."""
+        """(N, 3) places on the ways of the tcp, and of what is carried, for the camera."""
         films = [each for each in self.films if each is not None]
         carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
-        return np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
+        ways = np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
+        return ways[:: -(-len(ways) // SHOWN_PLACES) or 1]
 
     def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
         """The tracks of each motion; draws what is carried, hidden until its pick is chosen."""

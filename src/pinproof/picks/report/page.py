@@ -23,7 +23,7 @@ from pinproof.errors import InputError, ViewerError
 from pinproof.model import Arm
 from pinproof.picks.frames import root_from_frame
 from pinproof.picks.pick import Picks
-from pinproof.picks.report.entries import KINDS, entry
+from pinproof.picks.report.entries import KINDS, entry, without_more_details
 from pinproof.picks.report.framing import frame_picks
 from pinproof.picks.report.motions import Reel, surfaces_of
 from pinproof.picks.report.report import PickReport
@@ -136,9 +136,16 @@ def _render(
     names = list(KINDS)
     colour_of = [names.index(rows[k].values["verdict"]) if rows[k].values["verdict"] in KINDS else -1 for k in marked]
     markers = PoseMarkers(grasps, np.array(colour_of, dtype=np.int64), tuple(kind.rgb for kind in KINDS.values()))
+    told = (entry(row.values, row.verdict, arm, scene, picks) for row in rows)
+    entries, bare = without_more_details(told)
+    if bare:
+        notes = [
+            *notes,
+            f"Of {bare:,} rows there is no room here for stages and parts; reports of other kinds have them.",
+        ]
     settings = {
         **view_settings(view),
-        "entries": [entry(row.values, row.verdict, arm, scene, picks) for row in rows],
+        "entries": entries,
         "kinds": {name: kind.css for name, kind in KINDS.items()},
         "marked": marked,
         "markers": markers.settings(commands),

@@ -372,3 +372,13 @@ def test_sizes_from_a_micrometre_to_a_kilometre(slider, size):
         at = pose((size + 0.2, 0, size / 2 if isinstance(shape, Cone) else 0))  # the disc of the cone lies in z = 0
         checker = CollisionChecker(slider, Scene([Obstacle("thing", shape, at)]))
         assert checker.clearance([0.0]) == pytest.approx(0.2 + size - half - BALL, abs=max(GJK_SLACK, 1e-8 * size))
+
+
+def test_reach_is_homogeneous_and_takes_many_directions() -> None:
+    support = shape_body("thing", "thing", None, Cylinder(radius=0.1, length=0.4), HERE).support
+    many = np.random.default_rng(0).normal(size=(4, 5, 3))
+    found = support.reach(many)
+    assert found.shape == (4, 5)
+    np.testing.assert_allclose(support.reach(3.0 * many), 3.0 * found, atol=1e-12)
+    np.testing.assert_allclose(found[2, 3], support.reach(many[2, 3]), atol=1e-15)
+    assert float(support.reach(np.zeros(3))) == 0.0

@@ -72,22 +72,16 @@ class Support:
         if self.semi_axes is None:
             object.__setattr__(self, "semi_axes", np.zeros(3))
 
-    def reach(self, direction: Array) -> float:
-        """The largest ``direction . x`` over the body, for a unit direction (3,) in the body's own frame.
+    def reach(self, directions: Array) -> Array:
+        """(...) the largest ``direction . x`` over the body, for directions (..., 3) of any length in its own frame.
 
-        max_v (p_v . d + disc_v hypot(d_x, d_y)) + radius + |semi_axes * d|: supports of Minkowski sums add up (R. T.
-        Rockafellar, 1970, "Convex analysis", corollary 16.4.1), that of a hull of unions is their maximum.
+        max_v (p_v . d + disc_v hypot(d_x, d_y)) + radius |d| + |semi_axes * d|: supports of Minkowski sums add up (R.
+        T. Rockafellar, 1970, "Convex analysis", corollary 16.4.1), that of a hull of unions is their maximum.
         """
-        flat = float(np.hypot(direction[0], direction[1]))
-        reach = float((self.points @ direction + self.disc_radii * flat).max()) + self.radius
-        return reach + float(np.linalg.norm(self.semi_axes * direction))
-
-    def reaches(self, directions: Array) -> Array:
-        """(d,) the same for directions (d, 3) of any length, 0 too."""
-        flat = np.sqrt((directions[:, :2] ** 2).sum(axis=1))
-        reach = (directions @ self.points.T + flat[:, None] * self.disc_radii).max(axis=1)
-        length = np.sqrt((directions**2).sum(axis=1))
-        return np.asarray(reach + self.radius * length + np.sqrt(((self.semi_axes * directions) ** 2).sum(axis=1)))
+        flat = np.sqrt((directions[..., :2] ** 2).sum(axis=-1))
+        reach = (directions @ self.points.T + flat[..., None] * self.disc_radii).max(axis=-1)
+        length = np.sqrt((directions**2).sum(axis=-1))
+        return np.asarray(reach + self.radius * length + np.sqrt(((self.semi_axes * directions) ** 2).sum(axis=-1)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -198,5 +198,5 @@ def _reach(body: Body, at: Array, directions: Array) -> Array:
         return np.asarray(origin)
     local = directions @ at[:9].reshape(3, 3)
     if body.support is not None:
-        return np.asarray(origin + body.support.reaches(local))
+        return np.asarray(origin + body.support.reach(local))
     return np.asarray(origin + (local @ np.array(body.geometry.vertices()).T).max(axis=1))

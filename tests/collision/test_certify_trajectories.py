@@ -44,3 +44,16 @@ def test_a_file_has_the_certificate_of_what_was_saved(slider, tmp_path, ending, 
     assert (after.status, after.clearance, after.intervals) == (before.status, before.clearance, before.intervals)
     other = bulge(slider, 1 / 3, None if acceleration else 0.0)  # the same points, the other interpolant
     assert not before.matches(other, slider, checker.scene)
+
+
+def test_an_undecided_span_tells_how_far_apart_its_bodies_are_though_the_proof_gave_the_pair_up_unmeasured():
+    """A rod swings 0.2 mm above a plate, and the proof may not cut finely enough."""
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    rod = pp.Obstacle("rod", pp.Cylinder(radius=0.004, length=0.2), pp.pose((0, 0, 0.1)))
+    tip = (arm.forward_kinematics(arm.home) * pp.pose((0, 0, 0.2))).translation
+    plate = pp.Obstacle("plate", pp.Box(0.5, 0.5, 0.2), pp.pose(tip - [0, 0, 0.1002]))
+    turn = np.array([0.5, 0, 0, 0, 0, 0])
+    swing = pp.JointPath([arm.home - turn, arm.home + turn], arm.joint_names)
+    undecided = pp.certify(swing, pp.CollisionChecker(arm, pp.Scene([plate]), attached=[rod]), tolerance=0.01).undecided
+    assert undecided.bodies == ("rod", "plate")
+    assert undecided.distance == pytest.approx(2e-4, abs=1e-6)

@@ -195,10 +195,10 @@ class _Proof:
         if at_end is not None:
             return self._colliding(last, end, at_end, last if open_from is None else open_from)
         if open_from is not None:
-            bodies = self._names(int(state[k.OPEN_PAIR]))
-            return self._undecided(
-                UndecidedSpan(open_from, float(state[k.OPEN_END]), bodies, float(state[k.OPEN_DISTANCE]))
-            )
+            pair, until, distance = int(state[k.OPEN_PAIR]), float(state[k.OPEN_END]), float(state[k.OPEN_DISTANCE])
+            if distance == np.inf:  # the pair was given up unmeasured: a longer interval had shown it to be near
+                distance = self._judge.placed(self._curve((open_from + until) / 2)).measure(pair).attained
+            return self._undecided(UndecidedSpan(open_from, until, self._names(pair), distance))
         return self._free()
 
     def succeeds(self) -> bool:

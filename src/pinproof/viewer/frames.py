@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 FRAME_SHARE = 0.11
 """Length of a frame's axes, as a share of the picture's radius."""
 
+NEAR = 0.2
+"""Origins nearer than this share of an axis' length would have their names on each other."""
+
 
 def frame_names(stage: Stage) -> list[str]:
     """The links whose frames are shown: base, what each joint of the arm moves, tcp."""
@@ -32,5 +35,11 @@ def add_frames(commands: Commands, placed: Mapping[str, Array], reach: float) ->
     """
     for name, pose in placed.items():
         commands.set_transform(node_path("frames", name), pose)
-    names = [[node_path("frames", name).removeprefix("/frames/"), name] for name in placed]
-    return {"names": names, "length": round(FRAME_SHARE * reach, 4)}
+    length = round(FRAME_SHARE * reach, 4)
+    origins = [pose[:3, 3] for pose in placed.values()]
+    names = []
+    for number, name in enumerate(placed):
+        # names at one origin stand above each other
+        below = sum(bool(np.linalg.norm(each - origins[number]) < NEAR * length) for each in origins[:number])
+        names.append([node_path("frames", name).removeprefix("/frames/"), name, below])
+    return {"names": names, "length": length}

@@ -33,7 +33,7 @@ settings.copies.forEach((copy, number) => {
 
 // --- frames: red x, green y, blue z, and the name ---
 const hues = [0xd62728, 0x2ca02c, 0x1f5fd0];
-for (const [node, name] of settings.frames.names) {
+for (const [node, name, below] of settings.frames.names) {
   const size = settings.frames.length, group = new THREE.Group();
   hues.forEach((color, axis) => {
     const rod = new THREE.Mesh(new THREE.CylinderGeometry(0.025 * size, 0.025 * size, size, 8),
@@ -44,11 +44,11 @@ for (const [node, name] of settings.frames.names) {
     rod.renderOrder = 5;
     group.add(rod);
   });
-  group.add(label(name, size));
+  group.add(label(name, size, below));
   viewer.scene_tree.find(["frames", node, "axes"]).set_object(group);
 }
 
-function label(text, size) {
+function label(text, size, below) {
   const canvas = document.createElement("canvas"), pen = canvas.getContext("2d"), font = "600 40px system-ui, sans-serif";
   pen.font = font;
   canvas.width = Math.ceil(pen.measureText(text).width) + 24;
@@ -62,7 +62,7 @@ function label(text, size) {
   map.minFilter = THREE.LinearFilter;
   const sprite = new THREE.Sprite(new THREE.SpriteMaterial({ map, depthTest: false, sizeAttenuation: false }));
   sprite.scale.set((0.0125 * canvas.width) / canvas.height, 0.0125, 1);
-  sprite.center.set(0, 0);
+  sprite.center.set(0, -1.1 * below);
   sprite.position.setScalar(0.12 * size);
   sprite.renderOrder = 6;
   return sprite;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import tempfile
 import time
 from collections.abc import Iterator
@@ -93,7 +94,7 @@ def _two_of_dask() -> Iterator[Any]:
         tempfile.TemporaryDirectory() as scratch,
         LocalCluster(
             n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
-            local_directory=scratch,
+            local_directory=scratch, silence_logs=logging.ERROR,
         ) as cluster,
         Client(cluster) as client,
     ):  # fmt: skip

@@ -113,7 +113,7 @@ def _campaigns(rows: Sequence[CampaignRow], idle: Sequence[CampaignRow]) -> list
             f"With a judge that does nothing, {r.picks:,} picks take {r.wall_s:.1f} s in one process, and "
             f"{1e6 / r.steady:.0f} us a pick once it is at work: what the machinery costs, picks made and rows written."
         )
-        said += ["", *_text(costs)]
+        said += ["", *_text(costs)] if said else _text(costs)
     return said
 
 

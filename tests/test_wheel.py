@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
@@ -19,13 +20,15 @@ pytestmark = pytest.mark.xdist_group("wheel")
 SMOKE = """
 import pathlib, sys
 import pinproof as pp
+from pinproof.description import catalogue_names
 
 assert pathlib.Path(pp.__file__).is_relative_to(sys.prefix), pp.__file__
 arm = pp.load_robot("ur5").arm(tcp="tool0")
 q = [0.3, -1.2, 1.4, -0.5, 0.7, 0.2]
 found = pp.Clik().solve(arm, arm.forward_kinematics(q), rng=0).or_raise()
 assert found.position_error < 1e-5, found
-pp.load_robot("generic_6dof")
+for name in catalogue_names():  # among them our own, from the wheel's robots/
+    assert pp.load_robot(name).arm().dof >= 2, name
 print(pp.__version__)
 """
 
@@ -63,5 +66,8 @@ def test_wheel_does_the_main_job_in_a_clean_environment(wheel: Path, tmp_path: P
     # With dependencies from the index, so that an import we did not declare is found missing.
     run(python, "-m", "pip", "install", "-qq", "--disable-pip-version-check", wheel, cwd=tmp_path)
     assert wheel.name.split("-")[1] in run(python, "-I", "-c", SMOKE, cwd=tmp_path)
-    run(home / "bin" / "pinproof", "demo", "--html", "pick.html", cwd=tmp_path)
+    run(python, "-m", "pip", "check", cwd=tmp_path)
+    report = json.loads(run(home / "bin" / "pinproof", "demo", "--html", "pick.html", "--json", cwd=tmp_path))
+    assert sum(pick["verdict"] == "good" for pick in report["picks"]) == 4
+    assert report["written"] == ["pick.html", "pick.json"]
     assert (tmp_path / "pick.html").stat().st_size > 0

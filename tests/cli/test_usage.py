@@ -99,7 +99,9 @@ def test_ctrl_c_in_the_work_is_130_and_no_answer(run: Run, monkeypatch: pytest.M
 
     monkeypatch.setattr("pinproof.reach_map", interrupted)
     words = ("reach", "ur5", "--region", "0.4 0.4 0 0 0.3 0.3", "-o", "map.csv")
-    assert run(*words) == (130, "", "pinproof: interrupted; no answer was given\n")
+    code, out, err = run(*words)
+    # Rich before version 14 leaves an empty line where it would have shown progress.
+    assert (code, out, err.lstrip("\n")) == (130, "", "pinproof: interrupted; no answer was given\n")
     assert list(Path().iterdir()) == []
     code, out, _ = run(*words, "--json")
     assert (code, json.loads(out)["error"]["kind"]) == (130, "interrupted")

@@ -1,0 +1,57 @@
+"""Every supported Python gets all it needs as wheels: nobody has to compile anything."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+EXTRAS = ("dask", "ompl", "xacro")
+
+# They share one look at the index, so they go to one worker.
+pytestmark = pytest.mark.xdist_group("resolution")
+
+between = pytest.mark.skipif(not os.environ.get("CI"), reason="half a minute each: outside CI the oldest and newest do")
+
+
+def resolve(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    """What pip would install, from wheels alone and whatever is installed here, written to report.json."""
+    command = [sys.executable, "-m", "pip", "install", "--dry-run", "--disable-pip-version-check", "--ignore-installed"]
+    command += ["--only-binary", ":all:", "--target", str(folder / "none"), "--report", str(folder / "report.json")]
+    return subprocess.run([*command, *words], capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def index(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """A package index that answers."""
+    if resolve(tmp_path_factory.mktemp("probe"), "--no-deps", "--retries", "0", "--timeout", "15", "typer").returncode:
+        pytest.skip("no package index answers")
+
+
+@pytest.mark.parametrize(
+    "python", ["3.10", pytest.param("3.11", marks=between), pytest.param("3.12", marks=between), "3.13"]
+)
+def test_all_requirements_have_wheels(python: str, index: None, tmp_path: Path) -> None:
+    assert f"Programming Language :: Python :: {python}" in PROJECT["classifiers"]
+    wanted = [*PROJECT["dependencies"], *(one for extra in EXTRAS for one in PROJECT["optional-dependencies"][extra])]
+    done = resolve(tmp_path, "--python-version", python, *wanted)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["install"]
+    names = {one["metadata"]["name"].lower() for one in found}
+    assert {"pin", "coal", "numba", "numpy", "ompl", "distributed"} <= names
+    assert [one["download_info"]["url"] for one in found if not one["download_info"]["url"].endswith(".whl")] == []
+
+
+def test_each_requirement_says_the_least_that_works() -> None:
+    extras = [one for extra in EXTRAS for one in PROJECT["optional-dependencies"][extra]]
+    assert [one for one in (*PROJECT["dependencies"], *extras) if ">=" not in one] == []

@@ -82,11 +82,24 @@ def test_missing_mesh_names_every_place_of_the_environment(tmp_path, monkeypatch
     assert {tmp_path / "ros" / "pkg" / "m.stl", tmp_path / "ament" / "share" / "pkg" / "m.stl"} <= set(looked)
 
 
-@pytest.mark.parametrize("uri", ["package://a/../../etc/passwd", "package://a/b/../../c", "package://a/%2e%2e/c.stl"])
+@pytest.mark.parametrize(
+    "uri", ["package://a/../../etc/passwd", "package://a/b/../../c", "package://a/%2e%2e/c.stl", "package://../c.stl"]
+)
 def test_uri_that_climbs_out_of_its_package_is_refused(tmp_path, uri):
     file = put(tmp_path / "r.urdf", URDF.format(f'<mesh filename="{uri}"/>'))
     with pytest.raises(pp.UrdfError, match=r"line 1.*climbs out of its package"):
         pp.load_robot(file)
+
+
+def test_second_slash_inside_is_no_absolute_path(tmp_path):
+    outside = put(tmp_path / "outside.stl")
+    assert locate(f"package://a/{outside}", None, [tmp_path]).path is None
+
+
+@pytest.mark.parametrize("name", ["x" * 5000, "a/" * 3000, "a\0b"])
+def test_name_that_no_file_can_have_is_not_found(tmp_path, name):
+    for uri in (name, f"package://{name}", f"package://a/{name}", f"file:///{name}"):
+        assert locate(uri, tmp_path, [tmp_path]).path is None
 
 
 def test_dots_inside_the_package_are_followed(tmp_path):

@@ -48,7 +48,7 @@ def test_defaults_of_arguments_hold(file, tmp_path):
         ("$(find pkg)", "$(find nowhere)", "'nowhere' was not found"),
         ("<xacro:limits/>", "<xacro:nix/>", "unknown macro name: xacro:nix"),
         ("${2 * l}", "${2 * m}", "m"),
-        ("</robot>", "", "no element found"),
+        ("</robot>", "", "not well-formed XML"),
         ('link name="tip"', 'link name="tap"', r"expanded.*unknown link 'tip'"),
     ],
 )
@@ -72,5 +72,5 @@ def test_missing_xacro_names_the_extra(tmp_path, monkeypatch):
 
 def test_missing_file_is_named(tmp_path):
     pytest.importorskip("xacro")
-    with pytest.raises(pp.UrdfError, match="no such file"):
+    with pytest.raises(pp.UrdfError, match="No such file"):
         pp.load_robot(tmp_path / "r.xacro")

@@ -71,7 +71,7 @@ defaults: {rpy: [pi, 0, 0], approach: 0.2}"""
         ("{name: 7, xyz: [0.4, 0.1, 0.2]}", "in quotes if it is a number"),
         ("{name: fine, xyz: [0.4, 0.1, 0.2]}", "a second pick is named 'fine'"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], aproach: 0.1}", "unknown key 'aproach'; valid: approach"),
-        ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: -0.1}", "approach of pick 'bad' is -0.1 m; it is 0 or more"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: -0.1}", "approach of pick 'bad' is -0.1 m; it is from 0 to 20"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: [0.1, 0.2]}", "approach of pick 'bad'"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat: .nan}", "retreat of pick 'bad' holds nan"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat_direction: [0, 0, 0]}", "has no length"),

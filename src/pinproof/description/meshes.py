@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from pinproof.description.input_file import read_bytes
 from pinproof.description.packages import MeshFile
+from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError
 
 __all__ = ["MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
@@ -120,7 +121,7 @@ def _load(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     data = read_bytes(path, MeshError, largest=LARGEST_MESH, remedy="make it coarser, or cut it into several")
     kind = path.suffix.lower()[1:]
     if kind == "dae":
-        _refuse_doctype(path, data)
+        refuse_doctype(data, path, MeshError)
     if kind == "stl" and not data.lstrip().startswith(b"solid"):
         _refuse_cut_short(path, data)
     try:
@@ -131,18 +132,6 @@ def _load(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
         return vertices, np.array(loaded.faces, dtype=np.int64).reshape(-1, 3)
     except Exception as error:  # trimesh raises whatever its many readers raise
         raise MeshError(path, f"cannot be read as a mesh: {error or type(error).__name__}") from error
-
-
-def _refuse_doctype(path: Path, data: bytes) -> None:
-    """What a COLLADA file could do by entities: swell, and fetch other files."""
-    from lxml import etree
-
-    try:
-        _, root = next(etree.iterparse(BytesIO(data), events=("start",), resolve_entities=False, no_network=True))
-    except (etree.XMLSyntaxError, StopIteration) as error:
-        raise MeshError(path, f"cannot be read as a mesh: {error}") from error
-    if root.getroottree().docinfo.doctype:
-        raise MeshError(path, "holds a DOCTYPE, which meshes do not need and which can hide entity bombs")
 
 
 def _refuse_cut_short(path: Path, data: bytes) -> None:

@@ -17,6 +17,9 @@ __all__ = ["Words"]
 Array = npt.NDArray[np.float64]
 Attributes = dict[str, dict[str, str]]
 
+LARGEST = 1e100
+"""Of any number: the squares of larger ones overflow."""
+
 ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 
 
@@ -72,7 +75,10 @@ class Words:
         """``count`` numbers of an attribute that may come from a class; errors name the element's line."""
         stand_in = element.makeelement(element.tag, {name: words.get(name, default)})
         stand_in.sourceline = element.sourceline
-        return np.array(numbers(stand_in, name, count, self.path))
+        values = np.array(numbers(stand_in, name, count, self.path))
+        if np.abs(values).max(initial=0.0) > LARGEST:
+            raise UrdfError(self.path, f"<{element.tag} {name}> is beyond {LARGEST:g}", place(element))
+        return values
 
     def pose(self, element: Element, words: Mapping[str, str]) -> Array:
         """(4, 4) of ``pos`` (metres) and of whichever orientation is given."""

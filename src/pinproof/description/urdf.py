@@ -134,14 +134,15 @@ def _root_link(links: Mapping[str, Element], joints: Mapping[str, UrdfJoint], so
     parents: dict[str, str] = {}
     for joint in joints.values():
         if joint.child in parents:
-            raise UrdfError(source, f"link {joint.child!r} hangs on more than one joint: URDF robots are trees")
+            what = f"link {joint.child!r} hangs on more than one joint: URDF robots are trees"
+            raise UrdfError(source, what, place(links[joint.child]))
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
         what = (
             f"the links {roots} all have no parent" if roots else "no link is without a parent, so joints form a ring"
         )
-        raise UrdfError(source, f"{what}; a URDF has exactly one root")
+        raise UrdfError(source, f"{what}; a URDF has exactly one root", place(links[roots[1]]) if roots else "")
     reached, edge = {roots[0]}, [roots[0]]
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
@@ -151,7 +152,8 @@ def _root_link(links: Mapping[str, Element], joints: Mapping[str, UrdfJoint], so
         reached.update(fresh)
         edge.extend(fresh)
     if len(reached) != len(links):
-        raise UrdfError(source, f"the links {sorted(set(links) - reached)} form a ring that does not hang on the root")
+        ring = [link for link in links if link not in reached]
+        raise UrdfError(source, f"the links {ring} form a ring that does not hang on the root", place(links[ring[0]]))
     return roots[0]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from pinproof.description.packages import find_package
+from pinproof.description.xml_reader import parse_file
 from pinproof.errors import InputError, UrdfError
 
 __all__ = ["expand_xacro"]
@@ -35,8 +36,7 @@ def expand_xacro(path: Path, arguments: Mapping[str, str], package_dirs: Sequenc
         raise InputError(
             f"{path} needs xacro to be expanded; install it with: pip install 'pinproof[xacro]'"
         ) from error
-    if not path.is_file():
-        raise UrdfError(path, "cannot be read: no such file")
+    parse_file(path)  # for its checks: a file, of a size, well-formed, without entities
 
     def find(package: str) -> str:
         folder = find_package(package, path.resolve().parent, package_dirs)

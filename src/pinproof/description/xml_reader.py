@@ -5,11 +5,12 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Collection
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 from pinproof.description.input_file import read_bytes
-from pinproof.errors import UrdfError
+from pinproof.errors import FileError, UrdfError
 
 __all__ = [
     "Element",
@@ -19,6 +20,7 @@ __all__ = [
     "parse_file",
     "parse_text",
     "place",
+    "refuse_doctype",
     "required",
     "spelt",
     "spelt_attributes",
@@ -48,17 +50,28 @@ def parse_text(text: str | bytes, path: str | Path) -> Element:
     """The root element of XML text; ``path`` is only named in errors. A DOCTYPE (entities) is refused."""
     from lxml import etree
 
+    data = text.encode() if isinstance(text, str) else text
+    refuse_doctype(data, path, UrdfError)
     parser = etree.XMLParser(
         resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True, remove_pis=True
     )
     try:
-        root = etree.fromstring(text.encode() if isinstance(text, str) else text, parser)
+        return etree.fromstring(data, parser)
     except etree.XMLSyntaxError as error:
         reason = str(error.msg).partition("\n")[0]
         raise UrdfError(path, f"is not well-formed XML: {reason}", f"line {error.lineno}") from error
+
+
+def refuse_doctype(data: bytes, path: str | Path, error: type[FileError]) -> None:
+    """Refuse XML with a DOCTYPE before any entity is met: it could swell to any size, or fetch other files."""
+    from lxml import etree
+
+    try:
+        _, root = next(etree.iterparse(BytesIO(data), events=("start",), resolve_entities=False, no_network=True))
+    except (etree.XMLSyntaxError, StopIteration):
+        return  # who reads it says why it is no XML
     if root.getroottree().docinfo.doctype:
-        raise UrdfError(path, "holds a DOCTYPE, which robot descriptions do not need and which can hide entity bombs")
-    return root
+        raise error(path, "holds a DOCTYPE, which nothing here needs and which can hide entity bombs")
 
 
 def place(element: Element) -> str:

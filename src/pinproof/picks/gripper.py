@@ -41,9 +41,10 @@ class Fingers:
         if not 0 <= grip <= opening:
             raise InputError(f"the fingers open to {opening} m and grip at {grip} m; 0 <= grip <= opening")
         axis = finite("axis of the fingers", self.axis, (3,))
-        if (length := float(np.linalg.norm(axis))) < 1e-9:
+        if (largest := float(np.abs(axis).max())) < 1e-9:
             raise InputError("axis of the fingers has no length")
-        object.__setattr__(self, "axis", tuple((axis / length).tolist()))
+        axis /= largest  # so that no square overflows
+        object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
 
     def apart(self) -> tuple[Obstacle, Obstacle]:
         """The bodies before the grasp."""

@@ -26,6 +26,9 @@ TIP, ROOT = "tip", "root"
 
 WAYS = ("approach", "retreat")
 
+LONGEST_WAY = 20.0
+"""Metres of an approach or a retreat; 50 and 100 are millimetres."""
+
 
 @dataclass(frozen=True, eq=False)
 class Place:
@@ -141,16 +144,16 @@ def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
 def _check_way(thing: Pick | Place, way: str, of: str) -> None:
     """Approach or retreat: a distance, a direction of length 1, and whose axes it is in."""
     value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
-    if value < 0:
-        raise InputError(f"{way} of {of} is {value} m; it is 0 or more")
+    if not 0 <= value <= LONGEST_WAY:
+        raise InputError(f"{way} of {of} is {value:g} m; it is from 0 to {LONGEST_WAY:g} (lengths are metres)")
     direction = finite(f"{way}_direction of {of}", getattr(thing, f"{way}_direction"), (3,))
-    length = float(np.linalg.norm(direction))
-    if length < 1e-9:
+    if (largest := float(np.abs(direction).max())) < 1e-9:
         raise InputError(f"{way}_direction of {of} has no length")
+    direction /= largest  # so that no square overflows
     if getattr(thing, f"{way}_frame") not in (TIP, ROOT):
         raise UnknownNameError(f"{way}_frame", getattr(thing, f"{way}_frame"), (TIP, ROOT), of)
     object.__setattr__(thing, way, value)
-    object.__setattr__(thing, f"{way}_direction", tuple((direction / length).tolist()))
+    object.__setattr__(thing, f"{way}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
 
 
 @dataclass(frozen=True)

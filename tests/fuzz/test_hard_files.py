@@ -170,7 +170,9 @@ def _refused_or_a_verdict(path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "content", [gzip.compress(b"{}" * 99)[:-9], b"\x1f\x8b" + b"\0" * 99, b"\x1f\x8b\x08\0" + b"\xff" * 99]
+    "content",
+    [gzip.compress(b"{}" * 99, mtime=0)[:-9], b"\x1f\x8b" + b"\0" * 99, b"\x1f\x8b\x08\0" + b"\xff" * 99],
+    ids=["cut off", "no method", "no data"],
 )
 def test_packed_proof_that_is_no_whole_gzip_file(tmp_path, content):
     (tmp_path / "proof.json").write_bytes(content)

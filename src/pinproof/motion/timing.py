@@ -92,7 +92,8 @@ def _check_velocity(place: str, velocity: Array, tangent: Array, bounds: Bounds,
     if not velocity.any():
         return
     along = float(velocity @ tangent) * tangent / max(float(tangent @ tangent), np.finfo(float).tiny)
-    if np.abs(velocity - along).max() > TANGENT_TOLERANCE * np.abs(velocity).max():
+    # A velocity below the smallest normal number has lost its direction.
+    if np.abs(velocity - along).max() > TANGENT_TOLERANCE * np.abs(velocity).max() + np.finfo(float).tiny:
         raise InputError(
             f"{place}_velocity {velocity} does not lie along the path, whose tangent there is {tangent}: the arm would "
             "leave it"

@@ -68,6 +68,7 @@ _HOME = {
         "Capsule",
         "Certificate",
         "CertificateStatus",
+        "CheckResult",
         "CollisionChecker",
         "Cone",
         "ConvexHull",

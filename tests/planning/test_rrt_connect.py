@@ -281,6 +281,15 @@ def test_with_turns_a_goal_behind_a_wall_is_reached_the_other_way_round(turntabl
     assert_free(plan.path, checker)
 
 
+def test_turns_are_not_advised_where_every_one_is_a_goal_already(turntable: pp.Arm) -> None:
+    posts = [pp.Obstacle(f"post_{y}", pp.Box(0.2, 0.2, 1.0), pp.pose((0.0, y, 0.0))) for y in (1.0, -1.0)]
+    checker = pp.CollisionChecker(turntable, pp.Scene(posts))
+    budget = pp.RrtConnect(max_nodes=100, max_samples=500, time_limit=600.0)
+    plan = budget.plan(checker, [0.0], [[3.0], [3.0 - 2 * np.pi]])
+    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert "turns=True" not in plan.message
+
+
 def test_turns_stay_inside_the_limits(ur5: pp.Arm) -> None:
     goal = np.array([3.0, -1.5, 1.0, -5.0, 1.0, 6.0])
     from pinproof.planning.goals import with_turns

@@ -131,7 +131,8 @@ def _compared(result: StageResult, search: BestFirst) -> StageResult:
     counts = {"whole": search.made, "excluded": search.excluded, "untried": search.untried}
     said = [f"the best of {counts['whole']} whole picks"] if counts["whole"] > 1 else []
     if counts["excluded"]:
-        said.append(f"{counts['excluded']} others excluded by the bound of their score")
+        others = "1 other" if counts["excluded"] == 1 else f"{counts['excluded']} others"
+        said.append(f"{others} excluded by the bound of their score")
     if counts["untried"]:
         said.append(f"{counts['untried']} not tried within the budget")
     figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}

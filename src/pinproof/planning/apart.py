@@ -25,7 +25,7 @@ def gap_between(from_start: Array, from_goal: Array) -> float:
 def how_far_apart(arm: Arm, from_start: Array, from_goal: Array, gap: float, *, turns: bool) -> str:
     """The ``gap`` between two trees (a, n) and (b, n) in words, and the joints in which they never met.
 
-    ``turns`` says whether goals whole turns away were among the roots; if not, a parted periodic joint suggests them.
+    ``turns`` says whether all goals whole turns away were roots; if not, a parted periodic joint suggests them.
     """
     words = f"the trees came within {gap:.3g} (rad or m) of each other in joint space"
     parted = {joint: text for joint in range(arm.dof) if (text := _parted(arm, joint, from_start, from_goal))}

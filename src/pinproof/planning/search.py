@@ -19,6 +19,7 @@ from pinproof.motion import JointPath
 from pinproof.planning.apart import gap_between, how_far_apart
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends
+from pinproof.planning.goals import with_turns
 from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus, Progress
 from pinproof.planning.trees import Trees
 
@@ -39,6 +40,9 @@ many a quarter again, and so on."""
 
 DRAWS = 256
 """Random samples that are drawn at a time."""
+
+SAME_GOAL = 1e-6
+"""Rad or m: goals that differ by less in every joint are one."""
 
 LOOKS_AT_ONCE = 2000
 """Samples of edges that are looked at before the clock is: some 10 ms."""
@@ -180,9 +184,15 @@ class Search:
         failed = f", {self._cut} edges failed the proof, the last because {self._last_cut}" if self._cut else ""
         trees = (self._trees.living(0), self._trees.living(1))
         gap = gap_between(*trees)
-        apart = how_far_apart(self._checker.arm, *trees, gap, turns=self._given.turns)
+        apart = how_far_apart(self._checker.arm, *trees, gap, turns=self._given.turns or not self._has_other_turns())
         work = f"{len(self._trees)} nodes, {self._state[self._kernel.SAMPLES]} samples{failed}"
         return self._result(status, f"{why} ({work}); {apart}. {advice}", gap=gap)
+
+    def _has_other_turns(self) -> bool:
+        """Whether a goal has an equal whole turns away, inside the limits, that is not a goal itself."""
+        goals = self._given.goals
+        others = with_turns(self._checker.arm, self._given.start, goals)[0][len(goals) :]
+        return any(np.abs(goals - other).max(axis=1).min() > SAME_GOAL for other in others)
 
     def _result(self, status: PlanStatus, message: str, *, gap: float) -> PlanResult:
         return PlanResult(

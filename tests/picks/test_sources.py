@@ -65,7 +65,7 @@ def test_a_picks_file_may_name_a_table_and_gives_it_what_is_shared(write, tmp_pa
         ("b,1,,3,0,0,0,,,,,", "states only a part of x, y, z"),
         ("b,,,,0,0,0,,,,,", "does not state its xyz"),
         ("b,1,2,3,,,,,,,,", "states no orientation"),
-        ("b,1,2,3,0,0,0,-1,,,,", "approach of pick 'b' is -1.0 m"),
+        ("b,1,2,3,0,0,0,-1,,,,", "approach of pick 'b' is -1 m"),
         ('"b,1,2,3,0,0,0,,,,,', "is no line of a CSV file"),
         (b"\xff,1,2,3,0,0,0,,,,,", "is no line of a CSV file in UTF-8"),
         ("a,1,2,3,0,0,0,,,,,", "a second pick is named 'a'"),

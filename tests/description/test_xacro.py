@@ -7,6 +7,7 @@ import sys
 import pytest
 
 import pinproof as pp
+from pinproof.description.xacro_files import expand_xacro
 
 XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="length" default="0.3"/>
@@ -56,6 +57,18 @@ def test_what_cannot_be_expanded_is_refused(file, tmp_path, before, after, messa
     file.write_text(XACRO.replace(before, after))
     with pytest.raises(pp.UrdfError, match=message):
         pp.load_robot(file, package_dirs=[tmp_path / "packages"])
+
+
+def test_what_does_not_end_is_stopped(file, tmp_path):
+    file.write_text(XACRO.replace("${2 * l}", "${9**9**9}"))
+    with pytest.raises(pp.UrdfError, match="within 2 s"):
+        expand_xacro(file, {}, [tmp_path / "packages"], time_limit=2.0)
+
+
+def test_what_fills_the_memory_is_refused(file, tmp_path):
+    file.write_text(XACRO.replace("${2 * l}", "${len('x' * 10**11)}"))
+    with pytest.raises(pp.UrdfError, match="when evaluating expression 'len"):
+        expand_xacro(file, {}, [tmp_path / "packages"])
 
 
 def test_arguments_for_a_plain_urdf_are_refused(tmp_path):

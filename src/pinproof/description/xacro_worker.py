@@ -1,0 +1,59 @@
+"""The process that expands one xacro file: a program of its own, so that it can be bounded and stopped.
+
+Reads the job as JSON from its standard input and writes the answer as JSON to its standard output.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from pinproof.description.packages import find_package
+
+__all__ = ["main"]
+
+MOST_MEMORY = 4 * 2**30
+"""Bytes of address space: the largest robots expand within a twentieth of it."""
+
+
+def main() -> None:
+    """Expand the file of the job; whatever goes wrong in it is the answer, not an exception."""
+    job = json.load(sys.stdin)
+    _bound_memory()
+    answer: dict[str, str]
+    with contextlib.redirect_stdout(sys.stderr):  # xacro warns there
+        try:
+            answer = {"text": _expand(Path(job["path"]), job["arguments"], [Path(d) for d in job["package_dirs"]])}
+        except Exception as error:  # noqa: BLE001 - xacro raises whatever the expressions in the file raise
+            answer = {"error": " ".join(str(error).split()) or type(error).__name__}
+    json.dump(answer, sys.stdout)
+
+
+def _expand(path: Path, arguments: dict[str, str], package_dirs: list[Path]) -> str:
+    import xacro
+    from xacro import substitution_args
+
+    def find(package: str) -> str:
+        folder = find_package(package, path.resolve().parent, package_dirs)
+        if folder is None:
+            raise LookupError(
+                f"package {package!r} was not found in package_dirs, above the file, in ROS_PACKAGE_PATH or "
+                "AMENT_PREFIX_PATH"
+            )
+        return str(folder)
+
+    parts: Any = substitution_args
+    parts._eval_find = find  # xacro asks ament_index_python, a part of ROS; it has no other seam for that
+    document = xacro.process_file(str(path), mappings=arguments)
+    return str(document.toprettyxml(indent="  "))
+
+
+def _bound_memory() -> None:
+    import resource
+
+    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
+    most = MOST_MEMORY if hard == resource.RLIM_INFINITY else min(MOST_MEMORY, hard)
+    resource.setrlimit(resource.RLIMIT_AS, (most, hard))

@@ -16,9 +16,8 @@ from rich.text import Text
 
 if TYPE_CHECKING:
     from pinproof.picks import PickReport
-    from pinproof.viewer.live import LiveView
 
-__all__ = ["Stopped", "complain", "print_json", "print_report", "remark", "say", "wait_for_stop", "working"]
+__all__ = ["Stopped", "complain", "print_json", "print_report", "remark", "say", "until_stopped", "working"]
 
 _STYLES = {
     "good": "green",
@@ -88,10 +87,11 @@ def print_report(report: PickReport) -> None:
         say(f"not covered: {note}")
 
 
-def wait_for_stop(view: LiveView) -> None:
-    """Let a live view go on until Ctrl-C, which is how it ends."""
+@contextmanager
+def until_stopped() -> Iterator[None]:
+    """Show a live view until Ctrl-C, which is how it ends."""
     try:
-        view.wait()
+        yield
     except KeyboardInterrupt:
         raise Stopped("the live view has ended", answered=True) from None
 

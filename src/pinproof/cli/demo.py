@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import complain, print_json, print_report, remark, say, wait_for_stop, working
+from pinproof.cli.console import complain, print_json, print_report, remark, say, until_stopped, working
 from pinproof.cli.options import Json, Seed
 from pinproof.cli.outputs import check_outputs, write_motion
 from pinproof.cli.pick import judge_file
@@ -53,14 +53,17 @@ def demo(
         say(f"wrote {' and '.join(map(str, written))}; open the page in a browser, it needs no network")
     if live:
         shown = first.motions[0]
-        with pp.show(
-            arm.with_held(shown.held),
-            shown.scene,
-            shown.trajectory,
-            certificate=shown.certificate,
-            attached=shown.attached,
-            title=first.pick.name,
-            open_browser=True,
-        ) as view:
+        with (
+            pp.show(
+                arm.with_held(shown.held),
+                shown.scene,
+                shown.trajectory,
+                certificate=shown.certificate,
+                attached=shown.attached,
+                title=first.pick.name,
+                open_browser=True,
+            ) as view,
+            until_stopped(),
+        ):
             (remark if as_json else say)(f"live view at {view.url} (Ctrl-C ends it)")
-            wait_for_stop(view)
+            view.wait()

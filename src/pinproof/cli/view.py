@@ -11,7 +11,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import complain, print_json, say, wait_for_stop, working
+from pinproof.cli.console import complain, print_json, say, until_stopped, working
 from pinproof.cli.options import Chain, Configuration, Html, Json, Surroundings, parse_configuration
 from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError, MeshError
@@ -100,9 +100,10 @@ def view(
         what["check"] = _checked(arm, world, held, around) if q is not None or around.scene is not None else None
         what["ghosts"] = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(held)).q if branches else None
     if html is None and still.png is None:
-        with pp.show(arm, world, **what, port=port, open_browser=browser) as shown:
+        # until_stopped from the first word on: who reads it may stop the view at once
+        with pp.show(arm, world, **what, port=port, open_browser=browser) as shown, until_stopped():
             print_json({"url": shown.url}) if as_json else say(f"{shown.url} (Ctrl-C ends it)")
-            wait_for_stop(shown)
+            shown.wait()
         return
     with working("drawing"):
         if still.png is not None:  # first, as it may fail for want of a browser: then nothing is written

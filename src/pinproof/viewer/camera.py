@@ -34,6 +34,9 @@ GRID = (80, 60)
 SAMPLES = 1500
 """Points on each link that stand for its surface; cells of GRID are wider than their gaps."""
 
+LOOKS = 5
+"""Moments of the motion at which directions are compared."""
+
 SEEN_CELLS = 2
 """A link counts as seen when it owns this many cells of GRID."""
 
@@ -47,7 +50,7 @@ ENOUGH = 0.20
 NEARLY = 0.985
 """A customary direction is taken if its links are seen at least this well, compared with the best direction."""
 
-MARGIN = 0.05
+MARGIN = 0.04
 """Share of the half canvas that stays free beyond what is framed."""
 
 
@@ -93,7 +96,7 @@ def choose_view(stage: Stage, poses: Array, points: Array, *, also: Array | None
     outlines = [_extremes(np.concatenate([s.vertices for s in stage.links[k].surfaces])) for k in drawn]
     framed = [poses[i] for i in moments] + ([] if also is None else list(also[:, drawn]))
     points = _extremes(np.concatenate([points, *(_placed(outlines, each) for each in framed)]))
-    shown = [_placed(links, poses[i]) for i in sorted({0, len(poses) // 2, len(poses) - 1})]
+    shown = [_placed(links, poses[i]) for i in sorted({round(i) for i in np.linspace(0, len(poses) - 1, LOOKS)})]
     boxes = [_Box.around(obstacle) for obstacle in stage.obstacles]
 
     def merit(direction: Array) -> tuple[int, float, float]:

@@ -34,7 +34,7 @@ GRID = (80, 60)
 SAMPLES = 1500
 """Points on each link that stand for its surface; cells of GRID are wider than their gaps."""
 
-LOOKS = 5
+LOOKS = 3
 """Moments of the motion at which directions are compared."""
 
 SEEN_CELLS = 2
@@ -50,8 +50,11 @@ ENOUGH = 0.20
 NEARLY = 0.985
 """A customary direction is taken if its links are seen at least this well, compared with the best direction."""
 
-MARGIN = 0.04
+MARGIN = 0.05
 """Share of the half canvas that stays free beyond what is framed."""
+
+MOVING_MARGIN = 0.01
+"""The same of a motion, which is framed from end to end, so that the robot fills less of the picture at any moment."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +67,13 @@ class View:
         (3,) unit vector from what is looked at to the camera, in the root frame.
     points
         (K, 3) what must be in the picture: extreme points of the robot over the whole motion and of the tcp's path.
+    margin
+        Share of the half canvas that stays free beyond them.
     """
 
     direction: Array
     points: Array
+    margin: float = MARGIN
 
     @property
     def radius(self) -> float:
@@ -108,8 +114,10 @@ def choose_view(stage: Stage, poses: Array, points: Array, *, also: Array | None
 
     merits = [(merit(direction), direction) for direction in _directions()]
     seen, share, most = max(each[0] for each in merits)
+    margin = MARGIN if len(moments) == 1 else MOVING_MARGIN
     # the first that is nearly as good as the best: the customary views come first
-    return next(View(way, points) for m, way in merits if m[0] == seen and m[1] >= share and m[2] >= NEARLY * most)
+    good = (way for m, way in merits if m[0] == seen and m[1] >= share and m[2] >= NEARLY * most)
+    return View(next(good), points, margin)
 
 
 def fit(points: Array, direction: Array, aspect: float, margin: float = MARGIN) -> tuple[Array, Array, Array]:

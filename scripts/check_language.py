@@ -4,8 +4,8 @@
 python scripts/check_language.py              the rate per 1,000 words of each kind of text, and the words found
 python scripts/check_language.py --list       every occurrence with its file and line
 
-Texts are the manual and the other Markdown files (without code), docstrings, and the string literals of the package, which are its
-messages and help texts.
+Texts are the manual and the other Markdown files (without code), docstrings, and the string literals of the package, which
+are its messages and help texts.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ AVOIDED = {
     r"bears?|bore|borne": "supports, allows, carries",
     r"(?:is|are|was|were) none": "does not exist",
     r"look(?:s|ed)? at(?: again)?": "checks, checked",
-    r"(?:it|they|he|is|are|as|was|were|be|been|otherwise|nothing is|what is|which is) said|says?": "states, stated, given",
+    r"(?:it|they|he|is|are|as|was|were|be|been|otherwise|nothing|what|which) said|says?": "states, stated, given",
     r"goes? on with|gone on with|goes on|go on": "continues, resumes",
     r"taken at (?:its|their) word": "trusted",
     r"whole turns?": "2 pi windings, full rotations",

@@ -4,8 +4,8 @@
 python scripts/check_language.py              the rate per 1,000 words of each kind of text, and the words found
 python scripts/check_language.py --list       every occurrence with its file and line
 
-Texts are the manual and the other Markdown files (without code), docstrings, and the string literals of the package, which
-are its messages and help texts.
+Texts are the manual and the other Markdown files (without code), docstrings, and the string literals of the package,
+which are its messages and help texts.
 """
 
 from __future__ import annotations

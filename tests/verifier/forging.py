@@ -193,6 +193,38 @@ def insert_motion(document, rng):
         knots[k + 2 + len(inserted) :] = [t + len(inserted) * width for t in knots[k + 2 + len(inserted) :]]
 
 
+def depart_and_return(document, rng):
+    """A motion away and back at the start of the curve, in pieces of nearly no width; the evidence is kept."""
+    curve = document["curve"]
+    here, count = curve["control"][0][0], len(curve["control"][0])
+    width = pick(rng, [5e-324, 1e-310, 1e-300, 1e-100, 1e-12, 1e-9])
+    away = (np.array(here) + rng.uniform(0.1, 3) * rng.choice([-1.0, 1.0], len(here))).tolist()
+    line = [(np.array(here) + s * (np.array(away) - here)).tolist() for s in np.linspace(0, 1, count)]
+    curve["control"][:0] = [line, line[::-1]]
+    curve["knots"][1:1] = [curve["knots"][0] + width, curve["knots"][0] + 2 * width]
+
+
+def squeeze_curve(document, rng):
+    """The whole curve and its evidence in nearly no width, and another motion in it."""
+    curve, width = document["curve"], pick(rng, [5e-324, 1e-310, 1e-300, 1e-100, 1e-12, 1e-9])
+    low, high = curve["knots"][0], curve["knots"][-1]
+    pieces = len(curve["control"])
+    curve["knots"] = [k * width for k in range(pieces + 1)]
+    document["intervals"] = [
+        [pieces * width * min(max((t - low) / (high - low), 0.0), 1.0) for t in span] for span in document["intervals"]
+    ]
+    if rng.random() < 0.5:
+        one_wide_interval(document, rng)
+    bend_curve(document, rng)
+
+
+def absorb_motion(document, rng):
+    """A joint value so large that the motion is lost in its rounding, undone by an equal and opposite one or not."""
+    joint = pick(rng, document["joints"])
+    joint[pick(rng, ["offset", "multiplier"])] = pick(rng, [-(2**63), 2**63, -(2**63) + 1, 1e6, -1e6, 1e16, 1e300])
+    bend_curve(document, rng)
+
+
 def bend_curve(document, rng):
     control = document["curve"]["control"]
     k, r = int(rng.integers(len(control))), int(rng.integers(len(control[0])))
@@ -276,8 +308,9 @@ def exclude(document, rng):
 
 
 FORGERIES = [shift_number, shift_number, scale_number, special_value, drop_or_repeat, swap_entries, squeeze_piece,
-             insert_motion, insert_motion, bend_curve, one_wide_interval, cut_intervals, move_body, move_body,
-             change_shape, rename, change_joint, change_settings, exclude]  # fmt: skip
+             insert_motion, depart_and_return, squeeze_curve, absorb_motion, bend_curve, one_wide_interval,
+             cut_intervals, move_body, move_body, change_shape, rename, change_joint, change_settings,
+             exclude]  # fmt: skip
 
 
 def forged(document, rng):
@@ -290,7 +323,7 @@ def forged(document, rng):
         try:
             with np.errstate(all="ignore"):
                 change(changed, rng)
-        except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError):
+        except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError):
             continue  # an earlier change left nothing that this one could change
         names.append(change.__name__)
     try:

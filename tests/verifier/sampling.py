@@ -92,7 +92,9 @@ class Samples:
     def violation(self, clearance, count=25):
         """The first configuration and owners nearer than the margin or the proven clearance, or None."""
         settings, bodies = self.document["settings"], self.document["bodies"]
-        margins = {frozenset(row[:2]): row[2] for row in settings["margins"]}
+        margins: dict[frozenset[str], float] = {}
+        for one, other, margin in settings["margins"]:  # of several the largest is what a reader may rely on
+            margins[frozenset((one, other))] = max(margin, margins.get(frozenset((one, other)), margin))
         for q in self.configurations(count, np.random.default_rng(0)):
             places = {i: coal.Transform3s(at[:3, :3], at[:3, 3]) for i, at in self.placements(q).items()}
             for owners, pairs in self.wanted.items():

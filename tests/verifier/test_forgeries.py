@@ -12,7 +12,7 @@ from pinproof.verifier import verify
 from .forging import forged, pick, small_proofs
 from .sampling import Samples
 
-FORGERIES = 800
+FORGERIES = 500
 """Number of forgeries; a few seconds."""
 
 

@@ -44,7 +44,8 @@ class IkBranches:
         (n,) q0.
     out, count
         (c + 1, n + 4) as the kernel wrote it: ``count`` rows of q, distance (m), angle (rad), free joints (bits) and
-        which solution; in the last row free joints, branches that failed the check, branches outside the limits.
+        which solution; in the last row free joints, branches that failed the check, branches outside the limits, whether
+        a quartic was solved, and whether something was left out.
     grid, intervals
         Of seven joints: the values that the redundant one was given, and where it has how many branches.
     """
@@ -130,7 +131,7 @@ class IkBranches:
         or joints are free at the target and only some of their values were looked at, in vain.
         """
         exact = self._plan.redundant is None and self._plan.miss == 0.0
-        return exact and self._tail[1] == 0.0 and (self.ok or self._tail[0] == 0.0)
+        return exact and self._tail[1] == self._tail[4] == 0.0 and (self.ok or self._tail[0] == 0.0)
 
     @property
     def redundant_joint(self) -> str | None:
@@ -226,6 +227,9 @@ class IkBranchesBatch:
         (N, k) in m and rad, by forward kinematics; NaN likewise.
     outside
         (N,) how many more there would be if limits were left aside; of a swept joint, at the values swept.
+    complete
+        (N,) whether these are proven to be all the configurations of the target. Not where joints are free at it:
+        :attr:`IkBranches.families` has the others.
     """
 
     q: Array
@@ -233,6 +237,7 @@ class IkBranchesBatch:
     position_error: Array
     orientation_error: Array
     outside: npt.NDArray[np.int64]
+    complete: npt.NDArray[np.bool_]
 
     @property
     def ok(self) -> npt.NDArray[np.bool_]:

@@ -61,7 +61,7 @@ class Plan:
     angular
         (n,) which joints turn.
     capacity
-        Rows for branches.
+        Rows for branches in a batch.
     kernel
         :func:`pinproof.kernels.branches.branches_of_one`, which is imported late.
     """
@@ -81,13 +81,18 @@ class Plan:
     @cached_property
     def shape(self) -> tuple[int, int]:
         """Of what the kernel writes into: the branches and one row more, by q and four entries more."""
-        return self.capacity + 1, self.dof + 4
+        from pinproof.kernels.branches import ROWS
+
+        return ROWS + 1, self.dof + 4
 
     def with_tolerances(self, position: float, orientation: float) -> Plan:
         """The same for tolerances in m and rad."""
+        from pinproof.kernels.roots import ROUNDING
+
         array = self.array.copy()
         array[0, 7] = max(array[0, 7], 4.0 * max(position / array[0, 6], orientation))
         array[0, 9], array[0, 10] = position, orientation
+        array[0, 12] = max(4.0 * max(position / array[0, 6], orientation), ROUNDING)
         array[0, 11] = max(MADE_UP_TOLERANCE, 100.0 * self.miss, 100.0 * max(position, orientation))
         return replace(self, array=array)
 
@@ -145,7 +150,7 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
     lower, upper = arm.limits.sampling_range()
     tried = plan.with_tolerances(1e-9, 1e-9)
     found, quartic, telling = 0, False, 0.0
-    out = np.empty((plan.capacity + 1, plan.dof + 4))
+    out = np.empty(plan.shape)
     for q in rng.uniform(lower, upper, (TRIALS, plan.dof)):
         target = np.array(arm.forward_kinematics(q).homogeneous)
         value = 0.0 if plan.redundant is None else float(q[plan.redundant])

@@ -33,9 +33,11 @@ from pinproof.kernels.two_curves import (
     CANDIDATES,
     COLUMNS,
     DOUBTFUL,
+    FREED,
     NEAR,
     REFERENCE,
     UNDECIDED,
+    WHICH,
     two_curves,
 )
 from pinproof.kernels.vectors import SLIDING, direction, dot, place, turned
@@ -44,13 +46,15 @@ __all__ = ["BAD_TARGET", "ELSEWHERE", "ROWS", "branches_of_many", "branches_of_o
 
 # Row 0 of a plan. COUNT: n. FIRST_OF_TRIPLE: 0 to 3. NORMAL: the line of the triple that turns. LOCKED: a line, or -1.
 COUNT, FIRST_OF_TRIPLE, PLANAR, REVERSED, NORMAL, LOCKED, SIZE = range(7)
-BORDER, SPREAD, POSITION_TOLERANCE, ORIENTATION_TOLERANCE, MADE_UP_TOLERANCE, TOLERANCE = range(7, 13)
+BORDER, SPREAD, POSITION_TOLERANCE, ORIENTATION_TOLERANCE, MADE_UP_TOLERANCE, TOLERANCE, ROUNDING = range(7, 14)
 OWN, LOWER, UPPER = 8, 9, 10
 SOURCE = 8
 
 # Behind the n numbers of q in a row of answers, and in the row behind the last answer
 POSITION_ERROR, ORIENTATION_ERROR, FREE_JOINTS, SIGNATURE = range(4)
 ALL_FREE_JOINTS, FAILED, OUTSIDE, QUARTIC, IN_DOUBT = range(5)
+# The last of these: 1 if something was left out; above, bits for solutions of which a joint is free, and that are not
+# among the answers for the value given to that joint (see family.py for the order of the bits).
 
 ROWS = 24
 """For answers to one pose. Most have up to 8; where rounding leaves it open whether a joint is free, both cases are
@@ -207,7 +211,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
     p, n1 = (dot(C0, v), dot(C1, v), dot(C2, v)), (dot(C0, normal), dot(C1, normal), dot(C2, normal))
 
     border, spread = plan[0, BORDER], plan[0, SPREAD]
-    kept = failed = outside = freed = by_quartic = doubtful = 0
+    kept = failed = outside = freed = by_quartic = doubtful = free_ones = with_members = 0
     # First without, then, where rounding leaves open whether joints are free, with them free (bit 0: outside the
     # triple, bit 1: inside). Those count as answers only where forward kinematics confirms it.
     undecided = 0
@@ -226,16 +230,19 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
             if undecided & 8 == 0:  # the families come first: the rest may be members of them
                 undecided |= 8
                 kept = 0
-        curves = two_curves(lines, planar, p, p0, normal, n1, border, spread, plan[0, TOLERANCE], snap & 1, chosen)
+        curves = two_curves(
+            lines, planar, p, p0, normal, n1, border, spread, plan[0, ROUNDING], plan[0, TOLERANCE], snap & 1, chosen
+        )
         if curves >= BY_QUARTIC:
             by_quartic = 1
         curves %= BY_QUARTIC
         count = curves - curves  # typed as a number, not as the literal 0: the triple is compiled once
         for i in range(curves):
-            freed |= int(chosen[i, 6])
+            freed |= int(chosen[i, FREED])
             if count > LANES - 2:
                 doubtful = 1
                 break
+            before = count
             count = triple(
                 lines,
                 planar,
@@ -251,6 +258,8 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
                 states,
                 count,
             )
+            if count == before and chosen[i, FREED] != 0.0:
+                free_ones |= 3 << _number(2.0 * chosen[i, WHICH])
         undecided |= int(chosen[CANDIDATES, UNDECIDED])
         if chosen[CANDIDATES, DOUBTFUL] != 0.0:
             doubtful = 1
@@ -299,6 +308,10 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
                         mask |= 1 << own
                         if int(states[14, b]) & 1 << row:
                             still |= 1 << own
+            if int(states[12, b]) != 0:
+                free_ones |= 1 << _number(states[13, b])
+            if mask & (mask - 1) != 0:
+                doubtful = 1  # a family of two parameters; those that are reported have one
             if scratch[1, b] == 0.0:
                 continue
             beyond = scratch[2, b]
@@ -324,6 +337,8 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
                 kept = _keep(Q, b, n, distance, angle, mask, states[13, b], out, kept)
                 if kept < 0:
                     kept, doubtful = out.shape[0] - 1, 1
+                elif mask != 0:
+                    with_members |= 1 << _number(states[13, b])
             if spread > 0.0 and locked < 0 and (kept > before or beyond > 0.0 or distance < ASTRAY):
                 kept = _twins(plan, n, top, locked, pose, reference, Q, b, states[13, b], out, kept)
         if snap == 0:
@@ -340,9 +355,15 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
         failed,
         outside,
         by_quartic,
-        doubtful,
+        doubtful + 2 * (free_ones & ~with_members),
     )
     return kept
+
+
+@inlined
+def _number(name: float) -> int:
+    """The bit of a solution in IN_DOUBT, by its name."""
+    return int(name) % 1000 % 200 + (16 if name >= 200.0 else 0)
 
 
 @inlined

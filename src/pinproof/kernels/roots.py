@@ -25,9 +25,9 @@ joint is set to any value is then wrong by less than this."""
 ROUNDING = 1e-15
 """The error of an equation's coefficients before any joint is known, in lengths of the arm."""
 
-UNCERTAIN = 16.0
+UNCERTAIN = 100.0
 """A vector shorter than this multiple of its own error has no certain direction: the joint that depends on the
-direction may be free. The error estimates are of first order, and leave out factors of about two."""
+direction may be free. Otherwise that joint is known to about 0.01 rad."""
 
 NEARLY_REAL = 1e-3
 """A root of a quartic whose imaginary part is smaller may be real: rounding (1e-16) takes double roots apart by its
@@ -39,7 +39,7 @@ SETTLED = 1e-15
 
 @inlined
 def root_errors(slides: Any, A: float, B: float, state: Any, rounding: float, tolerance: float) -> Any:
-    """How far the root ``state`` of A b_1 + B b_2 + C = 0 may be off, if the equation is by ``rounding``, ``tolerance``.
+    """How far off the root ``state`` of A b_1 + B b_2 + C = 0 is, if C is off by ``rounding``, or by ``tolerance``.
 
     An error d of an equation with slope s and curvature k moves a simple root by d / s, a double root by sqrt(d / k).
     An error of 1 or more says that nothing is known about the joint.

@@ -199,7 +199,8 @@ def triple(
             l0, l1, _ = aligned(hl, e, left)
         name = which + i + (OF_A_SNAPPED_JOINT if snapped_too != int(chosen[row, SNAPPED]) else 0)
         states = (
-            f0, f1, g[0], g[1], l0, l1, y[0], y[1], z[0], z[1], x[0], x[1], float(also), name, float(snapped_too), off_by
+            f0, f1, g[0], g[1], l0, l1, y[0], y[1], z[0], z[1], x[0], x[1], float(also), name, float(snapped_too),
+            off_by,
         )  # fmt: skip
         for entry in range(STATES):
             out[entry, count] = states[entry]

@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from pinproof.kernels.compiled import compiled, inlined
-from pinproof.kernels.roots import FREE, ROUNDING, UNCERTAIN, linear_roots, quartic_roots, root_errors
+from pinproof.kernels.roots import FREE, UNCERTAIN, linear_roots, quartic_roots, root_errors
 from pinproof.kernels.trigonometry import sincos
 from pinproof.kernels.vectors import (
     SLIDING,
@@ -56,11 +56,14 @@ __all__ = [
     "COLUMNS",
     "DOUBTFUL",
     "FIRST",
+    "FREED",
     "NEAR",
     "REFERENCE",
+    "ROUNDING_ERROR",
     "SNAPPED",
     "TOLERANCE_ERROR",
     "UNDECIDED",
+    "WHICH",
     "aligned",
     "gram",
     "reference_state",
@@ -90,7 +93,8 @@ EXACT = 1e-14
 REFINEMENTS = 4
 
 NEAR = 4.0
-"""Equations that fail by this multiple of what the tolerances may make of them are tried as if they had a double root."""
+"""An equation without a root is tried as if it had a double one, if it fails by less than this multiple of what the
+tolerances may change it by."""
 
 # The entries of a candidate: states of c, a and b, which joints were free (bits of the rows of their lines), its name;
 # how far the rotation about all three joints may be off by rounding, and by the tolerances; which joints are free
@@ -145,14 +149,14 @@ def reference_state(lines: Any, i: int) -> Any:
 
 @compiled
 def two_curves(
-    lines: Any, planar: Any, p: Any, p0: Any, n: Any, n1: Any, border: float, spread: float, tolerance: float,
-    snap: Any, out: Any,
+    lines: Any, planar: Any, p: Any, p0: Any, n: Any, n1: Any, border: float, spread: float, rounding: float,
+    tolerance: float, snap: Any, out: Any,
 ) -> int:  # fmt: skip
     """Solutions (x, y, z) of joints c, a, b into ``out`` (CANDIDATES + 1, COLUMNS); how many (plus BY_QUARTIC).
 
-    ``p`` and ``n1`` are O (or a point of the plane) and n behind G^-1, ``p0`` and ``n`` before it. ``tolerance`` is by
-    how much the tolerances of the answer may change an equation. With ``snap``, joints that depend on the direction of
-    a vector that is UNCERTAIN are free; else only those of a vector of no length.
+    ``p`` and ``n1`` are O (or a point of the plane) and n behind G^-1, ``p0`` and ``n`` before it. Rounding changes an
+    equation by ``rounding`` at most, the tolerances of the answer by ``tolerance``. With ``snap``, joints that depend
+    on the direction of a vector that is UNCERTAIN are free; else only those of a vector of no length.
     """
     ha, hb, hc = direction(lines, FIRST), direction(lines, FIRST + 1), direction(lines, FIRST + 2)
     oa, ob, oc = place(lines, FIRST), place(lines, FIRST + 1), place(lines, FIRST + 2)
@@ -235,11 +239,11 @@ def two_curves(
             x = x1 if i == 0 else x2
             rounding_x, tolerance_x = 0.0, 0.0
             if freed == 0:
-                rounding_x, tolerance_x = root_errors(first_slides, A, B, x, ROUNDING, tolerance)
+                rounding_x, tolerance_x = root_errors(first_slides, A, B, x, rounding, tolerance)
             height = u0 * (F00 * x[0] + F01 * x[1] + k0) + u1 * (F10 * x[0] + F11 * x[1] + k1)
             dx0, dx1 = (1.0, 2.0 * x[0]) if first_slides else (-x[1], x[0])
             growth = abs(u0 * (F00 * dx0 + F01 * dx1) + u1 * (F10 * dx0 + F11 * dx1))
-            rounding_y = ROUNDING + (growth + rounding_x) * rounding_x
+            rounding_y = rounding + (growth + rounding_x) * rounding_x
             tolerance_y = tolerance + (growth + tolerance_x) * tolerance_x
             near = max(border, NEAR * (tolerance_y + left_out))
             square = math.nan
@@ -254,10 +258,10 @@ def two_curves(
                 off = across(other, hb)
                 square = gram(alpha, beta, dot(hb, other), dot(off, off))
                 part, tilt = math.sqrt(dot(off, off)), abs(abs(alpha) - abs(beta))
-                rounding_y = ROUNDING * tilt + (part + ROUNDING + rounding_x) * (ROUNDING + rounding_x)
+                rounding_y = rounding * tilt + (part + rounding + rounding_x) * (rounding + rounding_x)
                 tolerance_y = tolerance * tilt + (part + tolerance + tolerance_x) * (tolerance + tolerance_x)
             A2, B2, free = u0 * G00 + u1 * G10, u0 * G01 + u1 * G11, FREE
-            unsure = UNCERTAIN * (ROUNDING + growth * rounding_x + rounding_x * rounding_x)
+            unsure = UNCERTAIN * (rounding + growth * rounding_x + rounding_x * rounding_x)
             if unsure > FREE and max(abs(A2), abs(B2)) < unsure and max(abs(A2), abs(B2)) >= 0.7 * FREE:
                 undecided = 1.0
                 if snap:
@@ -294,7 +298,9 @@ def two_curves(
                 _refine(F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, first_slides, second_slides, out, i)
     if ratioG >= SEPARABLE:
         for i in range(count):
-            _errors_of_both(F00, F01, F10, F11, G00, G01, G10, G11, first_slides, second_slides, tolerance, out, i)
+            _errors_of_both(
+                F00, F01, F10, F11, G00, G01, G10, G11, first_slides, second_slides, rounding, tolerance, out, i
+            )
 
     kept = 0
     for i in range(count):
@@ -328,7 +334,7 @@ def two_curves(
             z0, z1, size = aligned(hb, m, k)
             short2 = min(dot(across(m, hb), across(m, hb)), dot(across(k, hb), across(k, hb)))
             away_m, away_k = math.sqrt(dot(um, um)), math.sqrt(dot(un, un))
-            off = ROUNDING + away_m * rounding_x + away_k * rounding_y
+            off = rounding + away_m * rounding_x + away_k * rounding_y
             if size < FREE * FREE or short2 < FREE * FREE:
                 (z0, z1), freed = reference_state(lines, FIRST + 1), freed | 1 << (FIRST + 1)
             elif short2 < (UNCERTAIN * off) * (UNCERTAIN * off):
@@ -346,7 +352,7 @@ def two_curves(
         out[kept, 0], out[kept, 1], out[kept, 2], out[kept, 3] = x[0], x[1], y[0], y[1]
         out[kept, 4], out[kept, 5], out[kept, FREED], out[kept, WHICH] = z0, z1, freed, which
         out[kept, SNAPPED] = snapped
-        out[kept, ROUNDING_ERROR] = ROUNDING + rounding_x + rounding_y + rounding_z
+        out[kept, ROUNDING_ERROR] = rounding + rounding_x + rounding_y + rounding_z
         out[kept, TOLERANCE_ERROR] = tolerance + tolerance_x + tolerance_y + tolerance_z
         kept += 1
     out[CANDIDATES, UNDECIDED], out[CANDIDATES, DOUBTFUL] = undecided, doubtful
@@ -467,9 +473,9 @@ def _refine(
 @compiled
 def _errors_of_both(
     F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
-    first_slides: Any, second_slides: Any, tolerance: float, out: Any, row: int,
+    first_slides: Any, second_slides: Any, rounding: float, tolerance: float, out: Any, row: int,
 ) -> None:  # fmt: skip
-    """How far x and y of a row may be off by rounding and by ``tolerance``, where the equations hold both.
+    """How far x and y of a row may be off by ``rounding`` and by ``tolerance``, where the equations hold both.
 
     From the inverse of the equations' Jacobian; up to four roots may meet, which an error d moves by d^(1/4).
     """
@@ -480,8 +486,8 @@ def _errors_of_both(
     c, d = F10 * dx0 + F11 * dx1, G10 * dy0 + G11 * dy1
     det = abs(a * d - b * c)
     of_x, of_y = abs(b) + abs(d), abs(a) + abs(c)
-    least_rounding, least_tolerance = ROUNDING**0.75, tolerance**0.75
-    out[row, 4] = min(1.0, of_x * ROUNDING / max(det, least_rounding))
+    least_rounding, least_tolerance = rounding**0.75, tolerance**0.75
+    out[row, 4] = min(1.0, of_x * rounding / max(det, least_rounding))
     out[row, 5] = min(1.0, of_x * tolerance / max(det, least_tolerance))
-    out[row, ROUNDING_ERROR] = min(1.0, of_y * ROUNDING / max(det, least_rounding))
+    out[row, ROUNDING_ERROR] = min(1.0, of_y * rounding / max(det, least_rounding))
     out[row, TOLERANCE_ERROR] = min(1.0, of_y * tolerance / max(det, least_tolerance))

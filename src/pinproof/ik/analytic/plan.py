@@ -96,6 +96,14 @@ class Plan:
         array[0, 11] = max(MADE_UP_TOLERANCE, 100.0 * self.miss, 100.0 * max(position, orientation))
         return replace(self, array=array)
 
+    def without_limits(self) -> Plan:
+        """The same for joints without limits."""
+        array = self.array.copy()
+        lines = array[self.dof + 3 :]
+        lines[:, 9] = np.where(lines[:, 8] >= 0, -np.inf, lines[:, 9])
+        lines[:, 10] = np.where(lines[:, 8] >= 0, np.inf, lines[:, 10])
+        return replace(self, array=array)
+
 
 _PLANS: weakref.WeakKeyDictionary[Arm, dict[tuple[float, float], Plan]] = weakref.WeakKeyDictionary()
 
@@ -167,6 +175,7 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
 
 def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, tool: Array, size: float) -> Plan:
     from pinproof.kernels.branches import branches_of_one
+    from pinproof.kernels.roots import ROUNDING
 
     six = [i for i in range(len(order)) if i != locked]
     ideal = list(order)
@@ -181,6 +190,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, t
     array = np.zeros((n + 3 + len(order), 16))
     array[0, :7] = n, triple.first, triple.planar, reverse, turning, -1 if locked is None else locked, size
     array[0, 7], array[0, 8] = max(BORDER, 20.0 * miss), 20.0 * miss
+    array[0, 13] = ROUNDING if miss else max(ROUNDING, 4.0 * triple.miss)
     array[1 : n + 2] = arm.packed
     scaled = tool.copy()
     scaled[:3, 3] /= size

@@ -250,10 +250,12 @@ def _outside_everywhere(arm: Arm, plan: Plan, target: Array, reference: Array, t
     outside = -1
     for joint in _free(tail[None]):
         met: dict[int, list[Array]] = {}
-        out, moved = np.empty(wide.shape), reference.copy()
+        out, moved, unmet = np.empty(wide.shape), reference.copy(), 0
         for value in np.linspace(lower[joint], upper[joint], SCAN + 1).tolist():
             moved[joint] = value
-            for row in out[: wide.kernel(wide.array, target, moved, 0.0, out)]:
+            count = wide.kernel(wide.array, target, moved, 0.0, out)
+            unmet |= int(out[-1, 4]) >> 1
+            for row in out[:count]:
                 if int(row[n + 2]) >> joint & 1:
                     met.setdefault(_number(row[n + 3]), []).append(row[:n].copy())
         proven = 0
@@ -263,6 +265,9 @@ def _outside_everywhere(arm: Arm, plan: Plan, target: Array, reference: Array, t
             steps = np.abs(difference(arm, q[1:], q[:-1])).max(axis=0, initial=0.0)
             if len(q) > SCAN and (away.min(axis=0) > steps + MOVES).any():
                 proven |= 1 << number
+                other = number ^ 1  # the second root of the middle joint, which is left out where both are one
+                if other not in met and not unmet >> other & 1:
+                    proven |= 1 << other
         outside &= proven
     return outside
 

@@ -38,7 +38,7 @@ from pinproof.collision.shapes import (
 from pinproof.collision.solid import Inside, Solid
 from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
-from pinproof.spatial import matrix
+from pinproof.spatial import frozen, matrix
 
 __all__ = ["MESHES_KEPT", "Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
 
@@ -71,6 +71,8 @@ class Support:
             object.__setattr__(self, "disc_radii", np.zeros(len(self.points)))
         if self.semi_axes is None:
             object.__setattr__(self, "semi_axes", np.zeros(3))
+        for array in (self.points, self.disc_radii, self.semi_axes):
+            array.setflags(write=False)
 
     def reach(self, directions: Array) -> Array:
         """(...) the largest ``direction . x`` over the body, for directions (..., 3) of any length in its own frame.
@@ -126,6 +128,10 @@ class Body:
     source: str = ""
     level: int = 0
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
+        self.box.setflags(write=False)
+
     @property
     def witnesses(self) -> Array:
         """(K, 3) points of it that all lie in a surface it lies in; none of a half-space, which fits into nothing."""
@@ -162,7 +168,7 @@ def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_
         If points have no hull, or a half-space is to move with a link.
     """
     geometry, box, support, solid = _made(shape, owner, link)
-    return Body(name, owner, link, geometry, link_from_body.copy(), box, support, solid, _remark(shape, solid))
+    return Body(name, owner, link, geometry, link_from_body, box, support, solid, _remark(shape, solid))
 
 
 def _remark(shape: Shape, solid: Inside | None) -> str:
@@ -178,7 +184,7 @@ def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, rema
     geometry = hull_of_any(points)
     corners = np.array(geometry.points(), dtype=float)
     box = np.array([corners.min(axis=0), corners.max(axis=0)])
-    return Body(name, link, link, geometry, link_from_body.copy(), box, Support(corners), remark=remark)
+    return Body(name, link, link, geometry, link_from_body, box, Support(corners), remark=remark)
 
 
 Made = tuple[Any, Array, Support | None, Inside | None]

@@ -95,7 +95,7 @@ class CollisionChecker:
         trust_disabled: bool = False,
     ) -> None:
         urdf = arm.robot.urdf
-        self.arm, self._shape = arm, (arm.dof,)
+        self._arm, self._shape = arm, (arm.dof,)
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
         unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
         self._levels: Levels = dict.fromkeys(unexplained, DECOMPOSED)
@@ -203,7 +203,7 @@ class CollisionChecker:
         if arm is self.arm:
             return self
         other = copy(self)
-        other.arm = arm
+        other._arm = arm
         other._assemble(self.scene, self.attached, self._allowed)
         return other
 
@@ -256,6 +256,26 @@ class CollisionChecker:
         return other
 
     # -- what is known of it ------------------------------------------------------------------------------------------
+
+    @property
+    def arm(self) -> Arm:
+        """The arm; :meth:`with_held` makes a checker in which its other joints are held elsewhere."""
+        return self._arm
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that is checked; :meth:`with_scene` makes a checker of another one."""
+        return self._scene
+
+    @property
+    def attached(self) -> tuple[Obstacle, ...]:
+        """The objects that move with the tcp; :meth:`with_attached` makes a checker with more of them."""
+        return self._attached
+
+    @property
+    def margin(self) -> float:
+        """The common margin (m); :meth:`with_margin` makes a checker with another one."""
+        return self._margins.common
 
     @property
     def obstacles_and_links(self) -> tuple[str, ...]:
@@ -329,15 +349,16 @@ class CollisionChecker:
     def _take(
         self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
     ) -> None:
-        self.scene, self.attached, self._allowed = scene, attached, allowed
-        self.bodies, (self.pairs, self.excluded, self.finer), self.rounding = made.bodies, made.pairs, made.rounding
+        self._scene, self._attached, self._allowed = scene, attached, allowed
+        self.bodies, self.pairs, self.rounding = made.bodies, tuple(made.pairs.checked), made.rounding
+        self.excluded, self.finer = tuple(made.pairs.excluded), tuple(made.pairs.finer)
         self._world, self.at, self.still_pairs, self.convex = made.world, made.at, made.still, made.convex
         self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
 
     @property
     def _assembly(self) -> Assembly:
-        pairs = Pairs(self.pairs, self.excluded, self.finer)
+        pairs = Pairs(list(self.pairs), list(self.excluded), list(self.finer))
         return Assembly(
             self.bodies, pairs, self.rounding, self._world, self.at, self.still_pairs, self.convex, self._known
         )
@@ -347,11 +368,12 @@ class CollisionChecker:
         from pinproof.collision.packed import with_margins
         from pinproof.kernels.world import flatten
 
-        self._margins, self.margin = margins, margins.common
+        self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
         self.margins = margins.of(owners, len(self.pairs), self.obstacles_and_links)
         if self._moved:
             self.margins += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
+        self.margins.setflags(write=False)
         self._margined = with_margins(self._world, self.margins)
         self.numbers, self.indices = flatten(self._margined)
         self._still = None

@@ -291,14 +291,18 @@ def _hash_of(arm: Arm) -> Any:
     return digest
 
 
-def free_sentence(proven: float, seen: float, pairs: int) -> str:
-    """What FREE says: the clearance (m) proven and seen, over how many pairs."""
+def free_sentence(proven: float, seen: float, pairs: int, excluded: int) -> str:
+    """What FREE says: the clearance (m) proven and seen, over how many pairs, and how many are not checked."""
     nearest = f", seen {seen * 1e3:.1f} mm" if math.isfinite(seen) else ""
-    return f"no contact anywhere: clearance proven {proven_millimetres(proven)}{nearest}, over {pairs} pairs"
+    over = f"clearance proven {proven_millimetres(proven)}{nearest}, over {pairs} pairs"
+    if not excluded:
+        return f"no contact anywhere: {over}"
+    left_out = "1 pair is excluded" if excluded == 1 else f"{excluded} pairs are excluded"
+    return f"no contact between the pairs checked: {over}; {left_out}"
 
 
 def proven_millimetres(clearance: float) -> str:
     """A lower bound in mm, rounded down: no message promises more than was proven."""
     if clearance == math.inf:
-        return "unbounded (nothing to touch)"
+        return "unbounded (no pair is checked)"
     return f"{math.floor(clearance * 1e4) / 10:.1f} mm"

@@ -294,7 +294,7 @@ class _Proof:
     def _free(self) -> Certificate:
         count, seen = len(self._checker.pairs), float(self._state[self._kernel.OBSERVED])
         proven = float(self._state[self._kernel.PROVEN])
-        message = free_sentence(proven, seen, count)
+        message = free_sentence(proven, seen, count, len(self._checker.excluded))
         if self._tolerances:
             message += f", {self._tolerances}"
         return self._certificate(CertificateStatus.FREE, message, clearance=proven)

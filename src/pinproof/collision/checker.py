@@ -18,7 +18,8 @@ from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.finer import Levels, finer_levels
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
 from pinproof.collision.margins import Margins, checked_margin
-from pinproof.collision.pairs import Pairs, unexplained_pairs
+from pinproof.collision.overlaps import Overlaps
+from pinproof.collision.pairs import HOUSING_SHARE, PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, NOT_FINITE, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.still import Still, judge_still
@@ -69,8 +70,12 @@ class CollisionChecker:
     allowed
         Pairs of names (links, attached objects, obstacles) that may touch.
     trust_disabled
-        Leave out every pair that the SRDF or the scene's matrix disables, not only those that touch by build: what is
-        marked ``Never`` or has no reason was sampled at best, so this gives up the proof for it.
+        Leave out every pair that the SRDF or the scene's matrix disables. Without it these pairs are checked, unless
+        they touch in nearly all sampled configurations or no joint of the arm moves them against each other.
+    housing
+        Metres. Links on both sides of links without geometry are left out if they touch in nearly all sampled
+        configurations and the revolute joints between them lie along no more than this, summed from joint to joint: a
+        spherical wrist. By default 5 % of the robot's size (its largest sum of lengths from the root to a link).
 
     Raises
     ------
@@ -93,13 +98,18 @@ class CollisionChecker:
         attached: Sequence[Obstacle] = (),
         allowed: Iterable[Sequence[str]] = (),
         trust_disabled: bool = False,
+        housing: float | None = None,
     ) -> None:
         urdf = arm.robot.urdf
         self._arm, self._shape = arm, (arm.dof,)
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
         unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
-        self._levels: Levels = dict.fromkeys(unexplained, DECOMPOSED)
-        self._trust_disabled = trust_disabled
+        length = HOUSING_SHARE * arm.robot.size if housing is None else checked_margin("housing", housing)
+        self._rules = PairRules(Overlaps(arm.robot, self._link_bodies), length, trust_disabled)
+        self._levels: Levels = {
+            **dict.fromkeys(unexplained, DECOMPOSED),
+            **overlap_levels(self._link_bodies.of({}), arm, self._rules),
+        }
         self._margins, self._moved = Margins(margin, margins or {}), 0.0
         self._still: Still | None = None
         self._geometry_model: Any = None
@@ -309,7 +319,7 @@ class CollisionChecker:
         """A hash of all that a verdict depends on: kinematics, held joints, geometry, placements, pairs, margins."""
         digest = hashlib.sha256()
         words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
-        digest.update(repr((words, self._trust_disabled, self._link_bodies, self.excluded, self.finer)).encode())
+        digest.update(repr((words, self._rules[1:], self._link_bodies, self.excluded, self.finer)).encode())
         digest.update(self.margins.tobytes() + repr(self.margin).encode())
         for body in self.bodies:
             digest.update(body.content())
@@ -341,8 +351,8 @@ class CollisionChecker:
     def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
         """Everything that follows from the links, the scene, what is attached, what is allowed, and the margins."""
         made = assemble(
-            self.arm, self._link_bodies.of(self._levels), scene, attached,
-            levels=self._levels, allowed=allowed, trust_disabled=self._trust_disabled, known=self._known,
+            self.arm, self._link_bodies.of(self._levels), scene, attached, self._rules,
+            levels=self._levels, allowed=allowed, known=self._known,
         )  # fmt: skip
         self._take(made, scene, attached, allowed)
 

@@ -135,6 +135,24 @@ class LinkBodies:
             for body in self._more_finely(geometry, level)
         )
 
+    def on_level(self, link: str, level: int) -> tuple[Body, ...]:
+        """The bodies that judge a link on a level: as told where there are no closer ones."""
+        bodies: list[Body] = []
+        for geometry in self._geometries:
+            if geometry.link == link:
+                told = [body for body in self._told if body.source == geometry.name]
+                bodies += (level and self._more_finely(geometry, level)) or told
+        return tuple(bodies)
+
+    def meshes_of(self, link: str) -> LinkMeshes:
+        """How the meshes of a link are collided with."""
+        return self._meshes[link]
+
+    @property
+    def solid_links(self) -> frozenset[str]:
+        """The links that have collision geometry."""
+        return frozenset(geometry.link for geometry in self._geometries)
+
     def can_be_finer(self, owner: str) -> bool:
         """Whether it is a link with a mesh that is not met as its triangles already."""
         return any(

@@ -6,8 +6,9 @@ import pickle
 
 import numpy as np
 import pytest
+import trimesh
 
-from pinproof import Box, CollisionChecker, JointPath, Obstacle, Scene, Sphere, certify, pose
+from pinproof import Box, CollisionChecker, JointPath, Mesh, Obstacle, Scene, Sphere, certify, pose
 
 
 def test_what_a_checker_was_made_of_cannot_be_changed_behind_it(panda):
@@ -80,3 +81,21 @@ def test_an_obstacle_changed_in_place_never_leaves_a_certificate_that_matches(pa
     lowered = scene.move("post", pose((0.3, 0.0, 0.5)))
     assert not certify(move, checker).matches(move, panda, lowered)
     assert certify(move, checker.with_scene(lowered)).status.name == "COLLIDING"
+
+
+def test_a_mesh_file_changed_later_matches_no_certificate(panda, tmp_path):
+    file = tmp_path / "post.stl"
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
+    scene = Scene([Obstacle("post", Mesh(file), pose((0.3, 0.0, 2.5)))])
+    checker = CollisionChecker(panda, scene)
+    move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
+    before = certify(move, checker)
+    assert before.matches(move, panda, scene)
+    trimesh.creation.box((0.1, 0.1, 4.5)).export(file)
+    assert not before.matches(move, panda, scene)
+    stale = certify(move, checker)  # of the box that was read
+    assert not stale.matches(move, panda, scene)
+    assert any("post.stl" in note for note in stale.notes)
+    again = certify(move, CollisionChecker(panda, scene))
+    assert again.status.name == "COLLIDING"
+    assert again.matches(move, panda, scene)

@@ -12,6 +12,7 @@ exact meshes do, the pair is checked with several hulls each, or with the exact 
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
@@ -86,14 +87,18 @@ class Overlaps:
 
     def __init__(self, robot: Robot, links: LinkBodies) -> None:
         self._robot, self._links = robot, links
+        self._verdicts: dict[frozenset[str], Overlap] = {}  # go along with a pickle
 
     def of(self, a: str, b: str) -> Overlap:
         """How often two links touch."""
-        known = _known(self._robot).overlaps
-        key = frozenset((a, b)), self._links.meshes_of(a), self._links.meshes_of(b)
-        if key not in known:
-            known[key] = self._found(a, b)
-        return known[key]
+        pair = frozenset((a, b))
+        if pair not in self._verdicts:
+            known = _known(self._robot).overlaps
+            key = pair, *sorted((link, self._links.meshes_of(link)) for link in pair)
+            if key not in known:
+                known[key] = self._found(a, b)
+            self._verdicts[pair] = known[key]
+        return self._verdicts[pair]
 
     def of_bodies(self, a: Sequence[Body], b: Sequence[Body]) -> Overlap:
         """How often any of the bodies touch, each of which moves with a link; not remembered."""
@@ -149,16 +154,18 @@ class _Samples:
         rng = np.random.default_rng(SEED)
         self._configurations = [_configuration(robot, rng) for _ in range(SAMPLES)]
         self._placed_at = -1
+        self._lock = threading.Lock()  # the workspace is one for all threads
 
     def placement(self, i: int, body: Body) -> pin.SE3:
         """``root_from_body`` of a body that moves with a link at sample ``i``."""
         key = i, body.link
-        if key not in self._placements:
-            if self._placed_at != i:
-                pin.forwardKinematics(self._model, self._data, self._configurations[i])
-                self._placed_at = i
-            frame = self._model.getFrameId(body.link, pin.FrameType.BODY)
-            self._placements[key] = pin.updateFramePlacement(self._model, self._data, frame).copy()
+        with self._lock:
+            if key not in self._placements:
+                if self._placed_at != i:
+                    pin.forwardKinematics(self._model, self._data, self._configurations[i])
+                    self._placed_at = i
+                frame = self._model.getFrameId(body.link, pin.FrameType.BODY)
+                self._placements[key] = pin.updateFramePlacement(self._model, self._data, frame).copy()
         return self._placements[key] * body.link_from_body
 
 

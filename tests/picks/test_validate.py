@@ -150,7 +150,7 @@ def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
     assert report.verdicts[0].ok
     told = report.to_dict()["picks"][0]
     assert (told["clearance_proven"], told["pairs_proven"]) == (None, 0)
-    assert "unbounded (nothing to touch)" in report.to_markdown()
+    assert "unbounded (no pair is checked)" in report.to_markdown()
 
 
 def test_a_solution_a_whole_turn_away_is_no_limit() -> None:

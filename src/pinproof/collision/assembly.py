@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.bodies import Body, shape_body
-from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, Pairs, choose_pairs
+from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, PairRules, Pairs, choose_pairs
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -56,10 +56,10 @@ def assemble(
     links: Sequence[Body],
     scene: Scene,
     attached: Sequence[Obstacle],
+    rules: PairRules,
     *,
     levels: Mapping[frozenset[str], int],
     allowed: Sequence[tuple[str, str]],
-    trust_disabled: bool,
     known: Known,
 ) -> Assembly:
     """Put together an arm's links, what it holds, and a scene.
@@ -81,7 +81,7 @@ def assemble(
         added.append(before[1])
     bodies = (*links, *added)
     _check_names(bodies, arm.robot.urdf.links)
-    pairs = choose_pairs(bodies, arm.robot, scene, levels=levels, allowed=allowed, trust_disabled=trust_disabled)
+    pairs = choose_pairs(bodies, arm, scene, rules, levels=levels, allowed=allowed)
     rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
     world, at, still = pack_world(arm, bodies, pairs.checked, rounding)
     return Assembly(bodies, pairs, rounding, world, at, still, convex_pairs(world), made)

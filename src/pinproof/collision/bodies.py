@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -38,9 +38,9 @@ from pinproof.collision.shapes import (
 from pinproof.collision.solid import Inside, Solid
 from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
-from pinproof.spatial import matrix
+from pinproof.spatial import frozen, matrix
 
-__all__ = ["MESHES_KEPT", "Body", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
+__all__ = ["MESHES_KEPT", "Body", "FileStamp", "Support", "boxes", "hull_body", "shape_body", "triangles_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -49,6 +49,24 @@ MESHES_KEPT = 128
 
 CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
 """Those of a box of half sides 1."""
+
+
+class FileStamp(NamedTuple):
+    """A file as it was when it was read."""
+
+    path: Path
+    changed: int
+    size: int
+
+    @classmethod
+    def of(cls, path: str | Path) -> FileStamp | None:
+        """Of a file as it is now; None where there is none."""
+        path = Path(path).absolute()
+        try:
+            status = path.stat()
+        except OSError:
+            return None
+        return cls(path, status.st_mtime_ns, status.st_size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +89,8 @@ class Support:
             object.__setattr__(self, "disc_radii", np.zeros(len(self.points)))
         if self.semi_axes is None:
             object.__setattr__(self, "semi_axes", np.zeros(3))
+        for array in (self.points, self.disc_radii, self.semi_axes):
+            array.setflags(write=False)
 
     def reach(self, directions: Array) -> Array:
         """(...) the largest ``direction . x`` over the body, for directions (..., 3) of any length in its own frame.
@@ -112,6 +132,8 @@ class Body:
         The collision geometry of a link that it is made of.
     level
         How finely: 0 as told; else it stands for the bodies as told of its source, in the pairs that call for it.
+    file
+        The mesh file it was read from, with its time and size then.
     """
 
     name: str
@@ -125,6 +147,11 @@ class Body:
     remark: str = ""
     source: str = ""
     level: int = 0
+    file: FileStamp | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
+        self.box.setflags(write=False)
 
     @property
     def witnesses(self) -> Array:
@@ -161,8 +188,9 @@ def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_
     InputError
         If points have no hull, or a half-space is to move with a link.
     """
+    file = FileStamp.of(shape.path) if isinstance(shape, Mesh) and shape.path is not None else None
     geometry, box, support, solid = _made(shape, owner, link)
-    return Body(name, owner, link, geometry, link_from_body.copy(), box, support, solid, _remark(shape, solid))
+    return Body(name, owner, link, geometry, link_from_body, box, support, solid, _remark(shape, solid), file=file)
 
 
 def _remark(shape: Shape, solid: Inside | None) -> str:
@@ -178,7 +206,7 @@ def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, rema
     geometry = hull_of_any(points)
     corners = np.array(geometry.points(), dtype=float)
     box = np.array([corners.min(axis=0), corners.max(axis=0)])
-    return Body(name, link, link, geometry, link_from_body.copy(), box, Support(corners), remark=remark)
+    return Body(name, link, link, geometry, link_from_body, box, Support(corners), remark=remark)
 
 
 Made = tuple[Any, Array, Support | None, Inside | None]

@@ -22,9 +22,9 @@ from pinproof.collision.certificate import (
     FirstContact,
     Tube,
     UndecidedSpan,
+    checked_hash,
     curve_hash,
     free_sentence,
-    setup_hash,
 )
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import Contact
@@ -294,7 +294,7 @@ class _Proof:
     def _free(self) -> Certificate:
         count, seen = len(self._checker.pairs), float(self._state[self._kernel.OBSERVED])
         proven = float(self._state[self._kernel.PROVEN])
-        message = free_sentence(proven, seen, count)
+        message = free_sentence(proven, seen, count, len(self._checker.excluded))
         if self._tolerances:
             message += f", {self._tolerances}"
         return self._certificate(CertificateStatus.FREE, message, clearance=proven)
@@ -352,7 +352,7 @@ class _Proof:
             excluded=tuple(checker.excluded),
             tolerance=float(self._settings[k.TOLERANCE]),
             curve=curve_hash(self._curve),
-            setup=setup_hash(checker.arm, checker.scene, checker.attached),
+            setup=checked_hash(checker),
             notes=notes_of(checker),
             tube=Tube(
                 read_only(self._joints),

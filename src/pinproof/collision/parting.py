@@ -97,7 +97,9 @@ def prove_parting(
         for way in ways
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
-    said = "; ".join([free_sentence(clearance, observed, len(checker.pairs)), *map(str, partings)])
+    said = "; ".join(
+        [free_sentence(clearance, observed, len(checker.pairs), len(checker.excluded)), *map(str, partings)]
+    )
     room = [c.tube.largest_obstacles for c in proven if c.tube is not None]
     room += [DEEPEST + way.gap - obstacle_tolerance for way in ways] + [way.room for way in ways]
     tube = Tube(read_only(np.zeros(control.shape[2])), obstacle_tolerance, 0.0, max(min(room), 0.0))

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import Chain, affine, periodic
 from pinproof.model.limits import JointLimits
 from pinproof.model.packed import pack_chain
-from pinproof.spatial import finite
+from pinproof.spatial import finite, frozen
 
 if TYPE_CHECKING:
     from pinproof.description import UrdfJoint
@@ -48,6 +48,20 @@ class Singularity:
     singular_values: Array
 
 
+class _Held(dict[str, float]):
+    """The values of the joints outside an arm, which cannot be changed in place: the model was built with them."""
+
+    def _refuse(self, *_args: object, **_named: object) -> NoReturn:
+        raise TypeError(
+            "the held joints of an arm are read-only; arm.with_held({name: value}) makes an arm with others"
+        )
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Held, (dict(self),)
+
+
 class Arm:
     """The joints between a base link and a tcp frame; made by :meth:`pinproof.Robot.arm`.
 
@@ -65,7 +79,7 @@ class Arm:
     limits
         Of its joints, in their order.
     held
-        Values (rad or m) of the robot's other joints by name.
+        Values (rad or m) of the robot's other joints by name; :meth:`with_held` makes an arm with other values.
     angular
         (n,) True where a joint turns, False where it slides.
     periodic
@@ -79,11 +93,13 @@ class Arm:
         self, robot: Robot, base: str, tcp: str, chain: Chain, limits: JointLimits, held: Mapping[str, float]
     ) -> None:
         self.robot, self.base, self.tcp = robot, base, tcp
-        self.limits, self.held = limits, dict(held)
+        self.limits, self.held = limits, _Held(held)
         self.joint_names, self.angular = chain.joint_names, chain.angular
         self.followers = chain.followers
         self.model = _reduced(robot, {*chain.joint_names, *chain.followers}, held)
         self.scale, self.offset = affine(robot.urdf, chain, tuple(self.model.names)[1:])
+        for array in (self.scale, self.offset):
+            array.setflags(write=False)
         self.periodic = periodic(robot.urdf, chain)
         self._tcp_id = self._frame_id(tcp)
         self._threads = threading.local()
@@ -92,7 +108,7 @@ class Arm:
             raise InputError(
                 f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another"
             )
-        self.root_from_base: pin.SE3 = base_frame.placement.copy()
+        self.root_from_base: pin.SE3 = frozen(base_frame.placement)
         self.packed: Array = pack_chain(self)
 
     @property
@@ -232,6 +248,8 @@ class Arm:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        for array in (self.scale, self.offset):
+            array.setflags(write=False)  # pickle forgets it
         self._threads = threading.local()
 
     def _placement(self, q: Array, frame_id: int) -> pin.SE3:

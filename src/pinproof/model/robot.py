@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pinocchio as pin
 
 from pinproof.description import CatalogueEntry, Srdf, Urdf, find_robot, read_description, read_srdf, read_urdf_text
@@ -51,6 +52,19 @@ class Robot:
     default_tcp: str | None = None
     home: Mapping[str, float] = field(default_factory=dict)
     default_base: str | None = None
+
+    @property
+    def size(self) -> float:
+        """Metres: the largest length of a line of joints and links from the root to a link.
+
+        How far the robot reaches when it is stretched, without the travel of joints that slide.
+        """
+        model = self.model
+        reach = np.zeros(model.njoints)
+        for joint in range(1, model.njoints):
+            step = np.linalg.norm(model.jointPlacements[joint].translation)
+            reach[joint] = reach[model.parents[joint]] + step
+        return float(max(reach[f.parentJoint] + np.linalg.norm(f.placement.translation) for f in model.frames))
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.family import Spin, Tolerance
 from pinproof.picks.frames import NamedFrame
 from pinproof.picks.gripper import Fingers
-from pinproof.spatial import SE3, finite, rigid
+from pinproof.spatial import SE3, finite, frozen, rigid
 
 __all__ = ["Pick", "PickProblem", "Picks", "Place", "moved"]
 
@@ -60,7 +60,7 @@ class Place:
     support: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", rigid("pose of place", self.pose))
+        object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
         for way in WAYS:
             _check_way(self, way, "place")
 
@@ -120,7 +120,7 @@ class Pick:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a pick needs a name, not {self.name!r}")
-        object.__setattr__(self, "pose", rigid(f"pose of pick {self.name!r}", self.pose))
+        object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
         for way in WAYS:
             _check_way(self, way, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
@@ -223,7 +223,7 @@ class Picks:
         doubled = sorted(name for name, count in names.items() if count > 1)
         if doubled:
             raise InputError(f"the names of picks must differ; {', '.join(doubled)} stand more than once")
-        object.__setattr__(self, "tip", rigid("tip", self.tip))
+        object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
 
     def __len__(self) -> int:
         return len(self.picks)

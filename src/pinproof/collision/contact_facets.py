@@ -90,11 +90,12 @@ def leave_facets(
     reach: float,
     deepest: float,
     follow: Follow,
-) -> list[FacetGroup]:
+) -> tuple[list[FacetGroup], float]:
     """The groups of facets that a body, placed where it starts, leaves or at least does not approach at first.
 
     Facets of no group are to be kept away from. Directions that lead away for good come first; a group whose rise has
-    ``until`` at infinity is one for which none was found.
+    ``until`` at infinity is one for which none was found. With them comes the gap (m) at the facet that is penetrated
+    deepest, along the best direction for that facet: coal's depth of a mesh is that of any facet.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def leave_facets(
     """
     near = np.flatnonzero(_near(mover, corners, directions, reach))
     if not len(near):
-        return []
+        return [], np.inf
     facets = corners[near]
     normals = _commonest(_normals(facets))
     tried = _distinct(np.concatenate([directions, normals, -normals]))
@@ -128,7 +129,7 @@ def leave_facets(
     best = gaps.max(axis=0)
     due = best >= -deepest
     if not due.any():
-        return []
+        return [], float(best.min())
     depth = max(-float(best[due].min()), 0.0)  # it never becomes deeper than it is at the start
     serves = (gaps >= -depth - mover.rounding) & due
     found: list[FacetGroup] = []
@@ -153,7 +154,7 @@ def leave_facets(
             rising = Rising(mover, tried[chosen], float(tops[chosen, group].max()))
             found.append(FacetGroup(near[group], rising, rise, float(gaps[chosen, group].min())))
             due &= ~group
-    return _extended(found, corners)
+    return _extended(found, corners), float(best.min())
 
 
 def _extended(groups: list[FacetGroup], corners: Array) -> list[FacetGroup]:

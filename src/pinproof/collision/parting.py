@@ -190,6 +190,8 @@ class _Split:
     pair: int
     groups: list[FacetGroup]
     bodies: list[Body]
+    deepest: float
+    """Metres: the gap at the facet that is penetrated deepest."""
 
 
 def _departures(
@@ -207,9 +209,9 @@ def _departures(
         tried = _directions(body, checker.at[b], -measured.normal)
         if body.support is None and not isinstance(body.geometry, coal.Halfspace):
             split = _split(checker, pair, mover, tried, enough, motion)
-            if split is not None:
+            if split.groups:
                 splits.append(split)
-            elif (refused := _refuse(checker, pair, measured, motion)) is not None:
+            elif (refused := _refuse(checker, pair, measured, motion, split.deepest)) is not None:
                 return [], _Full(checker, {}, {}), refused
             continue
         gaps = -mover.reach(-tried) - (levels := Hull.of(body).reach(checker.at[b], tried))
@@ -235,7 +237,7 @@ def _departures(
         ways += pieces[pair]
         for k in own[len(split.groups) :]:  # the rest of the mesh
             measured = full.placed(motion.start).measure(k)
-            if (refused := _refuse(full, k, measured, motion)) is not None:
+            if (refused := _refuse(full, k, measured, motion, split.deepest)) is not None:
                 return [], _Full(checker, {}, {}), refused._replace(pair=split.pair)
     return ways, _Full(full, pieces, parts), None
 
@@ -285,16 +287,14 @@ def _directions(body: Body, at: Array, measured: Array) -> Array:
     return np.array([[0.0, 0.0, 1.0], *own, *-own, *unit_vectors(measured[None])])
 
 
-def _split(
-    checker: CollisionChecker, pair: int, mover: Mover, tried: Array, enough: float, motion: _Motion
-) -> _Split | None:
-    """The facets of an exact mesh near which a body starts, and the rest; None where it is near to none of them."""
+def _split(checker: CollisionChecker, pair: int, mover: Mover, tried: Array, enough: float, motion: _Motion) -> _Split:
+    """The facets of an exact mesh near which a body starts, and the rest."""
     a, b = checker.pairs[pair]
     body = checker.bodies[b]
     vertices, triangles = facets_of(body)
     at = checker.at[b]
     corners = (vertices @ at[:9].reshape(3, 3).T + at[9:12])[triangles]
-    groups = leave_facets(
+    groups, deepest = leave_facets(
         mover,
         checker.bodies[a],
         corners,
@@ -304,13 +304,13 @@ def _split(
         follow=lambda rising: motion.follow(rising, enough),
     )
     if not groups:
-        return None
+        return _Split(pair, [], [], deepest)
     name = f"{body.name} near {checker.bodies[a].name}"
     bodies = [facet_body(body, f"{name}, {k}", vertices, triangles[group.facets]) for k, group in enumerate(groups)]
     others = np.setdiff1d(np.arange(len(triangles)), np.concatenate([group.facets for group in groups]))
     if len(others):
         bodies.append(facet_body(body, f"{body.name} away from {checker.bodies[a].name}", vertices, triangles[others]))
-    return _Split(pair, groups, bodies)
+    return _Split(pair, groups, bodies, deepest)
 
 
 def _with_facets(checker: CollisionChecker, splits: Sequence[_Split]) -> tuple[CollisionChecker, list[list[int]]]:
@@ -401,14 +401,21 @@ def _owners(checker: CollisionChecker, pair: int) -> tuple[str, str]:
     return checker.bodies[i].owner, checker.bodies[j].owner
 
 
-def _refuse(
-    checker: CollisionChecker, pair: int, measured: Distance, motion: _Motion, gap: float = -np.inf
-) -> _Refused | None:
-    """What is wrong with a pair that has no direction to leave along; None if it is farther apart than its margin."""
+def _refuse(checker: CollisionChecker, pair: int, measured: Distance, motion: _Motion, gap: float) -> _Refused | None:
+    """What is wrong with a pair that has no direction to leave along; None if it is farther apart than its margin.
+
+    How deep they overlap is the lesser of coal's depth and the gap (m) along the best direction tried, which of a mesh
+    that leaves is that of its hull. Of a mesh that is left, coal knows the depth of any facet, the gap is the deepest.
+    """
     margin = float(checker.margins[pair])
     if measured.attained - motion.obstacle_tolerance > margin:
         return None
-    return _Refused(pair, max(measured.distance, gap) - motion.obstacle_tolerance, margin)
+    leaving, left = (checker.bodies[i] for i in checker.pairs[pair])
+    distance = measured.distance
+    if distance <= 0 and np.isfinite(gap):
+        facets = leaving.support is not None and left.support is None
+        distance = min(gap, 0.0) if facets else max(distance, gap)
+    return _Refused(pair, distance - motion.obstacle_tolerance, margin)
 
 
 def _refused(curve: Curve, checker: CollisionChecker, refused: _Refused, prove: Prove) -> Certificate:

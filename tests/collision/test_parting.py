@@ -31,6 +31,7 @@ from pinproof import (
     pose,
     time_parametrise,
 )
+from pinproof.collision.contact_facets import directions_to_facets
 from pinproof.collision.rising import Mover, Rising
 from pinproof.motion import bezier
 
@@ -514,3 +515,18 @@ def test_several_supports_at_once(gantry):
     assert free.status is FREE, str(free)
     assert {each.bodies[1] for each in free.partings} == {"left", "right", "stop"}
     assert certify(aslant, checker, parting=names[:2]).status is COLLIDING
+
+
+@pytest.mark.parametrize("finely", [0, 2])
+@pytest.mark.parametrize("sink", [0.0, 0.0005, -0.0005])
+def test_directions_to_facets_are_those_of_floor_and_wall(gantry, finely, sink):
+    checker = CollisionChecker(gantry, Scene([Obstacle("table", tray(finely))]), attached=[CUBE])
+    (pair,) = (k for k, (i, j) in enumerate(checker.pairs) if checker.bodies[j].owner == "table")
+
+    def directions(x, z):
+        found = directions_to_facets(checker, pair, np.array([x, z, 0.0]), 0.001)
+        return {tuple(np.round(direction, 9) + 0.0) for direction in found}
+
+    assert directions(NEXT_TO_WALL - 0.0003, -sink) >= {(0, 0, -1), (1, 0, 0)}
+    assert directions(0, -sink) == {(0, 0, -1)}
+    assert directions(0, 0.01) == set()

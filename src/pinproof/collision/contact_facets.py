@@ -11,8 +11,9 @@ which the ordinary proof shows, it was outside at every time before. Each facet 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
+import coal
 import numpy as np
 import numpy.typing as npt
 
@@ -22,7 +23,10 @@ from pinproof.collision.hulls import bvh
 from pinproof.collision.rising import Mover, Rise, Rising
 from pinproof.collision.solid import Solid
 
-__all__ = ["FacetGroup", "facet_body", "facets_of", "leave_facets", "unit_vectors"]
+if TYPE_CHECKING:
+    from pinproof.collision.checker import CollisionChecker
+
+__all__ = ["FacetGroup", "directions_to_facets", "facet_body", "facets_of", "leave_facets", "unit_vectors"]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -172,6 +176,29 @@ def _extended(groups: list[FacetGroup], corners: Array) -> list[FacetGroup]:
         grouped[more] = True
         out.append(group._replace(facets=np.sort(np.concatenate([group.facets, more]))))
     return out
+
+
+def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: float) -> Array:
+    """(k, 3) unit vectors from a body of the robot at q (n,) to the facets of an exact mesh within ``reach`` (m) of it.
+
+    For each facet, against the direction along which the two are farthest apart, or overlap least. None for a mesh that
+    is farther away, and for an obstacle that has no facets.
+    """
+    a, b = checker.pairs[pair]
+    body, at = checker.bodies[b], checker.at[b]
+    if body.support is not None or body.link is not None or isinstance(body.geometry, coal.Halfspace):
+        return np.empty((0, 3))
+    mover = Mover(checker, a)
+    mover.move(q)
+    vertices, triangles = facets_of(body)
+    corners = (vertices @ at[:9].reshape(3, 3).T + at[9:12])[triangles]
+    own = at[:9].reshape(3, 3).T
+    directions = np.array([[0.0, 0.0, 1.0], *own, *-own])
+    near = corners[_near(mover, corners, directions, reach)]
+    normals = _commonest(_normals(near)) if len(near) else np.empty((0, 3))
+    tried = _distinct(np.concatenate([directions, normals, -normals]))
+    _, gaps = _gaps(mover, near, tried)
+    return np.asarray(-tried[gaps.argmax(axis=0)])
 
 
 def _near(mover: Mover, corners: Array, directions: Array, reach: float) -> npt.NDArray[np.bool_]:

@@ -311,7 +311,7 @@ def test_no_free_motion_ever_approaches(gantry, seed):
 
 @pytest.fixture(scope="module")
 def tilter(arm_from_links):
-    """Slides along z and tilts about y, with the bodies of the hand as told."""
+    """Slides along z and tilts about y, with the given bodies of the hand."""
 
     def build(hand):
         return arm_from_links(
@@ -457,7 +457,7 @@ def test_a_part_is_lifted_out_of_a_bin_of_any_facets(gantry, waypoints, expected
         assert min(alone.clearance(q) for q in after) > MARGIN
 
 
-def test_a_part_too_deep_in_a_bin_is_told_its_depth(gantry):
+def test_a_part_too_deep_in_a_bin_reports_its_depth(gantry):
     """Not that of the bin's hull, in which the part is 100 mm deep."""
     certificate = verdict(gantry, [0, -0.002, 0], [0, 0.3, 0], support=Obstacle("table", tray(1)), part=CUBE)
     assert "2.00 mm deep in table" in certificate.message

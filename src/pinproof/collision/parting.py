@@ -43,7 +43,7 @@ DEEPEST = 1e-3
 
 NEAR = 2e-3
 """Metres beyond the margin up to which a body is near a facet at the start: so much is left for the ordinary proof of
-the facets farther away, which it settles within a few intervals."""
+the facets farther away, which it proves within a few intervals."""
 
 Prove = Callable[[Curve, CollisionChecker], Certificate]
 

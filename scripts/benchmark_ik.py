@@ -3,7 +3,7 @@
 
 python scripts/benchmark_ik.py ur5 panda --points 10000    prints the table, as `pinproof bench ik` does
 python scripts/benchmark_ik.py --success 100000            prints the big check: success and batch time on every arm
-python scripts/benchmark_ik.py --docs                      runs both; rewrites docs/benchmarks/ and the README's table
+python scripts/benchmark_ik.py --docs                      runs both; rewrites docs/benchmarks/
 python scripts/benchmark_ik.py --render                    rewrites the pages from docs/benchmarks/ik.json alone
 """
 
@@ -18,25 +18,14 @@ from pinproof.benchmarks import (
     IkTable,
     ik_benchmark,
     ik_markdown,
-    ik_summary,
     success_markdown,
     success_rates,
     write_ik_table,
 )
 
 ROOT = Path(__file__).resolve().parents[1]
-README, FOLDER = ROOT / "README.md", ROOT / "docs" / "benchmarks"
-BEGIN, END = "<!-- begin: ik table (written by scripts/benchmark_ik.py) -->", "<!-- end: ik table -->"
+FOLDER = ROOT / "docs" / "benchmarks"
 DOCS_ROBOTS = ("ur5", "panda", "puma560")
-
-
-def page(text: str, table: IkTable) -> str:
-    """The text of the README with the summary of a table between its markers."""
-    before, _, rest = text.partition(BEGIN)
-    _, found, after = rest.partition(END)
-    if not found:
-        raise SystemExit(f"{README}: the lines {BEGIN!r} and {END!r} are missing")
-    return f"{before}{BEGIN}\n{ik_summary(table)}{END}{after}"
 
 
 def tell(text: str) -> None:
@@ -71,7 +60,6 @@ def main() -> None:
     if told.docs or told.render:
         FOLDER.mkdir(parents=True, exist_ok=True)
         write_ik_table(table, FOLDER)
-        README.write_text(page(README.read_text(encoding="utf-8"), table), encoding="utf-8")
     else:
         print(ik_markdown(table))
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
@@ -18,23 +16,8 @@ FOLDER = ROOT / "docs" / "benchmarks"
 
 
 @pytest.fixture(scope="module")
-def script() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("benchmark_ik", ROOT / "scripts" / "benchmark_ik.py")
-    assert spec is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
 def stored() -> IkTable:
     return IkTable.load(FOLDER / "ik.json")
-
-
-def test_the_readme_shows_the_stored_table(script: ModuleType, stored: IkTable) -> None:
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    assert script.page(text, stored) == text, "run scripts/benchmark_ik.py --render"
-    assert "| CLIK |" in text
 
 
 def test_the_page_shows_the_stored_table(stored: IkTable) -> None:
@@ -46,11 +29,6 @@ def test_the_stored_table_is_of_a_whole_run(stored: IkTable) -> None:
     assert stored.settings["points"] == 10_000
     assert all(stored.part(robot, asked) for robot in stored.robots for asked in PARTS)
     assert {row.samples for row in stored.success} == {100_000}
-
-
-def test_a_readme_without_the_markers_is_refused(script: ModuleType, stored: IkTable) -> None:
-    with pytest.raises(SystemExit, match="missing"):
-        script.page("# a page", stored)
 
 
 def test_the_example_of_the_mathematics_page_runs(tmp_path: Path) -> None:

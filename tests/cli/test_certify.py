@@ -48,7 +48,7 @@ def test_a_proof_is_saved_and_verified_by_the_same_line(run: Run) -> None:
     assert "wrote proof.json.gz" in out
     code, out, _ = run(*words, "--verify", "proof.json.gz")
     assert code == 0
-    assert "compared: the robot, the scene, the motion" in out
+    assert "compared with your files: the robot, the scene, the motion" in out
     assert "not checked: base_link and shoulder_link" in out
     code, out, _ = run("--verify", "proof.json.gz", "--json")
     answer = json.loads(out)
@@ -70,7 +70,7 @@ def test_a_proof_of_something_else_is_a_no(run: Run) -> None:
     )
     code, out, _ = run("--verify", "proof.json")
     assert code == 1
-    assert "more than 1 m" in out
+    assert "larger than 1 m" in out
 
 
 def test_no_proof_is_written_of_a_contact(run: Run) -> None:

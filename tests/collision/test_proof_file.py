@@ -25,6 +25,7 @@ from pinproof import (
     InputError,
     JointPath,
     Mesh,
+    NotProvenFree,
     Obstacle,
     Scene,
     Sphere,
@@ -35,7 +36,7 @@ from pinproof import (
     verify_proof,
 )
 from pinproof.motion import CubicPath
-from pinproof.verifier import load, verify
+from pinproof.verifier import curve_digest, load, verify
 
 LARGEST_FILE = 5e6
 """Bytes: what a proof may take up."""
@@ -258,7 +259,7 @@ def test_pairs_left_out_by_the_makers_word_are_asked_for(tmp_path, known):
     allowed = checker.allowing(("link_6", "egg"))
     _, file = saved(tmp_path, curve, allowed)
     assert verify_proof(file, allowed, curve).ok
-    assert "link_6_0 and egg are checked by you" in str(verify_proof(file, checker, curve))
+    assert "your checker requires link_6_0 and egg" in str(verify_proof(file, checker, curve))
 
 
 def test_another_motion_is_told_from_that_of_the_proof(known):
@@ -267,7 +268,55 @@ def test_another_motion_is_told_from_that_of_the_proof(known):
     assert "curve.control[0]" in str(verify_proof(file, checker, nearly))
     longer = way(checker.arm, curve.q[0], [0.1] * 6, [0.1] * 6)
     assert "other pieces" in str(verify_proof(file, checker, longer))
-    assert verify_proof(file, checker, JointPath(curve.q + 1e-12, curve.joint_names)).ok
+    assert verify_proof(file, checker, JointPath(curve.q + 1e-13, curve.joint_names)).ok
+
+
+@pytest.mark.parametrize("by", [1e-4, 1e-10, 2.3e-16])
+def test_knots_are_compared_exactly(tmp_path, generic_6dof, by):
+    q = generic_6dof.home + np.array([[0.0] * 6, [0.3, 0.1, 0, 0, 0.2, 0], [0.4, 0.1, 0.1, 0, 0.2, 0]])
+    checker = CollisionChecker(generic_6dof, ROUND)
+    curve, other = (CubicPath(q, np.zeros((3, 6)), [0, 1 + e, 3], generic_6dof.joint_names) for e in (0.0, by))
+    _, file = saved(tmp_path, curve, checker)
+    assert verify_proof(file, checker, curve).ok
+    verdict = verify_proof(file, checker, other)
+    assert "curve.knots[1]" in str(verdict)
+    assert np.isnan(verdict.clearance)
+
+
+@pytest.mark.parametrize("width", [5e-324, 1e-9])
+def test_a_forged_proof_of_a_motion_through_a_wall_is_refused(tmp_path, slider, path, width):
+    """Robot, scene and motion are those compared with; the motion is in a piece of nearly no width."""
+    wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.5, 0, 0)))])
+    checker = CollisionChecker(slider, wall)
+    through = CubicPath([[0.0], [1.0]], [[0.0], [0.0]], [0.0, 1e-9], slider.joint_names)
+    assert min(checker.clearance(q) for q in through(np.linspace(0, 1e-9, 50))) < -0.04
+    _, file = saved(tmp_path, path(slider, [0.0], [0.01]), checker)
+    document = load(file)
+    document["intervals"] = [[0.0, width]]
+    document["pairs"] = [{**pair, "intervals": [0], "directions": [[1.0, 0.0, 0.0]]} for pair in document["pairs"]]
+    knots, control = np.array([0.0, width]), through.bezier()[1]
+    document["curve"] |= {"knots": knots.tolist(), "control": control.tolist()}
+    document["hashes"]["curve"] = curve_digest(through.joint_names, knots, control)
+    document["claim"]["clearance"] = 0.0
+    (tmp_path / "forged.json").write_text(json.dumps(document))
+    assert not verify_proof(tmp_path / "forged.json", checker, through).ok
+
+
+def test_a_motion_too_fast_for_its_parameter_is_not_saved(tmp_path, slider):
+    """A nanosecond for 0.1 m: whoever rounds the times of this motion loses it."""
+    curve = CubicPath([[0.0], [0.1]], [[0.0], [0.0]], [0.0, 1e-9], slider.joint_names)
+    certificate = certify(curve, CollisionChecker(slider), record=True).or_raise()
+    with pytest.raises(NotProvenFree, match=r"curve\.knots"):
+        certificate.save(tmp_path / "proof.json")
+
+
+@pytest.mark.parametrize("value", [["hand"], {}, 7, None])
+def test_a_body_whose_name_is_no_text_is_refused(tmp_path, known, value):
+    file, checker, curve = known
+    document = load(file)
+    document["bodies"][0]["name"] = value
+    (tmp_path / "forged.json").write_text(json.dumps(document))
+    assert "bodies[0].name" in str(verify_proof(tmp_path / "forged.json", checker, curve))
 
 
 def test_a_robot_whose_geometry_was_shrunk_in_the_file_is_not_yours(tmp_path, known):
@@ -281,4 +330,4 @@ def test_a_robot_whose_geometry_was_shrunk_in_the_file_is_not_yours(tmp_path, kn
     body["sha256"] = body_digest(body)
     assert verify(document).ok
     (tmp_path / "shrunk.json").write_text(json.dumps(document))
-    assert f"is not that of your {body['name']}" in str(verify_proof(tmp_path / "shrunk.json", checker, curve))
+    assert f"differs from your {body['name']}" in str(verify_proof(tmp_path / "shrunk.json", checker, curve))

@@ -120,7 +120,7 @@ class Oracle:
             above = np.eye(4) if row["parent"] < 0 else frames[row["parent"]]
             value = row["multiplier"] * q[row["leader"]] + row["offset"]
             move, axis = np.eye(4), np.array(row["axis"])
-            if row["type"] == "slides":
+            if row["type"] == "prismatic":
                 move[:3, 3] = value * axis
             else:
                 half = np.append(np.cos(value / 2), np.sin(value / 2) * axis)

@@ -166,8 +166,8 @@ def no_clearance(p):
 
 
 TAMPERINGS = {
-    drop_interval: "nothing is shown",
-    shift_interval: "nothing is shown",
+    drop_interval: "nothing is proven",
+    shift_interval: "nothing is proven",
     enlarge_margin: "pairs",
     enlarge_single_margin: "hand_0 and post",
     enlarge_joint_tolerance: "pairs",
@@ -191,10 +191,10 @@ TAMPERINGS = {
     hang_child_on_itself: "joints[1].parent",
     negative_index: "pairs[0].bodies",
     interval_out_of_table: "intervals",
-    hide_behind_one_owner: "hangs elsewhere",
-    hide_among_obstacles: "an obstacle moves with none",
+    hide_behind_one_owner: "another joint or kind",
+    hide_among_obstacles: "an obstacle moves with no joint",
     exclude_what_is_not_there: "pots",
-    leave_the_curve: "leaves the curve",
+    leave_the_curve: "lie on the curve",
     no_clearance: "claim.clearance",
 }
 

@@ -10,7 +10,7 @@ from pinproof.benchmarks.ik_methods import TOLERANCE, Asked
 from pinproof.benchmarks.ik_success import SuccessRow
 from pinproof.benchmarks.ik_table import PARTS, TEXTBOOK, IkTable
 
-__all__ = ["COLUMNS", "ik_markdown", "ik_summary", "success_markdown"]
+__all__ = ["COLUMNS", "ik_markdown", "success_markdown"]
 
 COLUMNS = (
     "method",
@@ -28,21 +28,8 @@ COLUMNS = (
     "times ours",
 )
 
-SUMMARY: tuple[tuple[str, Asked], ...] = (
-    ("position only, one seed, as in the textbook", Asked("random", "position", False)),
-    ("whole poses, with restarts", Asked("random", "pose", True)),
-    ("along a smooth trajectory, from the last answer", Asked("trajectory", "pose", True)),
-)
-
-
 WIDTH = 120
 """Characters of a line of text."""
-
-SHOWN = ("ur5", "panda", "iiwa14", "puma560", "xarm7", "kinova")
-"""Arms of the big check that the summary lists."""
-
-LEFT_FOR_THE_PAGE = ("median", "worst position", "worst rotation")
-"""Columns that the summary leaves to the whole table."""
 
 
 def ik_markdown(table: IkTable) -> str:
@@ -57,22 +44,6 @@ def ik_markdown(table: IkTable) -> str:
         lines += [*_left_out(table, robot), ""]
     if table.success:
         lines += ["## The big check", "", success_markdown(table.success)]
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def ik_summary(table: IkTable) -> str:
-    """What the README shows: the first robot's main parts, ours and peers, and the big check."""
-    robot = table.robots[0]
-    lines = [*_preamble(table), ""]
-    for title, asked in SUMMARY:
-        rows = table.part(robot, asked)
-        if rows:
-            lines += [f"**{robot}, {title}**", "", *_rows(rows, table.settings["points"], LEFT_FOR_THE_PAGE), ""]
-    if table.success:
-        shown = tuple(row for row in table.success if row.robot in SHOWN)
-        least = min(row.success for row in table.success)
-        arms = len({row.robot for row in table.success})
-        lines += [success_markdown(shown or table.success), f"Of all {arms} arms, the lowest is {_share(least)}.", ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -118,10 +89,10 @@ def _title(asked: Asked) -> str:
     return f"random targets, {task}, {'with restarts' if asked.restarts else 'one seed'}"
 
 
-def _rows(rows: Sequence[IkRow], points: int, without: Sequence[str] = ()) -> list[str]:
+def _rows(rows: Sequence[IkRow], points: int) -> list[str]:
     """The rows under those of the columns that are not left out and say anything."""
     cells = [_cells(row, points) for row in rows]
-    shown = [name for name in COLUMNS if name not in without and any(cell[name] for cell in cells)]
+    shown = [name for name in COLUMNS if any(cell[name] for cell in cells)]
     return [
         f"| {' | '.join(shown)} |",
         f"|---{'|--:' * (len(shown) - 1)}|",

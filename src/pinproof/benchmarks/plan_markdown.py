@@ -12,7 +12,7 @@ from pinproof.benchmarks.plan_own import MARGIN
 from pinproof.benchmarks.plan_scenes import OWN_SCENES
 from pinproof.benchmarks.plan_table import PlanFigures, PlanTable, Spread
 
-__all__ = ["COLUMNS", "plan_markdown", "plan_summary"]
+__all__ = ["COLUMNS", "plan_markdown"]
 
 COLUMNS = (
     "method",
@@ -28,8 +28,6 @@ COLUMNS = (
     "cut edges",
 )
 
-LEFT_FOR_THE_PAGE = ("ours / its", "cut edges", *STEPS)
-"""Columns that the summary leaves to the whole table."""
 
 WIDTH = 120
 """Characters of a line of text."""
@@ -47,15 +45,6 @@ def plan_markdown(table: PlanTable) -> str:
     lines += _ends(table) + _unsolved(table) + _faults(table)
     if table.left_out:
         lines += _listed("Left out", (f"{name}: {reason}" for name, reason in table.left_out.items()))
-    return "\n".join(lines).rstrip() + "\n"
-
-
-def plan_summary(table: PlanTable) -> str:
-    """What the README shows: each collection, all of its sets together."""
-    lines = [*_preamble(table), ""]
-    for collection in table.collections:
-        asked = sum(problem.collection == collection for problem in table.problems)
-        lines += [f"**{collection}, {asked} problems**", "", *_rows(table, collection, without=LEFT_FOR_THE_PAGE), ""]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -123,12 +112,12 @@ def _drawn(collection: str, name: str) -> list[str]:
     return [textwrap.fill((OWN_SCENES[name].__doc__ or "").strip(), WIDTH), ""]
 
 
-def _rows(table: PlanTable, collection: str, set_name: str | None = None, without: Iterable[str] = ()) -> list[str]:
+def _rows(table: PlanTable, collection: str, set_name: str | None = None) -> list[str]:
     found = [table.figures(method, collection, set_name) for method in table.methods]
     cells = [_cells(figures) for figures in found if figures is not None]
     if not cells:
         return ["No problem with free ends."]
-    shown = [name for name in COLUMNS if name not in without and any(cell[name] for cell in cells)]
+    shown = [name for name in COLUMNS if any(cell[name] for cell in cells)]
     return [
         f"| {' | '.join(shown)} |",
         f"|---{'|--:' * (len(shown) - 1)}|",

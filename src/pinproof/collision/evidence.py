@@ -1,4 +1,4 @@
-"""What settles each pair in each interval, told so that the verifier's bounds bear it."""
+"""Evidence for each pair in each interval, in the form that the verifier can check."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from pinproof.collision.certificate import Certificate
 from pinproof.collision.checker import CollisionChecker
 from pinproof.errors import NotProvenFree
-from pinproof.verifier import Proof, Stretches
+from pinproof.verifier import IntervalBounds, Proof
 
 __all__ = ["settle"]
 
@@ -36,8 +36,8 @@ def settle(proof: Proof, certificate: Certificate, checker: CollisionChecker) ->
         If an interval cannot be settled by the verifier's bounds.
     """
     pair, spans, u = _leaves(certificate, checker, (proof.curve.low, proof.curve.high))
-    need = np.array([proof.margin_of(i, j) for i, j in checker.pairs])
-    moved = np.array([proof.moved_of(j) for _, j in checker.pairs])
+    need = np.array([proof.required(i, j) for i, j in checker.pairs])
+    moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
     need = np.maximum(need, certificate.clearance - CONFIRMED + moved)
     done: list[tuple[Indices, Array, Array]] = []
     fresh = np.zeros(len(pair), dtype=bool)  # whether the direction was found for this very interval
@@ -46,11 +46,11 @@ def settle(proof: Proof, certificate: Certificate, checker: CollisionChecker) ->
             break
         table, at = np.unique(spans, axis=0, return_inverse=True)
         at = at.reshape(-1)
-        stretches = Stretches(proof, table)
+        bounds_of_table = IntervalBounds(proof, table)
         unknown = ~u.any(axis=1)
-        u[unknown] = _directions(checker, pair[unknown], stretches.q[at[unknown]])
+        u[unknown] = _directions(checker, pair[unknown], bounds_of_table.q[at[unknown]])
         fresh |= unknown
-        good = _bounds(checker, stretches, pair, at, u) > need[pair]
+        good = _bounds(checker, bounds_of_table, pair, at, u) > need[pair]
         done.append((pair[good], spans[good], u[good]))
         pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
         # What its own direction does not settle is cut in two; the others are given their own first.
@@ -95,13 +95,13 @@ def _directions(checker: CollisionChecker, pairs: Indices, q: Array) -> Array:
     return np.round(found, DIGITS)
 
 
-def _bounds(checker: CollisionChecker, stretches: Stretches, pairs: Indices, at: Indices, u: Array) -> Array:
+def _bounds(checker: CollisionChecker, bounds_of_table: IntervalBounds, pairs: Indices, at: Indices, u: Array) -> Array:
     found = np.empty(len(pairs))
     unit = u / np.linalg.norm(u, axis=1, keepdims=True)
     order = np.argsort(pairs, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(pairs[order])) + 1):
         i, j = checker.pairs[int(pairs[rows[0]])]
-        found[rows] = stretches.bound(i, j, at[rows], unit[rows])
+        found[rows] = bounds_of_table.distance(i, j, at[rows], unit[rows])
     return found
 
 

@@ -1,4 +1,4 @@
-"""Whether a saved proof holds, and whether it speaks of this very robot, scene and motion."""
+"""Whether a saved proof holds, and whether it is a proof of a given robot, scene and motion."""
 
 from __future__ import annotations
 
@@ -17,26 +17,27 @@ from pinproof.verifier import Proof, ProofVerdict, load, verify
 
 __all__ = ["verify_proof"]
 
-SAME = 1e-9
-"""rad, m and entries of matrices: by how much a number of the proof may differ from the one it is compared with."""
+SAME = 1e-12
+"""rad, m and entries of matrices: by how much a number of the proof may differ from the one it is compared with: a
+thousandth of what the verifier allows for rounding, so a proof of either is a proof of both."""
 
 SHOWN = 5
-"""Differences that are named; the others are counted."""
+"""Number of differences that are named; the others are counted."""
 
 
 def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curve: Curve | None = None) -> ProofVerdict:
-    """Re-check a proof file by other code than made it (:mod:`pinproof.verifier`), and compare it with what is yours.
+    """Re-check a proof file by independent code (:mod:`pinproof.verifier`), and compare it with your robot and motion.
 
     Parameters
     ----------
     path
         A file that :meth:`Certificate.save` wrote.
     checker
-        Your arm, scene and what is attached, with the pairs you want checked under the margins you want: the proof must
-        have the same joints and bodies (numbers within 1e-9), and hold for each of the pairs with such a margin or
-        more. Obstacles that only the proof has do no harm. Without it nothing says that the proof is of your robot.
+        Your arm, scene and attached objects, with the pairs and margins that you require: the proof must have the same
+        joints and bodies (numbers within 1e-12), and prove each of these pairs with its margin or a larger one.
+        Obstacles that only the proof has are accepted. Without a checker the robot and scene of the file are trusted.
     curve
-        Your motion: the proof must be of the same pieces, their control points and knots within 1e-9.
+        Your motion: the proof must have equal knots, and control points within 1e-12.
 
     Returns
     -------
@@ -71,7 +72,13 @@ def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curv
     else:
         reasons += _other_curve(proof, curve)
         compared.append("the motion")
-    return replace(verdict, reasons=_few(reasons), compared=tuple(compared), not_compared=tuple(not_compared))
+    return replace(
+        verdict,
+        reasons=_few(reasons),
+        clearance=np.nan if reasons else verdict.clearance,
+        compared=tuple(compared),
+        not_compared=tuple(not_compared),
+    )
 
 
 def _few(reasons: list[str]) -> tuple[str, ...]:
@@ -83,51 +90,53 @@ def _other_curve(proof: Proof, curve: Curve) -> list[str]:
     knots, control = curve.bezier()
     mine = proof.curve
     if mine.names != tuple(curve.joint_names):
-        return [f"curve.joint_names: the motion has {', '.join(curve.joint_names)}"]
-    if mine.control.shape != control.shape:
-        return ["curve.control: the motion has other pieces"]
+        return [f"curve.joint_names: those of your motion are {', '.join(curve.joint_names)}"]
+    if mine.control.shape != control.shape or mine.knots.shape != knots.shape:
+        return ["curve.control: your motion has other pieces"]
     off = np.abs(mine.control - control).max(axis=(1, 2))
     k = int(off.argmax())
-    if off[k] > SAME:
-        return [f"curve.control[{k}]: the motion is {off[k]:.3g} away"]
-    if np.abs(mine.knots - knots).max() > SAME:
-        return ["curve.knots: the motion is timed in another way"]
+    if not off[k] <= SAME:
+        return [f"curve.control[{k}]: differs by {off[k]:.3g} from your motion"]
+    other = np.flatnonzero(mine.knots != knots)
+    if len(other):
+        k = int(other[0])
+        return [f"curve.knots[{k}]: is {mine.knots[k]:.17g}; that of your motion is {knots[k]:.17g}"]
     return []
 
 
 def _differences(document: dict[str, Any], proof: Proof, checker: CollisionChecker) -> list[str]:
-    """Where the proof's joints and bodies are not the checker's, and which of the checker's pairs it leaves open."""
+    """Where the proof's joints and bodies are not the checker's, and which of the checker's pairs it does not prove."""
     found: list[str] = []
     names = checker.arm.joint_names
     if proof.curve.names != names:
-        return [f"curve.joint_names: your arm has {', '.join(names)}"]
+        return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
     joints = joints_of(checker.arm)
     if len(joints) != len(proof.joints):
-        return [f"joints: {len(proof.joints)} in the proof, {len(joints)} move in your robot"]
+        return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
     for k, (stated, mine) in enumerate(zip(document["joints"], joints, strict=True)):
-        found += [f"joints[{k}].{key}: is not that of your {mine['name']}" for key in _unlike(stated, mine, JOINT)]
+        found += [f"joints[{k}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, JOINT)]
     rows = {row["name"]: (i, row) for i, row in enumerate(document["bodies"])}
     index: list[int] = []
     for mine in bodies_of(checker):
         i, stated = rows.get(mine["name"], (-1, {}))
         index.append(i)
         if i < 0:
-            found.append(f"bodies: your {mine['name']} is not there")
+            found.append(f"bodies: your {mine['name']} is missing")
             continue
-        found += [f"bodies[{i}].{key}: is not that of your {mine['name']}" for key in _unlike(stated, mine, BODY)]
+        found += [f"bodies[{i}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, BODY)]
     links = {body.name for body in checker.bodies if body.link is not None and body.link == body.owner}
     unknown = [body.name for body in proof.bodies if body.kind == "link" and body.name not in links]
     found += [f"bodies: your robot has no {name}" for name in unknown]
     if found:
         return found
-    settled = {frozenset(proof.members(k)) for k in range(len(proof.pairs))}
+    proven = {frozenset(proof.members(k)) for k in range(len(proof.pairs))}
     for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
         a, b = index[i], index[j]
         pair = f"{proof.bodies[a].name} and {proof.bodies[b].name}"
-        if frozenset((a, b)) not in settled:
-            found.append(f"pairs: {pair} are checked by you and not in the proof")
-        elif proof.margin_of(a, b) - proof.moved_of(b) < margin:
-            found.append(f"settings.margin: {pair} must stay {margin} m apart for you")
+        if frozenset((a, b)) not in proven:
+            found.append(f"pairs: your checker requires {pair}, which the proof does not have")
+        elif not (have := proof.margin_between(a, b)) >= margin:
+            found.append(f"settings.margin: {pair} have a margin of {have} m; your checker requires {margin} m")
     return found
 
 

@@ -1,6 +1,6 @@
-"""A proof as a file that tells everything: curve, joints, bodies, and what settles each pair in each interval.
+"""Writes a proof to a file that is complete: curve, joints, bodies, and the evidence for each pair in each interval.
 
-The format stands in docs/certificates.md; :mod:`pinproof.verifier` reads it, and every file has passed it.
+The format is described in docs/certificates.md; :mod:`pinproof.verifier` reads it, and has accepted every file written.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.model.packed import joint_axis
 from pinproof.motion import Curve
-from pinproof.verifier import FORMAT, VERSION, Proof, body_digest, verify
+from pinproof.verifier import FORMAT, VERSION, Proof, Refused, body_digest, verify
 
 __all__ = ["bodies_of", "joints_of", "proof_document", "write_proof"]
 
@@ -38,7 +38,7 @@ Array = npt.NDArray[np.float64]
 SUFFIXES = (".json", ".json.gz")
 
 SPARE = 1e-9
-"""Metres less than what is shown are claimed, for a machine that rounds in another way."""
+"""Metres by which the claimed clearance is below the proven one, for a machine that rounds differently."""
 
 
 def write_proof(certificate: Certificate, curve: Curve, checker: CollisionChecker, path: str | Path) -> None:
@@ -84,13 +84,16 @@ def proof_document(certificate: Certificate, curve: Curve, checker: CollisionChe
         "joints": joints_of(arm),
         "bodies": bodies_of(checker),
         "notes": list(certificate.notes),
-        "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
+        "excluded": [[*pair.owners, " ".join(pair.reason.split())] for pair in certificate.excluded],
         "intervals": [],
         "pairs": [],
     }
-    settled = settle(Proof(document), certificate, checker)
-    document["intervals"], document["pairs"] = settled
-    verdict = verify({**document, "claim": {"clearance": -1.0}})
+    try:
+        proof = Proof(document)
+    except Refused as refused:
+        raise NotProvenFree(f"the verifier cannot read the proof: {refused}", certificate) from refused
+    document["intervals"], document["pairs"] = settle(proof, certificate, checker)
+    verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
     if not verdict.ok:
         raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}", certificate)
     if np.isfinite(verdict.clearance):
@@ -102,12 +105,12 @@ def joints_of(arm: Arm) -> list[dict[str, Any]]:
     """The joints that move with the arm's, followers too, each behind its parent."""
     model, rows = arm.model, []
     for k in range(1, model.njoints):
-        axis, slides = joint_axis(model, k)
+        axis, prismatic = joint_axis(model, k)
         leader = int(np.abs(arm.scale[k - 1]).argmax())
         rows.append(
             {
                 "name": model.names[k],
-                "type": "slides" if slides else "turns",
+                "type": "prismatic" if prismatic else "revolute",
                 "axis": axis.tolist(),
                 "placement": _placed(model.jointPlacements[k]),
                 "parent": int(model.parents[k]) - 1,
@@ -146,7 +149,7 @@ def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
 
 
 def _sources(checker: CollisionChecker) -> dict[str, dict[str, str]]:
-    """What each geometry stands for in words, and the hash of its mesh file."""
+    """The kind and file of the shape that each geometry was made of, and the hash of its mesh file."""
     found: dict[str, dict[str, str]] = {}
     for geometry in checker.arm.robot.urdf.collisions:
         found[geometry.name] = _source(geometry.kind, None if geometry.mesh is None else geometry.mesh.path)
@@ -158,9 +161,9 @@ def _sources(checker: CollisionChecker) -> dict[str, dict[str, str]]:
 
 def _source(kind: str, mesh: str | Path | None) -> dict[str, str]:
     if mesh is None:
-        return {"stands_for": kind}
+        return {"source": kind}
     file = Path(mesh)
-    return {"stands_for": f"{kind} {file.name}", "mesh_sha256": _file_hash(file, file.stat().st_mtime_ns)}
+    return {"source": f"{kind} {file.name}", "mesh_sha256": _file_hash(file, file.stat().st_mtime_ns)}
 
 
 @lru_cache(maxsize=256)
@@ -170,11 +173,12 @@ def _file_hash(path: Path, _changed: int) -> str:
 
 def _single_margins(checker: CollisionChecker) -> list[list[Any]]:
     """Owner, owner and metres of the pairs with a margin of their own."""
-    found = {}
+    found: dict[frozenset[str], list[Any]] = {}
     for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
+        owners = checker.bodies[i].owner, checker.bodies[j].owner
         if margin != checker.margin:
-            found[checker.bodies[i].owner, checker.bodies[j].owner] = margin
-    return [[*owners, margin] for owners, margin in found.items()]
+            found.setdefault(frozenset(owners), [*owners, margin])
+    return list(found.values())
 
 
 def _scene_hash(checker: CollisionChecker) -> str:
@@ -206,7 +210,7 @@ def _placed(place: pin.SE3) -> list[list[float]]:
 
 
 def _refuse_surfaces(checker: CollisionChecker) -> None:
-    """A surface has no support function; only convex bodies can be told apart by a direction."""
+    """A surface has no support function; a direction separates convex bodies only."""
     met = {i for pair in checker.pairs for i in pair}
     surfaces = [b for i, b in enumerate(checker.bodies) if i in met and _shape(b) is None]
     if surfaces:
@@ -217,18 +221,18 @@ def _refuse_surfaces(checker: CollisionChecker) -> None:
             else "Mesh(hull=True), or boxes in its place"
         )
         names = ", ".join(body.name for body in surfaces)
-        raise InputError(f"only convex bodies can be told in a proof, and not {names}: take {remedy}")
+        raise InputError(f"a proof can hold convex bodies only, which {names} are not: use {remedy}")
 
 
 def _text(document: dict[str, Any]) -> str:
     """JSON with a line for each joint, body and pair, so that people can read it."""
 
-    def told(value: Any) -> str:
+    def line(value: Any) -> str:
         return json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
 
     parts = []
     for key, value in document.items():
         rows: Sequence[Any] = value if isinstance(value, list) and value and isinstance(value[0], dict) else ()
-        lines = ",\n".join(told(row) for row in rows)
-        parts.append(f"{told(key)}: [\n{lines}\n]" if rows else f"{told(key)}: {told(value)}")
+        lines = ",\n".join(line(row) for row in rows)
+        parts.append(f"{line(key)}: [\n{lines}\n]" if rows else f"{line(key)}: {line(value)}")
     return "{\n" + ",\n".join(parts) + "\n}\n"

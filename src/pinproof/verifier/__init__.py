@@ -1,21 +1,22 @@
-"""Re-checks saved proofs with NumPy alone: other code than made them, short enough to be read, free to be copied.
+"""Re-checks saved proofs with NumPy alone, by code that is independent of the code that makes them.
 
-Nothing here imports the rest of pinproof, so that a robot cell can trust a proof without trusting what made it:
-``python -m pinproof.verifier proof.json``, or a copy of this folder anywhere and ``python -m verifier proof.json``.
+Nothing here imports the rest of pinproof, so a robot cell can trust a proof without trusting its maker:
+``python -m pinproof.verifier proof.json``, or copy this folder anywhere and run ``python -m verifier proof.json``.
 The file format is described in docs/certificates.md.
 """
 
-from .proof import Proof, ProofVerdict, verify
-from .reading import FORMAT, VERSION, Refused, body_digest, curve_digest, load
-from .stretches import Stretches
+from .interval_bounds import IntervalBounds
+from .parts import body_digest, curve_digest
+from .proof import FORMAT, VERSION, Proof, ProofVerdict, verify
+from .reading import Refused, load
 
 __all__ = [
     "FORMAT",
     "VERSION",
+    "IntervalBounds",
     "Proof",
     "ProofVerdict",
     "Refused",
-    "Stretches",
     "body_digest",
     "curve_digest",
     "load",

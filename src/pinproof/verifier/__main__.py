@@ -9,7 +9,7 @@ from .reading import load
 
 
 def main(words: list[str]) -> int:
-    """Verify the one file named, and say what was found."""
+    """Verify one file and print the verdict, with the pairs that the proof does not cover."""
     if len(words) != 1:
         sys.stderr.write("usage: python -m pinproof.verifier PROOF.json[.gz]\n")
         return 2

@@ -1,4 +1,4 @@
-"""Whether a proof holds: what is in the file is re-derived, nothing it concludes is believed."""
+"""Decides whether a proof holds: every claim is derived again from the numbers in the file."""
 
 from __future__ import annotations
 
@@ -9,42 +9,64 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from .reading import FORMAT, VERSION, Body, Curve, Joint, Refused, index, items, member, number, numbers, words
-from .stretches import Stretches
+from .interval_bounds import IntervalBounds
+from .parts import LARGEST_PARAMETER, Body, Curve, Joint
+from .reading import (
+    Refused,
+    check_fields,
+    index,
+    items,
+    member,
+    number,
+    numbers,
+    rows_of_names,
+    shown,
+    text,
+)
 
-__all__ = ["Proof", "ProofVerdict", "verify"]
+__all__ = ["FORMAT", "VERSION", "Proof", "ProofVerdict", "verify"]
 
 Array = npt.NDArray[np.float64]
 
+FORMAT, VERSION = "pinproof proof", 2
+
 ROUNDING = 1e-9
-"""Metres by which floating point may be off, for each metre the bodies and the arm are wide: far more than it is."""
+"""Metres allowed for floating point for each metre of reach: about 10^7 roundings of numbers of that size."""
+
+TURNING = 1e3
+"""rad or m: up to this sum of all joint values, their own rounding is within :data:`ROUNDING`; beyond, it grows in
+proportion (an angle of 10^3 rad is rounded by 10^-13 rad)."""
 
 UNIT = 1e-3
-"""How far the length of a direction may be from 1: it is rounded in the file, and scaled to 1 here."""
+"""How far the length of a direction may be from 1: it is rounded in the file, and normalised here."""
+
+FIELDS = ("format", "version", "made_by", "claim", "settings", "hashes", "robot", "curve", "joints", "bodies", "notes",
+          "excluded", "intervals", "pairs")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
 class ProofVerdict:
-    """What re-checking a proof found.
+    """The result of re-checking a proof.
 
     Parameters
     ----------
     reasons
-        What is wrong, each beginning with the place; none if the proof holds.
+        What is wrong, each beginning with the place in the file; empty if the proof holds.
     clearance
-        Metres, re-derived: no two checked bodies come nearer than this anywhere in the tube. NaN if it does not hold.
+        Metres, derived again: no two checked bodies come nearer than this, anywhere in the tube around the curve. NaN
+        if the proof does not hold, infinite if it checks no pair.
     margin
-        Metres that were asked for between any two bodies without a margin of their own.
+        Metres required between any two bodies without a margin of their own.
     margins
         (owner, owner, metres) of those with one.
     joint_tolerance, obstacle_tolerance
-        (n,) rad or m that joints, and metres that obstacles, may be off by.
+        (n,) rad or m that joints, and metres that obstacles, may deviate.
     pairs, intervals
-        How many pairs of bodies are settled, and in how many intervals altogether.
+        Number of body pairs proven, and of the intervals of all of them.
     excluded
-        (owner, owner, reason): what the proof does not speak of, by the word of its maker.
+        (owner, owner, reason): pairs that the proof does not cover; the reasons are the maker's own and not checked.
     compared, not_compared
-        What was compared with files of who verifies, and what was not: there the proof's own word stands.
+        What was compared with the caller's own files, and what was not: there the file is trusted.
     """
 
     reasons: tuple[str, ...]
@@ -61,39 +83,44 @@ class ProofVerdict:
 
     @property
     def ok(self) -> bool:
-        """Whether the proof holds, and is of what it was compared with."""
+        """Whether the proof holds, and matches everything it was compared with."""
         return not self.reasons
 
     def __str__(self) -> str:
         if self.reasons:
             return f"REFUSED: {'; '.join(self.reasons)}"
-        told = f"HOLDS: {self.clearance * 1e3:.6g} mm stay between {self.pairs} pairs, in {self.intervals} intervals"
+        line = "HOLDS: no pair of bodies is checked"
+        if self.pairs:
+            distance = f"clearance of {self.clearance * 1e3:.6g} mm or more"
+            line = f"HOLDS: {distance} between {self.pairs} body pairs, proven over {self.intervals} intervals"
         if any(self.joint_tolerance):
-            told += f"; joints off by up to {', '.join(f'{each:g}' for each in self.joint_tolerance)}"
+            line += f"; joint tolerance {', '.join(f'{each:g}' for each in self.joint_tolerance)}"
         if self.obstacle_tolerance:
-            told += f"; obstacles by up to {self.obstacle_tolerance:g} m"
+            line += f"; obstacle tolerance {self.obstacle_tolerance:g} m"
         if self.compared:
-            told += f"; compared: {', '.join(self.compared)}"
+            line += f"; compared with your files: {', '.join(self.compared)}"
         if self.not_compared:
-            told += f"; NOT compared with files of yours: {', '.join(self.not_compared)}"
-        return told
+            line += f"; NOT compared with your files: {', '.join(self.not_compared)}"
+        return line
 
 
 def verify(document: Any) -> ProofVerdict:
-    """Whether the proof in a parsed file holds; what does not make sense is a reason against it, not an error."""
+    """Whether the proof in a parsed file holds; a malformed document is refused with a reason and raises nothing."""
     try:
         proof = Proof(document)
         proof.check_complete()
         clearance, intervals = proof.check_pairs()
     except Refused as refused:
         return ProofVerdict((str(refused),))
+    except MemoryError:
+        return ProofVerdict(("proof: does not fit into memory",))
     return ProofVerdict(
         reasons=(),
         clearance=clearance,
         margin=proof.margin,
-        margins=tuple((a, b, m) for a, b, m in proof.margins),
+        margins=tuple((a, b, margin) for a, b, margin in proof.margins),
         joint_tolerance=tuple(proof.tolerance.tolist()),
-        obstacle_tolerance=proof.moved,
+        obstacle_tolerance=proof.obstacle_tolerance,
         pairs=len(proof.pairs),
         intervals=intervals,
         excluded=tuple((a, b, reason) for a, b, reason in proof.excluded),
@@ -101,66 +128,114 @@ def verify(document: Any) -> ProofVerdict:
 
 
 class Proof:
-    """A file whose parts make sense, each by itself.
+    """A proof file whose parts are well formed, each by itself.
 
     Parameters
     ----------
     document
-        The mapping of docs/certificates.md; raises :class:`Refused`, with the place, where it is none.
+        The mapping of docs/certificates.md.
+
+    Raises
+    ------
+    Refused
+        With the place, where it is malformed.
     """
 
     def __init__(self, document: Any) -> None:
-        if member(document, "", "format") != FORMAT or member(document, "", "version") != VERSION:
+        version = member(document, "", "version")
+        if member(document, "", "format") != FORMAT or type(version) is not int or version != VERSION:
             raise Refused(f"format: this verifier reads {FORMAT!r}, version {VERSION}")
+        check_fields(document, "", FIELDS)
         self.document = document
         self.curve = Curve(member(document, "", "curve"))
         if member(member(document, "", "hashes"), "hashes", "curve") != self.curve.sha256:
-            raise Refused("hashes.curve: is not that of the curve in the file")
+            raise Refused("hashes.curve: does not match the curve in the file")
         self.joints = [Joint(row, k, self.curve.dof) for k, row in enumerate(items(document, "", "joints"))]
         self.bodies = [Body(row, i, len(self.joints)) for i, row in enumerate(items(document, "", "bodies"))]
-        settings = member(document, "", "settings")
-        self.tolerance = numbers(settings, "settings", "joint_tolerance", (self.curve.dof,))
-        self.moved, self.margin = (number(settings, "settings", key) for key in ("obstacle_tolerance", "margin"))
-        self.margins = words(settings, "settings", "margins", 3)
-        single = [number({"margin": margin}, "settings.margins", "margin") for *_, margin in self.margins]
-        if min([*single, *self.tolerance, self.moved, self.margin]) < 0:
-            raise Refused("settings: margins and tolerances are 0 or more")
-        self._single = {frozenset(row[:2]): margin for row, margin in zip(self.margins, single, strict=True)}
-        self.excluded = words(document, "", "excluded", 3)
+        names: set[str] = set()
+        self._owners: dict[str, Body] = {}
+        for body in self.bodies:
+            if body.name in names:
+                raise Refused(f"{body.where}.name: another body is named {body.name} too")
+            names.add(body.name)
+            other = self._owners.setdefault(body.owner, body)
+            if (other.joint, other.kind) != (body.joint, body.kind):
+                raise Refused(f"{body.where}: the other bodies of {body.owner} have another joint or kind")
+        self.excluded = self._read_excluded()
+        self._read_settings(member(document, "", "settings"))
         self.pairs = items(document, "", "pairs")
-        self.intervals = numbers(document, "", "intervals", (None, 2), largest=np.inf)
-        start, end = self.intervals.T if len(self.intervals) else (np.zeros(0), np.zeros(0))
-        point = self.curve.low == self.curve.high
-        wrong = (start < self.curve.low) | (end > self.curve.high) | ((start > end) if point else (start >= end))
-        if wrong.any():
-            raise Refused(f"intervals[{int(np.flatnonzero(wrong)[0])}]: has no length, or leaves the curve")
-        ended = [body for body in self.bodies if body.convex]
-        widest = max((np.linalg.norm(b.translation) + np.linalg.norm(b.centre) + b.ball for b in ended), default=0.0)
+        self.intervals = numbers(document, "", "intervals", (None, 2), LARGEST_PARAMETER)
+        start, end = self.intervals.T
+        outside = ~((start >= self.curve.low) & (end <= self.curve.high))
+        wrong = np.flatnonzero(outside | ~((start <= end) if self.curve.single else (start < end)))
+        if len(wrong):
+            raise Refused(f"intervals[{wrong[0]}]: must have a length and lie on the curve")
+        self.rounding = self._rounding()
+
+    def _read_excluded(self) -> list[tuple[str, str, str]]:
+        rows = rows_of_names(self.document, "", "excluded")
+        for k, row in enumerate(rows):
+            text({"reason": row[2]}, f"excluded[{k}]", "reason")
+            self._check_owners(row, f"excluded[{k}]")
+        return [(a, b, reason) for a, b, reason in rows]
+
+    def _read_settings(self, settings: Any) -> None:
+        check_fields(settings, "settings", ("margin", "margins", "joint_tolerance", "obstacle_tolerance"))
+        self.tolerance = numbers(settings, "settings", "joint_tolerance", (self.curve.dof,))
+        self.obstacle_tolerance = number(settings, "settings", "obstacle_tolerance")
+        self.margin = number(settings, "settings", "margin")
+        self.margins: list[tuple[str, str, float]] = []
+        self._margin_of: dict[frozenset[str], float] = {}
+        for k, row in enumerate(rows_of_names(settings, "settings", "margins")):
+            where, owners = f"settings.margins[{k}]", frozenset(row[:2])
+            self._check_owners(row, where)
+            if owners in self._margin_of:
+                raise Refused(f"{where}: {row[0]} and {row[1]} have a margin already")
+            self._margin_of[owners] = number({"margin": row[2]}, where, "margin")
+            self.margins.append((row[0], row[1], self._margin_of[owners]))
+        if min([*self._margin_of.values(), *self.tolerance, self.obstacle_tolerance, self.margin]) < 0:
+            raise Refused("settings: margins and tolerances must be 0 or more")
+
+    def _check_owners(self, row: list[Any], where: str) -> None:
+        unknown = [name for name in row[:2] if name not in self._owners]
+        if unknown:
+            raise Refused(f"{where}: no body has the owner {shown(unknown[0])}")
+
+    def _rounding(self) -> float:
+        """Metres by which distances may be off in floating point: in proportion to reach and to joint values."""
+        largest = np.abs(self.curve.control).max(axis=(0, 1)) + self.tolerance
+        values = [abs(joint.multiplier) * float(largest[joint.leader]) + abs(joint.offset) for joint in self.joints]
+        travel = sum(value for joint, value in zip(self.joints, values, strict=True) if not joint.revolute)
         chain = sum(float(np.linalg.norm(joint.translation)) for joint in self.joints)
-        self.rounding = ROUNDING * max(1.0, float(widest) + chain)
+        reach = max((body.extent for body in self.bodies), default=0.0) + chain + travel
+        turning = sum(values) * self.curve.control.shape[1]  # each control point is one more average
+        return ROUNDING * max(1.0, reach) * max(1.0, turning / TURNING)
 
     def members(self, k: int) -> tuple[int, int]:
         """The two bodies of pair k; an obstacle is the second."""
         where, pair = f"pairs[{k}].bodies", items(self.pairs[k], f"pairs[{k}]", "bodies")
-        if len(pair) != 2 or pair[0] == pair[1]:
-            raise Refused(f"{where}: are not two bodies")
+        if len(pair) != 2:
+            raise Refused(f"{where}: must be two bodies")
         i, j = (index(value, 0, len(self.bodies), where) for value in pair)
         a, b = self.bodies[i], self.bodies[j]
-        if not a.convex or not (b.convex or b.half_space) or a.kind == "obstacle":
-            raise Refused(f"{where}: {a.name} and {b.name}: one has no convex shape, or an obstacle comes first")
+        if i == j or not a.convex or not (b.convex or b.half_space) or a.kind == "obstacle":
+            raise Refused(f"{where}: {a.name} and {b.name} must be two convex bodies, an obstacle second")
         return i, j
 
-    def margin_of(self, i: int, j: int) -> float:
-        """Metres to stay between two bodies: those asked for, and what an obstacle may be moved by."""
-        asked = self._single.get(frozenset((self.bodies[i].owner, self.bodies[j].owner)), self.margin)
-        return asked + self.moved_of(j)
+    def margin_between(self, i: int, j: int) -> float:
+        """Metres required between two bodies where obstacles are in place."""
+        return self._margin_of.get(frozenset((self.bodies[i].owner, self.bodies[j].owner)), self.margin)
 
-    def moved_of(self, j: int) -> float:
-        """Metres by which body j may stand elsewhere."""
-        return self.moved if self.bodies[j].kind == "obstacle" else 0.0
+    def tolerance_of(self, j: int) -> float:
+        """Metres by which body j may deviate from its place."""
+        return self.obstacle_tolerance if self.bodies[j].kind == "obstacle" else 0.0
 
-    def way(self, i: int, j: int) -> tuple[list[int], int]:
-        """The joints from body i to body j, and how many of them carry i."""
+    def required(self, i: int, j: int) -> float:
+        """Metres to prove between two bodies: their margin, and the tolerance of an obstacle."""
+        return self.margin_between(i, j) + self.tolerance_of(j)
+
+    def joints_between(self, i: int, j: int) -> tuple[list[int], int]:
+        """The joints on the path from body i to body j, and how many of them, from the first, carry i."""
         up: list[int] = []
         down: list[int] = []
         a, b = self.bodies[i].joint, self.bodies[j].joint
@@ -174,69 +249,66 @@ class Proof:
         return [*up, *reversed(down)], len(up)
 
     def check_complete(self) -> None:
-        """That any two bodies are checked, or their owners listed as excluded; raises Refused where a pair is missing.
+        """Refuses the proof if two bodies are neither checked nor excluded by their owners.
 
-        Left aside are only obstacles among themselves, and bodies of one owner, which hang on one joint. A geometry may
-        be met on any one of its levels, by all of its bodies there.
+        Exempt are only two obstacles, and bodies of one owner, which are fixed to one joint. A geometry may be checked
+        on any one of its levels, with all of its bodies there.
         """
-        forms: dict[str, dict[str, dict[int, list[int]]]] = {}
-        first: dict[str, Body] = {}
+        geometries: dict[str, dict[str, dict[int, list[int]]]] = {}
         for i, body in enumerate(self.bodies):
-            other = first.setdefault(body.owner, body)
-            if (other.joint, other.kind) != (body.joint, body.kind):
-                raise Refused(f"{body.where}: hangs elsewhere than the other bodies of {body.owner}")
-            levels = forms.setdefault(body.owner, {}).setdefault(body.geometry, {})
+            levels = geometries.setdefault(body.owner, {}).setdefault(body.geometry, {})
             levels.setdefault(body.level, []).append(i)
-        unknown = {name for row in self.excluded for name in row[:2]} - set(forms)
-        if unknown:
-            raise Refused(f"excluded: {', '.join(sorted(unknown))}: no body of that name")
-        excluded = {frozenset(row[:2]) for row in self.excluded}
+        excluded = {frozenset((a, b)) for a, b, _ in self.excluded}
         checked = {frozenset(self.members(k)) for k in range(len(self.pairs))}
-        owners = list(forms)
+        owners = list(geometries)
         for number_of_a, a in enumerate(owners):
             for b in owners[number_of_a + 1 :]:
-                if first[a].kind == first[b].kind == "obstacle" or frozenset((a, b)) in excluded:
+                if self._owners[a].kind == self._owners[b].kind == "obstacle" or frozenset((a, b)) in excluded:
                     continue
-                for one, another in product(forms[a].values(), forms[b].values()):
-                    ways = product(one.values(), another.values())
-                    if not any(checked.issuperset(map(frozenset, product(*way))) for way in ways):
+                for one, another in product(geometries[a].values(), geometries[b].values()):
+                    levels_of_both = product(one.values(), another.values())
+                    if not any(checked.issuperset(map(frozenset, product(*each))) for each in levels_of_both):
                         raise Refused(f"pairs: {a} and {b} are neither checked nor excluded")
 
     def check_pairs(self) -> tuple[float, int]:
-        """The least distance shown (m) and the number of intervals; raises Refused where a pair is not settled."""
+        """The smallest proven distance (m) and the number of intervals; refuses a pair that is not proven."""
         least, count = np.inf, 0
-        stretches: Stretches | None = None
+        bounds: IntervalBounds | None = None
         for k, pair in enumerate(self.pairs):
             i, j = self.members(k)
             where = f"pairs[{k}] ({self.bodies[i].name} and {self.bodies[j].name})"
+            check_fields(pair, where, ("bodies", "intervals", "directions"))
             stated, end = items(pair, where, "intervals"), len(self.intervals)
             rows = np.array([index(row, 0, end, f"{where}.intervals") for row in stated], dtype=np.int64)
             self._check_cover(self.intervals[rows], where)
             u = numbers(pair, where, "directions", (len(rows), 3))
             length = np.linalg.norm(u, axis=1)
             if not (np.abs(length - 1.0) <= UNIT).all():
-                raise Refused(f"{where}.directions: not all are unit vectors")
-            stretches = stretches or Stretches(self, self.intervals)
-            bound, margin = stretches.bound(i, j, rows, u / length[:, None]), self.margin_of(i, j)
-            short = np.flatnonzero(~(bound > margin))  # written so that NaN is short
+                raise Refused(f"{where}.directions: must be unit vectors")
+            bounds = bounds or IntervalBounds(self, self.intervals)
+            bound, required = bounds.distance(i, j, rows, u / length[:, None]), self.required(i, j)
+            short = np.flatnonzero(~(bound > required))  # written so that NaN is short
             if len(short):
-                interval = "[{:.6g}, {:.6g}]".format(*self.intervals[rows[short[0]]])
-                shown = f"on {interval} {bound[short[0]]:.6g} m are shown to stay between them"
-                raise Refused(f"{where}: {shown}, not more than {margin:.6g} m")
-            least, count = min(least, float(bound.min()) - self.moved_of(j)), count + len(rows)
+                interval = "[{:.9g}, {:.9g}]".format(*self.intervals[rows[short[0]]])
+                found = f"on {interval} a distance of {bound[short[0]]:.9g} m is proven"
+                raise Refused(f"{where}: {found}; it must be larger than {required:.9g} m")
+            least, count = min(least, float(bound.min()) - self.tolerance_of(j)), count + len(rows)
         claim = member(self.document, "", "claim")
+        check_fields(claim, "claim", ("status", "clearance"))
+        if member(claim, "claim", "status") != "FREE":
+            raise Refused(f"claim.status: must be FREE, not {shown(claim['status'])}")
         stated = member(claim, "claim", "clearance")
         claimed = np.inf if stated is None else number(claim, "claim", "clearance")
         if not claimed <= least:
-            raise Refused(f"claim.clearance: {claimed} m is claimed, {least} m is shown")
+            raise Refused(f"claim.clearance: {claimed:.17g} m is claimed, {least:.17g} m is proven")
         return least, count
 
     def _check_cover(self, intervals: Array, where: str) -> None:
-        """That intervals (R, 2) leave out nothing of the curve."""
+        """Refuses intervals (R, 2) that leave out a part of the curve."""
         rows = intervals[np.argsort(intervals[:, 0], kind="stable")]
         reached = np.concatenate([[self.curve.low], np.maximum.accumulate(rows[:, 1])])
         begins = np.append(rows[:, 0], self.curve.high)
         gaps = np.flatnonzero(begins > reached)
         if len(gaps) or not len(rows):
             start, end = (reached[gaps[0]], begins[gaps[0]]) if len(gaps) else (self.curve.low, self.curve.high)
-            raise Refused(f"{where}: nothing is shown of [{start:.6g}, {end:.6g}]")
+            raise Refused(f"{where}: nothing is proven between the parameters {start:.17g} and {end:.17g}")

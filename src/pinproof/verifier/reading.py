@@ -1,10 +1,16 @@
-"""The parts of a proof file, each checked for making sense by itself; what does not is refused with its place."""
+"""Reads a proof file and its values; whatever is malformed is refused with its place in the file.
+
+Nothing is converted silently: a number is a JSON number (no boolean, no text), an integer is an integer, a text is a
+printable text, and a field that this version does not know is refused.
+"""
 
 from __future__ import annotations
 
 import gzip
-import hashlib
+import io
 import json
+import math
+import reprlib
 import stat
 import zlib
 from pathlib import Path
@@ -14,41 +20,33 @@ import numpy as np
 import numpy.typing as npt
 
 __all__ = [
-    "FORMAT",
-    "VERSION",
-    "Body",
-    "Curve",
-    "Joint",
     "Refused",
-    "body_digest",
-    "curve_digest",
+    "check_fields",
     "index",
+    "is_text",
     "items",
     "load",
     "member",
     "number",
     "numbers",
-    "words",
+    "rows_of_names",
+    "shown",
+    "text",
 ]
 
 Array = npt.NDArray[np.float64]
 
-FORMAT, VERSION = "pinproof proof", 1
-
-RIGID = 1e-9
-"""How far the columns of a rotation, or an axis, may be from orthonormal; they are then made so."""
-
-MEET = 1e-12
-"""rad or m between the end of a piece of the curve and the start of the next: rounding, no jump."""
-
 LARGEST = 1e6
-"""Of any number but a parameter of the curve: beyond it double precision is too coarse for a proof."""
+"""Largest magnitude of a number by default: double precision is too coarse for a proof beyond it."""
 
-LEVELS = 3
-"""How many sets of bodies there may be that each stand for a geometry: coarse and finer ones."""
+EXACT_INTEGER = 1 << 53
+"""Up to here every integer is a double."""
 
-LARGEST_FILE = 1 << 30
-"""Bytes, packed or unpacked: what has more is no proof of ours."""
+LONGEST_INTEGER = 20
+"""Digits of an integer in a file; longer ones are refused before they are converted."""
+
+LARGEST_FILE = 1 << 28
+"""Bytes, compressed or not: proofs have about a thousandth of it."""
 
 
 class Refused(ValueError):
@@ -56,223 +54,166 @@ class Refused(ValueError):
 
 
 def load(path: str | Path) -> Any:
-    """The parsed JSON of a file, packed with gzip or not; raises OSError or ValueError if it is none."""
+    """The parsed JSON of a file, compressed with gzip or not.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read.
+    ValueError
+        If it is not JSON, repeats a key, or holds a number that is not a finite double.
+    """
     status = Path(path).stat()
-    if not stat.S_ISREG(status.st_mode):  # a pipe would be waited on for ever
+    if not stat.S_ISREG(status.st_mode):  # reading a pipe would never end
         raise ValueError("is a folder, a pipe or a device, not a file")
     if status.st_size > LARGEST_FILE:
         raise ValueError(f"holds {status.st_size} bytes; at most {LARGEST_FILE} are read")
     data = Path(path).read_bytes()
     if data[:2] == b"\x1f\x8b":
         try:
-            with gzip.open(path) as file:
+            with gzip.open(io.BytesIO(data)) as file:
                 data = file.read(LARGEST_FILE + 1)
         except (EOFError, zlib.error) as error:
-            raise ValueError(f"is no whole gzip file: {error}") from error
+            raise ValueError(f"is not a complete gzip file: {error}") from error
     if len(data) > LARGEST_FILE:
-        raise ValueError(f"unpacks to more than {LARGEST_FILE} bytes")
+        raise ValueError(f"holds more than {LARGEST_FILE} bytes after decompression")
     try:
-        return json.loads(data, object_pairs_hook=_once)
+        return json.loads(
+            data,
+            object_pairs_hook=_unique_keys,
+            parse_constant=_finite,
+            parse_float=_finite,
+            parse_int=_short_integer,
+        )
     except RecursionError as error:
-        raise ValueError("is nested too deep") from error
+        raise ValueError("is nested too deeply") from error
 
 
-def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A mapping; a key that stands twice would be read in two ways by two readers."""
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        raise ValueError(f"a key stands twice among {', '.join(sorted(found))}")
+def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A mapping; two readers could disagree about which of two equal keys counts."""
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f"the key {shown(key)} is repeated")
+        found[key] = value
     return found
+
+
+def _finite(literal: str) -> float:
+    value = float(literal)
+    if not math.isfinite(value):
+        raise ValueError(f"{literal[:LONGEST_INTEGER]} is not a finite double")
+    return value
+
+
+def _short_integer(literal: str) -> int:
+    if len(literal) > LONGEST_INTEGER:
+        raise ValueError(f"an integer has {len(literal)} digits; at most {LONGEST_INTEGER} are read")
+    return int(literal)
+
+
+def shown(value: Any) -> str:
+    """A short text for messages, whatever the value is."""
+    if isinstance(value, int) and not -EXACT_INTEGER <= value <= EXACT_INTEGER:
+        return f"an integer of {value.bit_length()} bits"
+    return ascii(value) if isinstance(value, str) and len(value) < 80 else reprlib.repr(value)
+
+
+def _place(where: str, key: str) -> str:
+    return f"{where}.{key}" if where else key
 
 
 def member(holder: Any, where: str, key: str) -> Any:
-    """What stands under a key."""
-    if not isinstance(holder, dict) or key not in holder:
-        raise Refused(f"{where}{'.' if where else ''}{key}: is missing")
+    """The value of a key."""
+    if not isinstance(holder, dict):
+        raise Refused(f"{where or 'proof'}: must be a mapping")
+    if key not in holder:
+        raise Refused(f"{_place(where, key)}: is missing")
     return holder[key]
 
 
+def check_fields(holder: Any, where: str, known: tuple[str, ...]) -> None:
+    """Refuses a mapping with other keys than those known; what it means is not known either."""
+    unknown = [key for key in holder if key not in known] if isinstance(holder, dict) else []
+    if unknown:
+        raise Refused(f"{where or 'proof'}: unknown field {shown(unknown[0])}; known are {', '.join(known)}")
+
+
 def items(holder: Any, where: str, key: str) -> list[Any]:
-    """The list under a key."""
+    """The list of a key."""
     found = member(holder, where, key)
-    if not isinstance(found, list):
-        raise Refused(f"{where}{'.' if where else ''}{key}: is no list")
+    if type(found) is not list:
+        raise Refused(f"{_place(where, key)}: must be a list")
     return found
 
 
-def words(holder: Any, where: str, key: str, count: int) -> list[Any]:
-    """The list under a key of rows of ``count`` entries, of which the first two are texts."""
+def text(holder: Any, where: str, key: str) -> str:
+    """The printable text of a key: messages name it, and control characters could forge them."""
+    found = member(holder, where, key)
+    if not is_text(found):
+        raise Refused(f"{_place(where, key)}: must be a printable text, not {shown(found)}")
+    return str(found)
+
+
+def is_text(value: Any) -> bool:
+    """Whether a value is a text that is not empty and has no control characters."""
+    return type(value) is str and value != "" and value.isprintable()
+
+
+def rows_of_names(holder: Any, where: str, key: str) -> list[Any]:
+    """The list of a key, of rows of two different names and a third entry of any kind."""
     rows = items(holder, where, key)
-    for row in rows:
-        if not isinstance(row, list) or len(row) != count or not all(isinstance(word, str) for word in row[:2]):
-            raise Refused(f"{where}{'.' if where else ''}{key}: {row!r} is no row of {count}, two names first")
+    for k, row in enumerate(rows):
+        if type(row) is not list or len(row) != 3 or not all(map(is_text, row[:2])) or row[0] == row[1]:
+            place = f"{_place(where, key)}[{k}]"
+            raise Refused(f"{place}: must be two different names and a third entry, not {shown(row)}")
     return rows
 
 
 def numbers(holder: Any, where: str, key: str, shape: tuple[int | None, ...], largest: float = LARGEST) -> Array:
-    """The finite numbers under a key, in an array of the given shape; None stands for any length."""
-    place = f"{where}{'.' if where else ''}{key}"
-    stated = member(holder, where, key)
-    if isinstance(stated, list) and not stated and shape and shape[0] in (None, 0):
-        return np.zeros([0, *(size or 0 for size in shape[1:])])
-    try:
-        array = np.array(stated)
-    except (TypeError, ValueError, OverflowError):
-        array = np.array("")
-    if array.dtype.kind not in "if":
-        raise Refused(f"{place}: is not made of numbers")
-    if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
-        raise Refused(f"{place}: has the shape {array.shape}, not {shape}")
-    if not (np.abs(array) <= largest).all() or not np.isfinite(array).all():
-        raise Refused(f"{place}: holds a number that is not finite, or beyond {largest:g}")
-    return array.astype(np.float64)
+    """The finite numbers of a key as an array of the given shape; None stands for any length."""
+    place, sizes = _place(where, key), list(shape)
+    found: list[float] = []
+    _collect(member(holder, where, key), place, sizes, 0, found)
+    array = np.array(found, dtype=np.float64)
+    if not (np.abs(array) <= largest).all():  # written so that NaN is refused
+        raise Refused(f"{place}: a number is not finite, or its magnitude is above {largest:g}")
+    return array.reshape([size or 0 for size in sizes])
+
+
+def _collect(value: Any, place: str, sizes: list[int | None], depth: int, found: list[float]) -> None:
+    """Appends the numbers of nested lists; a size that is still open is that of the first list found."""
+    if depth == len(sizes):
+        _append([value], place, found)
+        return
+    if type(value) is not list:
+        raise Refused(f"{place}: must be {len(sizes) - depth} nested lists of numbers, not {shown(value)}")
+    size = sizes[depth]
+    if size is None:
+        size = sizes[depth] = len(value)
+    if len(value) != size:
+        raise Refused(f"{place}: must have {size} entries, not {len(value)}")
+    if depth == len(sizes) - 1:
+        _append(value, place, found)
+        return
+    for k, part in enumerate(value):
+        _collect(part, f"{place}[{k}]", sizes, depth + 1, found)
+
+
+def _append(values: list[Any], place: str, found: list[float]) -> None:
+    for value in values:
+        if type(value) is not float and (type(value) is not int or abs(value) > EXACT_INTEGER):
+            raise Refused(f"{place}: must be a number within double precision, not {shown(value)}")
+        found.append(value)
 
 
 def number(holder: Any, where: str, key: str) -> float:
-    """One finite number under a key."""
+    """The finite number of a key."""
     return float(numbers(holder, where, key, ()))
 
 
 def index(value: Any, low: int, end: int, where: str) -> int:
     """An integer from ``low`` to below ``end``."""
     if type(value) is not int or not low <= value < end:
-        raise Refused(f"{where}: {value!r} is no index from {low} to below {end}")
+        raise Refused(f"{where}: must be an index from {low} to below {end}, not {shown(value)}")
     return value
-
-
-def _placement(row: Any, where: str) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,), from three rows of four."""
-    place = numbers(row, where, "placement", (3, 4))
-    rotation, translation = place[:, :3], place[:, 3]
-    off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    if not off <= RIGID or np.linalg.det(rotation) < 0:
-        raise Refused(f"{where}.placement: is not rigid (off by {off:.3g})")
-    return rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation), translation  # one Newton step to the nearest
-
-
-class Joint:
-    """A joint that turns about, or slides along, its axis by multiplier * q[leader] + offset; parent -1: the root."""
-
-    def __init__(self, row: Any, k: int, dof: int) -> None:
-        where = f"joints[{k}]"
-        kind = member(row, where, "type")
-        if kind not in ("turns", "slides"):
-            raise Refused(f"{where}.type: {kind!r} is neither turns nor slides")
-        self.turns = kind == "turns"
-        self.parent = index(member(row, where, "parent"), -1, k, f"{where}.parent")
-        self.leader = index(member(row, where, "leader"), 0, dof, f"{where}.leader")
-        self.multiplier, self.offset = number(row, where, "multiplier"), number(row, where, "offset")
-        axis = numbers(row, where, "axis", (3,))
-        length = float(np.linalg.norm(axis))
-        if not abs(length - 1.0) <= RIGID:
-            raise Refused(f"{where}.axis: its length is {length}, not 1")
-        self.axis = axis / length
-        self.rotation, self.translation = _placement(row, where)
-
-
-class Body:
-    """A convex body: the hull of ``points``, each with a flat disc about z, grown by a ball and by an ellipsoid.
-
-    ``half_space`` is what lies below its own z = 0. A body may have no shape; then no pair may hold it.
-    """
-
-    def __init__(self, row: Any, i: int, joints: int) -> None:
-        self.where = where = f"bodies[{i}]"
-        self.name, self.owner, self.geometry, self.kind, self.sha256 = (
-            str(member(row, where, key)) for key in ("name", "owner", "geometry", "kind", "sha256")
-        )
-        if self.kind not in ("link", "attached", "obstacle"):
-            raise Refused(f"{where}.kind: {self.kind!r} is neither link, attached nor obstacle")
-        self.level = index(member(row, where, "level"), 0, LEVELS, f"{where}.level")
-        self.joint = index(member(row, where, "joint"), -1, joints, f"{where}.joint")
-        if self.kind == "obstacle" and self.joint != -1:
-            raise Refused(f"{where}.joint: an obstacle moves with none")
-        self.rotation, self.translation = _placement(row, where)
-        shape = member(row, where, "shape")
-        self.half_space, self.convex = shape == "half_space", shape is not None and shape != "half_space"
-        if self.half_space and self.kind != "obstacle":
-            raise Refused(f"{where}.shape: only an obstacle can be a half-space")
-        self.centre, self.ball = np.zeros(3), np.inf
-        if self.convex:
-            self._read(shape, f"{where}.shape")
-        if self.sha256 != body_digest(row):
-            raise Refused(f"{where}.sha256: is not that of its place and shape")
-
-    def _read(self, shape: Any, where: str) -> None:
-        self.points = numbers(shape, where, "points", (None, 3))
-        self.discs = numbers(shape, where, "disc_radii", (len(self.points),))
-        self.semi = numbers(shape, where, "semi_axes", (3,))
-        self.radius = number(shape, where, "radius")
-        if not len(self.points) or min(self.radius, self.semi.min(), self.discs.min()) < 0:
-            raise Refused(f"{where}: no points, or a radius below 0")
-        self.centre = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
-        out = self.points - self.centre
-        far = np.hypot(np.hypot(out[:, 0], out[:, 1]) + self.discs, out[:, 2])
-        self.ball = float(far.max()) + self.radius + float(self.semi.max())
-
-    def reach(self, directions: Array) -> Array:
-        """The support function: the largest d . x of the body for directions d (..., 3) of any length, in its frame.
-
-        Supports of Minkowski sums add up; that of a hull is the largest of its points' (Rockafellar 1970, section 13).
-        """
-        if self.half_space:
-            return np.where(_straight_up(directions), 0.0, np.inf)
-        most = directions @ self.points.T
-        if self.discs.any():
-            most = most + np.hypot(directions[..., 0], directions[..., 1])[..., None] * self.discs
-        grown = self.radius * np.linalg.norm(directions, axis=-1) + np.linalg.norm(self.semi * directions, axis=-1)
-        return np.asarray(most.max(axis=-1) + grown)
-
-
-def _straight_up(directions: Array) -> npt.NDArray[np.bool_]:
-    sideways = np.abs(directions[..., :2]).max(axis=-1)
-    return np.asarray((sideways <= RIGID) & (directions[..., 2] > 0))
-
-
-class Curve:
-    """The curve: ``knots`` (k + 1,), Bernstein control points (k, degree + 1, n); ``pieces`` are those of some width.
-
-    Where no piece has one, the curve is a single configuration.
-    """
-
-    def __init__(self, row: Any) -> None:
-        names = items(row, "curve", "joint_names")
-        if not names or not all(isinstance(name, str) for name in names) or len(set(names)) != len(names):
-            raise Refused("curve.joint_names: are not different names")
-        self.names, self.dof = tuple(names), len(names)
-        self.knots = numbers(row, "curve", "knots", (None,), largest=np.inf)
-        self.control = numbers(row, "curve", "control", (len(self.knots) - 1, None, self.dof))
-        wide = np.diff(self.knots) > 0
-        if self.control.size == 0 or (np.diff(self.knots) < 0).any():
-            raise Refused("curve.knots: they must not fall, with a piece between each two")
-        inside = np.ptp(self.control, axis=1).max(axis=1) * ~wide
-        between = np.append(np.abs(self.control[1:, 0] - self.control[:-1, -1]).max(axis=1), 0.0)
-        jumps = np.flatnonzero(np.maximum(inside, between) > MEET)
-        if len(jumps):
-            raise Refused(f"curve.control[{jumps[0]}]: the curve jumps there")
-        self.low, self.high = float(self.knots[0]), float(self.knots[-1])
-        solid = np.flatnonzero(wide) if wide.any() else np.zeros(1, dtype=np.int64)
-        self.begins, self.ends, self.pieces = self.knots[solid], self.knots[solid + 1], self.control[solid]
-        self.sha256 = curve_digest(self.names, self.knots, self.control)
-
-
-def _digest(*parts: Any) -> str:
-    """SHA-256 over texts and numbers, these as doubles with the least byte first."""
-    digest = hashlib.sha256()
-    for part in parts:
-        digest.update(part.encode() if isinstance(part, str) else np.asarray(part, dtype="<f8").tobytes())
-    return digest.hexdigest()
-
-
-def body_digest(row: Any) -> str:
-    """The hash of a body: its joint, placement and the numbers of its shape, in the order of docs/certificates.md."""
-    shape = row["shape"]
-    parts: list[Any] = [row["joint"], row["placement"]]
-    if isinstance(shape, dict):
-        parts += [shape[key] for key in ("points", "disc_radii", "radius", "semi_axes")]
-    return _digest(*parts, shape if isinstance(shape, str) else "")
-
-
-def curve_digest(names: tuple[str, ...], knots: Array, control: Array) -> str:
-    """The hash of a curve: joint names and shape as text, knots, control points; certificates carry the same."""
-    return _digest(repr((names, control.shape)), knots, control)

@@ -1,22 +1,22 @@
-r"""How near two bodies can come within intervals of the curve, bounded from below.
+r"""Lower bounds of the distance of two bodies while the joints move within an interval of the curve.
 
 In an interval the joints stay in a box about q, joint i within delta_i. Let u be a unit vector fixed in a link L
 between bodies a and b: the gap of the two supports along u bounds their distance from below. Walk from L outward to b,
-over joints that turn about w_i through p_i at q. Moving first those nearest to L, each carries what lies beyond it as
+over revolute joints about w_i through p_i at q. Moving first those nearest to L, each carries what lies beyond it as
 one rigid thing, so a point y of b goes to R_1 R_2 .. R_m y, with all R_i about the axes at q, and
 
 .. math:: u \cdot (R_1 \cdots R_m y - y) = \sum_i (\bar R_1 \cdots \bar R_{i-1})^T u \cdot (R_i y - y) .
 
-The turns before joint i change u by no more than the sum of their chords 2 sin(delta / 2), and
+The rotations before joint i change u by no more than the sum of their chords 2 sin(delta / 2), and
 
 .. math:: |R_i y - y| \le 2 \rho_i \sin(\delta_i / 2), \qquad |R_i y - y - \theta_i w_i \times (y - p_i)|
     = \rho_i \sqrt{(\theta_i - \sin \theta_i)^2 + (1 - \cos \theta_i)^2} ,
 
-rho_i being the largest distance at q of b from axis i. What remains is linear in y and in theta: its least over the
-body is a support in a slightly turned direction, which is concave in theta, and so least at a control point of the
+rho_i being the largest distance at q of b from axis i. What remains is linear in y and in theta: its minimum over the
+body is a support in a slightly rotated direction, which is concave in theta, and so smallest at a control point of the
 curve. For a the same holds, walking from L to a. The chords alone bound the approach too; the better of the two counts.
-L is where the sum of the chords is least, for an obstacle the root. A joint that slides has delta in place of its chord
-and no bend.
+L is where the sum of the chords is smallest, for an obstacle the root. A prismatic joint has delta in place of its
+chord and no second-order term.
 """
 
 from __future__ import annotations
@@ -27,17 +27,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-if TYPE_CHECKING:
-    from .proof import Proof
-    from .reading import Curve
+from .reading import Refused
 
-__all__ = ["Stretches"]
+if TYPE_CHECKING:
+    from .parts import Curve
+    from .proof import Proof
+
+__all__ = ["IntervalBounds"]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
+MOST_NUMBERS = 1 << 27
+"""Of control points of all intervals, 1 GB: a proof has intervals of one piece, and few of many."""
 
-class Stretches:
+
+class IntervalBounds:
     """T intervals of a curve: the box of the joints in each, and where axes and bodies are at its middle.
 
     Parameters
@@ -52,10 +57,10 @@ class Stretches:
         self._proof = proof
         low, high, control, self._single = _boxes(proof.curve, intervals)
         self.q = (low + high) / 2
-        """(T, n) the middles of the boxes."""
-        self._swing = (high - low) / 2 + np.finfo(float).eps * np.abs(self.q)
+        """(T, n) centres of the boxes."""
+        self._half_width = (high - low) / 2 + np.finfo(float).eps * np.abs(self.q)
         self._theta = control - self.q[:, None]
-        """(T, K, n) the control points from there, where the interval lies in a single piece of the curve."""
+        """(T, K, n) control points relative to q, valid where the interval lies in a single piece of the curve."""
         self._place_joints()
         self._placed: dict[int, tuple[Array, Array, Array]] = {}
 
@@ -69,8 +74,8 @@ class Stretches:
             rotation = rotation @ joint.rotation
             axis, value = rotation @ joint.axis, joint.multiplier * self.q[:, joint.leader] + joint.offset
             self._axes.append(axis)
-            if joint.turns:
-                rotation = rotation @ _turned(joint.axis, value)
+            if joint.revolute:
+                rotation = rotation @ _rotation(joint.axis, value)
             else:
                 translation = translation + value[:, None] * axis
             self._at.append((rotation, translation))
@@ -97,63 +102,63 @@ class Stretches:
         local = directions @ rotation[rows]
         return self._proof.bodies[i].reach(local) + np.einsum("rkc,rc->rk", directions, translation[rows])
 
-    def bound(self, i: int, j: int, rows: Indices, u: Array) -> Array:
-        """(R,) lower bounds (m) of the distance of two bodies, each anywhere in one of the intervals ``rows`` (R,).
+    def distance(self, i: int, j: int, rows: Indices, u: Array) -> Array:
+        """(R,) lower bounds (m) of the distance of two bodies, valid everywhere in each of the intervals ``rows`` (R,).
 
         ``u`` (R, 3) are unit vectors in root, from body i to body j; for a half-space its own normal is taken.
         """
         proof, bodies = self._proof, self._proof.bodies
-        way, up = proof.way(i, j)
+        path, up = proof.joints_between(i, j)
         if bodies[j].half_space:
             u = -self._body(j)[0][rows][:, :, 2]
         gap = -self._reach(j, rows, -u[:, None])[:, 0] - self._reach(i, rows, u[:, None])[:, 0]
-        if not way:
+        if not path:
             return np.asarray(gap - proof.rounding)
-        joints = [proof.joints[k] for k in way]
-        turns = np.array([[joint.turns] for joint in joints])
+        joints = [proof.joints[k] for k in path]
+        revolute = np.array([[joint.revolute] for joint in joints])
         share = np.array([[abs(joint.multiplier)] for joint in joints])
         leaders = [joint.leader for joint in joints]
-        delta = share * (self._swing[rows][:, leaders].T + proof.tolerance[leaders][:, None])
-        chord = np.where(turns, 2.0 * np.sin(np.minimum(delta, pi) / 2.0), delta)
-        bend = np.where(turns, np.hypot(delta - np.sin(delta), 1.0 - np.cos(np.minimum(delta, pi))), 0.0)
-        w = np.array([self._axes[k][rows] for k in way])
-        p = np.array([self._at[k][1][rows] for k in way])
-        radius = [np.where(turns, self._radius(body, rows, w, p), 1.0) for body in (i, j)]
+        delta = share * (self._half_width[rows][:, leaders].T + proof.tolerance[leaders][:, None])
+        chord = np.where(revolute, 2.0 * np.sin(np.minimum(delta, pi) / 2.0), delta)
+        bend = np.where(revolute, np.hypot(delta - np.sin(delta), 1.0 - np.cos(np.minimum(delta, pi))), 0.0)
+        w = np.array([self._axes[k][rows] for k in path])
+        p = np.array([self._at[k][1][rows] for k in path])
+        radius = [np.where(revolute, self._radius(body, rows, w, p), 1.0) for body in (i, j)]
 
-        # Which joints move i, seen from L: the first ``split`` of the way, the others move j.
+        # Which joints move i, seen from L: the first ``split`` of the path; the others move j.
         zero = np.zeros((1, len(rows)))
         if bodies[j].kind == "obstacle":
-            rough, split = (radius[0] * chord).sum(axis=0), np.full(len(rows), len(way))
+            rough, split = (radius[0] * chord).sum(axis=0), np.full(len(rows), len(path))
         else:
             first = np.concatenate([zero, np.cumsum(radius[0] * chord, axis=0)])
             second = np.concatenate([np.cumsum((radius[1] * chord)[::-1], axis=0)[::-1], zero])
             split = np.asarray((first + second).argmin(axis=0))
             rough = (first + second).min(axis=0)
-        of_i = np.arange(len(way))[:, None] < split
-        before = np.concatenate([zero, np.cumsum(chord * turns, axis=0)])  # the chords of the joints before each
+        of_i = np.arange(len(path))[:, None] < split
+        before = np.concatenate([zero, np.cumsum(chord * revolute, axis=0)])  # the chords of the joints before each
         at_split = before[split, np.arange(len(rows))]
-        turned = np.where(of_i, at_split - before[1:], before[:-1] - at_split)
-        rest = (np.where(of_i, radius[0], radius[1]) * (bend + turned * chord)).sum(axis=0)
+        rotated = np.where(of_i, at_split - before[1:], before[:-1] - at_split)
+        rest = (np.where(of_i, radius[0], radius[1]) * (bend + rotated * chord)).sum(axis=0)
 
-        g = np.where(turns[..., None], np.cross(u, w), 0.0)
-        away = np.where(np.arange(len(way)) < up, -1.0, 1.0)  # moving on by theta, i comes nearer, j goes away
+        g = np.where(revolute[..., None], np.cross(u, w), 0.0)
+        away = np.where(np.arange(len(path)) < up, -1.0, 1.0)  # a positive theta moves i nearer and j away
         signed = away * np.array([joint.multiplier for joint in joints])
         theta = signed[:, None, None] * np.moveaxis(self._theta[rows][:, :, leaders], 2, 0)
-        along = np.where(turns, -np.einsum("crx,crx->cr", g, p), np.einsum("rx,crx->cr", u, w))
+        along = np.where(revolute, -np.einsum("crx,crx->cr", g, p), np.einsum("rx,crx->cr", u, w))
         slope_i = np.einsum("crk,crx->rkx", theta * of_i[..., None], g)
         slope_j = np.einsum("crk,crx->rkx", theta * ~of_i[..., None], g)
-        # Of i the least of (slope - u) . x counts, of j that of (slope + u) . y.
+        # The minimum over x in i of (slope - u) . x, and over y in j of (slope + u) . y.
         linear = (
             np.einsum("crk,cr->rk", theta, along)
             - self._reach(i, rows, u[:, None] - slope_i)
             - self._reach(j, rows, -u[:, None] - slope_j)
         )
-        close = linear.min(axis=1) - rest - self._deviation(i, j, rows, g, along, of_i, turns, share, leaders)
+        close = linear.min(axis=1) - rest - self._deviation(i, j, rows, g, along, of_i, revolute, share, leaders)
         close = np.where(self._single[rows], close, -np.inf)
         return np.asarray(np.maximum(gap - rough, close) - proof.rounding)
 
     def _radius(self, i: int, rows: Indices, w: Array, p: Array) -> Array:
-        """(c, R) no point of the body is farther than this from the axes along w through p, both (c, R, 3)."""
+        """(c, R) upper bounds of the distance of the body's points from the axes along w through p, both (c, R, 3)."""
         out = np.cross(w, self._body(i)[2][rows] - p)
         return np.asarray(np.linalg.norm(out, axis=-1) + self._proof.bodies[i].ball)
 
@@ -165,18 +170,18 @@ class Stretches:
         g: Array,
         along: Array,
         of_i: npt.NDArray[np.bool_],
-        turns: npt.NDArray[np.bool_],
+        revolute: npt.NDArray[np.bool_],
         share: Array,
         leaders: list[int],
     ) -> Array:
-        """(R,) how much nearer, to first order, the joints' tolerances let the bodies come."""
+        """(R,) metres by which the joint tolerances reduce the distance, to first order."""
         total = np.zeros(len(rows))
         for c, leader in enumerate(leaders):
             tolerance = share[c, 0] * self._proof.tolerance[leader]
             if tolerance == 0.0:
                 continue
             speed = np.abs(along[c])
-            if turns[c, 0]:
+            if revolute[c, 0]:
                 speed = np.zeros(len(rows))
                 for body, mine in ((i, of_i[c]), (j, ~of_i[c])):
                     at, d = rows[mine], g[c, mine][:, None]
@@ -186,7 +191,7 @@ class Stretches:
         return total
 
 
-def _turned(axis: Array, angle: Array) -> Array:
+def _rotation(axis: Array, angle: Array) -> Array:
     """(T, 3, 3) the rotations about a unit axis (3,) by angles (T,) (Rodrigues)."""
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -195,20 +200,24 @@ def _turned(axis: Array, angle: Array) -> Array:
 
 
 def _boxes(curve: Curve, intervals: Array) -> tuple[Array, Array, Array, npt.NDArray[np.bool_]]:
-    """Least and greatest joint values (T, n) each, and control points (T, K, n) where it is within a single piece.
+    """Smallest and largest joint values (T, n) each, control points (T, K, n), and whether these are all (T,).
 
     A piece of the curve stays in the hull of its control points; of a part of a piece these are its blossoms (de
-    Casteljau's algorithm, with u0 and u1 as the parameters).
+    Casteljau's algorithm, with u0 and u1 as the parameters). Where an interval spans several pieces, only those of the
+    first are returned.
     """
-    first = np.clip(np.searchsorted(curve.begins, intervals[:, 0], side="right") - 1, 0, None)
-    last = np.maximum(np.searchsorted(curve.begins, intervals[:, 1], side="left") - 1, first)
+    begins, ends = curve.knots[:-1], curve.knots[1:]
+    first = np.clip(np.searchsorted(begins, intervals[:, 0], side="right") - 1, 0, None)
+    last = np.maximum(np.searchsorted(begins, intervals[:, 1], side="left") - 1, first)
     counts = last - first + 1
+    if int(counts.sum()) * curve.control[0].size > MOST_NUMBERS:
+        raise Refused("intervals: they span too many pieces of the curve, taken together")
     starts = np.cumsum(counts) - counts
     owner = np.repeat(np.arange(len(intervals)), counts)
     piece = first[owner] + np.arange(len(owner)) - starts[owner]
-    width = np.maximum(curve.ends - curve.begins, np.finfo(float).tiny)[piece]
-    u = [np.clip((intervals[owner, end] - curve.begins[piece]) / width, 0.0, 1.0)[:, None, None] for end in (0, 1)]
-    pieces = curve.pieces[piece]
+    width = np.where(curve.single, 1.0, ends - begins)[piece]
+    u = [np.clip((intervals[owner, end] - begins[piece]) / width, 0.0, 1.0)[:, None, None] for end in (0, 1)]
+    pieces = curve.control[piece]
     points = pieces.shape[1]
     control = np.empty_like(pieces)
     for r in range(points):

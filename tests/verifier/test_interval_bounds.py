@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pinproof.motion import bezier
-from pinproof.verifier import Proof, Stretches
+from pinproof.verifier import IntervalBounds, Proof
 
 
 def with_curve(proof, rehashed, control, tolerance=0.0):
@@ -31,13 +31,13 @@ def curve(rng, size, degree, pieces):
 
 def bounds(proof, directions, intervals):
     """(P, T) of every pair on every interval."""
-    stretches = Stretches(proof, intervals)
+    table = IntervalBounds(proof, intervals)
     rows = np.arange(len(intervals))
     found = []
     for k in range(len(proof.pairs)):
         u = directions[:, k]
-        found.append(stretches.bound(*proof.members(k), rows, u / np.linalg.norm(u, axis=1, keepdims=True)))
-    return np.array(found), stretches.q
+        found.append(table.distance(*proof.members(k), rows, u / np.linalg.norm(u, axis=1, keepdims=True)))
+    return np.array(found), table.q
 
 
 @settings(max_examples=60, deadline=None)

@@ -1,0 +1,120 @@
+#!/usr/bin/env python3
+"""Count the words that CONTRIBUTING.md asks to avoid in texts that people read.
+
+python scripts/check_language.py              the rate per 1,000 words of each kind of text, and the words found
+python scripts/check_language.py --list       every occurrence with its file and line
+
+Texts are the manual and the other Markdown files (without code), docstrings, and the string literals of the package,
+which are its messages and help texts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).resolve().parents[1]
+
+AVOIDED = {
+    r"tells?|told|telling": "reports, states, shows",
+    r"stands?(?! for)|stood|standing": "is, is in, exists",
+    r"bears?|bore|borne": "supports, allows, carries",
+    r"(?:is|are|was|were) none": "does not exist",
+    r"look(?:s|ed)? at(?: again)?": "checks, checked",
+    r"(?:it|they|he|is|are|as|was|were|be|been|otherwise|nothing|what|which) said|says?": "states, stated, given",
+    r"goes? on with|gone on with|goes on|go on": "continues, resumes",
+    r"taken at (?:its|their) word": "trusted",
+    r"whole turns?": "2 pi windings, full rotations",
+    r"slid(?:e|es|ing) joints?|joints? that slides?|joints? that turns?|turning joints?": "prismatic, revolute",
+    r"houses?|rooms?": "package, module",
+    r"(?<!by )(?<!either )(?<!this )(?<!one )(?<!other )ways?": "path, line, method",
+    r"false yes(?:es)?|silent yes": "false positive",
+    r'"no"|"yes"|\byes\b': "FREE / COLLIDING, solved / failed",
+    r"settle[sd]?": "proven, decided",
+    r"from (?:here|there|then|now|where|which|it|this|that) on": "after, beginning with",
+    r"as well as may be|as far as nothing|as far as may be": "if, as far as possible",
+    r"believes?|knows? of no|does not know|knows nothing": "no personification",
+    r"anyhow|whatever its|not without": "plain statement",
+    r"nowhere else|somebody|nobody": "the user, no",
+    r"at the most|of its own|of their own": "at most, own",
+}
+"""Regular expressions of words to avoid, each with its replacements."""
+
+WORD = re.compile(r"[A-Za-z][A-Za-z'-]+")
+FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
+CODE = re.compile(r"`[^`\n]*`|\]\([^)]*\)|^\|[-: |]+\|$", re.MULTILINE)
+PATTERNS = {re.compile(rf"(?<![\w-])(?:{words})(?![\w-])", re.IGNORECASE): words for words in AVOIDED}
+
+
+class Text(NamedTuple):
+    """A piece of text, its kind, its file, and the line where it begins."""
+
+    kind: str
+    file: Path
+    line: int
+    text: str
+
+
+def blanked(text: str, pattern: re.Pattern[str]) -> str:
+    """The text without what a pattern matches, with its line breaks."""
+    return pattern.sub(lambda match: "\n" * match[0].count("\n"), text)
+
+
+def markdown_texts() -> Iterator[Text]:
+    """README, CONTRIBUTING, CHANGELOG and the manual, without code and without generated tables."""
+    for file in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "robots").rglob("*.md")]:
+        yield Text("Markdown", file, 1, blanked(blanked(file.read_text(encoding="utf-8"), FENCE), CODE))
+
+
+def python_texts() -> Iterator[Text]:
+    """Docstrings, and string literals with at least three words."""
+    for file in sorted((ROOT / "src").rglob("*.py")):
+        tree = ast.parse(file.read_text(encoding="utf-8"))
+        docstrings = {
+            id(node.value)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+        }
+        for node in ast.walk(tree):
+            if not (isinstance(node, ast.Constant) and isinstance(node.value, str)):
+                continue
+            if id(node) in docstrings:
+                yield Text("docstrings", file, node.lineno, blanked(node.value, CODE))
+            elif len(WORD.findall(node.value)) >= 3:
+                yield Text("messages", file, node.lineno, blanked(node.value, CODE))
+
+
+def main() -> int:
+    """Print the rates; with ``--list`` the occurrences too."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--list", action="store_true", help="print every occurrence")
+    options = parser.parse_args()
+    words: Counter[str] = Counter()
+    found: Counter[str] = Counter()
+    by_pattern: Counter[str] = Counter()
+    for text in (*markdown_texts(), *python_texts()):
+        words[text.kind] += len(WORD.findall(text.text))
+        for pattern, name in PATTERNS.items():
+            for match in pattern.finditer(text.text):
+                found[text.kind] += 1
+                by_pattern[name] += 1
+                if options.list:
+                    line = text.line + text.text.count("\n", 0, match.start())
+                    print(f"{text.file.relative_to(ROOT)}:{line}: {match[0]!r}; better: {AVOIDED[name]}")
+    for kind, count in words.items():
+        print(f"{kind}: {found[kind]} of {count} words, {1000 * found[kind] / count:.2f} per 1,000")
+    total = sum(words.values())
+    print(f"all: {sum(found.values())} of {total} words, {1000 * sum(found.values()) / total:.2f} per 1,000")
+    for name, count in by_pattern.most_common(12):
+        print(f"  {count:5d}  {name}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,196 @@
+"""The joints, bodies and curve of a proof file, each checked by itself."""
+
+from __future__ import annotations
+
+import hashlib
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from .reading import Refused, check_fields, index, is_text, items, member, number, numbers, shown, text
+
+__all__ = ["LARGEST_PARAMETER", "Body", "Curve", "Joint", "body_digest", "curve_digest"]
+
+Array = npt.NDArray[np.float64]
+
+RIGID = 1e-9
+"""How far the columns of a rotation, or an axis, may be from orthonormal; they are then made orthonormal."""
+
+JUMP = 1e-12
+"""rad or m between the end of a piece of the curve and the start of the next: rounding, not motion."""
+
+LARGEST_PARAMETER = 1e12
+"""Largest magnitude of a curve parameter: 30,000 years in seconds, and differences are far from overflowing."""
+
+FASTEST = 1e6
+"""rad or m per unit of the curve's parameter. A piece in which a joint moves faster is too narrow for its motion:
+readers that round parameters (trajectory messages have nanoseconds) would lose the piece, and its motion with it."""
+
+LEVELS = 3
+"""How many sets of bodies, from coarse to fine, may represent a geometry."""
+
+
+def _placement(row: Any, where: str) -> tuple[Array, Array]:
+    """Rotation (3, 3) and translation (3,), from three rows of four."""
+    place = numbers(row, where, "placement", (3, 4))
+    rotation, translation = place[:, :3], place[:, 3]
+    off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    if not off <= RIGID or np.linalg.det(rotation) < 0:
+        raise Refused(f"{where}.placement: is not rigid (off by {off:.3g})")
+    return rotation @ (1.5 * np.eye(3) - 0.5 * rotation.T @ rotation), translation  # one Newton step to the nearest
+
+
+class Joint:
+    """A revolute or prismatic joint whose value is multiplier * q[leader] + offset; parent -1 is the root."""
+
+    FIELDS = ("name", "type", "axis", "placement", "parent", "leader", "multiplier", "offset")
+
+    def __init__(self, row: Any, k: int, dof: int) -> None:
+        where = f"joints[{k}]"
+        check_fields(row, where, self.FIELDS)
+        text(row, where, "name")
+        kind = member(row, where, "type")
+        if kind not in ("revolute", "prismatic"):
+            raise Refused(f"{where}.type: must be revolute or prismatic, not {shown(kind)}")
+        self.revolute = kind == "revolute"
+        self.parent = index(member(row, where, "parent"), -1, k, f"{where}.parent")
+        self.leader = index(member(row, where, "leader"), 0, dof, f"{where}.leader")
+        self.multiplier, self.offset = number(row, where, "multiplier"), number(row, where, "offset")
+        axis = numbers(row, where, "axis", (3,))
+        length = float(np.linalg.norm(axis))
+        if not abs(length - 1.0) <= RIGID:
+            raise Refused(f"{where}.axis: its length must be 1, not {length}")
+        self.axis = axis / length
+        self.rotation, self.translation = _placement(row, where)
+
+
+class Body:
+    """A convex body: the hull of ``points``, each with a flat disc about z, grown by a ball and by an ellipsoid.
+
+    ``half_space`` is everything below the body's own z = 0. A body may have no shape; then it can be in no pair.
+    """
+
+    FIELDS = ("name", "owner", "kind", "geometry", "level", "source", "mesh_sha256", "joint", "placement", "shape",
+              "sha256")  # fmt: skip
+    SHAPE = ("points", "disc_radii", "radius", "semi_axes")
+
+    def __init__(self, row: Any, i: int, joints: int) -> None:
+        self.where = where = f"bodies[{i}]"
+        check_fields(row, where, self.FIELDS)
+        self.name, self.owner, self.geometry, self.kind, self.sha256 = (
+            text(row, where, key) for key in ("name", "owner", "geometry", "kind", "sha256")
+        )
+        if self.kind not in ("link", "attached", "obstacle"):
+            raise Refused(f"{where}.kind: must be link, attached or obstacle, not {shown(self.kind)}")
+        self.level = index(member(row, where, "level"), 0, LEVELS, f"{where}.level")
+        self.joint = index(member(row, where, "joint"), -1, joints, f"{where}.joint")
+        if self.kind == "obstacle" and self.joint != -1:
+            raise Refused(f"{where}.joint: an obstacle moves with no joint; it must be -1")
+        self.rotation, self.translation = _placement(row, where)
+        shape = member(row, where, "shape")
+        self.half_space, self.convex = shape == "half_space", shape is not None and shape != "half_space"
+        if self.half_space and self.kind != "obstacle":
+            raise Refused(f"{where}.shape: only an obstacle can be a half-space")
+        self.centre, self.ball = np.zeros(3), np.inf
+        if self.convex:
+            self._read(shape, f"{where}.shape")
+        if self.sha256 != body_digest(row):
+            raise Refused(f"{where}.sha256: does not match the joint, placement and shape in the file")
+
+    def _read(self, shape: Any, where: str) -> None:
+        check_fields(shape, where, self.SHAPE)
+        self.points = numbers(shape, where, "points", (None, 3))
+        self.discs = numbers(shape, where, "disc_radii", (len(self.points),))
+        self.semi = numbers(shape, where, "semi_axes", (3,))
+        self.radius = number(shape, where, "radius")
+        if not len(self.points) or min(self.radius, self.semi.min(), self.discs.min()) < 0:
+            raise Refused(f"{where}: must have points, and no radius below 0")
+        self.centre = (self.points.min(axis=0) + self.points.max(axis=0)) / 2
+        out = self.points - self.centre
+        far = np.hypot(np.hypot(out[:, 0], out[:, 1]) + self.discs, out[:, 2])
+        self.ball = float(far.max()) + self.radius + float(self.semi.max())
+
+    @property
+    def extent(self) -> float:
+        """Metres from the frame that the body is placed in to its farthest point; of a half-space, to its surface."""
+        ball = self.ball if self.convex else 0.0
+        return float(np.linalg.norm(self.translation) + np.linalg.norm(self.centre)) + ball
+
+    def reach(self, directions: Array) -> Array:
+        """The support function: the largest d . x of the body for directions d (..., 3) of any length, in its frame.
+
+        Supports of Minkowski sums add up; that of a hull is the largest of its points' (Rockafellar 1970, section 13).
+        """
+        if self.half_space:
+            return np.where(_straight_up(directions), 0.0, np.inf)
+        most = directions @ self.points.T
+        if self.discs.any():
+            most = most + np.hypot(directions[..., 0], directions[..., 1])[..., None] * self.discs
+        grown = self.radius * np.linalg.norm(directions, axis=-1) + np.linalg.norm(self.semi * directions, axis=-1)
+        return np.asarray(most.max(axis=-1) + grown)
+
+
+def _straight_up(directions: Array) -> npt.NDArray[np.bool_]:
+    sideways = np.abs(directions[..., :2]).max(axis=-1)
+    return np.asarray((sideways <= RIGID) & (directions[..., 2] > 0))
+
+
+class Curve:
+    """The curve: strictly increasing ``knots`` (k + 1,) and Bernstein control points (k, degree + 1, n).
+
+    A single configuration is one piece of no width whose control points are equal.
+    """
+
+    FIELDS = ("joint_names", "knots", "control")
+
+    def __init__(self, row: Any) -> None:
+        check_fields(row, "curve", self.FIELDS)
+        names = items(row, "curve", "joint_names")
+        if not names or not all(map(is_text, names)) or len(set(names)) != len(names):
+            raise Refused("curve.joint_names: must be different printable names, one or more")
+        self.names, self.dof = tuple(names), len(names)
+        self.knots = numbers(row, "curve", "knots", (None,), LARGEST_PARAMETER)
+        if len(self.knots) < 2:
+            raise Refused("curve.knots: must be two or more")
+        self.control = numbers(row, "curve", "control", (len(self.knots) - 1, None, self.dof))
+        if not self.control.size:
+            raise Refused("curve.control: must have one control point or more in each piece")
+        width, span = np.diff(self.knots), np.ptp(self.control, axis=1).max(axis=1)
+        self.single = len(width) == 1 and width[0] == 0.0 and span[0] == 0.0
+        """Whether the curve is a single configuration."""
+        bad = np.flatnonzero(~(width > 0.0))
+        if len(bad) and not self.single:
+            raise Refused(f"curve.knots[{bad[0] + 1}]: must be larger than the knot before it")
+        bad = np.flatnonzero(~(span <= FASTEST * width))
+        if len(bad):
+            k = bad[0]
+            told = f"piece {k} moves a joint by {span[k]:.6g} within a width of {width[k]:.6g}"
+            raise Refused(f"curve.knots[{k + 1}]: {told}; at most {FASTEST:g} per unit of the parameter is read")
+        bad = np.flatnonzero(~(np.abs(self.control[1:, 0] - self.control[:-1, -1]).max(axis=1) <= JUMP))
+        if len(bad):
+            raise Refused(f"curve.control[{bad[0]}]: the next piece does not begin where this one ends")
+        self.low, self.high = float(self.knots[0]), float(self.knots[-1])
+        self.sha256 = curve_digest(self.names, self.knots, self.control)
+
+
+def _digest(*parts: Any) -> str:
+    """SHA-256 over texts and numbers, these as little-endian doubles."""
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() if isinstance(part, str) else np.asarray(part, dtype="<f8").tobytes())
+    return digest.hexdigest()
+
+
+def body_digest(row: Any) -> str:
+    """The hash of a body: its joint, placement and the numbers of its shape, in the order of docs/certificates.md."""
+    shape = row["shape"]
+    parts: list[Any] = [row["joint"], row["placement"]]
+    if isinstance(shape, dict):
+        parts += [shape[key] for key in Body.SHAPE]
+    return _digest(*parts, shape if isinstance(shape, str) else "")
+
+
+def curve_digest(names: tuple[str, ...], knots: Array, control: Array) -> str:
+    """The hash of a curve: joint names and shape as text, knots, control points; certificates carry the same hash."""
+    return _digest(repr((names, control.shape)), knots, control)

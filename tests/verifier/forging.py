@@ -1,0 +1,337 @@
+"""Proofs of small cells, and random forgeries of them with valid hashes."""
+
+from __future__ import annotations
+
+import copy
+
+import numpy as np
+
+import pinproof as pp
+from pinproof.collision.proof_file import proof_document
+from pinproof.model.robot import load_robot_from_text
+from pinproof.motion import CubicPath
+from pinproof.verifier import body_digest, curve_digest
+
+SPECIAL = [0, 0.0, -0.0, 1, -1, 2, True, None, "1", "", [], {}, [0.0], float("nan"), float("inf"), -float("inf"),
+           5e-324, -5e-324, 2.2e-308, 1e-300, 1e-17, 1e-9, 1e6, -1e6, 1e12, 1e308, 2**31, 2**53 + 1, -(2**63),
+           2**63, 10**30, np.pi, 2 * np.pi, 1e3]  # fmt: skip
+
+
+# -- proofs --------------------------------------------------------------------------------------------------------
+
+
+def robot(name, joints):
+    """A chain of (kind, axis, xyz of the joint, collision geometry behind it, extra elements)."""
+    limit = '<limit lower="-7" upper="7" velocity="1" effort="1"/>'
+    text = '<link name="base"/>'
+    parent = "base"
+    for k, (kind, axis, xyz, shape, extra) in enumerate(joints):
+        child = f"link{k}"
+        text += f'<link name="{child}"><collision>{shape}</collision></link>'
+        ends = f'<parent link="{parent}"/><child link="{child}"/><origin xyz="{xyz}"/><axis xyz="{axis}"/>'
+        text += f'<joint name="joint{k}" type="{kind}">{ends}{limit}{extra}</joint>'
+        parent = child
+    return load_robot_from_text(f'<robot name="{name}">{text}</robot>').arm(tcp=parent)
+
+
+def box(size, xyz="0 0 0"):
+    return f'<origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry>'
+
+
+def proven(arm, scene, curve, **settings):
+    checker = pp.CollisionChecker(arm, scene, margin=0.002, margins=settings.pop("margins", None) or {})
+    certificate = pp.certify(curve, checker, record=True, **settings).or_raise()
+    return proof_document(certificate, curve, checker)
+
+
+def small_proofs():
+    """Proofs of four robots among obstacles of every convex shape, with and without a tube."""
+    slider = robot("slider", [("prismatic", "1 0 0", "0 0 0", box("0.1 0.1 0.1"), "")])
+    wall = pp.Scene([pp.Obstacle("wall", pp.Box(0.1, 1, 1), pp.pose((0.5, 0, 0)))])
+    yield proven(slider, wall, pp.JointPath([[0.0], [0.2], [0.1]], slider.joint_names))
+    planar = robot(
+        "planar",
+        [
+            ("revolute", "0 0 1", "0 0 0", box("0.4 0.04 0.04", "0.2 0 0"), ""),
+            ("revolute", "0 0 1", "0.4 0 0.06", box("0.3 0.04 0.04", "0.15 0 0"), ""),
+        ],
+    )
+    around = pp.Scene(
+        [
+            pp.Obstacle("can", pp.Cylinder(0.05, 0.3), pp.pose((0.55, 0.45, 0.0))),
+            pp.Obstacle("pill", pp.Capsule(0.04, 0.2), pp.pose((-0.1, 0.4, 0.0), (0.4, 0, 0))),
+            pp.Obstacle("floor", pp.HalfSpace(), pp.pose((0, 0, -0.1))),
+        ]
+    )
+    curve = CubicPath(
+        [[-0.6, 0.2], [0.0, 0.4], [0.2, 0.1]], [[0.3, 0], [0.3, 0], [0, 0]], [0.0, 1.0, 2.5], planar.joint_names
+    )
+    yield proven(planar, around, curve, joint_tolerance=1e-3, obstacle_tolerance=2e-3)
+    mixed = robot(
+        "mixed",
+        [
+            ("revolute", "0 1 0", "0 0 0", box("0.05 0.05 0.3", "0 0 0.2"), ""),
+            ("prismatic", "0 0 1", "0 0 0.4", box("0.04 0.04 0.2", "0 0.05 0.1"), ""),
+            ("revolute", "0.6 0 0.8", "0 0 0.2", '<geometry><sphere radius="0.05"/></geometry>', ""),
+            ("prismatic", "1 0 0", "0 0 0.1", box("0.02 0.1 0.02"), '<mimic joint="joint1" multiplier="-0.5"/>'),
+        ],
+    )
+    scene = pp.Scene(
+        [
+            pp.Obstacle("egg", pp.Ellipsoid(0.05, 0.1, 0.08), pp.pose((0.5, 0.2, 0.6), (0.3, 0.1, 0))),
+            pp.Obstacle("tip", pp.Cone(0.1, 0.2), pp.pose((-0.3, 0.0, 0.6))),
+        ]
+    )
+    waypoints = [[0.1, 0.0, 0.0], [0.3, 0.05, 0.7], [0.2, 0.0, 1.0]]
+    yield proven(mixed, scene, pp.JointPath(waypoints, mixed.joint_names), margins={("link2", "egg"): 0.004})
+    still = pp.JointPath(waypoints[:1], mixed.joint_names)
+    yield proven(mixed, scene, still, obstacle_tolerance=1e-3)
+    arm = pp.load_robot("generic_6dof").arm()
+    shelf = pp.Scene([pp.Obstacle("board", pp.Box(0.4, 0.4, 0.02), pp.pose((0.9, 0.5, 0.2)))])
+    yield proven(arm, shelf, pp.JointPath([arm.home, arm.home + 0.05], arm.joint_names))
+
+
+# -- forgeries -----------------------------------------------------------------------------------------------------
+
+
+def places(value, way=()):
+    """The places of all values in a document."""
+    if way:
+        yield way
+    entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    for key, part in entries:
+        yield from places(part, (*way, key))
+
+
+def pick(rng, rows):
+    return rows[int(rng.integers(len(rows)))]
+
+
+def holder_of(document, way):
+    for key in way[:-1]:
+        document = document[key]
+    return document
+
+
+PARTS = ["claim", "settings", "curve", "joints", "bodies", "excluded", "intervals", "pairs"]
+
+
+def one_place(document, rng):
+    part = pick(rng, PARTS)
+    return pick(rng, list(places(document[part], (part,))))
+
+
+def shift_number(document, rng):
+    for _ in range(20):
+        way = one_place(document, rng)
+        holder = holder_of(document, way)
+        value = holder[way[-1]]
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            size = 10.0 ** rng.uniform(-13, 1)
+            holder[way[-1]] = value + (int(rng.integers(-2, 3)) if isinstance(value, int) else size * rng.normal())
+            return
+
+
+def scale_number(document, rng):
+    for _ in range(20):
+        way = one_place(document, rng)
+        holder = holder_of(document, way)
+        if isinstance(holder[way[-1]], float):
+            holder[way[-1]] *= pick(rng, [0.0, -1.0, 0.5, 2.0, 0.9, 1e-3, 1e3, 1e-300, 1e6])
+            return
+
+
+def special_value(document, rng):
+    way = one_place(document, rng)
+    holder_of(document, way)[way[-1]] = copy.deepcopy(pick(rng, SPECIAL))
+
+
+def drop_or_repeat(document, rng):
+    for _ in range(20):
+        way = one_place(document, rng)
+        holder = holder_of(document, way)
+        if isinstance(holder, list):
+            if rng.random() < 0.5:
+                del holder[way[-1]]
+            else:
+                holder.insert(way[-1], copy.deepcopy(holder[way[-1]]))
+            return
+
+
+def swap_entries(document, rng):
+    for _ in range(20):
+        way = one_place(document, rng)
+        holder = holder_of(document, way)
+        if isinstance(holder, list) and len(holder) > 1:
+            i, j = rng.integers(len(holder), size=2)
+            holder[i], holder[j] = holder[j], holder[i]
+            return
+
+
+def squeeze_piece(document, rng):
+    """Moves a knot to its neighbour, or very near to it."""
+    knots = document["curve"]["knots"]
+    k = int(rng.integers(len(knots) - 1))
+    knots[k + 1] = knots[k] + pick(rng, [0.0, 5e-324, 1e-300, 1e-16, 1e-12, 1e-9, 1e-6, 1e-3])
+    if rng.random() < 0.5:
+        document["intervals"] = [[min(max(t, knots[0]), knots[-1]) for t in span] for span in document["intervals"]]
+
+
+def insert_motion(document, rng):
+    """A motion away and back within narrow pieces at a knot."""
+    knots, control = document["curve"]["knots"], document["curve"]["control"]
+    k = int(rng.integers(len(control)))
+    here, width = control[k][-1], pick(rng, [0.0, 5e-324, 1e-300, 1e-12, 1e-9, 1e-7, 1e-5, 1e-3])
+    away = (np.array(here) + 10.0 ** rng.uniform(-12, 0.5) * rng.normal(size=len(here))).tolist()
+    count = len(control[k])
+    line = [(np.array(here) + s * (np.array(away) - here)).tolist() for s in np.linspace(0, 1, count)]
+    control[k + 1 : k + 1] = [line, line[::-1]] if rng.random() < 0.7 else [line]
+    at = knots[k + 1]
+    inserted = [at + width, at + 2 * width][: len(control) + 1 - len(knots)]
+    knots[k + 2 : k + 2] = inserted
+    if rng.random() < 0.5:
+        knots[k + 2 + len(inserted) :] = [t + len(inserted) * width for t in knots[k + 2 + len(inserted) :]]
+
+
+def depart_and_return(document, rng):
+    """A motion away and back at the start of the curve, in pieces of nearly no width; the evidence is kept."""
+    curve = document["curve"]
+    here, count = curve["control"][0][0], len(curve["control"][0])
+    width = pick(rng, [5e-324, 1e-310, 1e-300, 1e-100, 1e-12, 1e-9])
+    away = (np.array(here) + rng.uniform(0.1, 3) * rng.choice([-1.0, 1.0], len(here))).tolist()
+    line = [(np.array(here) + s * (np.array(away) - here)).tolist() for s in np.linspace(0, 1, count)]
+    curve["control"][:0] = [line, line[::-1]]
+    curve["knots"][1:1] = [curve["knots"][0] + width, curve["knots"][0] + 2 * width]
+
+
+def squeeze_curve(document, rng):
+    """The whole curve and its evidence in nearly no width, and another motion in it."""
+    curve, width = document["curve"], pick(rng, [5e-324, 1e-310, 1e-300, 1e-100, 1e-12, 1e-9])
+    low, high = curve["knots"][0], curve["knots"][-1]
+    pieces = len(curve["control"])
+    curve["knots"] = [k * width for k in range(pieces + 1)]
+    document["intervals"] = [
+        [pieces * width * min(max((t - low) / (high - low), 0.0), 1.0) for t in span] for span in document["intervals"]
+    ]
+    if rng.random() < 0.5:
+        one_wide_interval(document, rng)
+    bend_curve(document, rng)
+
+
+def absorb_motion(document, rng):
+    """A joint value so large that the motion is lost in its rounding, undone by an equal and opposite one or not."""
+    joint = pick(rng, document["joints"])
+    joint[pick(rng, ["offset", "multiplier"])] = pick(rng, [-(2**63), 2**63, -(2**63) + 1, 1e6, -1e6, 1e16, 1e300])
+    bend_curve(document, rng)
+
+
+def bend_curve(document, rng):
+    control = document["curve"]["control"]
+    k, r = int(rng.integers(len(control))), int(rng.integers(len(control[0])))
+    change = 10.0 ** rng.uniform(-6, 0.5) * rng.normal(size=len(control[0][0]))
+    control[k][r] = (np.array(control[k][r]) + change).tolist()
+    if r == 0 and k:
+        control[k - 1][-1] = list(control[k][r])
+    if r == len(control[0]) - 1 and k + 1 < len(control):
+        control[k + 1][0] = list(control[k][r])
+
+
+def one_wide_interval(document, rng):
+    """Replaces the evidence of all pairs by a single interval, the first direction of each kept."""
+    knots = document["curve"]["knots"]
+    document["intervals"] = [[knots[0], knots[-1]]]
+    for pair in document["pairs"]:
+        pair["intervals"], pair["directions"] = [0], pair["directions"][:1]
+
+
+def cut_intervals(document, rng):
+    """Cuts every interval in two, so that the evidence covers changes of the curve more closely."""
+    halves = []
+    for a, b in document["intervals"]:
+        halves += [[a, (a + b) / 2], [(a + b) / 2, b]]
+    document["intervals"] = halves
+    for pair in document["pairs"]:
+        pair["intervals"] = [2 * k + side for k in pair["intervals"] for side in (0, 1)]
+        pair["directions"] = [list(u) for u in pair["directions"] for _ in (0, 1)]
+
+
+def move_body(document, rng):
+    place = pick(rng, document["bodies"])["placement"]
+    for axis in range(3):
+        place[axis][3] += 10.0 ** rng.uniform(-4, 0) * rng.normal()
+
+
+def change_shape(document, rng):
+    body = pick(rng, document["bodies"])
+    shape = body["shape"]
+    if isinstance(shape, dict) and rng.random() < 0.8:
+        key = pick(rng, ["points", "disc_radii", "radius", "semi_axes"])
+        factor = pick(rng, [0.0, 0.5, 0.9, 1.1, 1.5, 3.0])
+        shape[key] = (np.array(shape[key]) * factor + (rng.random() < 0.3) * 0.02 * rng.random()).tolist()
+    else:
+        body["shape"] = pick(rng, [None, "half_space", copy.deepcopy(pick(rng, document["bodies"])["shape"])])
+
+
+def rename(document, rng):
+    one, other = pick(rng, document["bodies"]), pick(rng, document["bodies"])
+    key = pick(rng, ["name", "owner", "geometry", "kind", "level", "joint"])
+    one[key] = other[key] if rng.random() < 0.7 else pick(rng, [0, 1, 2, -1, "obstacle", "link", "attached", "new"])
+
+
+def change_joint(document, rng):
+    joint = pick(rng, document["joints"])
+    key = pick(rng, ["type", "parent", "leader", "multiplier", "offset", "axis"])
+    joint[key] = {
+        "type": pick(rng, ["revolute", "prismatic"]),
+        "parent": int(rng.integers(-1, len(document["joints"]))),
+        "leader": int(rng.integers(len(document["curve"]["joint_names"]))),
+        "multiplier": pick(rng, [0.0, 1.0, -1.0, 0.1, 2.0, 1e6]),
+        "offset": pick(rng, [0.0, 0.1, 2 * np.pi, -(2**63), 1e6, 1e-3]),
+        "axis": pick(rng, [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]),
+    }[key]
+
+
+def change_settings(document, rng):
+    settings = document["settings"]
+    owners = [body["owner"] for body in document["bodies"]]
+    settings["margins"].append([pick(rng, owners), pick(rng, owners), pick(rng, [0.0, 0.01, 0.1, -1.0, 5e-324])])
+    key = pick(rng, ["margin", "obstacle_tolerance"])
+    settings[key] = pick(rng, [0.0, 1e-3, 0.01, 0.1, -0.1, 5e-324])
+    settings["joint_tolerance"][0] = pick(rng, [0.0, 1e-3, 0.01, 0.1, -0.1])
+
+
+def exclude(document, rng):
+    owners = [body["owner"] for body in document["bodies"]]
+    document["excluded"].append([pick(rng, owners), pick(rng, owners), "forged"])
+    if rng.random() < 0.7:
+        document["pairs"].pop(int(rng.integers(len(document["pairs"]))))
+
+
+FORGERIES = [shift_number, shift_number, scale_number, special_value, drop_or_repeat, swap_entries, squeeze_piece,
+             insert_motion, depart_and_return, squeeze_curve, absorb_motion, bend_curve, one_wide_interval,
+             cut_intervals, move_body, move_body, change_shape, rename, change_joint, change_settings,
+             exclude]  # fmt: skip
+
+
+def forged(document, rng):
+    """A changed copy with valid hashes, and the names of the changes; None where nothing is left to hash."""
+    changed, names = copy.deepcopy(document), []
+    if rng.random() < 0.8:
+        changed["claim"]["clearance"] = -1.0
+    for _ in range(int(rng.integers(1, 4))):
+        change = pick(rng, FORGERIES)
+        try:
+            with np.errstate(all="ignore"):
+                change(changed, rng)
+        except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError, ZeroDivisionError):
+            continue  # an earlier change left nothing that this one could change
+        names.append(change.__name__)
+    try:
+        for body in changed["bodies"]:
+            body["sha256"] = body_digest(body)
+        c = changed["curve"]
+        control = np.array(c["control"], dtype=float)
+        changed["hashes"]["curve"] = curve_digest(tuple(c["joint_names"]), np.array(c["knots"], dtype=float), control)
+    except (TypeError, ValueError, KeyError, IndexError, AttributeError, OverflowError):
+        return None, names
+    return changed, names

@@ -56,6 +56,20 @@ defaults: {rpy: [pi, 0, 0], approach: 0.2}"""
     assert picks.problems == ()
 
 
+def test_a_support_is_a_name_or_several(write) -> None:
+    row = "{{name: {0}, xyz: [0, 0, 1], object: part, support: {0}}}"
+    place = "{name: put, xyz: [0, 0, 1], object: part, place: {xyz: [1, 0, 1], rpy: [pi, 0, 0], support: [a, b]}}"
+    one, put = pp.read_picks(write(row.format("rail"), place))
+    (several,) = pp.read_picks(write("{name: two, xyz: [0, 0, 1], object: part, support: [left, right]}"))
+    assert one.support == ("rail",)
+    assert several.support == ("left", "right")
+    assert (put.support, put.place.support) == (None, ("a", "b"))
+    for wrong in ("[]", "", "[left, left]", "3"):
+        picks = pp.read_picks(write(GOOD_ROW, f"{{name: bad, xyz: [0, 0, 1], object: part, support: {wrong}}}"))
+        assert [problem.name for problem in picks.problems] == ["bad"]
+        assert "support" in picks.problems[0].reason
+
+
 @pytest.mark.parametrize(
     ("row", "reason"),
     [

@@ -41,6 +41,15 @@ def test_a_row_of_a_table_is_the_pick_it_states(write) -> None:
     assert same(second, pp.Pick("row_2", pp.pose((1, 2, 3))))
 
 
+def test_a_cell_of_a_table_may_name_several_supports(write) -> None:
+    header = (
+        "x,y,z,roll,pitch,yaw,object,support,place_x,place_y,place_z,place_roll,place_pitch,place_yaw,place_support"
+    )
+    one, several = pp.read_picks(write(f"{header}\n1,2,3,0,0,0,a,b,,,,,,,\n1,2,3,0,0,0,a,b; c,4,5,6,0,0,0,d;e\n"))
+    assert one.support == ("b",)
+    assert (several.support, several.place.support) == (("b", "c"), ("d", "e"))
+
+
 def test_a_table_may_state_quaternions_in_any_order_of_columns(write) -> None:
     (pick,) = pp.read_picks(write("\ufeffqw,qx,z,name,qz,qy,y,x\r\n0.5,0.5,3,p,0.5,0.5,2,1\r\n"))
     assert same(pick, pp.Pick("p", pp.pose((1, 2, 3), quat_xyzw=(0.5, 0.5, 0.5, 0.5))))

@@ -49,6 +49,11 @@ LOOK_AHEAD = 200
 TOLERANCE = 1e-4
 """Metres: a hundredth of what a careful cell leaves between bodies; an interval in which they move less is not cut."""
 
+TOLERANCES = (TOLERANCE, 1e-5, 1e-6)
+"""Metres: what is UNDECIDED at one of them is proven again at the next. A path that a planner proved with little to
+spare may need it once it is timed, since its pieces are cut elsewhere then. Only spans that stay open cost more, a few
+halvings each; below 1e-6 m the slack of coal's distances, 2e-6 m, decides anyway."""
+
 QUICK_INTERVALS = 2000
 """Intervals after which a quick proof is given up: a hundred times those of a short piece in the open."""
 
@@ -64,7 +69,7 @@ def certify(
     curve: Curve,
     checker: CollisionChecker,
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float | None = None,
     max_intervals: int = 200_000,
     joint_tolerance: npt.ArrayLike = 0.0,
     obstacle_tolerance: float = 0.0,
@@ -81,9 +86,10 @@ def certify(
         Says which bodies are checked, and the margins that must stay between them.
     tolerance
         Metres. An interval in which no body moves farther than this towards another is not cut any further; a curve
-        that grazes by less may be UNDECIDED.
+        that grazes by less may be UNDECIDED. By default 1e-4, and where that leaves the verdict UNDECIDED, 1e-5 and
+        1e-6; :attr:`Certificate.tolerance` is the one that the verdict was reached with.
     max_intervals
-        The number of intervals after which the answer is UNDECIDED.
+        The number of intervals after which the answer is UNDECIDED, for each tolerance.
     joint_tolerance
         rad or m, one number or (n,): prove it for every configuration that differs from one of the curve by no more
         than this in each joint, what a controller may deviate.
@@ -112,7 +118,7 @@ def certify(
     """
     if tuple(curve.joint_names) != checker.arm.joint_names:
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm {checker.arm.joint_names}")
-    if not tolerance > 0 or max_intervals < 1:
+    if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
     n = checker.arm.dof
     each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
@@ -122,22 +128,32 @@ def certify(
             f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; they are 0 or more"
         )
 
-    def prove(part: Curve, judge: CollisionChecker) -> Certificate:
-        return _Proof(part, judge, tolerance, max_intervals, joints, float(obstacle_tolerance), record).run()
-
-    if not parting:
-        return prove(curve, checker)
-    if joints.any() or record:
+    if parting and (joints.any() or record):
         raise InputError("parting goes with no joint_tolerance, and cannot be recorded: it is proven of the bare curve")
-    return prove_parting(
-        curve,
-        checker,
-        parting,
-        prove,
-        tolerance=tolerance,
-        max_intervals=max_intervals,
-        obstacle_tolerance=float(obstacle_tolerance),
-    )
+
+    def at(each: float) -> Certificate:
+        def prove(part: Curve, judge: CollisionChecker) -> Certificate:
+            return _Proof(part, judge, each, max_intervals, joints, float(obstacle_tolerance), record).run()
+
+        if not parting:
+            return prove(curve, checker)
+        return prove_parting(
+            curve,
+            checker,
+            parting,
+            prove,
+            tolerance=each,
+            max_intervals=max_intervals,
+            obstacle_tolerance=float(obstacle_tolerance),
+        )
+
+    first, *finer = TOLERANCES if tolerance is None else (tolerance,)
+    certificate = at(first)
+    for each in finer:
+        if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= max_intervals:
+            break
+        certificate = at(each)
+    return certificate
 
 
 def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.assembly import Assembly, Known, assemble, leave_out
+from pinproof.collision.assembly import Assembly, Known, add_obstacle_bodies, assemble, keep_pairs, leave_out
+from pinproof.collision.bodies import Body
 from pinproof.collision.by_coal import Distance, geometry_model
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.finer import Levels, finer_levels
@@ -229,6 +230,29 @@ class CollisionChecker:
             return self._derived(self.scene, self.attached, (*self._allowed, *more))
         other = copy(self)
         other._take(made, self.scene, self.attached, (*self._allowed, *more))
+        return other
+
+    def without_pairs(self, pairs: Iterable[int]) -> CollisionChecker:
+        """The same, but the pairs of bodies with these indices in :attr:`pairs` are not checked.
+
+        Pairs of bodies, where :meth:`allowing` leaves out all pairs of two owners. It is meant for proofs that show the
+        omitted pairs apart by other means: :attr:`excluded` does not list them, and checkers derived from this one by a
+        new scene, attached object or allowed contact check them again.
+        """
+        dropped = set(pairs)
+        kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
+        other = copy(self)
+        other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
+        return other
+
+    def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
+        """The same with more bodies of obstacles of the scene, and more pairs of indices of bodies checked.
+
+        The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
+        """
+        other = copy(self)
+        made = add_obstacle_bodies(self.arm, self._assembly, bodies, list(pairs))
+        other._take(made, self.scene, self.attached, self._allowed)
         return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from pinproof.picks.frames import NamedFrame
 from pinproof.picks.gripper import Fingers
 from pinproof.spatial import SE3, finite, frozen, rigid
 
-__all__ = ["Pick", "PickProblem", "Picks", "Place", "moved"]
+__all__ = ["Pick", "PickProblem", "Picks", "Place", "moved", "support_names"]
 
 Direction = tuple[float, float, float]
 
@@ -46,7 +46,8 @@ class Place:
     retreat, retreat_direction, retreat_frame
         The same of the empty tool's way off.
     support
-        What the object is put onto; by default what lies within 1 mm below it there.
+        The obstacle that the object is put onto, or several; by default what lies within 1 mm below it there. Kept as
+        a tuple of names.
     """
 
     pose: SE3
@@ -57,10 +58,11 @@ class Place:
     retreat: float = 0.1
     retreat_direction: Direction = (0.0, 0.0, -1.0)
     retreat_frame: str = TIP
-    support: str | None = None
+    support: str | Sequence[str] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
+        object.__setattr__(self, "support", support_names(self.support, "place"))
         for way in WAYS:
             _check_way(self, way, "place")
 
@@ -97,7 +99,8 @@ class Pick:
         ``tip_from_object``. It is carried from the grasp on. None: the way from the grasp on is judged for the empty
         tool, and whatever stands in the scene stays there.
     support
-        What the object stands on, which it may touch until it has risen; by default what lies within 1 mm below it.
+        The obstacle that the object stands on, or several, which it may touch until it has left them; by default what
+        lies within 1 mm below it. Kept as a tuple of names.
     place
         Where it is put; None to end with the retreat.
     """
@@ -114,13 +117,14 @@ class Pick:
     spin: Spin = field(default_factory=Spin)
     tolerance: Tolerance = field(default_factory=Tolerance)
     carried: Obstacle | str | None = None
-    support: str | None = None
+    support: str | Sequence[str] | None = None
     place: Place | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a pick needs a name, not {self.name!r}")
         object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
+        object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
         for way in WAYS:
             _check_way(self, way, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
@@ -139,6 +143,25 @@ def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
     """The pose, shifted by ``distance`` (m) along a direction of its own axes (``"tip"``) or of those it is in."""
     along = np.array(direction)
     return SE3(pose.rotation, pose.translation + distance * (pose.rotation @ along if frame == TIP else along))
+
+
+def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
+    """The names of the obstacles that support an object: one name or several; None to find them.
+
+    Raises
+    ------
+    InputError
+        If they are no names, none at all, or one is repeated.
+    """
+    if stated is None:
+        return None
+    names = (stated,) if isinstance(stated, str) else tuple(stated) if isinstance(stated, (list, tuple)) else ()
+    where = f" of {of}" if of else ""
+    if not names or not all(isinstance(name, str) and name for name in names):
+        raise InputError(f"support{where} is {stated!r}; it is the name of an obstacle, or a list of names")
+    if len(set(names)) < len(names):
+        raise InputError(f"support{where} names an obstacle twice: {', '.join(names)}")
+    return names
 
 
 def _check_way(thing: Pick | Place, way: str, of: str) -> None:

@@ -18,7 +18,7 @@ from pinproof.description.lined_yaml import LinedMapping
 from pinproof.description.units import refuse_millimetres
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.picks.family import STEPS, Spin, Tolerance
-from pinproof.picks.pick import Pick, Place
+from pinproof.picks.pick import Pick, Place, support_names
 from pinproof.spatial import SE3, finite
 
 __all__ = ["DEFAULT_KEYS", "PICK_KEYS", "POSE_KEYS", "is_turned", "make_pick", "mapping_of", "picks_of_row"]
@@ -65,7 +65,7 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "spin": _spin,
         "tolerance": _tolerance,
         "object": lambda value: _object(value, path),
-        "support": lambda value: _text("support", value),
+        "support": _support,
         "place": _place,
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
@@ -128,8 +128,12 @@ def _place(stated: object) -> Place:
     told = mapping_of("place", stated, PLACE_KEYS)
     if "xyz" not in told or not is_turned(told):
         raise InputError("place does not state its xyz and rpy or quat_xyzw")
-    support = _text("place.support", told["support"]) if "support" in told else None
-    return Place(**_way(told), support=support)
+    return Place(**_way(told), support=_support(told["support"], "place") if "support" in told else None)
+
+
+def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
+    """One name or several; an empty value is no name."""
+    return support_names("" if stated is None else stated, of)
 
 
 def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:

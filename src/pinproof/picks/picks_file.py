@@ -26,7 +26,7 @@
         approach_direction: [0, 0, 1]      # in the axes of approach_frame: tip (or root)
         retreat_frame: root                # whose axes retreat_direction is in
         object: part_{i}_{j}               # an obstacle of the scene; or a shape, its pose tip_from_object
-        support: tray_floor                # by default what lies within 1 mm below the object
+        support: tray_floor                # or a list of names; by default what lies within 1 mm below the object
         place: {frame: tray, xyz: [0, 0.3, 0.02], rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
         pattern: {grid: {counts: [4, 3, 1], step: [0.05, 0.05, 0]}}    # part[0,0], part[0,1], ...
 

@@ -155,5 +155,6 @@ def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:
 def _proven(move: LinearMove) -> str:
     if move.certificate is None:
         return ""
-    parted = "".join(f", {parting.bodies[0]} off {parting.bodies[1]}" for parting in move.certificate.partings)
+    pairs = dict.fromkeys(parting.bodies for parting in move.certificate.partings)  # a mesh is left facet by facet
+    parted = "".join(f", {leaving} off {left}" for leaving, left in pairs)
     return f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -10,10 +10,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle
+from pinproof.collision.contact_facets import directions_to_facets
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.family import Member, family
 from pinproof.picks.frames import root_from_frame
-from pinproof.picks.pick import TIP, Pick, Place, moved
+from pinproof.picks.pick import TIP, Pick, Place, moved, support_names
 from pinproof.picks.stages.cell import Cell
 from pinproof.spatial import SE3, matrix
 
@@ -56,9 +57,10 @@ class Task:
             raise UnknownNameError("object", carried, names, self.scene.where)
         if not isinstance(carried, str) and carried is not None and carried.name in cell.checker.obstacles_and_links:
             raise InputError(f"the object's name {carried.name!r} is taken; name an obstacle by its name alone")
-        for support in (pick.support, None if pick.place is None else pick.place.support):
-            if support is not None and support not in names:
-                raise UnknownNameError("support", support, names, self.scene.where)
+        for stated in (pick.support, None if pick.place is None else pick.place.support):
+            for support in support_names(stated) or ():
+                if support not in names:
+                    raise UnknownNameError("support", support, names, self.scene.where)
         self.name = carried.name if isinstance(carried, Obstacle) else carried
         self._carrying: dict[str, CollisionChecker] = {}
         self._letting_go: dict[str, CollisionChecker] = {}
@@ -155,20 +157,33 @@ class Task:
             self._letting_go[member.words] = there.allowing(*self._touching(there))
         return self._letting_go[member.words]
 
-    def supports(self, checker: CollisionChecker, q: Array, stated: str | None) -> tuple[tuple[str, str], ...]:
+    def supports(
+        self, checker: CollisionChecker, q: Array, stated: str | Sequence[str] | None
+    ) -> tuple[tuple[str, str], ...]:
         """The pairs of the object and what it stands on, held at q (n,)."""
         if self.name is None:
             return ()
         if stated is not None:
-            return ((self.name, stated),)
+            return tuple((self.name, name) for name in support_names(stated) or ())
         found = []
         for contact in checker.with_margin(max(SUPPORT_GAP, checker.margin)).check(q).contacts:
             if self.name in contact.bodies and contact.distance <= SUPPORT_GAP:
                 first = contact.bodies[0] == self.name
                 other = contact.bodies[1] if first else contact.bodies[0]
-                if other in checker.scene.names and (1 if first else -1) * contact.normal[2] < DOWN:
+                # The nearest facet of a bin may be one of its wall while the object stands on its floor.
+                below = (1 if first else -1) * contact.normal[2] < DOWN
+                if other in checker.scene.names and (below or self._has_facets_below(checker, q, other)):
                     found.append((self.name, other))
         return tuple(dict.fromkeys(found))
+
+    def _has_facets_below(self, checker: CollisionChecker, q: Array, obstacle: str) -> bool:
+        """Whether the object, held at q (n,), is near facets of an exact mesh that are below it."""
+        directions = [
+            directions_to_facets(checker, pair, q, SUPPORT_GAP)
+            for pair, (i, j) in enumerate(checker.pairs)
+            if (checker.bodies[i].owner, checker.bodies[j].owner) == (self.name, obstacle)
+        ]
+        return any((found[:, 2] < DOWN).any() for found in directions)
 
     def _touching(self, checker: CollisionChecker) -> list[tuple[str, str]]:
         """The pairs of the object and the hand."""

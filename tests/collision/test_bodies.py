@@ -31,7 +31,7 @@ from pinproof import (
     Sphere,
     pose,
 )
-from pinproof.collision.bodies import shape_body
+from pinproof.collision.bodies import shape_bodies, shape_body
 from pinproof.collision.by_coal import GJK_SLACK
 from pinproof.collision.height_map import Ground, ground_surface
 from pinproof.collision.point_cloud import cell_faces
@@ -362,7 +362,9 @@ def test_a_mesh_of_arrays_that_is_open_is_refused():
     with pytest.raises(MeshError, match="not watertight"):
         shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices, CORNER.faces[1:], hull=False), HERE)
     with pytest.raises(MeshError, match="flat"):
-        shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
+        shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4], hull=True), HERE)
+    with pytest.raises(MeshError, match="flat"):
+        shape_bodies("a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e-4, 1.0, 1e3])

@@ -319,6 +319,14 @@ def test_the_bounded_step_is_that_of_scipy(seed, n, rank):
     assert ((held == 0) | (step == low) | (step == high)).all()
 
 
+def test_a_start_within_rounding_of_a_limit_starts_at_the_limit(ur5):
+    q = ur5.home.copy()
+    q[2] = ur5.limits.upper[2] + 5e-10
+    track = pp.track(ur5, [ur5.forward_kinematics(q)], q, dt=1e-3)
+    assert ur5.limits.contains(track.q[0])
+    assert track.q[0] == pytest.approx(q, abs=1e-6)
+
+
 def test_bad_input_is_refused_with_its_name(ur5, planar):
     q, poses = ur5.home, [ur5.forward_kinematics(ur5.home)]
     with pytest.raises(pp.InputError, match="q0 must be inside the limits: elbow_joint = 4"):

@@ -169,6 +169,13 @@ def test_a_start_outside_its_limits() -> None:
     assert "x = 1.5" in move.message
 
 
+def test_a_start_within_rounding_of_its_limit_starts_at_the_limit() -> None:
+    arm = ball_arm(("x", "y"))
+    move = pp.plan_linear(pp.CollisionChecker(arm), (1 + 5e-10, 0.0), pp.pose((0.5, 0.0, 0.0)))
+    assert move.status is LinearStatus.COMPLETE
+    assert move.path.q[0].tolist() == [1.0, 0.0]
+
+
 def test_a_contact_on_the_way_is_named_and_placed() -> None:
     arm = ball_arm(("x", "y"))
     wall = pp.Obstacle("wall", pp.Box(0.1, 1.0, 1.0), pp.pose((0.407, 0.0, 0.0)))

@@ -141,6 +141,16 @@ def test_start_outside_limits_is_named(gantry: pp.Arm, slotted: pp.Scene) -> Non
     assert "[-1, 1]" in plan.message
 
 
+def test_ends_within_rounding_of_a_limit_are_taken_as_the_limit(gantry: pp.Arm) -> None:
+    checker = pp.CollisionChecker(gantry)
+    plan = QUICK.plan(checker, (0.5, 1 + 5e-10), (0.0, -1 - 5e-10)).or_raise()
+    assert plan.path.q[0].tolist() == [0.5, 1.0]
+    assert plan.path.q[-1].tolist() == [0.0, -1.0]
+    refused = QUICK.plan(checker, (0.5, 1 + 1e-8), (0.0, 0.0))
+    assert refused.status is pp.PlanStatus.START_INVALID
+    assert "y = 1.00000001 is outside" in refused.message
+
+
 def test_every_refused_goal_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     plan = QUICK.plan(pp.CollisionChecker(gantry, slotted), (0.5, 0.5), [(0.0, 0.9), (2.0, 0.0)])
     assert plan.status is pp.PlanStatus.GOAL_INVALID

@@ -13,6 +13,7 @@ from pinproof.cli.console import print_json, say, working
 from pinproof.cli.options import Chain, Html, Json, Surroundings
 from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
+from pinproof.model.limits import distinct
 
 __all__ = ["certify_motion", "verdict"]
 
@@ -145,11 +146,11 @@ def _beyond_limits(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
     speeds = trajectory.max_velocity()
     for i, name in enumerate(arm.joint_names):
         if low[i] < limits.lower[i] - ROUNDING or high[i] > limits.upper[i] + ROUNDING:
-            said.append(
-                f"{name} moves in [{low[i]:.6g}, {high[i]:.6g}], not [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}]"
-            )
+            a, b, lowest, highest = distinct(low[i], high[i], limits.lower[i], limits.upper[i])
+            said.append(f"{name} moves in [{a}, {b}], not [{lowest}, {highest}]")
         if speeds[i] > limits.velocity[i] * (1 + ROUNDING):
-            said.append(f"{name} reaches {speeds[i]:.6g} per second, above {limits.velocity[i]:.6g}")
+            fastest, most = distinct(speeds[i], limits.velocity[i])
+            said.append(f"{name} reaches {fastest} per second, above {most}")
     return said
 
 

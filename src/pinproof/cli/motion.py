@@ -40,7 +40,7 @@ def check(
     """
     arm = chain.arm(robot)
     checker = around.checker(arm)
-    configuration = parse_configuration(q, arm, "--q")
+    configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
     outside = arm.limits.violations(configuration, arm.joint_names)
     result, clearance = checker.check(configuration), checker.clearance(configuration)
     ok = result.free and not outside

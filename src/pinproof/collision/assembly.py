@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.bodies import Body, shape_body
+from pinproof.collision.bodies import Body, shape_bodies
 from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, PairRules, Pairs, choose_pairs
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.errors import InputError
@@ -26,7 +26,7 @@ ROUNDING = 1e-9
 """Metres by which floating point may be off in placements and supports, for each metre the scene is wide (seen: 3e-9 m
 at 100 m), with room. It is taken off every distance before anything is called free."""
 
-Known = dict[tuple[int, str | None], tuple[Obstacle, Body]]
+Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
 """Bodies of obstacles that were made before, by the identity of the obstacle, which is kept for that, and its link."""
 
 
@@ -72,13 +72,13 @@ def assemble(
     from pinproof.collision.packed import convex_pairs, pack_world
 
     made: Known = {}
-    added = []
+    added: list[Body] = []
     for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
         before = known.get((id(obstacle), link))
-        if before is None or before[1].link_from_body != obstacle.pose:
-            before = obstacle, shape_body(obstacle.name, obstacle.name, link, obstacle.shape, obstacle.pose)
+        if before is None or before[1][0].link_from_body != obstacle.pose:
+            before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
         made[id(obstacle), link] = before
-        added.append(before[1])
+        added.extend(before[1])
     bodies = (*links, *added)
     _check_names(bodies, arm.robot.urdf.links)
     pairs = choose_pairs(bodies, arm, scene, rules, levels=levels, allowed=allowed)

@@ -78,7 +78,7 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
         return [shape_body(geometry.name, geometry.link, geometry.link, KINDS[geometry.kind](*geometry.size), at)]
     if geometry.mesh is None:
         raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} has no file")
-    shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size)  # type: ignore[arg-type]  # three factors
+    shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size, hull=True)  # type: ignore[arg-type]  # three
     if how == "hull":
         return [shape_body(geometry.name, geometry.link, geometry.link, shape, at)]
     file = _file(shape)

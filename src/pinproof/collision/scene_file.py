@@ -11,7 +11,7 @@
       - {name: ball, sphere: {radius: 0.1}}
       - {name: bolt, cylinder: {radius: 0.008, length: 0.04}}
       - {name: pipe, capsule: {radius: 0.02, length: 0.3}}
-      - {name: part, mesh: {path: part.stl, scale: 0.001, hull: true}}     # relative to the scene file
+      - {name: part, mesh: {path: part.stl, scale: 0.001}}                 # relative to the scene file
       - {name: floor, half_space: {}, xyz: [0, 0, -0.1]}                   # solid below its z = 0
     allowed_contacts:
       - [base_link, table]                 # a robot link and an obstacle that are meant to touch

@@ -316,14 +316,14 @@ def _accepts(accept: Accept | None, candidate: Candidate) -> bool:
 
 
 def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:
-    return arm.home if q0 is None else arm.configuration(q0, "q0")
+    return arm.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
 
 
 def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> Array:
     """A start (count, n) for each target: one for all, or a row each."""
     if q0 is None or np.ndim(q0) <= 1:
         return np.tile(_start(arm, q0), (count, 1))
-    return finite("q0", q0, (count, arm.dof))
+    return arm.limits.snap(finite("q0", q0, (count, arm.dof)))
 
 
 def _same(arm: Arm, a: Array, b: Array) -> bool:

@@ -188,7 +188,7 @@ class _Follower:
         positive("position_tolerance", position_tolerance)
         positive("orientation_tolerance", orientation_tolerance)
         self.task: Task = make_task(task, position_tolerance, orientation_tolerance)
-        self.start, self.velocity = arm.configuration(q0, "q0"), _speeds(arm, velocity)
+        self.start, self.velocity = arm.limits.snap(arm.configuration(q0, "q0")), _speeds(arm, velocity)
         if outside := arm.limits.violations(self.start, arm.joint_names):
             raise InputError(f"q0 must be inside the limits: {'; '.join(outside)}")
         self.state = np.zeros((3, arm.dof))

@@ -11,12 +11,29 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError, UnknownNameError
 
-__all__ = ["DEFAULT_RAMP", "JointLimits"]
+__all__ = ["AT_LIMIT", "DEFAULT_RAMP", "JointLimits", "distinct"]
 
 Array = npt.NDArray[np.float64]
 
 DEFAULT_RAMP = 0.5
 """Seconds in which a joint reaches its velocity limit when no acceleration limit is known (URDF has none)."""
+
+
+AT_LIMIT = 1e-9
+"""Rad or m by which a joint value may lie beyond its limit and is taken as the limit: sums of windings, conversions
+from degrees and files with 10 digits are off by less."""
+
+DIGITS = 17
+"""Significant digits at which any two different doubles look different."""
+
+
+def distinct(*values: float) -> list[str]:
+    """The values as text with the fewest digits, 6 or more, at which those that differ look different."""
+    for digits in range(6, DIGITS + 1):
+        said = [f"{value:.{digits}g}" for value in values]
+        if len(set(said)) == len({float(value) for value in values}):
+            return said
+    return said
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +111,22 @@ class JointLimits:
         """The configuration inside the limits nearest to q (n,)."""
         return np.clip(q, self.lower, self.upper)
 
+    def snap(self, q: Array) -> Array:
+        """Q (..., n) with every joint that lies beyond its limit by less than :data:`AT_LIMIT` put at the limit."""
+        clipped = self.clip(q)
+        return np.asarray(np.where(np.abs(q - clipped) < AT_LIMIT, clipped, q))
+
     def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
-        """One sentence for each joint of q (n,) that is outside its limits; empty when all are inside."""
-        return [
-            f"{name} = {value:.6g} is outside [{low:.6g}, {high:.6g}]"
-            for name, value, low, high in zip(joint_names, q, self.lower, self.upper, strict=True)
-            if not low <= value <= high
-        ]
+        """One sentence for each joint of q (n,) that is outside its limits; empty when all are inside.
+
+        There is no tolerance; :meth:`snap` configurations that come from elsewhere before.
+        """
+        found = []
+        for name, value, low, high in zip(joint_names, q, self.lower, self.upper, strict=True):
+            if not low <= value <= high:
+                said, lowest, highest = distinct(value, low, high)
+                found.append(f"{name} = {said} is outside [{lowest}, {highest}]")
+        return found
 
     def replace(self, joint_names: Sequence[str], ranges: Mapping[str, tuple[float, float]]) -> JointLimits:
         """These limits with the position ranges of some joints changed, by joint name."""

@@ -79,7 +79,8 @@ class PickSetup:
         _refuse_untimed(arm)
         refuse_another_hand(arm, picks)
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
-        start = arm.configuration(picks.home_configuration(arm.joint_names, arm.home) if home is None else home, "home")
+        stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
+        start = arm.limits.snap(arm.configuration(stated, "home"))
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
         if trouble:
             raise InputError(f"home cannot be a start: {'; '.join(trouble)}")

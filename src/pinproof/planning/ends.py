@@ -57,8 +57,8 @@ def read_ends(
         If a shape is wrong or a number is not finite.
     """
     arm = checker.arm
-    first = arm.configuration(start, "start")
-    given = read_goals(arm, goals)
+    first = arm.limits.snap(arm.configuration(start, "start"))
+    given = arm.limits.snap(read_goals(arm, goals))
     many, index_of = with_turns(arm, first, given) if turns else (given, list(range(len(given))))
     inside = [not arm.limits.violations(goal, arm.joint_names) for goal in many]
     if arm.limits.violations(first, arm.joint_names):

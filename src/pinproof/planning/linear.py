@@ -78,7 +78,7 @@ def plan_linear(
         rotation_step=rotation_step,
         max_joint_step=max_joint_step,
     )
-    first, last = arm.configuration(start, "start"), rigid("target", target)
+    first, last = arm.limits.snap(arm.configuration(start, "start")), rigid("target", target)
     if outside := arm.limits.violations(first, arm.joint_names):
         said = f"the start is no place to start: {outside[0]}"
         beyond = np.flatnonzero((first < arm.limits.lower) | (first > arm.limits.upper))

@@ -99,7 +99,7 @@ def plan_poses(
     if not wanted:
         raise InputError("poses has no pose; there is nowhere to go")
     if start is not None:
-        first = arm.configuration(start, "start")
+        first = arm.limits.snap(arm.configuration(start, "start"))
         if outside := arm.limits.violations(first, arm.joint_names):
             said = f"the start is no place to start: {outside[0]}"
             return PosesMove(LinearStatus.LIMIT, None, None, 0.0, -1, said)

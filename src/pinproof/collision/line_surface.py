@@ -6,7 +6,9 @@ between their facing surfaces along that direction is smallest.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -111,8 +113,12 @@ class LineSurface:
         start = np.broadcast_to(np.asarray(after, dtype=float), (len(origins),))
         if self.triangles is not None:
             return _enter_triangles(self.triangles, origins, direction, start)
-        depth, out, normals = _convex_span(_support(self.body), origins, direction)
+        depth, out, normals = self._span(origins, direction)
         return SurfacePoints(np.where((depth <= out) & (out > start), depth, np.inf), normals)
+
+    @cached_property
+    def _span(self) -> Span:
+        return _convex_span(_support(self.body))
 
 
 def _support(body: Body) -> Support:
@@ -181,28 +187,32 @@ def outer_points(surface: LineSurface) -> Array:
 # -- convex bodies ----------------------------------------------------------------------------------------------------
 
 
-def _convex_span(support: Support, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
-    """Where lines enter and leave a convex body (G,), and the outward normals (G, 3) where they enter."""
+Span = Callable[[Array, Array], tuple[Array, Array, Array]]
+"""For origins (G, 3) and a direction (3,): where lines enter and leave a convex body (G,), and the outward normals
+(G, 3) where they enter."""
+
+
+def _convex_span(support: Support) -> Span:
     points, discs = support.points, support.disc_radii
     if support.semi_axes.any():
         if len(points) == 1 and support.radius == 0 and not discs.any():
-            return _ellipsoid(points[0], support.semi_axes, origins, direction)
+            return partial(_ellipsoid, points[0], support.semi_axes)
     elif discs.any():
         if len(points) == 2 and support.radius == 0 and discs[0] == discs[1]:
-            return _cylinder(points, float(discs[0]), origins, direction)
+            return partial(_cylinder, points, float(discs[0]))
         if support.radius == 0:
             angles = np.arange(CONE_SIDES) * 2 * np.pi / CONE_SIDES
             ring = np.stack([np.cos(angles), np.sin(angles), np.zeros(CONE_SIDES)], axis=1)
             rim = np.unique((points[:, None] + discs[:, None, None] * ring).reshape(-1, 3), axis=0)
-            return _planes(*_facets(rim), origins, direction)
+            return partial(_planes, *_facets(rim))
     elif support.radius > 0:
-        balls = [_ellipsoid(point, np.full(3, support.radius), origins, direction) for point in points]
+        parts: list[Span] = [partial(_ellipsoid, point, np.full(3, support.radius)) for point in points]
         if len(points) == 2 and not np.ptp(points[:, :2], axis=0).any():
-            balls.append(_cylinder(points, support.radius, origins, direction))
+            parts.append(partial(_cylinder, points, support.radius))
         if len(points) <= 2:
-            return _union(balls)
+            return partial(_union, parts)
     else:
-        return _planes(*_facets(points), origins, direction)
+        return partial(_planes, *_facets(points))
     raise InputError("a body of this kind has no surface that lines could be intersected with")
 
 
@@ -263,12 +273,13 @@ def _cylinder(ends: Array, radius: float, origins: Array, direction: Array) -> t
     return depth, out, normals
 
 
-def _union(parts: list[tuple[Array, Array, Array]]) -> tuple[Array, Array, Array]:
+def _union(parts: Sequence[Span], origins: Array, direction: Array) -> tuple[Array, Array, Array]:
     """The first entry and the last exit of bodies whose union is convex."""
-    depths = np.array([part[0] for part in parts])
+    found = [part(origins, direction) for part in parts]
+    depths = np.array([each[0] for each in found])
     first, rows = depths.argmin(axis=0), np.arange(depths.shape[1])
-    normals = np.array([part[2] for part in parts])[first, rows]
-    return depths[first, rows], np.max([part[1] for part in parts], axis=0), normals
+    normals = np.array([each[2] for each in found])[first, rows]
+    return depths[first, rows], np.max([each[1] for each in found], axis=0), normals
 
 
 def _unit(vectors: Array) -> Array:

@@ -14,7 +14,7 @@ Merlet (1997), "On computing four-finger equilibrium and force-closure grasps of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -28,14 +28,15 @@ __all__ = ["FingerContact", "GripResult", "HeldPart", "grip_by_fingers", "grip_b
 
 Array = npt.NDArray[np.float64]
 
-COARSE, FINE = 32, 64
+COARSE, FINE = 32, 48
 """Lines along each side of the rectangle in which finger and part overlap, and of that around the contact patch."""
 
-ZOOMS, ZOOMED = 4, 9
-"""Refinements of the place where a finger touches first, and lines along each side of each: to 1e-5 of the overlap."""
+ZOOMS, ZOOMED = 10, 9
+"""Refinements of the place where a finger touches first, each to a third of the one before, and lines along each side
+of it: to 2e-6 of the overlap."""
 
-CONE_EDGES = 8
-"""Edges of the pyramids inscribed in friction cones: what they allow, the cones allow."""
+CONE_EDGES = 16
+"""Edges of the pyramids inscribed in friction cones: what they allow, the cones allow. They are 2 % narrower."""
 
 BALANCE_POINTS = 8
 """Directions in which the outermost points of a contact patch are taken for the balance of forces."""
@@ -55,9 +56,10 @@ class FingerContact:
     closing_direction
         (3,) the unit direction, in the tcp's frame, in which it moves when it is nearly closed.
     contact_area
-        m^2 of the contact patch, across the closing direction; 0 where it does not touch.
+        m^2 of the contact patch, across the closing direction; 0 where there is none, NaN where it was not measured
+        because the fingers do not stop at the part.
     overlap
-        Metres that the contact patch extends along the finger.
+        Metres that the contact patch extends along the finger; likewise.
     gap
         Metres between finger and part where the finger stops, along the closing direction; below 0: how far the finger
         would be pressed into the part. inf where the finger would pass by the part.
@@ -161,20 +163,21 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     limits
         What counts as holding.
     """
-    patches = [_touch(finger, part, along, limits) for finger in fingers]
-    contacts = [patch.contact for patch in patches]
-    for each in contacts:
+    met = [_Meeting(finger, part, along) for finger in fingers]
+    stops = [each.contact for each in met]
+    for each in stops:
         if each.open_distance <= 0.0:
-            return _not_held(f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", contacts)
-    deep = min(contacts, key=lambda each: each.gap)
+            return _not_held(f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", stops)
+    deep = min(stops, key=lambda each: each.gap)
     if -deep.gap > limits.depth:
         said = f"closed, {deep.finger} would be pressed {_mm(-deep.gap)} into {part.name}"
-        return _not_held(f"{said}; at most {_mm(limits.depth)} are allowed", contacts)
-    touching = [patch for patch in patches if patch.contact.gap <= limits.gap]
-    if len(touching) < 2:
-        apart = [each for each in contacts if each.gap > limits.gap]
+        return _not_held(f"{said}; at most {_mm(limits.depth)} are allowed", stops)
+    if sum(each.gap <= limits.gap for each in stops) < 2:
+        apart = [each for each in stops if each.gap > limits.gap]
         said = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
-        return _not_held(f"{said}; a gap of at most {_mm(limits.gap)} is allowed", contacts)
+        return _not_held(f"{said}; a gap of at most {_mm(limits.gap)} is allowed", stops)
+    touching = [each.patch(limits) for each in met if each.contact.gap <= limits.gap]
+    contacts = [patch.contact for patch in touching]
     enough = [
         patch
         for patch in touching
@@ -220,36 +223,41 @@ def _mm2(square_metres: float) -> str:
 # -- one finger -------------------------------------------------------------------------------------------------------
 
 
-def _touch(finger: MovingFinger, part: HeldPart, along: Array, limits: GripLimits) -> _Patch:
-    """The contact of one finger."""
-    tcp_from_closing = _closing_frame(finger.direction, along)
-    apart = [
-        min(body_distance(surface, place * at, part.surface, part.pose) for surface, at in finger.surfaces)
-        for place in (finger.open, finger.closed)
-    ]
-    bodies = [_Facing(surface, finger.closed * at, part, tcp_from_closing, finger) for surface, at in finger.surfaces]
-    bodies = [body for body in bodies if body.overlaps]
-    starts = [body.first_touch() for body in bodies]
-    gap = min(starts, default=np.inf)
-    direction = (float(finger.direction[0]), float(finger.direction[1]), float(finger.direction[2]))
-    if not np.isfinite(gap):
-        contact = FingerContact(finger.name, direction, 0.0, 0.0, np.inf, *apart)
-        return _Patch(contact, np.empty((0, 3)), finger.direction)
-    found = [
-        body.patch(gap + limits.compliance, np.cos(limits.angle))
-        for body, start in zip(bodies, starts, strict=True)
-        if start <= gap + limits.compliance
-    ]
-    points, area = np.concatenate([each[0] for each in found]), sum(each[1] for each in found)
-    normals = np.concatenate([each[2] for each in found])
-    length = max((each[3] for each in found if len(each[0])), default=0.0)
-    overlap = float(np.ptp(points[:, 1])) + length if len(points) else 0.0
-    normal = normals.mean(axis=0) if len(points) else np.array([0.0, 0.0, 1.0])
-    return _Patch(
-        FingerContact(finger.name, direction, area, overlap, gap, *apart),
-        points @ tcp_from_closing.T,
-        tcp_from_closing @ (normal / np.linalg.norm(normal)),
-    )
+class _Meeting:
+    """A finger on its way to the part: where it stops, and on request its contact patch."""
+
+    def __init__(self, finger: MovingFinger, part: HeldPart, along: Array) -> None:
+        self._finger, self._tcp_from_closing = finger, _closing_frame(finger.direction, along)
+        facing = [
+            _Facing(surface, finger.closed * at, part, self._tcp_from_closing, finger)
+            for surface, at in finger.surfaces
+        ]
+        self._bodies = [(body, body.first_touch()) for body in facing if body.overlaps]
+        gap = min((start for _, start in self._bodies), default=np.inf)
+        apart = [
+            min(body_distance(surface, place * at, part.surface, part.pose) for surface, at in finger.surfaces)
+            for place in (finger.open, finger.closed)
+        ]
+        x, y, z = finger.direction.tolist()
+        unknown = 0.0 if np.isinf(gap) else np.nan
+        self.contact = FingerContact(finger.name, (x, y, z), unknown, unknown, gap, *apart)
+
+    def patch(self, limits: GripLimits) -> _Patch:
+        """Where the finger touches first, of a finger that touches."""
+        most = self.contact.gap + limits.compliance
+        found = [body.patch(most, np.cos(limits.angle)) for body, start in self._bodies if start <= most]
+        points, normals = (np.concatenate([each[k] for each in found]) for k in (0, 2))
+        area = sum(each[1] for each in found)
+        normal = np.array([0.0, 0.0, 1.0])
+        overlap = 0.0
+        if len(points):
+            normal = normals.mean(axis=0)
+            overlap = float(np.ptp(points[:, 1])) + max(each[3] for each in found if len(each[0]))
+        return _Patch(
+            replace(self.contact, contact_area=area, overlap=overlap),
+            points @ self._tcp_from_closing.T,
+            self._tcp_from_closing @ (normal / np.linalg.norm(normal)),
+        )
 
 
 def _closing_frame(direction: Array, along: Array) -> Array:

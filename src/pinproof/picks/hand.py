@@ -1,6 +1,6 @@
 """The moving fingers of a hand in the frame of the tcp: open, closed, and bodies that hold the way between.
 
-Fingers are either bodies of the gripper that slide along an axis (:class:`pinproof.picks.gripper.Fingers`) or links that
+Fingers are bodies of the gripper that slide along an axis (:class:`pinproof.picks.gripper.Fingers`), or links that
 joints outside the arm move (``held: {joint: {open, grip}}``). Neither depends on the configuration of the arm.
 """
 

@@ -18,7 +18,7 @@ from pinproof.picks.hand import MovingFinger, fingers_of
 from pinproof.spatial import SE3
 
 LIMITS = pp.GripLimits()
-RAYS = 6000
+RAYS = 3000
 STEP = 2e-4
 CLOSING = {"finger_1": np.array([0.0, -1.0, 0.0]), "finger_2": np.array([0.0, 1.0, 0.0])}
 
@@ -54,11 +54,11 @@ def random_shape(rng: np.random.Generator) -> tuple[pp.Shape, trimesh.Trimesh]:
     if kind == 0:
         return pp.Box(a, b, c), trimesh.creation.box((a, b, c))
     if kind == 1:
-        return pp.Cylinder(a / 2, b), trimesh.creation.cylinder(a / 2, b, sections=256)
+        return pp.Cylinder(a / 2, b), trimesh.creation.cylinder(a / 2, b, sections=128)
     if kind == 2:
-        return pp.Capsule(a / 2, b), trimesh.creation.capsule(b, a / 2, count=(96, 96)).apply_translation((0, 0, 0))
+        return pp.Capsule(a / 2, b), trimesh.creation.capsule(b, a / 2, count=(48, 48)).apply_translation((0, 0, 0))
     if kind == 3:
-        return pp.Sphere(a / 2), trimesh.creation.icosphere(4, a / 2)
+        return pp.Sphere(a / 2), trimesh.creation.icosphere(3, a / 2)
     if kind == 4:
         hull = trimesh.convex.convex_hull(rng.normal(size=(12, 3)) * [a, b, c] / 2.5)
         return pp.ConvexHull(np.array(hull.vertices)), hull
@@ -168,19 +168,30 @@ def _touch(grasp: Grasp, name: str, hits, rng: np.random.Generator) -> Touch:  #
     first = next((gap for gap in gaps if hits(gap)), None)
     if first is None:
         return Touch(np.inf, 0.0, 0.0, np.empty((0, 3)))
-    low, high = first, first + STEP
-    while high - low > 1e-7:
-        middle = (low + high) / 2
-        low, high = (middle, high) if hits(middle) else (low, middle)
-    d, size = CLOSING[name], grasp.pad
-    flat = rng.uniform(-0.5, 0.5, (RAYS, 2)) * size[[0, 2]]
-    start = np.column_stack([flat[:, 0], np.full(RAYS, -d[1] * high / 2), flat[:, 1]])
+    below, high = first, first + STEP
+    while high - below > 1e-7:
+        middle = (below + high) / 2
+        below, high = (middle, high) if hits(middle) else (below, middle)
+    d, size = CLOSING[name], grasp.pad[[0, 2]]
     turn, to = grasp.pose.rotation, grasp.pose.translation
-    depth, normals = cast(grasp.mesh.triangles, (start - to) @ turn - (turn.T @ d) * 1e-4, turn.T @ d)
-    on = (depth - 1e-4 <= LIMITS.compliance) & (np.abs(normals @ (turn.T @ d)) >= np.cos(LIMITS.angle))
-    area = on.mean() * size[0] * size[2]
-    overlap = float(np.ptp(flat[on, 1])) if on.any() else 0.0
-    return Touch(float(grasp.grip - high) / 2, area, overlap, start[on])
+
+    def rays(low: np.ndarray, extent: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        flat = low + rng.random((RAYS, 2)) * extent
+        start = np.column_stack([flat[:, 0], np.full(RAYS, -d[1] * high / 2), flat[:, 1]])
+        depth, normals = cast(grasp.mesh.triangles, (start - to) @ turn - (turn.T @ d) * 1e-4, turn.T @ d)
+        return start, depth - 1e-4, np.abs(normals @ (turn.T @ d))
+
+    # again where the first rays found the surface near, so that small patches have many rays
+    start, depth, _ = rays(-size / 2, size)
+    near = start[depth <= 2 * LIMITS.compliance][:, [0, 2]]
+    if len(near) < 2:
+        return Touch(float(grasp.grip - high) / 2, 0.0, 0.0, np.empty((0, 3)))
+    low = np.maximum(near.min(axis=0) - 5e-4, -size / 2)
+    extent = np.minimum(near.max(axis=0) + 5e-4, size / 2) - low
+    start, depth, cosine = rays(low, extent)
+    on = (depth <= LIMITS.compliance) & (cosine >= np.cos(LIMITS.angle))
+    overlap = float(np.ptp(start[on, 2])) if on.any() else 0.0
+    return Touch(float(grasp.grip - high) / 2, on.mean() * extent.prod(), overlap, start[on])
 
 
 def cast(triangles: np.ndarray, origins: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -188,6 +199,8 @@ def cast(triangles: np.ndarray, origins: np.ndarray, d: np.ndarray) -> tuple[np.
     best, found = np.full(len(origins), np.inf), np.zeros((len(origins), 3))
     for a, b, c in triangles:
         e, f = b - a, c - a
+        if np.cross(e, f) @ d >= 0:  # seen from behind
+            continue
         p = np.cross(d, f)
         if abs(det := e @ p) < 1e-18:
             continue

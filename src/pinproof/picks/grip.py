@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.line_surface import LineSurface, SurfacePoints, body_distance, point_distance
+from pinproof.collision.line_surface import LineSurface, SurfacePoints, body_distance, point_distance, travel_to_touch
 from pinproof.picks.hand import MovingFinger
 from pinproof.picks.settings import GripLimits
 from pinproof.spatial import SE3
@@ -38,8 +38,8 @@ of it: to 2e-6 of the overlap."""
 CONE_EDGES = 16
 """Edges of the pyramids inscribed in friction cones: what they allow, the cones allow. They are 2 % narrower."""
 
-BALANCE_POINTS = 8
-"""Directions in which the outermost points of a contact patch are taken for the balance of forces."""
+NOTICED = 5e-5
+"""Metres by which a touch must be earlier than the first one on the lines to be taken for another one."""
 
 LEAST_WIDTH = 1e-7
 """Metres: an overlap that is narrower is none."""
@@ -234,6 +234,8 @@ class _Meeting:
         ]
         self._bodies = [(body, body.first_touch()) for body in facing if body.overlaps]
         gap = min((start for _, start in self._bodies), default=np.inf)
+        placed = [(surface, finger.closed * at) for surface, at in finger.surfaces]
+        gap = min([gap, *(_touch_before(gap, surface, at, part, finger) for surface, at in placed)])
         apart = [
             min(body_distance(surface, place * at, part.surface, part.pose) for surface, at in finger.surfaces)
             for place in (finger.open, finger.closed)
@@ -246,8 +248,8 @@ class _Meeting:
         """Where the finger touches first, of a finger that touches."""
         most = self.contact.gap + limits.compliance
         found = [body.patch(most, np.cos(limits.angle)) for body, start in self._bodies if start <= most]
-        points, normals = (np.concatenate([each[k] for each in found]) for k in (0, 2))
-        area = sum(each[1] for each in found)
+        points, normals = (np.concatenate([np.empty((0, 3)), *(each[k] for each in found)]) for k in (0, 2))
+        area = float(sum(each[1] for each in found))
         normal = np.array([0.0, 0.0, 1.0])
         overlap = 0.0
         if len(points):
@@ -258,6 +260,17 @@ class _Meeting:
             points @ self._tcp_from_closing.T,
             self._tcp_from_closing @ (normal / np.linalg.norm(normal)),
         )
+
+
+def _touch_before(gap: float, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, finger: MovingFinger) -> float:
+    """The gap at which a body touches the part before ``gap``, at a feature between the lines; inf if it does not."""
+    start, end = -finger.travel, gap if np.isfinite(gap) else 0.0
+    if end <= start:
+        return np.inf
+    at = SE3(tcp_from_body.rotation, tcp_from_body.translation + start * finger.direction)
+    share = travel_to_touch(surface, at, part.surface, part.pose, (end - start) * finger.direction)
+    touch = start + share * (end - start)
+    return touch if share < 1.0 and gap - touch > NOTICED else np.inf
 
 
 def _closing_frame(direction: Array, along: Array) -> Array:
@@ -387,5 +400,5 @@ def _cone(normal: Array, angle: float) -> Array:
 
 def _outermost(patch: _Patch) -> Array:
     """(P, 3) the points of a patch that are outermost in some directions across its normal."""
-    axes = _cone(patch.normal, np.pi / 2)[:BALANCE_POINTS]
+    axes = _cone(patch.normal, np.pi / 2)
     return np.unique(patch.points[(patch.points @ axes.T).argmax(axis=0)], axis=0)

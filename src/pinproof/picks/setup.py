@@ -117,15 +117,14 @@ class PickSetup:
         solid = {geometry.link for geometry in urdf.collisions}
         ghosts = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
         carried = (
-            "what is picked is not carried, and its grip is not judged, where a pick names no object: from the grasp "
-            "on the empty tool is judged"
+            "what is picked is not carried where a pick names no object: from the grasp on the empty tool is judged"
         )
         fingers = (
             "how hard the fingers close, and whether the part slips or turns between them: that they touch it on "
-            "opposite sides is judged"
+            "opposite sides is judged, where a pick names its object"
         )
         tip = (
-            "the grip of a tool without fingers: of a part that is carried, only that the tip is within "
+            "the grip of a tool without fingers: where a pick names its object, only that the tip is within "
             f"{self.shared.grip_limits.tip * 1e3:g} mm of its surface is judged"
         )
         notes = [carried, fingers if self.cell.fingers else tip]

@@ -106,7 +106,10 @@ _HOME = {
     "pinproof.picks": (
         "Campaign",
         "CampaignResult",
+        "FingerContact",
         "Fingers",
+        "GripLimits",
+        "GripResult",
         "NamedFrame",
         "Pick",
         "PickBudget",

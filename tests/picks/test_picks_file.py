@@ -283,3 +283,13 @@ def test_what_is_wrong_with_a_family_or_an_object_is_told(write, row: str, reaso
     picks = pp.read_picks(write(GOOD_ROW, f"{{name: bad, xyz: [0, 0, 0], {row}}}"))
     assert [pick.name for pick in picks] == ["fine"]
     assert reason in picks.problems[0].reason
+
+
+def test_what_counts_as_holding_a_part_is_read(write) -> None:
+    row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}"
+    picks = pp.read_picks(write(row, shared="grip_limits: {area: 1.0e-5, angle: pi/6, tip: 0.01}"))
+    assert picks.grip_limits == pp.GripLimits(area=1e-5, angle=np.pi / 6, tip=0.01)
+    assert pp.read_picks(write(row)).grip_limits == pp.GripLimits()
+    for stated, said in (("{width: 1}", "unknown key"), ("{area: -1}", "0 or more"), ("{compliance: 0}", "above 0")):
+        with pytest.raises(PicksError, match=said):
+            pp.read_picks(write(row, shared=f"grip_limits: {stated}"))

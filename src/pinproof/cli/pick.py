@@ -50,7 +50,7 @@ def pick(
     seed: Annotated[int, typer.Option(help="Seed of every random choice.", min=0)] = 0,
     as_json: Annotated[bool, typer.Option("--json", help="Print the report as JSON.")] = False,
 ) -> None:
-    """Judge every pick of a file: reach, limits, grasp, approach, retreat, transit, motion.
+    """Judge every pick of a file: reach, limits, grasp, grip, approach, retreat, transit, motion.
 
     Exit code 0 if all are good, 1 if one is not.
 

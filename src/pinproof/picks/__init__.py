@@ -3,6 +3,7 @@
 from pinproof.picks.campaign import Campaign, CampaignResult
 from pinproof.picks.family import Spin, Tolerance
 from pinproof.picks.frames import NamedFrame
+from pinproof.picks.grip import FingerContact, GripResult
 from pinproof.picks.gripper import Fingers
 from pinproof.picks.pick import Pick, PickProblem, Picks, Place
 from pinproof.picks.picks_file import open_picks, read_picks
@@ -18,7 +19,7 @@ from pinproof.picks.reach import (
     tool_orientations,
 )
 from pinproof.picks.report import PickReport, write_report_page
-from pinproof.picks.settings import PickBudget, PickWeights
+from pinproof.picks.settings import GripLimits, PickBudget, PickWeights
 from pinproof.picks.setup import PickSetup
 from pinproof.picks.source import PickGrid, PickList, PickSource
 from pinproof.picks.table import PickTable
@@ -28,7 +29,10 @@ from pinproof.picks.verdict import PickMotion, PickStatus, PickVerdict, Stage, S
 __all__ = [
     "Campaign",
     "CampaignResult",
+    "FingerContact",
     "Fingers",
+    "GripLimits",
+    "GripResult",
     "NamedFrame",
     "Pick",
     "PickBudget",

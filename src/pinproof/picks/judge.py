@@ -94,7 +94,9 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
     screened = screen(task, ring, reached)
     stages = (*stages, *screened.stages)
     if not screened.candidates:
-        if (finer := _finer(task, reached)) is not None:
+        if screened.not_held:
+            return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
+        if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
             return _ring(finer, ring, seeds)
         known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in ring])
         if known:
@@ -164,4 +166,5 @@ def _good(task: Task, whole: Whole, stages: tuple[StageResult, ...], timed: Time
         timed.release_time,
         member=whole.way.candidate.member.words,
         score=whole.parts,
+        grip=None if task.name is None else task.grip(whole.way.candidate.member),
     )

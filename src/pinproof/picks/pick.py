@@ -15,6 +15,7 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.family import Spin, Tolerance
 from pinproof.picks.frames import NamedFrame
 from pinproof.picks.gripper import Fingers
+from pinproof.picks.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, rigid
 
 __all__ = ["Pick", "PickProblem", "Picks", "Place", "moved", "support_names"]
@@ -212,6 +213,8 @@ class Picks:
     grip
         Those of them that stand elsewhere while an object is held, from the grasp to where it is let go. The links that
         they move may touch what is grasped, as ``gripper`` may.
+    grip_limits
+        What counts as holding a part.
     frames
         Frames by name that picks may be given in.
     margin
@@ -231,6 +234,7 @@ class Picks:
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)
+    grip_limits: GripLimits = field(default_factory=GripLimits)
     frames: Mapping[str, NamedFrame] = field(default_factory=dict)
     margin: float = 0.0
     robot: str | None = None

@@ -14,6 +14,7 @@
     fingers:                               # two more, as they stand when closed; the first opens along the axis
       {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
     gripper: [panda_hand, ...]             # more links of the robot that may touch what is grasped
+    grip_limits: {area: 4.0e-6, tip: 0.005}  # optional: what counts as holding a part, see :class:`GripLimits`
     frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
     defaults: {rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
     picks:
@@ -44,7 +45,7 @@ makes no sense is reported and the others are kept; what all rows share must mak
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -57,6 +58,7 @@ from pinproof.picks.frames import NamedFrame
 from pinproof.picks.gripper import Fingers
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.pick_row import DEFAULT_KEYS, PICK_KEYS, POSE_KEYS, is_turned, make_pick, mapping_of, picks_of_row
+from pinproof.picks.settings import GripLimits
 from pinproof.picks.source import PickList, PickSource
 from pinproof.picks.table import TABLE_SUFFIX, PickTable
 from pinproof.spatial import SE3, finite
@@ -66,8 +68,8 @@ __all__ = ["open_picks", "read_picks"]
 Value = TypeVar("Value")
 
 FILE_KEYS = (
-    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "frames", "defaults",
-    "picks",
+    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "grip_limits",
+    "frames", "defaults", "picks",
 )  # fmt: skip
 HELD_KEYS = ("open", "grip")
 FINGER_KEYS = ("opening", "grip", "axis", "bodies")
@@ -122,6 +124,7 @@ def open_picks(path: str | Path) -> PickSource:
         gripper=tuple(_names(path, content, "gripper")),
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
+        grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
@@ -220,6 +223,11 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
         if not isinstance(name, str):
             raise PicksError(path, f"{name!r} is no name", f"key {key}")
     return names
+
+
+def _grip_limits(stated: object) -> GripLimits:
+    told = mapping_of("", stated, tuple(each.name for each in fields(GripLimits)))
+    return GripLimits(**{key: _number(key, value) for key, value in told.items()})
 
 
 def _tip(stated: object) -> SE3:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Certificate, Obstacle, Scene
 from pinproof.motion import Trajectory
+from pinproof.picks.grip import GripResult
 from pinproof.picks.pick import Pick
 
 __all__ = ["PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
@@ -24,6 +25,7 @@ class Stage(Enum):
     LIMITS = "limits"
     SELF = "self-collision"
     GRASP = "grasp"
+    GRIP = "grip"
     APPROACH = "approach"
     RETREAT = "retreat"
     TRANSIT = "transit"
@@ -37,7 +39,8 @@ class PickStatus(Enum):
     GOOD = "good"
     """It carries certified, timed motions."""
     IMPOSSIBLE = "impossible"
-    """Every configuration of every grasp asked for was enumerated in closed form, and each is refuted by name."""
+    """Every configuration of every grasp asked for is refuted by name: all were enumerated in closed form, or no grasp
+    holds the part, which does not depend on the configuration."""
     NOT_FOUND = "not found"
     """No way was found within the budget that the reason names; there may be one."""
     UNREADABLE = "unreadable"
@@ -119,6 +122,8 @@ class PickVerdict:
         Why each configuration is out, if the pick is IMPOSSIBLE: one line each.
     member
         How the grasp differs from the nominal one of its family, in words.
+    grip
+        How the part is held, of a good pick that names an object.
     score
         The parts by which it was ranked and their weighted sum, of a good pick.
     """
@@ -137,6 +142,7 @@ class PickVerdict:
     refuted: tuple[str, ...] = ()
     member: str = ""
     score: Mapping[str, float] = field(default_factory=dict)
+    grip: GripResult | None = None
 
     def __post_init__(self) -> None:
         if self.q_grasp is not None:

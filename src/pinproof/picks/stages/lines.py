@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker
+from pinproof.collision import CollisionChecker, certify
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.motion import CubicPath
 from pinproof.picks.stages.grasp import Candidate
@@ -17,7 +17,7 @@ from pinproof.picks.verdict import Stage, StageResult
 from pinproof.planning import LinearMove, plan_linear
 from pinproof.spatial import SE3
 
-__all__ = ["Line", "Pairs", "Way", "along", "line", "line_in", "line_out", "shifted", "span"]
+__all__ = ["Line", "Pairs", "Way", "along", "line", "line_in", "line_out", "passing", "passing_at", "shifted", "span"]
 
 Array = npt.NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]
@@ -107,8 +107,25 @@ def along(task: Task, candidate: Candidate) -> Way:
 
 def line_in(task: Task, candidate: Candidate) -> Line:
     """The approach, planned from the grasp outwards: so both moves share its configuration to the last bit."""
-    end = task.approach_end(task.grasp(candidate.member))
-    return line(Stage.APPROACH, task, task.at_grasp, candidate.q, end, task.pick.approach)
+    end, q = task.approach_end(task.grasp(candidate.member)), candidate.q
+    into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
+    return passing(into, task.passing, q)
+
+
+def passing(found: Line, checker: CollisionChecker | None, q: Array) -> Line:
+    """A line that begins at q (n,), if the open fingers pass the object by along it: judged by ``checker``, if any."""
+    if checker is None or found.path is None:
+        return found
+    proof = certify(found.path, passing_at(checker, q))
+    if proof.free:
+        return found
+    said = f"the open fingers meet the object: {proof.message}"
+    return Line(StageResult(found.result.stage, False, said, dict(found.result.figures)), fraction=0.0)
+
+
+def passing_at(checker: CollisionChecker, q: Array) -> CollisionChecker:
+    """The checker, with closer bodies where at q (n,) a finger touches the object by its hull alone."""
+    return checker if checker.is_free(q) else checker.finer_at(q)
 
 
 def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:

@@ -13,7 +13,8 @@ from pinproof.picks.configurations import configurations
 from pinproof.picks.family import Member
 from pinproof.picks.pick import Place, moved
 from pinproof.picks.stages.grasp import contact_words
-from pinproof.picks.stages.lines import Pairs, Way, line, shifted, span
+from pinproof.picks.stages.grip import closing_words
+from pinproof.picks.stages.lines import Pairs, Way, line, passing, shifted, span
 from pinproof.picks.stages.reach import every_branch
 from pinproof.picks.stages.seconds import least_seconds
 from pinproof.picks.stages.task import Task
@@ -192,8 +193,11 @@ def _down(task: Task, asked: Place, member: Member, q: Array) -> _Down:
     down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting)
     if not down.result.ok:
         return _Down(q, DOWN, f"way down, {down.result.message}")
+    if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
+        return _Down(q, OFF, f"when the object is let go: {closing_words(task, opening.check(q))}")
     off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
     leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat)
+    leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:
         return _Down(q, OFF, f"way off: {leave.result.message}")
     proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))

@@ -16,6 +16,7 @@ from pinproof.picks.configurations import configurations
 from pinproof.picks.family import Member, Spin, Tolerance, family
 from pinproof.picks.pick import ROOT, TIP, Place
 from pinproof.picks.stages.grasp import rank
+from pinproof.picks.stages.grip import grip_holds, judge_grip
 from pinproof.picks.stages.lines import Way, line_in, line_out
 from pinproof.picks.stages.reach import reach
 from pinproof.picks.stages.task import Task
@@ -62,6 +63,7 @@ def remedy(task: Task, failed: StageResult, way: Way | None, seed: int) -> str:
         Stage.LIMITS,
         Stage.SELF,
         Stage.GRASP,
+        Stage.GRIP,
         Stage.APPROACH,
         Stage.RETREAT,
     ):
@@ -102,16 +104,21 @@ def _upwards(task: Task, stage: Stage, way: Way | None) -> str:
 
 
 def _first(task: Task, stage: Stage, members: list[Member], seed: int, tries: int) -> str | None:
-    """The first of some grasps that passes a stage, in words; None if none does."""
+    """The first of some grasps that passes a stage and holds the object, in words; None if none does."""
+    members = [member for member in members if grip_holds(task, member)]
+    if not members:
+        return None
     reached = reach(task, members, seed)
     if not len(reached.q):
         return None
     if stage in (Stage.REACH, Stage.LIMITS):
         return members[int(reached.member.min())].words
     free = task.at_grasp.is_free_batch(reached.q)
+    if stage not in (Stage.SELF, Stage.GRASP) and free.any():
+        free[free] = judge_grip(task, members, reached.q[free], reached.member[free]).kept
     if not free.any():
         return None
-    if stage in (Stage.SELF, Stage.GRASP):
+    if stage in (Stage.SELF, Stage.GRASP, Stage.GRIP):
         return members[int(reached.member[free].min())].words
     left = tries
     for index in np.unique(reached.member[free]).tolist():

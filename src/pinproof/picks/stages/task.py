@@ -11,9 +11,11 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle
 from pinproof.collision.contact_facets import directions_to_facets
+from pinproof.collision.line_surface import LineSurface
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.family import Member, family
 from pinproof.picks.frames import root_from_frame
+from pinproof.picks.grip import GripResult, HeldPart, grip_by_fingers, grip_by_tip
 from pinproof.picks.pick import TIP, Pick, Place, moved, support_names
 from pinproof.picks.stages.cell import Cell
 from pinproof.spatial import SE3, matrix
@@ -64,6 +66,9 @@ class Task:
         self.name = carried.name if isinstance(carried, Obstacle) else carried
         self._carrying: dict[str, CollisionChecker] = {}
         self._letting_go: dict[str, CollisionChecker] = {}
+        self._opening: dict[str, CollisionChecker] = {}
+        self._passing_off: dict[str, CollisionChecker] = {}
+        self._grips: dict[str, GripResult] = {}
 
     @property
     def sampled(self) -> bool:
@@ -119,8 +124,47 @@ class Task:
 
     @cached_property
     def at_grasp(self) -> CollisionChecker:
-        """From the approach on: the hand may touch the object."""
+        """At the grasp: the hand may touch the object. How the fingers do is judged by :meth:`grip`."""
         return self.outside.allowing(*self._touching(self.outside)) if self.from_scene else self.outside
+
+    @cached_property
+    def passing(self) -> CollisionChecker | None:
+        """Around nothing but the object, which the open fingers must pass by; None without fingers or such an object.
+
+        On the approach the hand may touch the object, as :attr:`at_grasp` says, but its open fingers may not.
+        """
+        if not self.from_scene or not self.cell.fingers:
+            return None
+        return self._passing(self.scene[str(self.name)])
+
+    @cached_property
+    def closing(self) -> CollisionChecker:
+        """While the fingers close: the hand may touch the object."""
+        closing = self.cell.closing_hand
+        return closing.allowing(*self._touching(closing)) if self.from_scene else closing
+
+    # -- the grip -----------------------------------------------------------------------------------------------------
+
+    def grip(self, member: Member) -> GripResult:
+        """How the closed hand holds the object; it does not depend on the configuration of the arm."""
+        if member.words not in self._grips:
+            part = HeldPart(self._surface, self.holding(member).pose)
+            limits, tip = self.cell.shared.grip_limits, self.cell.shared.tip
+            if self.cell.fingers:
+                along = np.array(self.pick.approach_direction)
+                if self.pick.approach_frame != TIP:
+                    along = self.grasp(member).rotation.T @ along
+                self._grips[member.words] = grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
+            else:
+                self._grips[member.words] = grip_by_tip(tip, part, limits)
+        return self._grips[member.words]
+
+    @cached_property
+    def _surface(self) -> LineSurface:
+        carried = self.pick.carried
+        if carried is None:
+            raise InputError(f"pick {self.pick.name!r} names no object to hold")
+        return LineSurface.of_obstacle(self.scene[carried] if isinstance(carried, str) else carried)
 
     def holding(self, member: Member) -> Obstacle:
         """The object as it is held: its pose is ``tcp_from_object``."""
@@ -157,6 +201,21 @@ class Task:
             self._letting_go[member.words] = there.allowing(*self._touching(there))
         return self._letting_go[member.words]
 
+    def passing_off(self, member: Member) -> CollisionChecker | None:
+        """As :attr:`passing`, of the object where it was put."""
+        if not self.cell.fingers:
+            return None
+        if member.words not in self._passing_off:
+            self._passing_off[member.words] = self._passing(self.letting_go(member).scene[str(self.name)])
+        return self._passing_off[member.words]
+
+    def opening(self, member: Member) -> CollisionChecker:
+        """While the fingers open where the object was put."""
+        if member.words not in self._opening:
+            there = self.cell.closing_hand.with_scene(self.letting_go(member).scene)
+            self._opening[member.words] = there.allowing(*self._touching(there))
+        return self._opening[member.words]
+
     def supports(
         self, checker: CollisionChecker, q: Array, stated: str | Sequence[str] | None
     ) -> tuple[tuple[str, str], ...]:
@@ -187,7 +246,14 @@ class Task:
 
     def _touching(self, checker: CollisionChecker) -> list[tuple[str, str]]:
         """The pairs of the object and the hand."""
-        return [(each, str(self.name)) for each in self.cell.hand if each in checker.obstacles_and_links]
+        swept = (body.name for bodies in self.cell.swept.values() for body in bodies)
+        return [(each, str(self.name)) for each in (*self.cell.hand, *swept) if each in checker.obstacles_and_links]
+
+    def _passing(self, part: Obstacle) -> CollisionChecker:
+        checker = self.outside.with_scene(replace(self.scene, obstacles=(part,), allowed=(), disabled=()))
+        there = checker.obstacles_and_links
+        palm = ((name, part.name) for name in self.cell.palm if name in there)
+        return checker.with_margin(0.0).allowing(*palm)
 
     def _in_root(self, pose: SE3, frame: str) -> SE3:
         if not frame:

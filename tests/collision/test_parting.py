@@ -530,3 +530,16 @@ def test_directions_to_facets_are_those_of_floor_and_wall(gantry, finely, sink):
     assert directions(NEXT_TO_WALL - 0.0003, -sink) >= {(0, 0, -1), (1, 0, 0)}
     assert directions(0, -sink) == {(0, 0, -1)}
     assert directions(0, 0.01) == set()
+
+
+def test_a_part_whose_hull_holds_what_it_rests_on_is_undecided(gantry):
+    """A hook on a block: proven of its hull, which overlaps the block, and so not proven."""
+    bar = trimesh.creation.box((0.2, 0.1, 0.03)).apply_translation((0, 0, 0.115))
+    leg = trimesh.creation.box((0.03, 0.09, 0.11)).apply_translation((-0.085, 0, 0.055))
+    both = trimesh.util.concatenate([bar, leg])
+    hook = Obstacle("part", Mesh.from_arrays(both.vertices, both.faces, hull=False))
+    block = Obstacle("table", Box(0.1, 0.2, 0.1), pose((0.05, 0, 0.05)))
+    certificate = verdict(gantry, [0, 0, 0], [0, 0.3, 0], support=block, part=hook)
+    assert certificate.status is UNDECIDED
+    assert "convex hull of part" in certificate.message
+    assert certificate.undecided.bodies == ("part", "table")

@@ -430,17 +430,23 @@ def _refused(curve: Curve, checker: CollisionChecker, refused: _Refused, prove: 
             f"{one} starts {-refused.distance * 1e3:.2f} mm deep in {other}; parting allows {DEEPEST * 1e3:g} mm. "
             "Correct one of the poses or shapes"
         )
-    else:
-        message = (
-            f"{one} and {other} start {_apart(refused.distance)}, within the margin of "
-            f"{refused.margin * 1e3:g} mm, and no direction was found that separates them there; give them a smaller "
-            f"margin, or {one} a simpler shape"
-        )
-    return _whole(curve, checker, [], replace(found, message=message))
+        return _whole(curve, checker, [], replace(found, message=message))
+    message = (
+        f"{one} and {other} start {_apart(refused.distance)}, within the margin of {refused.margin * 1e3:g} mm, and no "
+        f"direction was found that separates {other} from the convex hull of {one}; give {one} as several convex shapes"
+    )
+    span = UndecidedSpan(first, first, (one, other), refused.distance)
+    undecided = replace(
+        found, status=CertificateStatus.UNDECIDED, message=message, first_contact=None, undecided=span,
+        clearance=np.nan,
+    )  # fmt: skip
+    return _whole(curve, checker, [], undecided)
 
 
 def _apart(distance: float) -> str:
-    return f"{distance * 1e3:.2f} mm apart" if distance > 0 else f"{-distance * 1e3:.2f} mm deep in each other"
+    if distance > 0:
+        return f"{distance * 1e3:.2f} mm apart"
+    return f"{-distance * 1e3:.2f} mm deep in each other" if distance < -5e-6 else "in contact"
 
 
 def _stuck(checker: CollisionChecker, way: _Way, motion: _Motion, prove: Prove) -> Certificate:

@@ -110,8 +110,9 @@ class Campaign:
     ) -> CampaignResult:
         """Judge what has not been judged yet, to ``folder/rows.jsonl``.
 
-        A chunk whose worker dies is tried again. One that kills three is halved, until the pick at fault is found; its
-        row says ``crashed``.
+        A chunk whose worker dies is tried again. A chunk that three workers died of is halved until the pick at fault
+        is found; its row says ``crashed``. Such a pick may be innocent if the workers were killed from outside, so each
+        further run judges it once more. Rows that are damaged or were edited by hand are judged again too.
 
         Parameters
         ----------
@@ -146,10 +147,8 @@ class Campaign:
             done = (folder / ROWS).exists()
         except OSError as error:
             raise FileError(folder, f"cannot be made a folder: {error.strerror or error}") from error
-        if done:
-            refuse_foreign(folder / ROWS, read_header(folder / ROWS), header)
-            (folder / JOURNAL).unlink(missing_ok=True)  # of a run killed right after it had ordered the rows
-            return CampaignResult.open(folder, resumed=len(self))
+        if done and (finished := self._finished(folder, header)) is not None:
+            return finished
         task = RowTask(self._setup, self._judge)
         with Journal(folder, header) as journal, LineFile(folder / TIMINGS) as timings:
             there = before = int(journal.done.sum())
@@ -172,12 +171,32 @@ class Campaign:
                     if progress is not None:
                         progress(there, len(self))
             journal.finish()
-        return CampaignResult.open(folder, resumed=before)
+        return CampaignResult.open(folder, resumed=before, damaged=journal.damaged)
+
+    def _finished(self, folder: Path, header: dict[str, Any]) -> CampaignResult | None:
+        """The result of a finished campaign; None if some rows must be judged again, after they were made a journal."""
+        rows, journal = folder / ROWS, folder / JOURNAL
+        refuse_foreign(rows, read_header(rows), header)
+        if journal.exists():  # of a run that was killed between writing the rows and removing the journal
+            with LineFile(journal):
+                if rows.exists():
+                    journal.unlink()
+        try:
+            result = CampaignResult.open(folder, resumed=len(self))
+        except FileError:
+            result = None
+        if result is not None and not result.to_retry:
+            return result
+        try:
+            rows.rename(journal)
+        except OSError as error:
+            raise FileError(rows, f"cannot be renamed to {JOURNAL}: {error.strerror or error}") from error
+        return None
 
     def _lines(self, outcome: Outcome) -> list[bytes]:
         if outcome.crashed:
             (item,) = self._picks.part(outcome.start, outcome.stop)
-            return [crashed_row(outcome.start, item.name, KILLED)]
+            return [crashed_row(outcome.start, item.name, KILLED, retry=True)]
         lines: list[bytes] = outcome.result
         if len(lines) != outcome.stop - outcome.start:
             raise InputError(f"the source gave {len(lines)} picks for {outcome.start} to {outcome.stop - 1}")

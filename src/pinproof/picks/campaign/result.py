@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pinproof.errors import CampaignError, FileError
-from pinproof.picks.campaign.journal import JOURNAL, ROWS, read_header
+from pinproof.picks.campaign.journal import JOURNAL, ROWS, is_to_retry, read_header, row_checker
 from pinproof.picks.verdict import PickStatus
 
 __all__ = ["CampaignResult"]
@@ -33,7 +32,11 @@ class CampaignResult:
     notes
         What no verdict covers, in sentences.
     resumed
-        How many of the rows were there when the campaign went on; 0 if it ran in one go.
+        How many of the rows existed when the campaign was resumed; 0 if it ran without interruption.
+    damaged
+        How many rows were damaged or edited when the campaign was resumed; their picks were judged again.
+    to_retry
+        How many picks crashed because their workers died or ran out of memory; another run judges these again.
     """
 
     path: Path
@@ -42,9 +45,11 @@ class CampaignResult:
     acceleration_source: str
     notes: tuple[str, ...]
     resumed: int = 0
+    damaged: int = 0
+    to_retry: int = 0
 
     @classmethod
-    def open(cls, folder: str | Path, *, resumed: int = 0) -> CampaignResult:
+    def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:
         """The result in the folder of a campaign that is done.
 
         Raises
@@ -61,14 +66,23 @@ class CampaignResult:
         header = read_header(path)
         verdicts: Counter[str] = Counter()
         failed_at: Counter[str] = Counter()
+        to_retry = 0
         for row in _rows(path):
             verdicts[str(row.get("verdict"))] += 1
             if row.get("failed_at") is not None:
                 failed_at[str(row["failed_at"])] += 1
+            to_retry += is_to_retry(row)
         if verdicts.total() != header["picks"]:
-            raise FileError(path, f"holds {verdicts.total()} rows of {header['picks']}")
+            raise FileError(path, f"has {verdicts.total()} rows of {header['picks']}; run the campaign again")
         return cls(
-            path, dict(verdicts), dict(failed_at), header["acceleration_source"], tuple(header["notes"]), resumed
+            path,
+            dict(verdicts),
+            dict(failed_at),
+            header["acceleration_source"],
+            tuple(header["notes"]),
+            resumed,
+            damaged,
+            to_retry,
         )
 
     def rows(self) -> Iterator[dict[str, Any]]:
@@ -108,6 +122,8 @@ class CampaignResult:
             "ok": self.ok,
             "total": self.total,
             "resumed": self.resumed,
+            "damaged": self.damaged,
+            "to_retry": self.to_retry,
             "verdicts": self.verdicts,
             "failed_at": self.failed_at,
             "acceleration_source": self.acceleration_source,
@@ -118,11 +134,12 @@ class CampaignResult:
 def _rows(path: Path) -> Iterator[dict[str, Any]]:
     try:
         with path.open("rb") as file:
-            file.readline()
-            for number, line in enumerate(file, start=2):
-                try:
-                    yield json.loads(line)
-                except ValueError as error:
-                    raise FileError(path, "is damaged", f"line {number}") from error
+            read = row_checker(file.readline())
+            for index, line in enumerate(file):
+                row = read(line)
+                if row is None or row["index"] != index:
+                    said = "is damaged or was edited; run the campaign again to judge its pick again"
+                    raise FileError(path, said, f"line {index + 2}")
+                yield row
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from error

@@ -9,18 +9,15 @@ from typing import Any
 
 from pinproof.errors import CampaignError
 from pinproof.picks.campaign.code import code_here
-from pinproof.picks.campaign.journal import to_line
+from pinproof.picks.campaign.journal import CRASHED, RETRY, to_line
 from pinproof.picks.pick import Pick, PickProblem
 from pinproof.picks.report.rows import problem_row, verdict_row
 from pinproof.picks.setup import PickSetup
 
-__all__ = ["CRASHED", "Judge", "RowTask", "crashed_row", "judge_row"]
+__all__ = ["Judge", "RowTask", "crashed_row", "judge_row"]
 
 Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
 """Judges the pick at a place, to a row of plain values with a ``verdict``. Importable, as it is sent by name."""
-
-CRASHED = "crashed"
-"""The verdict on a pick that could not be judged: the judge failed, or the process died."""
 
 
 def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
@@ -51,7 +48,8 @@ class RowTask:
             row = self.judge(self.setup, index, item)
             return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})
         except Exception as error:  # noqa: BLE001  # one pick that cannot be judged never stops the others
-            return crashed_row(index, item.name, f"the judge failed: {type(error).__name__}: {error}")
+            reason = f"the judge failed: {type(error).__name__}: {error}"
+            return crashed_row(index, item.name, reason, retry=isinstance(error, MemoryError))
 
 
 def _unpacked(code: str, packed: bytes) -> RowTask:
@@ -64,6 +62,7 @@ def _unpacked(code: str, packed: bytes) -> RowTask:
     return RowTask(*pickle.loads(packed))
 
 
-def crashed_row(index: int, name: str, reason: str) -> bytes:
-    """The row of a pick that could not be judged."""
-    return to_line({"index": index, "name": name, "verdict": CRASHED, "failed_at": None, "reason": reason})
+def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
+    """The row of a pick that could not be judged; if ``retry``, the next run of the campaign judges it again."""
+    row = {"index": index, "name": name, "verdict": CRASHED, "failed_at": None, "reason": reason}
+    return to_line({**row, RETRY: True} if retry else row)

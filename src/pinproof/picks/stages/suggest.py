@@ -1,0 +1,446 @@
+"""Suggestions: the smallest changes of a failed pick that help, each judged as a whole pick before it is printed.
+
+The kinds of change are a shorter line, a vertical retreat, a turn about the approach direction, a tilt, a shift of
+the pick, and a shift of its place. The candidates of a kind are ordered by size. A candidate is written in words, the
+words are applied to the pick (:func:`pinproof.picks.suggestion.apply_suggestion`), and the result goes through all
+stages: so what was judged is what is printed. The suggestion is the smallest candidate of its kind with a good verdict
+of all that were judged; without any, the smallest that passes the stage that failed, and the line states where it fails
+then.
+
+A pick that takes an obstacle of the scene, and places it, keeps the place of the object: its grasp and its place move
+together. An object that the pick itself describes hangs at the tip, and moves with the pick alone.
+
+The budget is a number of picks that are judged (:attr:`pinproof.picks.PickBudget.remedies`), not a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.ik import Clik
+from pinproof.picks.configurations import configurations, has_closed_form
+from pinproof.picks.family import Member
+from pinproof.picks.pick import ROOT, TIP, Pick, moved
+from pinproof.picks.stages.lines import Way, line_in, line_out
+from pinproof.picks.stages.task import Task
+from pinproof.picks.suggestion import (
+    REMARK,
+    apply_suggestion,
+    move_place_words,
+    move_words,
+    shorten_words,
+    turn_words,
+    upwards_words,
+)
+from pinproof.picks.verdict import PickVerdict, Stage, StageResult
+from pinproof.spatial import SE3
+
+__all__ = ["DIRECTIONS", "DISTANCES", "suggest"]
+
+Array = npt.NDArray[np.float64]
+Judge = Callable[[Pick], PickVerdict]
+
+DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
+"""Millimetres by which a pick is moved."""
+
+EARLY_DISTANCES, EARLY_STRETCHES, EARLY_TURNS, EARLY_TILTS = (5, 20, 50, 100), (1.1, 1.5), (45, 90, 135, 180), (10, 30)
+"""Sizes that are judged first where the budget is less than the number of candidates."""
+
+DIRECTIONS = sorted((d for d in product((0, 1, -1), repeat=3) if any(d)), key=lambda d: sum(map(abs, d)))
+"""Along the axes of the pick's frame, between two of them, and between all three."""
+
+AXES = 6
+"""How many of the directions are axes; they come first."""
+
+STRETCHES = (1.0, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1, 1.15, 1.2, 1.25, 1.35, 1.5, 1.75, 2.0)
+"""Times the gap to the nearest pose found by inverse kinematics: shifts of a pose that is out of reach."""
+
+TURNS = tuple(range(15, 181, 15))
+"""Degrees about the approach direction, to either side."""
+
+TILTS = (5, 10, 15, 20, 30)
+"""Degrees about the axes across the approach direction, to either side."""
+
+POSES = 6000
+"""Poses of the tip, weighted by the cost of their inverse kinematics, that are screened before any pick is judged."""
+
+SWEPT, SEARCHED = 8, 40
+"""The weight of a pose where a redundant joint is swept, and where a numerical method searches; 1 in closed form."""
+
+FRACTIONS = (0.25, 0.5, 0.75, 1.0)
+"""Of the approach: where the screening requires a free configuration."""
+
+CHECKS = 4
+"""Cheap checks of candidates for each one that is judged."""
+
+UP = (0.0, 0.0, 1.0)
+
+STEP = 1e-3
+"""Metres: suggested lengths are multiples of this."""
+
+NO_SUGGESTION = (Stage.INPUT, Stage.TRANSIT, Stage.TIMING)
+"""Stages whose failure no small change of the pick mends by plan: the input, or a search that may need more budget."""
+
+ORDER = list(Stage)
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A change in words, the pick that it makes, its size (mm, degrees or metres of length lost), and its direction.
+
+    ``early``: it is among the few that are judged first where the budget is less than the number of candidates.
+    """
+
+    words: str
+    pick: Pick
+    size: float
+    direction: tuple[int, ...] = ()
+    early: bool = False
+
+
+class _Trials:
+    """Judges candidates, each at most once, within a budget; keeps the smallest that is good, and that helps.
+
+    ``possible`` is a cheap check that a candidate may be good; it has a larger budget of its own.
+    """
+
+    def __init__(self, judge: Judge, failed: Stage, budget: int, possible: Callable[[Pick], bool]) -> None:
+        self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
+        self._possible, self._checks = possible, CHECKS * budget
+        self._seen: dict[str, bool] = {}
+        self._good: _Candidate | None = None
+        self._helps: tuple[_Candidate, str] | None = None
+
+    def good(self, candidate: _Candidate) -> bool:
+        """Whether the changed pick is good; False, too, if the budget is spent."""
+        if candidate.words in self._seen:
+            return self._seen[candidate.words]
+        if self.left <= 0:
+            return False
+        if self._checks > 0 and not self._possible(candidate.pick):
+            self._checks -= 1
+            self._seen[candidate.words] = False
+            return False
+        self.left -= 1
+        verdict = self._judge(candidate.pick)
+        self._seen[candidate.words] = verdict.ok
+        if verdict.ok and (self._good is None or candidate.size < self._good.size):
+            self._good = candidate
+        helps = verdict.failed is not None and ORDER.index(verdict.failed) > self._failed
+        if verdict.failed is not None and helps and (self._helps is None or candidate.size < self._helps[0].size):
+            self._helps = candidate, verdict.failed.value
+        return verdict.ok
+
+    @property
+    def best(self) -> _Candidate | None:
+        """The smallest good candidate so far."""
+        return self._good
+
+    def words(self) -> str:
+        """The suggestion; empty if there is none."""
+        if self._good is not None:
+            return self._good.words
+        if self._helps is None:
+            return ""
+        candidate, stage = self._helps
+        return f"{candidate.words}{REMARK}passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
+
+
+def suggest(task: Task, pick: Pick, failed: StageResult, way: Way | None, judge: Judge) -> tuple[str, ...]:
+    """What would help a pick, in words, one line for each kind of change; empty if nothing was found.
+
+    Parameters
+    ----------
+    task
+        The pick in its cell.
+    pick
+        The pick as it was stated.
+    failed
+        The stage that failed.
+    way
+        If a line failed: the way that came farthest.
+    judge
+        The verdict on a changed pick, without suggestions.
+    """
+    budget, stage = task.cell.budget.remedies, failed.stage
+    if not budget or stage in NO_SUGGESTION:
+        return ()
+
+    def trials() -> _Trials:
+        return _Trials(
+            judge, stage, budget, lambda other: stage is not Stage.RETREAT or _retreat_ends_free(task, other)
+        )
+
+    found = []
+    if way is not None and stage in (Stage.APPROACH, Stage.RETREAT):
+        found.append(_shorter(task, pick, stage, way, trials()))
+        found.append(_upwards(pick, stage, trials()))
+    if stage is Stage.PLACE:
+        found.append(_nearest(_screened_places(task, _place_shifts(task, pick)), trials()))
+    if not task.pick.spin.sampled:
+        found.append(_nearest(_screened(task, _turns(task, pick)), trials()))
+    found.append(_nearest(_screened(task, _tilts(task, pick)), trials()))
+    found.append(_nearest(_screened(task, _shifts(task, pick, stage)), trials()))
+    return tuple(filter(None, found))
+
+
+# -- lengths ----------------------------------------------------------------------------------------------------------
+
+
+def _shorter(task: Task, pick: Pick, stage: Stage, way: Way, trials: _Trials) -> str:
+    """The longest approach or retreat, to the millimetre, of those tried."""
+    key = stage.value
+    asked = float(getattr(pick, key))
+    length = np.floor(way.fraction * asked / STEP) * STEP
+    for _ in range(trials.left):  # the line alone costs much less than a judged pick
+        if not 0 < length < asked:
+            return ""
+        shorter = task.with_pick(**{key: float(length)})
+        line = line_in(shorter, way.candidate) if stage is Stage.APPROACH else line_out(shorter, way.candidate)[0]
+        if line.result.ok:
+            break
+        length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
+
+    def candidate(steps: int) -> _Candidate:
+        words = shorten_words(key, asked, steps * STEP)
+        return _Candidate(words, apply_suggestion(pick, words), asked - steps * STEP)
+
+    low, high = round(length / STEP), int(np.ceil(asked / STEP - 1e-9))
+    if low <= 0 or not trials.good(candidate(low)):
+        return trials.words()
+    step = 1  # other configurations may allow more
+    while low + step < high and trials.good(candidate(low + step)):
+        low, step = low + step, 2 * step
+    return trials.words()
+
+
+def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
+    """The vertical retreat, if the retreat failed and has another direction."""
+    if stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
+        return ""
+    words = upwards_words()
+    trials.good(_Candidate(words, apply_suggestion(pick, words), 0.0))
+    return trials.words()
+
+
+# -- candidates -------------------------------------------------------------------------------------------------------
+
+
+class _Shift(NamedTuple):
+    """A shift by (3,) mm; those along one line share a direction."""
+
+    by: Array
+    direction: tuple[int, ...]
+    early: bool
+
+
+def _shifted(pick: Pick, shifts: Iterable[_Shift], words: Callable[[Array], str]) -> list[_Candidate]:
+    """Candidates by length, each vector once."""
+    made: dict[str, _Candidate] = {}
+    for by, direction, early in shifts:
+        if (text := words(by)) not in made:
+            made[text] = _Candidate(text, apply_suggestion(pick, text), float(np.linalg.norm(by)), direction, early)
+    return sorted(made.values(), key=lambda each: each.size)
+
+
+def _keeps_place(task: Task, pick: Pick) -> bool:
+    """Whether the place moves with the grasp, so that the object comes to stand where it was to stand."""
+    return pick.place is not None and task.from_scene
+
+
+def _turns(task: Task, pick: Pick) -> list[_Candidate]:
+    """The pick turned about its approach direction."""
+    return [
+        _turned(task, pick, sign * degrees, _approach_axis(task), (sign,), degrees in EARLY_TURNS)
+        for degrees in TURNS
+        for sign in (1, -1)
+        if sign * degrees != -180
+    ]
+
+
+def _tilts(task: Task, pick: Pick) -> list[_Candidate]:
+    """The pick tilted about the axes of the tip that are most nearly across its approach direction."""
+    across = np.delete(np.arange(3), int(np.argmax(np.abs(_approach_axis(task)))))
+    return [
+        _turned(task, pick, sign * degrees, np.eye(3)[axis], (sign, int(axis)), degrees in EARLY_TILTS)
+        for degrees in TILTS
+        for axis in across
+        for sign in (1, -1)
+    ]
+
+
+def _turned(task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool) -> _Candidate:
+    words = turn_words(float(degrees), axis, with_place=_keeps_place(task, pick))
+    return _Candidate(words, apply_suggestion(pick, words), float(abs(degrees)), direction, early)
+
+
+def _shifts(task: Task, pick: Pick, stage: Stage) -> list[_Candidate]:
+    """The pick shifted along the axes of its frame and between them; one out of reach also towards what is reached."""
+    shifts = list(_vectors(_detail(task, len(_members(task)))))
+    if stage is Stage.REACH:
+        rotation = _root_from_frame(task, pick).rotation
+        shifts += _towards_reach(task, task.pick.pose, rotation)
+
+    def words(by: Array) -> str:
+        if not _keeps_place(task, pick) or pick.place is None:
+            return move_words(pick, by)
+        return move_words(pick, by, pick.place.pose.rotation @ (pick.pose.rotation.T @ by))
+
+    return _shifted(pick, shifts, words)
+
+
+def _place_shifts(task: Task, pick: Pick) -> list[_Candidate]:
+    """The place shifted in the same way."""
+    if task.place is None or pick.place is None:
+        return []
+    rotation = (task.place.pose * pick.place.pose.inverse()).rotation
+    shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
+    return _shifted(pick, shifts, lambda by: move_place_words(pick, by))
+
+
+def _vectors(detail: tuple[Sequence[int], int]) -> Iterable[_Shift]:
+    """Shifts by whole millimetres along the axes and between them."""
+    distances, directions = detail
+    for distance in distances:
+        for direction in DIRECTIONS[:directions]:
+            along = np.array(direction, dtype=float)
+            by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
+            yield _Shift(by, direction, distance in EARLY_DISTANCES and np.count_nonzero(along) == 1)
+
+
+def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> Iterable[_Shift]:
+    """Shifts of a pose, in the axes of a frame, towards the nearest pose that inverse kinematics finds.
+
+    All of the gap, its part across the z axis of the frame, and its largest component; rounded away from the pose.
+    """
+    target = task.target(root_from_tip)
+    nearest = Clik().solve(task.arm, target, task.cell.home, rng=0)
+    gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
+    whole = root_from_frame.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
+    along = np.where(np.arange(3) == np.argmax(np.abs(whole)), whole, 0.0)
+    for line, part in enumerate((whole, whole * [1, 1, 0], along)):
+        for stretch in STRETCHES:
+            by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
+            if by.any():
+                yield _Shift(by, (line,), stretch in EARLY_STRETCHES)
+
+
+def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
+    """As many distances and directions as the screening can afford."""
+    weight = 1 if task.cell.closed_form else SWEPT if has_closed_form(task.arm, most=7) else SEARCHED
+    for directions in (len(DIRECTIONS), AXES):
+        if len(DISTANCES) * directions * members * weight <= POSES:
+            return DISTANCES, directions
+    return (1, 2, 5, 10, 20, 50, 100), AXES
+
+
+# -- screening --------------------------------------------------------------------------------------------------------
+
+
+def _screened(task: Task, candidates: list[_Candidate]) -> list[_Candidate]:
+    """Those of which a grasp has a free configuration, and so has the approach; the others are not good."""
+    tasks = [Task(each.pick, task.cell) for each in candidates]
+    grasps = [(i, t.grasp(m)) for i, t in enumerate(tasks) for m in _members(t)]
+    free = _has_free(task, [pose for _, pose in grasps])
+    if task.cell.closed_form and task.pick.approach > 0:
+        at, pick = np.flatnonzero(free).tolist(), task.pick
+        for fraction in FRACTIONS:
+            poses = []
+            for k in at:
+                changed = tasks[grasps[k][0]].pick
+                poses.append(
+                    moved(grasps[k][1], -fraction * pick.approach, changed.approach_direction, pick.approach_frame)
+                )
+            at = np.array(at, dtype=np.int64)[_has_free(task, poses)].tolist()
+        free = np.isin(np.arange(len(grasps)), at)
+    passed = {grasps[k][0] for k in np.flatnonzero(free)}
+    left = [each for i, each in enumerate(candidates) if i in passed]
+    return left if task.place is None else _screened_places(task, left)
+
+
+def _screened_places(task: Task, candidates: list[_Candidate]) -> list[_Candidate]:
+    """Those of which the place is in reach."""
+    tasks = [Task(each.pick, task.cell) for each in candidates]
+    releases = [(i, t.release(m)) for i, t in enumerate(tasks) for m in _members(t)]
+    row, _ = configurations(task.arm, task.targets([pose for _, pose in releases]), task.cell.home, 0)
+    passed = {releases[k][0] for k in set(row.tolist())}
+    return [each for i, each in enumerate(candidates) if i in passed]
+
+
+def _retreat_ends_free(task: Task, pick: Pick) -> bool:
+    """Whether a free configuration was found at the end of the retreat, with the object in the hand."""
+    changed = Task(pick, task.cell)
+    members = _members(changed)
+    if len(members) > 1:  # each needs a checker of its own
+        return True
+    _, q = configurations(task.arm, task.targets([changed.retreat_end(changed.grasp(members[0]))]), task.cell.home, 0)
+    return bool(changed.carrying(members[0]).is_free_batch(q).any())
+
+
+def _has_free(task: Task, poses: list[SE3]) -> npt.NDArray[np.bool_]:
+    """(N,) whether a configuration that is free at the grasp was found for each pose of the tip."""
+    found = np.zeros(len(poses), dtype=bool)
+    if poses:
+        row, q = configurations(task.arm, task.targets(poses), task.cell.home, 0)
+        found[row[task.at_grasp.is_free_batch(q)]] = True
+    return found
+
+
+def _members(task: Task) -> list[Member]:
+    """The grasps that are screened: those that are not moved within the tolerance."""
+    return next(iter(task.rings()))
+
+
+def _approach_axis(task: Task) -> Array:
+    """(3,) the approach direction in the tip's axes."""
+    axis = np.array(task.pick.approach_direction)
+    return axis if task.pick.approach_frame == TIP else np.asarray(task.pick.pose.rotation.T @ axis)
+
+
+def _root_from_frame(task: Task, pick: Pick) -> SE3:
+    return task.pick.pose * pick.pose.inverse()
+
+
+# -- search -----------------------------------------------------------------------------------------------------------
+
+
+def _nearest(candidates: list[_Candidate], trials: _Trials) -> str:
+    """The suggestion of the smallest good candidate of those that the budget allows to judge.
+
+    All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
+    direction is bisected below the best one found; what is left of the budget goes to the others by size.
+    """
+    if len(candidates) > trials.left:
+        for each in candidates:
+            if each.early and trials.good(each):
+                break
+        directions = dict.fromkeys(each.direction for each in candidates)
+        first = [] if trials.best is None else [trials.best.direction]
+        for direction in [*first, *directions] if trials.best is not None else ():
+            _bisect([each for each in candidates if each.direction == direction], trials)
+    for each in candidates:
+        if trials.best is not None and each.size >= trials.best.size:
+            break
+        trials.good(each)
+    return trials.words()
+
+
+def _bisect(line: list[_Candidate], trials: _Trials) -> None:
+    """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
+    best = trials.best
+    line = [each for each in line if best is None or each.size < best.size]
+    if not line or (best is not None and best.direction != line[0].direction and not trials.good(line[-1])):
+        return
+    low, high = -1, len(line) - 1 if best is not None and best.direction != line[0].direction else len(line)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if trials.good(line[middle]):
+            high = middle
+        else:
+            low = middle

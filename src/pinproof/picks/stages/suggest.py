@@ -17,12 +17,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.picks.configurations import configurations, has_closed_form
 from pinproof.picks.family import Member
@@ -45,6 +47,7 @@ __all__ = ["DIRECTIONS", "DISTANCES", "suggest"]
 
 Array = npt.NDArray[np.float64]
 Judge = Callable[[Pick], PickVerdict]
+Words = Callable[[Array], str]
 
 DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
 """Millimetres by which a pick is moved."""
@@ -78,6 +81,9 @@ FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 
 CHECKS = 4
 """Cheap checks of candidates for each one that is judged."""
+
+REFINEMENTS = 5
+"""Picks that are judged between two of the distances, where the larger one is good; enough to bisect 20 mm."""
 
 UP = (0.0, 0.0, 1.0)
 
@@ -181,12 +187,12 @@ def suggest(task: Task, pick: Pick, failed: StageResult, way: Way | None, judge:
     if way is not None and stage in (Stage.APPROACH, Stage.RETREAT):
         found.append(_shorter(task, pick, stage, way, trials()))
         found.append(_upwards(pick, stage, trials()))
-    if stage is Stage.PLACE:
-        found.append(_nearest(_screened_places(task, _place_shifts(task, pick)), trials()))
+    if stage is Stage.PLACE and pick.place is not None:
+        found.append(_nearest_shift(pick, *_place_shifts(task, pick), partial(_screened_places, task), trials()))
     if not task.pick.spin.sampled:
         found.append(_nearest(_screened(task, _turns(task, pick)), trials()))
     found.append(_nearest(_screened(task, _tilts(task, pick)), trials()))
-    found.append(_nearest(_screened(task, _shifts(task, pick, stage)), trials()))
+    found.append(_nearest_shift(pick, *_shifts(task, pick, stage), partial(_screened, task), trials()))
     return tuple(filter(None, found))
 
 
@@ -240,7 +246,7 @@ class _Shift(NamedTuple):
     early: bool
 
 
-def _shifted(pick: Pick, shifts: Iterable[_Shift], words: Callable[[Array], str]) -> list[_Candidate]:
+def _shifted(pick: Pick, shifts: Iterable[_Shift], words: Words) -> list[_Candidate]:
     """Candidates by length, each vector once."""
     made: dict[str, _Candidate] = {}
     for by, direction, early in shifts:
@@ -280,8 +286,11 @@ def _turned(task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[
     return _Candidate(words, apply_suggestion(pick, words), float(abs(degrees)), direction, early)
 
 
-def _shifts(task: Task, pick: Pick, stage: Stage) -> list[_Candidate]:
-    """The pick shifted along the axes of its frame and between them; one out of reach also towards what is reached."""
+def _shifts(task: Task, pick: Pick, stage: Stage) -> tuple[list[_Shift], Words]:
+    """Shifts of the pick along the axes of its frame and between them; if out of reach, also towards what is reached.
+
+    With what puts a shift in words.
+    """
     shifts = list(_vectors(_detail(task, len(_members(task)))))
     if stage is Stage.REACH:
         rotation = _root_from_frame(task, pick).rotation
@@ -292,16 +301,16 @@ def _shifts(task: Task, pick: Pick, stage: Stage) -> list[_Candidate]:
             return move_words(pick, by)
         return move_words(pick, by, pick.place.pose.rotation @ (pick.pose.rotation.T @ by))
 
-    return _shifted(pick, shifts, words)
+    return shifts, words
 
 
-def _place_shifts(task: Task, pick: Pick) -> list[_Candidate]:
-    """The place shifted in the same way."""
+def _place_shifts(task: Task, pick: Pick) -> tuple[list[_Shift], Words]:
+    """The same for the place."""
     if task.place is None or pick.place is None:
-        return []
+        raise InputError(f"pick {pick.name!r} has no place")
     rotation = (task.place.pose * pick.place.pose.inverse()).rotation
     shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
-    return _shifted(pick, shifts, lambda by: move_place_words(pick, by))
+    return shifts, lambda by: move_place_words(pick, by)
 
 
 def _vectors(detail: tuple[Sequence[int], int]) -> Iterable[_Shift]:
@@ -428,6 +437,27 @@ def _nearest(candidates: list[_Candidate], trials: _Trials) -> str:
         if trials.best is not None and each.size >= trials.best.size:
             break
         trials.good(each)
+    return trials.words()
+
+
+def _nearest_shift(
+    pick: Pick,
+    shifts: list[_Shift],
+    words: Words,
+    screened: Callable[[list[_Candidate]], list[_Candidate]],
+    trials: _Trials,
+) -> str:
+    """The same for shifts; then the whole millimetres below the best one are bisected along its direction."""
+    _nearest(screened(_shifted(pick, shifts, words)), trials)
+    best = trials.best
+    if best is not None and len(best.direction) == len(best.pick.pose.translation):
+        along = np.array(best.direction, dtype=float)
+        steps = [round(float(each.by @ along / (along @ along))) for each in shifts if each.direction == best.direction]
+        last = round(best.size / float(np.linalg.norm(along)))
+        first = max((step for step in steps if step < last), default=0) + 1
+        trials.left = max(trials.left, REFINEMENTS)
+        between = [_Shift(step * along, best.direction, early=False) for step in range(first, last)]
+        _bisect(_shifted(pick, between, words), trials)
     return trials.words()
 
 

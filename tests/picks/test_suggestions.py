@@ -14,7 +14,7 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import InputError
 from pinproof.picks import NamedFrame, Stage, apply_suggestion
-from pinproof.picks.stages.suggest import DIRECTIONS, DISTANCES
+from pinproof.picks.stages.changes import DIRECTIONS, DISTANCES
 from pinproof.picks.suggestion import move_words, shorten_words, turn_words
 from pinproof.spatial import SE3
 

@@ -17,7 +17,7 @@ from pinproof.picks.campaign.worker import Answer, SingleWorkerExecutor, Task, u
 __all__ = ["IN_FLIGHT", "TaskPackage", "TrackedExecutor", "Workers", "do_chunks"]
 
 FAILED_STARTS = 3
-"""How many executors in a row may break before they have learnt the task, until it is clear that none will."""
+"""How many executors in a row may break before they have received the task; then the run ends with an error."""
 
 
 @dataclass(frozen=True)
@@ -30,20 +30,20 @@ class TaskPackage:
 
 
 class TrackedExecutor:
-    """Feeds one executor, and finds the chunk that breaks it.
+    """Submits chunks to one executor, and finds the chunk that breaks it.
 
-    Where several chunks were under way in an executor that broke, any of them may be at fault. So they are tried again
-    in groups with nothing beside them, halved until a group breaks that is a single chunk: to that the death is put
-    down. The innocent are done on the way, and new chunks wait until the matter is settled.
+    If several chunks were pending in an executor that broke, any of them may be the cause. They are submitted again in
+    groups with no others beside them, and a group that breaks the executor is halved, until it is a single chunk: the
+    death is attributed to that chunk. All other chunks are completed on the way. New chunks wait until then.
 
     Parameters
     ----------
     make
         Makes the executor. Called again when it has broken.
     width
-        How many chunks are under way at a time.
+        How many chunks are pending at a time.
     callers_own
-        The executor is the caller's: it is never shut down, and when it breaks there is no other.
+        The executor belongs to the caller: it is never shut down, and no other is made when it breaks.
     """
 
     def __init__(self, make: Callable[[], Executor], *, width: int, callers_own: bool = False) -> None:
@@ -54,10 +54,10 @@ class TrackedExecutor:
         self._suspects: list[list[Chunk]] = []
         self._told: set[str] = set()
         self.pending: dict[Future[Answer], Chunk | None] = {}
-        """What is under way; None stands for the task alone, with which every executor is tried first."""
+        """The pending chunks; None stands for the task alone, which is sent first to each executor."""
 
     def submit_chunks(self, queue: ChunkQueue, sent: TaskPackage) -> None:
-        """Hand out as much as there is room for."""
+        """Submit as many chunks as ``width`` allows."""
         if self._executor is None:
             if not self._suspects and not queue.left:
                 return
@@ -274,14 +274,14 @@ def do_chunks(
 
 
 class _CrashFilter:
-    """Crashed picks, kept back until some other was judged: where none is, it is not the picks that kill workers."""
+    """Holds back crashed picks until another pick was judged: if none is, the picks are hardly what kills workers."""
 
     def __init__(self) -> None:
         self._kept: list[Outcome] = []
         self._some_judged = False
 
     def passed_on(self, outcome: Outcome) -> Iterator[Outcome]:
-        """What may be said now."""
+        """The outcomes that can be reported now."""
         self._some_judged = self._some_judged or not outcome.crashed
         self._kept.append(outcome)
         if self._some_judged:
@@ -293,7 +293,7 @@ class _CrashFilter:
             )
 
     def all(self) -> Iterator[Outcome]:
-        """All that was kept."""
+        """All outcomes that were held back."""
         kept, self._kept = self._kept, []
         yield from kept
 

@@ -15,66 +15,40 @@ The budget is a number of picks that are judged (:attr:`pinproof.picks.PickBudge
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
-from itertools import product
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.errors import InputError
-from pinproof.ik import Clik
-from pinproof.picks.configurations import configurations, has_closed_form
-from pinproof.picks.family import Member
-from pinproof.picks.pick import ROOT, TIP, Pick, moved
+from pinproof.picks.configurations import configurations
+from pinproof.picks.pick import ROOT, Pick, moved
+from pinproof.picks.stages.changes import (
+    Candidate,
+    Shift,
+    Words,
+    members,
+    place_shifts,
+    shifted,
+    shifts_of,
+    tilts,
+    turns,
+)
 from pinproof.picks.stages.lines import Way, line_in, line_out
 from pinproof.picks.stages.task import Task
 from pinproof.picks.suggestion import (
     REMARK,
     apply_suggestion,
-    move_place_words,
-    move_words,
     shorten_words,
-    turn_words,
     upwards_words,
 )
 from pinproof.picks.verdict import PickVerdict, Stage, StageResult
 from pinproof.spatial import SE3
 
-__all__ = ["DIRECTIONS", "DISTANCES", "suggest"]
+__all__ = ["suggest"]
 
 Array = npt.NDArray[np.float64]
 Judge = Callable[[Pick], PickVerdict]
-Words = Callable[[Array], str]
-
-DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
-"""Millimetres by which a pick is moved."""
-
-EARLY_DISTANCES, EARLY_STRETCHES, EARLY_TURNS, EARLY_TILTS = (5, 20, 50, 100), (1.1, 1.5), (45, 90, 135, 180), (10, 30)
-"""Sizes that are judged first where the budget is less than the number of candidates."""
-
-DIRECTIONS = sorted((d for d in product((0, 1, -1), repeat=3) if any(d)), key=lambda d: sum(map(abs, d)))
-"""Along the axes of the pick's frame, between two of them, and between all three."""
-
-AXES = 6
-"""How many of the directions are axes; they come first."""
-
-STRETCHES = (1.0, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1, 1.15, 1.2, 1.25, 1.35, 1.5, 1.75, 2.0)
-"""Times the gap to the nearest pose found by inverse kinematics: shifts of a pose that is out of reach."""
-
-TURNS = tuple(range(15, 181, 15))
-"""Degrees about the approach direction, to either side."""
-
-TILTS = (5, 10, 15, 20, 30)
-"""Degrees about the axes across the approach direction, to either side."""
-
-POSES = 6000
-"""Poses of the tip, weighted by the cost of their inverse kinematics, that are screened before any pick is judged."""
-
-SWEPT, SEARCHED = 8, 40
-"""The weight of a pose where a redundant joint is swept, and where a numerical method searches; 1 in closed form."""
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
 """Of the approach: where the screening requires a free configuration."""
@@ -96,20 +70,6 @@ NO_SUGGESTION = (Stage.INPUT, Stage.TRANSIT, Stage.TIMING)
 ORDER = list(Stage)
 
 
-@dataclass(frozen=True, eq=False)
-class _Candidate:
-    """A change in words, the pick that it makes, its size (mm, degrees or metres of length lost), and its direction.
-
-    ``early``: it is among the few that are judged first where the budget is less than the number of candidates.
-    """
-
-    words: str
-    pick: Pick
-    size: float
-    direction: tuple[int, ...] = ()
-    early: bool = False
-
-
 class _Trials:
     """Judges candidates, each at most once, within a budget; keeps the smallest that is good, and that helps.
 
@@ -120,10 +80,10 @@ class _Trials:
         self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
         self._possible, self._checks = possible, CHECKS * budget
         self._seen: dict[str, bool] = {}
-        self._good: _Candidate | None = None
-        self._helps: tuple[_Candidate, str] | None = None
+        self._good: Candidate | None = None
+        self._helps: tuple[Candidate, str] | None = None
 
-    def good(self, candidate: _Candidate) -> bool:
+    def good(self, candidate: Candidate) -> bool:
         """Whether the changed pick is good; False, too, if the budget is spent."""
         if candidate.words in self._seen:
             return self._seen[candidate.words]
@@ -144,7 +104,7 @@ class _Trials:
         return verdict.ok
 
     @property
-    def best(self) -> _Candidate | None:
+    def best(self) -> Candidate | None:
         """The smallest good candidate so far."""
         return self._good
 
@@ -188,11 +148,11 @@ def suggest(task: Task, pick: Pick, failed: StageResult, way: Way | None, judge:
         found.append(_shorter(task, pick, stage, way, trials()))
         found.append(_upwards(pick, stage, trials()))
     if stage is Stage.PLACE and pick.place is not None:
-        found.append(_nearest_shift(pick, *_place_shifts(task, pick), partial(_screened_places, task), trials()))
+        found.append(_nearest_shift(pick, *place_shifts(task, pick), partial(_screened_places, task), trials()))
     if not task.pick.spin.sampled:
-        found.append(_nearest(_screened(task, _turns(task, pick)), trials()))
-    found.append(_nearest(_screened(task, _tilts(task, pick)), trials()))
-    found.append(_nearest_shift(pick, *_shifts(task, pick, stage), partial(_screened, task), trials()))
+        found.append(_nearest(_screened(task, turns(task, pick)), trials()))
+    found.append(_nearest(_screened(task, tilts(task, pick)), trials()))
+    found.append(_nearest_shift(pick, *shifts_of(task, pick, stage), partial(_screened, task), trials()))
     return tuple(filter(None, found))
 
 
@@ -213,9 +173,9 @@ def _shorter(task: Task, pick: Pick, stage: Stage, way: Way, trials: _Trials) ->
             break
         length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
 
-    def candidate(steps: int) -> _Candidate:
+    def candidate(steps: int) -> Candidate:
         words = shorten_words(key, asked, steps * STEP)
-        return _Candidate(words, apply_suggestion(pick, words), asked - steps * STEP)
+        return Candidate(words, apply_suggestion(pick, words), asked - steps * STEP)
 
     low, high = round(length / STEP), int(np.ceil(asked / STEP - 1e-9))
     if low <= 0 or not trials.good(candidate(low)):
@@ -231,131 +191,17 @@ def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
     if stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
         return ""
     words = upwards_words()
-    trials.good(_Candidate(words, apply_suggestion(pick, words), 0.0))
+    trials.good(Candidate(words, apply_suggestion(pick, words), 0.0))
     return trials.words()
-
-
-# -- candidates -------------------------------------------------------------------------------------------------------
-
-
-class _Shift(NamedTuple):
-    """A shift by (3,) mm; those along one line share a direction."""
-
-    by: Array
-    direction: tuple[int, ...]
-    early: bool
-
-
-def _shifted(pick: Pick, shifts: Iterable[_Shift], words: Words) -> list[_Candidate]:
-    """Candidates by length, each vector once."""
-    made: dict[str, _Candidate] = {}
-    for by, direction, early in shifts:
-        if (text := words(by)) not in made:
-            made[text] = _Candidate(text, apply_suggestion(pick, text), float(np.linalg.norm(by)), direction, early)
-    return sorted(made.values(), key=lambda each: each.size)
-
-
-def _keeps_place(task: Task, pick: Pick) -> bool:
-    """Whether the place moves with the grasp, so that the object comes to stand where it was to stand."""
-    return pick.place is not None and task.from_scene
-
-
-def _turns(task: Task, pick: Pick) -> list[_Candidate]:
-    """The pick turned about its approach direction."""
-    return [
-        _turned(task, pick, sign * degrees, _approach_axis(task), (sign,), degrees in EARLY_TURNS)
-        for degrees in TURNS
-        for sign in (1, -1)
-        if sign * degrees != -180
-    ]
-
-
-def _tilts(task: Task, pick: Pick) -> list[_Candidate]:
-    """The pick tilted about the axes of the tip that are most nearly across its approach direction."""
-    across = np.delete(np.arange(3), int(np.argmax(np.abs(_approach_axis(task)))))
-    return [
-        _turned(task, pick, sign * degrees, np.eye(3)[axis], (sign, int(axis)), degrees in EARLY_TILTS)
-        for degrees in TILTS
-        for axis in across
-        for sign in (1, -1)
-    ]
-
-
-def _turned(task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool) -> _Candidate:
-    words = turn_words(float(degrees), axis, with_place=_keeps_place(task, pick))
-    return _Candidate(words, apply_suggestion(pick, words), float(abs(degrees)), direction, early)
-
-
-def _shifts(task: Task, pick: Pick, stage: Stage) -> tuple[list[_Shift], Words]:
-    """Shifts of the pick along the axes of its frame and between them; if out of reach, also towards what is reached.
-
-    With what puts a shift in words.
-    """
-    shifts = list(_vectors(_detail(task, len(_members(task)))))
-    if stage is Stage.REACH:
-        rotation = _root_from_frame(task, pick).rotation
-        shifts += _towards_reach(task, task.pick.pose, rotation)
-
-    def words(by: Array) -> str:
-        if not _keeps_place(task, pick) or pick.place is None:
-            return move_words(pick, by)
-        return move_words(pick, by, pick.place.pose.rotation @ (pick.pose.rotation.T @ by))
-
-    return shifts, words
-
-
-def _place_shifts(task: Task, pick: Pick) -> tuple[list[_Shift], Words]:
-    """The same for the place."""
-    if task.place is None or pick.place is None:
-        raise InputError(f"pick {pick.name!r} has no place")
-    rotation = (task.place.pose * pick.place.pose.inverse()).rotation
-    shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
-    return shifts, lambda by: move_place_words(pick, by)
-
-
-def _vectors(detail: tuple[Sequence[int], int]) -> Iterable[_Shift]:
-    """Shifts by whole millimetres along the axes and between them."""
-    distances, directions = detail
-    for distance in distances:
-        for direction in DIRECTIONS[:directions]:
-            along = np.array(direction, dtype=float)
-            by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
-            yield _Shift(by, direction, distance in EARLY_DISTANCES and np.count_nonzero(along) == 1)
-
-
-def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> Iterable[_Shift]:
-    """Shifts of a pose, in the axes of a frame, towards the nearest pose that inverse kinematics finds.
-
-    All of the gap, its part across the z axis of the frame, and its largest component; rounded away from the pose.
-    """
-    target = task.target(root_from_tip)
-    nearest = Clik().solve(task.arm, target, task.cell.home, rng=0)
-    gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
-    whole = root_from_frame.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
-    along = np.where(np.arange(3) == np.argmax(np.abs(whole)), whole, 0.0)
-    for line, part in enumerate((whole, whole * [1, 1, 0], along)):
-        for stretch in STRETCHES:
-            by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
-            if by.any():
-                yield _Shift(by, (line,), stretch in EARLY_STRETCHES)
-
-
-def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
-    """As many distances and directions as the screening can afford."""
-    weight = 1 if task.cell.closed_form else SWEPT if has_closed_form(task.arm, most=7) else SEARCHED
-    for directions in (len(DIRECTIONS), AXES):
-        if len(DISTANCES) * directions * members * weight <= POSES:
-            return DISTANCES, directions
-    return (1, 2, 5, 10, 20, 50, 100), AXES
 
 
 # -- screening --------------------------------------------------------------------------------------------------------
 
 
-def _screened(task: Task, candidates: list[_Candidate]) -> list[_Candidate]:
+def _screened(task: Task, candidates: list[Candidate]) -> list[Candidate]:
     """Those of which a grasp has a free configuration, and so has the approach; the others are not good."""
     tasks = [Task(each.pick, task.cell) for each in candidates]
-    grasps = [(i, t.grasp(m)) for i, t in enumerate(tasks) for m in _members(t)]
+    grasps = [(i, t.grasp(m)) for i, t in enumerate(tasks) for m in members(t)]
     free = _has_free(task, [pose for _, pose in grasps])
     if task.cell.closed_form and task.pick.approach > 0:
         at, pick = np.flatnonzero(free).tolist(), task.pick
@@ -373,10 +219,10 @@ def _screened(task: Task, candidates: list[_Candidate]) -> list[_Candidate]:
     return left if task.place is None else _screened_places(task, left)
 
 
-def _screened_places(task: Task, candidates: list[_Candidate]) -> list[_Candidate]:
+def _screened_places(task: Task, candidates: list[Candidate]) -> list[Candidate]:
     """Those of which the place is in reach."""
     tasks = [Task(each.pick, task.cell) for each in candidates]
-    releases = [(i, t.release(m)) for i, t in enumerate(tasks) for m in _members(t)]
+    releases = [(i, t.release(m)) for i, t in enumerate(tasks) for m in members(t)]
     row, _ = configurations(task.arm, task.targets([pose for _, pose in releases]), task.cell.home, 0)
     passed = {releases[k][0] for k in set(row.tolist())}
     return [each for i, each in enumerate(candidates) if i in passed]
@@ -385,11 +231,11 @@ def _screened_places(task: Task, candidates: list[_Candidate]) -> list[_Candidat
 def _retreat_ends_free(task: Task, pick: Pick) -> bool:
     """Whether a free configuration was found at the end of the retreat, with the object in the hand."""
     changed = Task(pick, task.cell)
-    members = _members(changed)
-    if len(members) > 1:  # each needs a checker of its own
+    grasps = members(changed)
+    if len(grasps) > 1:  # each needs a checker of its own
         return True
-    _, q = configurations(task.arm, task.targets([changed.retreat_end(changed.grasp(members[0]))]), task.cell.home, 0)
-    return bool(changed.carrying(members[0]).is_free_batch(q).any())
+    _, q = configurations(task.arm, task.targets([changed.retreat_end(changed.grasp(grasps[0]))]), task.cell.home, 0)
+    return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
 
 
 def _has_free(task: Task, poses: list[SE3]) -> npt.NDArray[np.bool_]:
@@ -401,25 +247,10 @@ def _has_free(task: Task, poses: list[SE3]) -> npt.NDArray[np.bool_]:
     return found
 
 
-def _members(task: Task) -> list[Member]:
-    """The grasps that are screened: those that are not moved within the tolerance."""
-    return next(iter(task.rings()))
-
-
-def _approach_axis(task: Task) -> Array:
-    """(3,) the approach direction in the tip's axes."""
-    axis = np.array(task.pick.approach_direction)
-    return axis if task.pick.approach_frame == TIP else np.asarray(task.pick.pose.rotation.T @ axis)
-
-
-def _root_from_frame(task: Task, pick: Pick) -> SE3:
-    return task.pick.pose * pick.pose.inverse()
-
-
 # -- search -----------------------------------------------------------------------------------------------------------
 
 
-def _nearest(candidates: list[_Candidate], trials: _Trials) -> str:
+def _nearest(candidates: list[Candidate], trials: _Trials) -> str:
     """The suggestion of the smallest good candidate of those that the budget allows to judge.
 
     All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
@@ -442,13 +273,13 @@ def _nearest(candidates: list[_Candidate], trials: _Trials) -> str:
 
 def _nearest_shift(
     pick: Pick,
-    shifts: list[_Shift],
+    shifts: list[Shift],
     words: Words,
-    screened: Callable[[list[_Candidate]], list[_Candidate]],
+    screened: Callable[[list[Candidate]], list[Candidate]],
     trials: _Trials,
 ) -> str:
     """The same for shifts; then the whole millimetres below the best one are bisected along its direction."""
-    _nearest(screened(_shifted(pick, shifts, words)), trials)
+    _nearest(screened(shifted(pick, shifts, words)), trials)
     best = trials.best
     if best is not None and len(best.direction) == len(best.pick.pose.translation):
         along = np.array(best.direction, dtype=float)
@@ -456,12 +287,12 @@ def _nearest_shift(
         last = round(best.size / float(np.linalg.norm(along)))
         first = max((step for step in steps if step < last), default=0) + 1
         trials.left = max(trials.left, REFINEMENTS)
-        between = [_Shift(step * along, best.direction, early=False) for step in range(first, last)]
-        _bisect(_shifted(pick, between, words), trials)
+        between = [Shift(step * along, best.direction, early=False) for step in range(first, last)]
+        _bisect(shifted(pick, between, words), trials)
     return trials.words()
 
 
-def _bisect(line: list[_Candidate], trials: _Trials) -> None:
+def _bisect(line: list[Candidate], trials: _Trials) -> None:
     """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
     best = trials.best
     line = [each for each in line if best is None or each.size < best.size]

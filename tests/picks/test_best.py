@@ -11,6 +11,7 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks.search import BestFirst
 from pinproof.picks.stages.grasp import screen
+from pinproof.picks.stages.place import Placer
 from pinproof.picks.stages.reach import reach
 from pinproof.picks.stages.task import Task
 
@@ -92,3 +93,31 @@ def test_the_score_is_made_of_parts_between_0_and_1() -> None:
     assert total == pytest.approx(
         2.0 * parts["clearance"] + parts["limit_margin"] + parts["manipulability"] + 0.5 * parts["duration"]
     )
+
+
+@pytest.mark.parametrize(("xyz", "yaw"), [((0.371, -0.403, 0.192), -0.97), ((0.406, -0.305, 0.217), -0.67)])
+def test_the_best_release_is_taken_and_not_the_nearest(monkeypatch, xyz, yaw) -> None:
+    made, picks = setup("ur5", "carry.yaml", pp.PickWeights(duration=0.2))
+    first = picks.picks[0]
+    drop = replace(first.place, frame="", pose=pp.pose(xyz, (np.pi, 0, yaw)))
+    pick = replace(first, place=drop)
+    best = search(made, pick, bounded=True).best
+    every, place = Placer.releases, Placer.place
+    count = len(every(Placer(Task(pick, made.cell), SEEDS[0]), next(iter(Task(pick, made.cell).rings()))[0]))
+    assert count > 1
+    scores = []
+    for index in range(count):
+
+        def only(self: Placer, *args: object, k: int = index):
+            """Puts down at one release; all others stay known, since scores refer to them."""
+            self.releases = lambda member: every(self, member)[k : k + 1]
+            try:
+                return place(self, *args)
+            finally:
+                del self.releases
+
+        monkeypatch.setattr(Placer, "place", only)
+        if (alone := search(made, pick, bounded=True).best) is not None:
+            scores.append(alone.parts["score"])
+    assert len(scores) > 1
+    assert best.parts["score"] == pytest.approx(max(scores), abs=1e-9)

@@ -101,6 +101,61 @@ def test_the_picks_at_fault_are_found_and_no_other(stick, many, judges, tmp_path
     assert Fragile.made > 6  # each has killed three when it was alone
 
 
+@pytest.mark.parametrize("in_flight", [1, 8])
+def test_a_pick_whose_workers_were_killed_from_outside_is_tried_again_on_resume(
+    stick, many, judges, tmp_path, in_flight
+) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
+    how = {"executor": Fragile, "chunk": 2, "in_flight": in_flight}
+    first = made.run(tmp_path / "out", **how)
+    if in_flight == 1:
+        assert crashed(first) == [7]
+    while (tmp_path / "flag").stat().st_size < 6:
+        first = made.run(tmp_path / "out", **how)
+    again = made.run(tmp_path / "out", **how)
+    assert crashed(again) == []
+    assert again.resumed >= 119
+    made.run(tmp_path / "whole", **how)
+    assert (tmp_path / "out" / "rows.jsonl").read_bytes() == (tmp_path / "whole" / "rows.jsonl").read_bytes()
+
+
+def test_a_pick_that_ran_out_of_memory_is_tried_again_on_resume(stick, many, judges, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.memory_error_on_7)
+    assert crashed(made.run(tmp_path / "out", executor=Fragile)) == [7]
+    assert crashed(made.run(tmp_path / "out", executor=Fragile)) == []
+
+
+def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_bytes(
+    stick, many, judges, tmp_path
+) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
+    made.run(tmp_path, executor=Fragile)
+    rows = (tmp_path / "rows.jsonl").read_bytes()
+    again = made.run(tmp_path, executor=Fragile)
+    assert crashed(again) == [7, 100]
+    assert again.resumed == 118
+    assert (tmp_path / "rows.jsonl").read_bytes() == rows
+
+
+def test_a_crashed_row_in_a_journal_gives_way_to_the_row_of_a_later_run(stick, many, judges, tmp_path) -> None:
+    from pinproof.picks.campaign.journal import Journal
+
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
+    made.run(tmp_path, executor=Fragile, chunk=2, in_flight=1)
+    (tmp_path / "rows.jsonl").rename(tmp_path / "journal.jsonl")
+    with Journal(tmp_path, made.header()) as journal:
+        assert journal.missing() == [(7, 8)]
+        journal.append(7, [judges_row(judges, many)])
+    with Journal(tmp_path, made.header()) as journal:
+        assert journal.missing() == []
+        journal.finish()
+    assert crashed(pp.CampaignResult.open(tmp_path)) == []
+
+
+def judges_row(judges, many) -> bytes:
+    return b'{"index":7,"name":"p","verdict":"good","failed_at":null}\n'
+
+
 def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, judges, tmp_path) -> None:
     class Tired(Fragile):
         """Breaks after nine chunks, whatever they are."""

@@ -1,4 +1,4 @@
-"""Families of grasps, what is proven of a "no", and the remedies, each of which is tried."""
+"""Families of grasps, what is proven of a "no", and the suggestions, each of which is tried."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.ik import Clik
-from pinproof.picks import PickStatus, Stage
+from pinproof.picks import PickStatus, Stage, apply_suggestion
 from pinproof.picks.family import family
 
 DOWN = (np.pi, 0, 0)
@@ -91,7 +91,8 @@ def test_an_arm_of_seven_is_never_told_impossible(arms) -> None:
 def test_a_shorter_approach_that_is_proposed_works_and_a_longer_one_does_not(arm) -> None:
     verdict = judge(arm, replace(PICK, approach=0.9))
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.APPROACH)
-    proposed = float(verdict.remedy.split("approach ")[-1].split(" mm")[0]) / 1e3
+    text = next(each for each in verdict.suggestions if each.startswith("shorten the approach"))
+    proposed = apply_suggestion(replace(PICK, approach=0.9), text).approach
     assert 0.3 < proposed < 0.9
     assert judge(arm, replace(PICK, approach=proposed), remedies=0).failed is not Stage.APPROACH
     assert judge(arm, replace(PICK, approach=proposed + 0.02), remedies=0).failed is Stage.APPROACH
@@ -100,21 +101,20 @@ def test_a_shorter_approach_that_is_proposed_works_and_a_longer_one_does_not(arm
 def test_a_shift_that_is_proposed_works(arm) -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.45, 0.1 + 0.055, 0.2)))
     verdict = judge(arm, PICK, stone)
-    words = verdict.remedy.split("shifted by ")[1].split(" mm along ")
-    axes = words[1].split(" of")[0].split()
-    signs = [(-1 if part[0] == "-" else 1) * np.eye(3)["xyz".index(part[1])] for part in axes]
-    by = float(words[0]) / 1e3 * sum(signs) / np.linalg.norm(sum(signs))
-    moved = replace(PICK, pose=pp.pose(PICK.pose.translation + by, DOWN))
-    assert judge(arm, moved, stone, remedies=0).failed is not Stage.GRASP
+    text = next(each for each in verdict.suggestions if each.startswith("move the pick"))
+    assert judge(arm, apply_suggestion(PICK, text), stone, remedies=0).ok
 
 
 def test_out_of_reach_names_the_residual_and_a_shift_that_reaches(arm) -> None:
-    verdict = judge(arm, replace(PICK, pose=pp.pose((1.1, 0, 0.2), DOWN)))
+    far = replace(PICK, pose=pp.pose((1.1, 0, 0.2), DOWN))
+    verdict = judge(arm, far)
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.REACH)
     short = float(verdict.reason.split(" mm")[0].split()[-1])
     assert verdict.stages[-1].figures["position_error"] * 1e3 == pytest.approx(short, abs=0.06)
-    shift = float(verdict.remedy.split("shifted by ")[1].split(" mm")[0])
-    assert short <= shift <= 2.1 * short
+    text = next(each for each in verdict.suggestions if each.startswith("move the pick"))
+    there = apply_suggestion(far, text)
+    assert short <= 1e3 * np.linalg.norm(there.pose.translation - far.pose.translation) <= 2.1 * short
+    assert judge(arm, there, remedies=0).failed is not Stage.REACH
 
 
 def test_weights_choose_among_whole_picks(arm) -> None:

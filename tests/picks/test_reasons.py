@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import PickStatus, Stage
+from pinproof.picks import PickStatus, Stage, apply_suggestion
 
 DOWN = (np.pi, 0, 0)
 
@@ -27,6 +27,10 @@ def judge(cell, pick: pp.Pick, *, scene: pp.Scene | None = None, budget: pp.Pick
     return verdict
 
 
+def suggested(verdict: pp.PickVerdict, start: str) -> str:
+    return next(text for text in verdict.suggestions if text.startswith(start))
+
+
 def bolt(cell, name: str) -> pp.Pick:
     """The pick of carry.yaml."""
     return next(pick for pick in cell[2] if pick.name == name)
@@ -38,8 +42,10 @@ def test_reach_tells_the_residual_and_a_shift_that_reaches(cell) -> None:
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.REACH)
     short = float(re.search(r"([\d.]+) mm and", verdict.reason)[1])
     assert short == pytest.approx(verdict.stages[-1].figures["position_error"] * 1e3, abs=0.06)
-    shift = float(re.search(r"shifted by ([\d.]+) mm towards the arm", verdict.remedy)[1])
-    assert short <= shift < 2.1 * short + 1
+    there = apply_suggestion(far, text := suggested(verdict, "move the pick"))
+    assert short <= 1e3 * np.linalg.norm(there.pose.translation - far.pose.translation) < 2.1 * short + 1
+    found = judge(cell, there, budget=pp.PickBudget(remedies=0))
+    assert found.ok or f"fails at the {found.failed.value} stage" in text
 
 
 def test_limits_tell_which_joint_and_by_how_much(arms) -> None:
@@ -62,12 +68,9 @@ def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
     assert verdict.stages[-1].figures["distance"] == pytest.approx(-0.008, abs=1e-4)
     assert len(verdict.refuted) == verdict.configurations
     assert all("picker penetrates" in words for words in verdict.refuted)
-    millimetres, axes = re.search(r"shifted by (\d+) mm along ([-+xyz ]+) of the root", verdict.remedy).groups()
-    way = np.array([{"+": 1, "-": -1}.get((re.search(rf"([-+]){axis}", axes) or " 0")[1], 0) for axis in "xyz"])
-    by = float(millimetres) / 1e3 * way / np.linalg.norm(way)
-    (x, y, z) = bolt(cell, "in_the_corner").pose.translation + by
-    there = judge(cell, pp.Pick("there", pp.pose((x, y, z), DOWN)), budget=pp.PickBudget(remedies=0))
-    assert there.failed not in (Stage.REACH, Stage.LIMITS, Stage.SELF, Stage.GRASP)
+    corner = replace(bolt(cell, "in_the_corner"), spin=pp.Spin())
+    there = apply_suggestion(corner, suggested(verdict, "move the pick"))
+    assert judge(cell, there, budget=pp.PickBudget(remedies=0)).ok
 
 
 def test_an_approach_too_long_tells_what_is_missing_and_the_longest_that_works(cell) -> None:
@@ -76,7 +79,8 @@ def test_an_approach_too_long_tells_what_is_missing_and_the_longest_that_works(c
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.APPROACH)
     assert re.search(r"stops at \d+ % of the line: [\d.]+ mm and [\d.]+ rad short", verdict.reason)
     assert verdict.refuted == ("no branch reaches the end of the approach inside the limits",)
-    length = float(re.search(r"approach (\d+) mm instead of 900 mm", verdict.remedy)[1]) / 1e3
+    text = suggested(verdict, "shorten the approach from 900 mm to ")
+    length = apply_suggestion(high, text).approach
     assert judge(cell, replace(high, approach=length), budget=pp.PickBudget(remedies=0)).failed is None
     longer = judge(cell, replace(high, approach=length + 0.02), budget=pp.PickBudget(remedies=0))
     assert longer.failed is Stage.APPROACH
@@ -90,16 +94,18 @@ def test_a_retreat_that_drags_tells_what_is_touched_and_the_way_out(cell) -> Non
     assert len(verdict.refuted) == 8
     assert all(words.startswith("at the end of the retreat: ") for words in verdict.refuted)
     assert all(re.search(r"bolt_1 (is near|penetrates) table", words) for words in verdict.refuted)
-    assert verdict.remedy == "passes the retreat: retreat straight up"
-    assert judge(cell, replace(dragged, retreat_direction=(0, 0, 1))).ok
+    assert verdict.remedy.startswith("retreat straight up, along +z (base frame)")
+    assert judge(cell, apply_suggestion(dragged, verdict.suggestions[0])).ok
 
 
 def test_a_place_out_of_reach_tells_the_residual_and_a_shift_that_reaches(cell) -> None:
-    verdict = judge(cell, bolt(cell, "too_far"))
+    far = bolt(cell, "too_far")
+    verdict = judge(cell, far)
     assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
     short = float(re.search(r"the nearest is ([\d.]+) mm", verdict.reason)[1])
-    shift = float(re.search(r"reaches the place: shifted by (\d+) mm towards the arm", verdict.remedy)[1])
-    assert 200 < short < shift < 2 * short
+    there = apply_suggestion(far, suggested(verdict, "move the place"))
+    assert 200 < short < 1e3 * np.linalg.norm(there.place.pose.translation - far.place.pose.translation) < 2 * short
+    assert judge(cell, there, budget=pp.PickBudget(remedies=0)).ok
 
 
 def test_a_place_that_is_taken_tells_by_what(cell) -> None:

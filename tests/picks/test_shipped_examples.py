@@ -150,4 +150,4 @@ def test_the_plate_is_emptied_whichever_way_the_camera_must_be_turned(examples) 
     report = pp.validate_picks(
         example.arm, example.scene, replace(example.picks, picks=(example.verdict("unturned").pick,))
     )
-    assert "spun by" in report.verdicts[0].remedy
+    assert any(text.startswith("turn the pick by ") for text in report.verdicts[0].suggestions)

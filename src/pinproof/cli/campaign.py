@@ -60,6 +60,10 @@ def run_campaign(
         print_json(result.to_dict())
     else:
         say(result.summary)
+        if result.damaged:
+            say(f"{result.damaged:,} damaged or edited rows were judged again")
+        if result.to_retry:
+            say(f"{result.to_retry:,} picks crashed with their workers; the same command judges them once more")
         for note in result.notes:
             say(f"not covered: {note}")
         say(f"wrote {result.path}")

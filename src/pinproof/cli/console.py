@@ -76,10 +76,13 @@ def print_report(report: PickReport) -> None:
     table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=ROUNDED, show_lines=True)
     for column, least in (("pick", 8), ("verdict", 10), ("clearance\nduration", 9), ("reason", 40)):
         table.add_column(column, overflow="fold", min_width=least)
-    for name, verdict, stage, clearance, duration, reason, remedy in report.rows():
+    suggestions = {verdict.pick.name: verdict.suggestions for verdict in report.verdicts}
+    for name, verdict, stage, clearance, duration, reason, _ in report.rows():
         # Texts, not strings: what stands between brackets in a name would be taken for a style.
         judged = Text.assemble((verdict, _STYLES.get(verdict, "")), f"\nat {stage}" if stage else "")
-        words = Text.assemble(reason, "\n" if remedy else "", ("try: " + remedy if remedy else "", "bold"))
+        words = Text(reason)
+        for suggestion in suggestions.get(name, ()):
+            words.append(f"\nsuggestion: {suggestion}", "bold")
         table.add_row(Text(name), judged, Text("\n".join(filter(None, (clearance, duration)))), words)
     console.print(table)
     say(report.summary)

@@ -22,6 +22,7 @@ from pinproof.picks.report import PickReport, write_report_page
 from pinproof.picks.settings import GripLimits, PickBudget, PickWeights
 from pinproof.picks.setup import PickSetup
 from pinproof.picks.source import PickGrid, PickList, PickSource
+from pinproof.picks.suggestion import apply_suggestion
 from pinproof.picks.table import PickTable
 from pinproof.picks.validate import validate_picks
 from pinproof.picks.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
@@ -58,6 +59,7 @@ __all__ = [
     "Stage",
     "StageResult",
     "Tolerance",
+    "apply_suggestion",
     "approach_directions",
     "open_picks",
     "reach_map",

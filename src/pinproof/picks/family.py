@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.spatial import SE3, finite, pose
 
-__all__ = ["Member", "Spin", "Tolerance", "family"]
+__all__ = ["Member", "Spin", "Tolerance", "family", "rotation_about"]
 
 Array = npt.NDArray[np.float64]
 
@@ -120,7 +120,9 @@ def family(spin: Spin, tolerance: Tolerance, axis: Array) -> Iterator[list[Membe
     """
     for ring in tolerance.rings():
         yield [
-            Member(SE3(_about(axis, angle), np.zeros(3)) * shift, ", ".join(filter(None, [_spun(angle), words])))
+            Member(
+                SE3(rotation_about(axis, angle), np.zeros(3)) * shift, ", ".join(filter(None, [_spun(angle), words]))
+            )
             for words, shift in ring
             for angle in spin.angles
         ]
@@ -130,7 +132,7 @@ def _spun(angle: float) -> str:
     return f"spun by {np.degrees(angle):+.0f} deg" if angle else ""
 
 
-def _about(axis: Array, angle: float) -> Array:
+def rotation_about(axis: Array, angle: float) -> Array:
     """The rotation (3, 3) about an axis by an angle (Rodrigues' formula)."""
     if angle == 0.0:
         return np.eye(3)

@@ -59,14 +59,14 @@ class PickBudget:
     nodes
         Nodes of those that look for one to any, where no quick one was found.
     remedies
-        Changed grasps, and distances, whose lines are tried for what would work; 0 for no remedies at all.
+        Changed picks of each kind (moved, turned, shortened) that are judged for a suggestion; 0 for no suggestions.
     """
 
     configurations: int = 32
     compared: int = 16
     quick_nodes: int = 300
     nodes: int = 4000
-    remedies: int = 6
+    remedies: int = 12
 
     def __post_init__(self) -> None:
         for each in fields(self):

@@ -12,7 +12,7 @@ from pinproof.collision import Scene
 from pinproof.errors import CampaignError
 from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
-from pinproof.picks.campaign.crew import IN_FLIGHT, Workers, do_chunks
+from pinproof.picks.campaign.worker_pool import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.report.report import PickReport
 from pinproof.picks.settings import PickBudget, PickWeights

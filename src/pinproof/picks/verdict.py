@@ -116,8 +116,10 @@ class PickVerdict:
         The parts in order; none unless GOOD.
     release_time
         Seconds to where the object is let go; None without a place.
-    remedy
-        The nearest change that was found to pass the stage that failed, in words; empty if none was.
+    suggestions
+        Changes that help, one line for each kind, each the smallest of those tried. The pick was judged again with each
+        of them exactly as printed: it is then good, or the line states at which later stage it fails. Apply one with
+        :func:`pinproof.picks.apply_suggestion`.
     refuted
         Why each configuration is out, if the pick is IMPOSSIBLE: one line each.
     member
@@ -138,7 +140,7 @@ class PickVerdict:
     certificate: Certificate | None = None
     motions: tuple[PickMotion, ...] = ()
     release_time: float | None = None
-    remedy: str = ""
+    suggestions: tuple[str, ...] = ()
     refuted: tuple[str, ...] = ()
     member: str = ""
     score: Mapping[str, float] = field(default_factory=dict)
@@ -164,6 +166,11 @@ class PickVerdict:
     def reason(self) -> str:
         """The message of the last stage judged."""
         return self.stages[-1].message
+
+    @property
+    def remedy(self) -> str:
+        """All suggestions in one line; empty if there are none."""
+        return "; or ".join(self.suggestions)
 
     @property
     def clearance(self) -> float:

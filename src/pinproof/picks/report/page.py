@@ -38,7 +38,7 @@ from pinproof.viewer.stage import Stage, set_stage
 from pinproof.viewer.wire import Commands, node_path
 
 if TYPE_CHECKING:
-    from pinproof.picks.campaign.result import CampaignResult
+    from pinproof.picks.campaign import CampaignResult
 
 __all__ = ["MOST_ROWS", "write_report_page"]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,8 @@ class Cell:
         (n,) where transits start.
     weights, budget
         How picks are compared, and how much is tried.
+    trial
+        Picks are changed picks, judged for suggestions: of a failed one only the stage matters, not a proof.
     """
 
     checker: CollisionChecker
@@ -40,11 +42,17 @@ class Cell:
     home: npt.NDArray[np.float64]
     weights: PickWeights = field(default_factory=PickWeights)
     budget: PickBudget = field(default_factory=PickBudget)
+    trial: bool = False
 
     @property
     def arm(self) -> Arm:
         """The arm."""
         return self.checker.arm
+
+    @cached_property
+    def for_trials(self) -> Cell:
+        """The same for judging changed picks: one whole pick is enough, and there are no suggestions."""
+        return replace(self, budget=replace(self.budget, compared=1, remedies=0), trial=True)
 
     @cached_property
     def closed_hand(self) -> CollisionChecker:

@@ -165,12 +165,14 @@ def _as_stranger(*args):
     return worker.Answer(known=False, worker="stranger:1")
 
 
+@pytest.mark.slow
 def test_a_process_that_a_pick_kills(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_on_7)
     assert crashed(made.run(tmp_path / "out", workers=2, chunk=2)) == [7]
     assert len((tmp_path / "flag").read_text()) == 6  # three times with its neighbour, three times alone
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_once_costs_nothing(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_once_on_7)
     assert crashed(made.run(tmp_path / "out", workers=1, chunk=10)) == []
@@ -216,6 +218,7 @@ def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
     assert (folder / "rows.jsonl").read_bytes() == (tmp_path / "whole" / "rows.jsonl").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_pool_of_processes_is_made_anew(stick, many, judges, tmp_path) -> None:
     import multiprocessing
 

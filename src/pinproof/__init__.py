@@ -44,7 +44,7 @@ _HOME = {
         "load_robot",
     ),
     "pinproof.conversion": ("dh_to_urdf", "urdf_to_dh", "write_urdf"),
-    "pinproof.motion": ("BlendedPath", "CubicPath", "JointPath", "Trajectory", "time_parametrise"),
+    "pinproof.motion": ("BlendedPath", "CubicPath", "JointPath", "MotionRecord", "Trajectory", "time_parametrise"),
     "pinproof.ik": (
         "AnalyticIk",
         "Clik",
@@ -63,6 +63,7 @@ _HOME = {
         "track",
     ),
     "pinproof.collision": (
+        "Attachments",
         "Audit",
         "Box",
         "Capsule",

@@ -71,6 +71,7 @@ def test_a_place_that_cannot_be_written_to_is_2(
     assert "cannot be written" in err
 
 
+@pytest.mark.slow
 def test_the_page_goes_where_it_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["pinproof", "demo", "--html", "shown.html", "-o", "sent.json", "--seed", "3"])

@@ -189,6 +189,7 @@ def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
     assert inside > 0 or "needle" in kind or "flat" in kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS])
 def test_the_bounds_of_a_body_hold_it(kind):
     """No point nearer than the box, nor farther out than the support function, is at distance 0."""

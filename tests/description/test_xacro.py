@@ -9,6 +9,8 @@ import pytest
 import pinproof as pp
 from pinproof.description.xacro_files import expand_xacro
 
+from ..processes import PATIENCE
+
 XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="length" default="0.3"/>
   <xacro:property name="l" value="$(arg length)"/>
@@ -68,7 +70,7 @@ def test_what_does_not_end_is_stopped(file, tmp_path):
 def test_what_fills_the_memory_is_refused(file, tmp_path):
     file.write_text(XACRO.replace("${2 * l}", "${len('x' * 10**11)}"))
     with pytest.raises(pp.UrdfError, match="when evaluating expression 'len"):
-        expand_xacro(file, {}, [tmp_path / "packages"])
+        expand_xacro(file, {}, [tmp_path / "packages"], time_limit=PATIENCE)
 
 
 def test_arguments_for_a_plain_urdf_are_refused(tmp_path):

@@ -39,6 +39,7 @@ def shape(text):
     return f"<collision><geometry>{text}</geometry></collision>"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "outcome"),
     [

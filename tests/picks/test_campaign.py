@@ -34,6 +34,7 @@ def rows_in(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_bytes().splitlines()[1:]]
 
 
+@pytest.mark.slow
 def test_the_bytes_are_the_same_for_any_workers_and_chunks(campaign, threads, tmp_path) -> None:
     campaign.run(tmp_path / "1", workers=1)
     campaign.run(tmp_path / "2", workers=2, chunk=7)

@@ -60,6 +60,7 @@ def test_words_of_help_are_no_other_code(copy_of_the_package: Path) -> None:
     assert told_anew() == before
 
 
+@pytest.mark.slow
 def test_a_campaign_begun_with_other_code_is_refused(stick, many, judges, tmp_path, monkeypatch) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
     made.run(tmp_path, workers=1)

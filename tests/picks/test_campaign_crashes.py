@@ -6,12 +6,10 @@ import json
 import os
 import queue
 import signal
-import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
@@ -19,8 +17,7 @@ import pinproof as pp
 from pinproof.errors import CampaignError
 from pinproof.picks.campaign import worker
 
-PATIENCE = 60.0
-"""Seconds after which a test gives up waiting for another process."""
+from ..processes import PATIENCE, is_alive, started, wait_for
 
 
 class Fragile(Executor):
@@ -68,20 +65,6 @@ class Fragile(Executor):
 @pytest.fixture(autouse=True)
 def none_made_yet() -> None:
     Fragile.made = 0
-
-
-def wait_for(what) -> None:
-    end = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
 
 
 def crashed(result: pp.CampaignResult) -> list[int]:
@@ -237,12 +220,14 @@ def _as_stranger(*args):
     return worker.Answer(known=False, worker="stranger:1")
 
 
+@pytest.mark.slow
 def test_a_process_that_a_pick_kills(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_on_7)
     assert crashed(made.run(tmp_path / "out", workers=2, chunk=2)) == [7]
     assert len((tmp_path / "flag").read_text()) == 6  # three times with its neighbour, three times alone
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_once_costs_nothing(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_once_on_7)
     assert crashed(made.run(tmp_path / "out", workers=1, chunk=10)) == []
@@ -259,6 +244,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
     stick, stick_urdf, many, judges, tmp_path, by
@@ -266,24 +252,16 @@ def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
     folder, program = tmp_path / "out", tmp_path / "program.py"
     program.write_text(RUN)
     # A session of its own: Ctrl-C goes to all processes of it.
-    running = subprocess.Popen(
-        [sys.executable, str(program), str(folder), stick_urdf],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
+    with started([sys.executable, str(program), str(folder), stick_urdf]) as running:
         journal, times = folder / "journal.jsonl", folder / "timings.jsonl"
-        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40)
+        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40, by=running)
         os.killpg(running.pid, by) if by == signal.SIGINT else running.kill()
         assert running.communicate(timeout=PATIENCE)[1].count("Traceback") <= 1  # of the program, not of its workers
         assert running.returncode != 0
-    finally:
-        running.kill()
-    workers = {int(json.loads(line)["worker"].rpartition(":")[2]) for line in times.read_text().splitlines()}
-    assert workers
-    assert os.getpid() not in workers
-    wait_for(lambda: not any(map(is_alive, workers)))
+        workers = {int(json.loads(line)["worker"].rpartition(":")[2]) for line in times.read_text().splitlines()}
+        assert workers
+        assert os.getpid() not in workers
+        wait_for(lambda: not any(map(is_alive, workers)))  # by themselves: nothing has ended them yet
     there = journal.read_bytes().count(b"\n") - 1
     assert 40 <= there < 120
 
@@ -295,6 +273,7 @@ def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
     assert (folder / "rows.jsonl").read_bytes() == (tmp_path / "whole" / "rows.jsonl").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_pool_of_processes_is_made_anew(stick, many, judges, tmp_path) -> None:
     import multiprocessing
 

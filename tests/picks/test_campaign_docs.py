@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import pinproof as pp
 
 from ..pages import PROGRAM, ROOT, blocks, commands, run_command, run_program, standing_in
@@ -9,6 +11,7 @@ from ..pages import PROGRAM, ROOT, blocks, commands, run_command, run_program, s
 PAGE = ROOT / "docs" / "campaigns.md"
 
 
+@pytest.mark.slow
 def test_what_is_printed_runs(tmp_path) -> None:
     (program,) = blocks(PAGE, "python")
     assert PROGRAM in program.text

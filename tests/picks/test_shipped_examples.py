@@ -71,6 +71,7 @@ def examples() -> dict[str, Example]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", EXPECTED)
 def test_each_is_judged_as_it_was_built(examples, name: str) -> None:
     expected, report = EXPECTED[name], examples[name].report

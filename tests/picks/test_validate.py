@@ -29,6 +29,7 @@ def arm(arms) -> pp.Arm:
     return arms["generic_6dof"]
 
 
+@pytest.mark.slow
 def test_workers_change_nothing(arms, cells, reports) -> None:
     # spawn: a forked child of a process that has used OpenMP hangs.
     with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as executor:

@@ -48,7 +48,7 @@ def write_motion(verdict: pp.PickVerdict, arm: pp.Arm, html: Path, motion: Path)
     """
     if verdict.trajectory is None:
         raise InputError(f"pick {verdict.pick.name!r} is not good, so it has no motion to write")
-    verdict.trajectory.save(motion)
+    verdict.save_motion(motion)
     pages = []
     for number, part in enumerate(verdict.motions, start=1):
         alone = len(verdict.motions) == 1

@@ -14,7 +14,7 @@ from rich.progress import Progress
 
 import pinproof as pp
 from pinproof.cli.console import print_json, remark, say
-from pinproof.cli.options import Chain, Json, Robot, Seed, Surroundings, numbers
+from pinproof.cli.options import Carried, Chain, Json, Robot, Seed, Surroundings, numbers
 from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
 
@@ -50,9 +50,6 @@ def reach(
     tip: Annotated[
         str | None, typer.Option(help='Where on the tcp the tool\'s tip is, in metres: "0 0 0.1"; a point, not a body.')
     ] = None,
-    tool_of: Annotated[
-        Path | None, typer.Option(help="A picks file whose tool the arm carries, with its tip, margin and held joints.")
-    ] = None,
     place: Annotated[
         str, typer.Option(help='Where the robot stands among scene and region: "x y z", and a turn about z (rad).')
     ] = "0 0 0 0",
@@ -71,6 +68,7 @@ def reach(
     *,
     chain: Chain,
     around: Surroundings,
+    carried: Carried,
     as_json: Json = False,
 ) -> None:
     """Say where an arm can be used: at each point, the share of orientations it reaches free of contact.
@@ -83,23 +81,20 @@ def reach(
     for path in outputs:
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path}: a reach map is written as {', '.join(SUFFIXES)}")
-    check_outputs(outputs, [robot, around.scene, chain.srdf, against, tool_of])
+    check_outputs(outputs, [robot, around.scene, chain.srdf, against, *carried.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
     stands = _place(place)
-    shared = pp.Picks(()) if tool_of is None else pp.open_picks(tool_of).shared
-    arm = chain.arm(robot)
-    arm = arm.with_held(shared.held) if shared.held else arm
+    arm = chain.arm(robot, carried=carried)
     world = around.load()
     # the scene as the robot sees it from where it stands
     seen = replace(world, obstacles=tuple(replace(o, pose=stands.actInv(o.pose)) for o in world.obstacles))
-    margin = max(around.margin, shared.margin)
-    checker = pp.CollisionChecker(arm, seen, margin=margin, attached=shared.open_tool)
+    checker = around.checker(arm, seen, carried)
     for k, measured in checker.still.touching:
         remark(f"nothing can be free: {checker.contact(k, measured)}, whatever the arm does")
     half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
     frames = pp.tool_orientations(pp.approach_directions(half_angle=half, count=directions), spins)
-    tcp_from_tip = shared.tip if tip is None else pp.pose(numbers(tip, "--tip"))
+    tcp_from_tip = carried.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
         found = pp.reach_map(

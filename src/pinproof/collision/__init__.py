@@ -1,5 +1,6 @@
 """Collision: shapes, scenes, the checker, and certificates that hold between samples (coal)."""
 
+from pinproof.collision.attachments import Attachments
 from pinproof.collision.audit import Audit, audit
 from pinproof.collision.certificate import (
     Certificate,
@@ -31,6 +32,7 @@ from pinproof.collision.shapes import (
 )
 
 __all__ = [
+    "Attachments",
     "Audit",
     "Box",
     "Capsule",

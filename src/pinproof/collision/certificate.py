@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -16,11 +16,12 @@ import numpy.typing as npt
 
 from pinproof.collision.bodies import FileStamp
 from pinproof.collision.pairs import ExcludedPair
+from pinproof.collision.recorded import body_digest
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shapes import Mesh
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
-from pinproof.motion import Curve
+from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
 from pinproof.verifier import curve_digest
 
@@ -200,6 +201,9 @@ class Certificate:
         the curve's end.
     subject
         What it was recorded of, for :meth:`save`.
+    attached, held, obstacles
+        The bodies that moved with the tcp, the values (rad or m) of the joints outside the arm by name, and the names
+        of the obstacles it was made with.
     """
 
     status: CertificateStatus
@@ -221,6 +225,9 @@ class Certificate:
     partings: tuple[Parting, ...] = ()
     backwards: bool = False
     subject: tuple[Curve, CollisionChecker] | None = field(default=None, repr=False)
+    attached: tuple[Obstacle, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    obstacles: tuple[str, ...] = ()
 
     @property
     def free(self) -> bool:
@@ -230,6 +237,23 @@ class Certificate:
     def matches(self, curve: Curve, arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> bool:
         """Whether this certificate was made for exactly this curve, arm, scene and attached objects."""
         return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached)
+
+    def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
+        """What it was made with, for the file of the motion that it is of, between two times (s) of it."""
+        return MotionRecord(
+            name,
+            start,
+            end,
+            self.status.name,
+            self.clearance if math.isfinite(self.clearance) else None,
+            self.margin,
+            self.pairs,
+            self.curve,
+            self.setup,
+            {body.name: body_digest(body) for body in self.attached},
+            self.held,
+            self.obstacles,
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the proof to a ``.json`` or ``.json.gz`` file, for ``pinproof.verifier`` to re-check anywhere.

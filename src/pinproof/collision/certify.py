@@ -31,6 +31,7 @@ from pinproof.collision.contact import Contact
 from pinproof.collision.notes import notes_of
 from pinproof.collision.parting import prove_parting
 from pinproof.collision.placed import NEAREST
+from pinproof.collision.recorded import changes_since
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.motion.curve import read_only
@@ -355,6 +356,9 @@ class _Proof:
     ) -> Certificate:
         checker, k, state = self._checker, self._kernel, self._state
         free = status is CertificateStatus.FREE
+        curve, setup = curve_hash(self._curve), checked_hash(checker)
+        records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
+        changes = (f"the file of the motion states: {each}" for each in changes_since(records, checker, curve, setup))
         return Certificate(
             status=status,
             margin=checker.margin,
@@ -367,9 +371,9 @@ class _Proof:
             intervals=int(state[k.INTERVALS]),
             excluded=tuple(checker.excluded),
             tolerance=float(self._settings[k.TOLERANCE]),
-            curve=curve_hash(self._curve),
-            setup=checked_hash(checker),
-            notes=notes_of(checker),
+            curve=curve,
+            setup=setup,
+            notes=(*notes_of(checker), *changes),
             tube=Tube(
                 read_only(self._joints),
                 self._obstacles,
@@ -378,4 +382,7 @@ class _Proof:
             ),
             evidence=read_only(self._log[: int(state[k.LOGGED])].copy()) if self._record else None,
             subject=(self._curve, self._checker) if self._record else None,
+            attached=checker.attached,
+            held=dict(checker.arm.held),
+            obstacles=checker.scene.names,
         )

@@ -9,8 +9,9 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.errors import TrajectoryError
+from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.clock import LONGEST, NANO
+from pinproof.motion.motion_record import MotionRecord, read_records
 
 __all__ = ["INTERPOLANTS", "UNITS", "Points", "Reader", "Record"]
 
@@ -32,6 +33,7 @@ class Record:
     velocities: Array
     accelerations: Array | None
     limits_note: str
+    certified: tuple[MotionRecord, ...] = ()
 
     @property
     def rates(self) -> tuple[Array, ...]:
@@ -43,7 +45,8 @@ class Record:
         units, kind = dict(UNITS), "cubic"
         if self.accelerations is not None:
             units["accelerations"], kind = "rad/s^2 or m/s^2", "quintic"
-        return {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
+        said = {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
+        return {**said, "certified": [each.to_dict() for each in self.certified]} if self.certified else said
 
 
 class Points:
@@ -126,9 +129,10 @@ class Reader:
             np.reshape(points.velocities, shape),
             np.reshape(points.accelerations, shape) if points.accelerations else None,
             self._note(meta, meta_place),
+            self._certified(meta, meta_place),
         )
         for key, ours in record.meta().items() if meta is not None else ():
-            if key != "limits_note" and meta.get(key) != ours:
+            if key not in ("limits_note", "certified") and meta.get(key) != ours:
                 self.fail(f"{key} must be {ours!r}, not {meta.get(key)!r}", meta_place)
         return record
 
@@ -141,3 +145,9 @@ class Reader:
         if not isinstance(note, str):
             self.fail("limits_note must be a text", place)
         return note
+
+    def _certified(self, meta: Any, place: str) -> tuple[MotionRecord, ...]:
+        try:
+            return () if meta is None else read_records(meta.get("certified", []))
+        except InputError as error:
+            self.fail(str(error), place)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Obstacle, Scene
-from pinproof.motion import Trajectory
+from pinproof.errors import InputError
+from pinproof.motion import MotionRecord, Trajectory
 from pinproof.picks.grip import GripResult
 from pinproof.picks.pick import Pick
 
@@ -166,6 +168,27 @@ class PickVerdict:
     def reason(self) -> str:
         """The message of the last stage judged."""
         return self.stages[-1].message
+
+    def save_motion(self, path: str | Path) -> None:
+        """Write the trajectory of a good pick, with a record of what each part of it was certified with.
+
+        The formats are those of :meth:`pinproof.Trajectory.save`.
+
+        Raises
+        ------
+        InputError
+            If the pick is not good, so that there is no motion.
+        TrajectoryError
+            If the file cannot be written.
+        """
+        if self.trajectory is None:
+            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion to write")
+        records: list[MotionRecord] = []
+        for part in self.motions:
+            start = records[-1].end if records else 0.0
+            name = part.name if len(self.motions) > 1 else "motion"
+            records.append(part.certificate.motion_record(name, start, start + part.trajectory.duration))
+        self.trajectory.with_records(records).save(path)
 
     @property
     def remedy(self) -> str:

@@ -65,13 +65,18 @@ def marks_of(found: FirstContact | CheckResult | None) -> list[Mark]:
     if found is None:
         return []
     if isinstance(found, CheckResult):
-        return [Mark(each.bodies, each.points, each.normal) for each in found.contacts[:MOST_MARKS]]
+        return [Mark(each.bodies, each.points, _direction(each.normal)) for each in found.contacts[:MOST_MARKS]]
     # A certificate tells no normal. It is the way from the first point to the second, or back where bodies overlap;
     # two points on one place show none.
     gap = found.points[1] - found.points[0]
     apart = float(np.linalg.norm(gap))
     normal = None if apart < 1e-7 else np.sign(found.distance or 1.0) * gap / apart
     return [Mark(found.bodies, found.points, normal)]
+
+
+def _direction(normal: Array) -> Array | None:
+    """A unit normal; None where there is none, as between a ball and a cylinder whose axis holds its centre."""
+    return normal if np.linalg.norm(normal) > 0.5 else None
 
 
 def mark_radius(reach: float) -> float:

@@ -56,7 +56,7 @@ def test_limits_tell_which_joint_and_by_how_much(arms) -> None:
 
 
 def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
-    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin()))
+    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin(), carried=None))
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
     assert "picker penetrates bin_right (-8.0 mm)" in verdict.reason
     assert verdict.stages[-1].figures["distance"] == pytest.approx(-0.008, abs=1e-4)
@@ -68,6 +68,13 @@ def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
     (x, y, z) = bolt(cell, "in_the_corner").pose.translation + by
     there = judge(cell, pp.Pick("there", pp.pose((x, y, z), DOWN)), budget=pp.PickBudget(remedies=0))
     assert there.failed not in (Stage.REACH, Stage.LIMITS, Stage.SELF, Stage.GRASP)
+
+
+def test_a_shift_that_would_miss_the_part_is_not_suggested(cell) -> None:
+    """Free of the walls, the tip is more than 5 mm off the bolt."""
+    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin()))
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
+    assert "shifted" not in verdict.remedy
 
 
 def test_an_approach_too_long_tells_what_is_missing_and_the_longest_that_works(cell) -> None:

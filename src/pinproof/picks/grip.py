@@ -167,15 +167,17 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     stops = [each.contact for each in met]
     for each in stops:
         if each.open_distance <= 0.0:
-            return _not_held(f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", stops)
+            return GripResult(
+                False, f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", tuple(stops)
+            )
     deep = min(stops, key=lambda each: each.gap)
     if -deep.gap > limits.depth:
         said = f"closed, {deep.finger} would be pressed {_mm(-deep.gap)} into {part.name}"
-        return _not_held(f"{said}; at most {_mm(limits.depth)} are allowed", stops)
+        return GripResult(False, f"{said}; at most {_mm(limits.depth)} are allowed", tuple(stops))
     if sum(each.gap <= limits.gap for each in stops) < 2:
         apart = [each for each in stops if each.gap > limits.gap]
         said = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
-        return _not_held(f"{said}; a gap of at most {_mm(limits.gap)} is allowed", stops)
+        return GripResult(False, f"{said}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
     touching = [each.patch(limits) for each in met if each.contact.gap <= limits.gap]
     contacts = [patch.contact for patch in touching]
     enough = [
@@ -188,11 +190,13 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         said = (
             f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
         )
-        return _not_held(f"{said}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", contacts)
+        return GripResult(
+            False, f"{said}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", tuple(contacts)
+        )
     if not _balanced(enough, limits.angle):
         said = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
-        return _not_held(f"{said} of {part.name}: {cone}", contacts)
+        return GripResult(False, f"{said} of {part.name}: {cone}", tuple(contacts))
     held = sorted((patch.contact for patch in enough), key=lambda each: -each.contact_area)
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
@@ -200,10 +204,6 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     area = f"{_mm2(least.contact_area)} or more, {_mm(overlap)} along the finger"
     said = f"{len(held)} fingers touch {part.name} over {area}"
     return GripResult(True, f"{said}, closing along ({direction}) of the tcp", tuple(held))
-
-
-def _not_held(why: str, contacts: list[FingerContact]) -> GripResult:
-    return GripResult(False, why, tuple(contacts))
 
 
 def _missed(each: FingerContact, part: HeldPart) -> str:

@@ -19,6 +19,8 @@ from pinproof.spatial import SE3
 
 LIMITS = pp.GripLimits()
 RAYS = 3000
+SPHERE, ROUND, CAPSULE = 3, 128, 48
+"""Detail of tessellations; a chord leaves a sphere of 20 mm by 0.06 mm at most."""
 STEP = 2e-4
 CLOSING = {"finger_1": np.array([0.0, -1.0, 0.0]), "finger_2": np.array([0.0, 1.0, 0.0])}
 
@@ -54,11 +56,13 @@ def random_shape(rng: np.random.Generator) -> tuple[pp.Shape, trimesh.Trimesh]:
     if kind == 0:
         return pp.Box(a, b, c), trimesh.creation.box((a, b, c))
     if kind == 1:
-        return pp.Cylinder(a / 2, b), trimesh.creation.cylinder(a / 2, b, sections=128)
+        return pp.Cylinder(a / 2, b), trimesh.creation.cylinder(a / 2, b, sections=ROUND)
     if kind == 2:
-        return pp.Capsule(a / 2, b), trimesh.creation.capsule(b, a / 2, count=(48, 48)).apply_translation((0, 0, 0))
+        return pp.Capsule(a / 2, b), trimesh.creation.capsule(b, a / 2, count=(CAPSULE, CAPSULE)).apply_translation(
+            (0, 0, 0)
+        )
     if kind == 3:
-        return pp.Sphere(a / 2), trimesh.creation.icosphere(3, a / 2)
+        return pp.Sphere(a / 2), trimesh.creation.icosphere(SPHERE, a / 2)
     if kind == 4:
         hull = trimesh.convex.convex_hull(rng.normal(size=(12, 3)) * [a, b, c] / 2.5)
         return pp.ConvexHull(np.array(hull.vertices)), hull

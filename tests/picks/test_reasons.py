@@ -62,7 +62,7 @@ def test_limits_tell_which_joint_and_by_how_much(arms) -> None:
 
 
 def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
-    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin()))
+    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin(), carried=None))
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
     assert "picker penetrates bin_right (-8.0 mm)" in verdict.reason
     assert verdict.stages[-1].figures["distance"] == pytest.approx(-0.008, abs=1e-4)
@@ -71,6 +71,13 @@ def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
     corner = replace(bolt(cell, "in_the_corner"), spin=pp.Spin())
     there = apply_suggestion(corner, suggested(verdict, "move the pick"))
     assert judge(cell, there, budget=pp.PickBudget(remedies=0)).ok
+
+
+def test_a_shift_that_would_miss_the_part_is_not_suggested(cell) -> None:
+    """Free of the walls, the tip is more than 5 mm off the bolt."""
+    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin()))
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
+    assert "shifted" not in verdict.remedy
 
 
 def test_an_approach_too_long_tells_what_is_missing_and_the_longest_that_works(cell) -> None:

@@ -3,12 +3,8 @@
 Every finger is moved along its closing direction until it touches the part. The contact patch is where, at that moment,
 the facing surfaces are no farther apart along the closing direction than pads and part give way, and where the normals
 of both are within the friction cone about that direction. A part is held if the fingers touch it where they are stated
-to close to, each over enough area, and if forces within the friction cones at the patches can balance each other: the
-fingers then press on opposite sides.
-
-Source of the balance: V.-D. Nguyen (1988), "Constructing force-closure grasps", International Journal of Robotics
-Research 7(3); for several contacts with linearised cones: J. Ponce, S. Sullivan, A. Sudsang, J.-D. Boissonnat, J.-P.
-Merlet (1997), "On computing four-finger equilibrium and force-closure grasps of polyhedral objects", IJRR 16(1).
+to close to, each over enough area, and if forces within the friction cones at the patches can balance each other
+(:mod:`pinproof.picks.force_balance`): the fingers then press on opposite sides.
 """
 
 from __future__ import annotations
@@ -20,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.line_surface import LineSurface, SurfacePoints, body_distance, point_distance, travel_to_touch
+from pinproof.picks.force_balance import balanced
 from pinproof.picks.hand import MovingFinger
 from pinproof.picks.settings import GripLimits
 from pinproof.spatial import SE3
@@ -34,9 +31,6 @@ COARSE, FINE = 32, 48
 ZOOMS, ZOOMED = 10, 9
 """Refinements of the place where a finger touches first, each to a third of the one before, and lines along each side
 of it: to 2e-6 of the overlap."""
-
-CONE_EDGES = 16
-"""Edges of the pyramids inscribed in friction cones: what they allow, the cones allow. They are 2 % narrower."""
 
 NOTICED = 5e-5
 """Metres by which a touch must be earlier than the first one on the lines to be taken for another one."""
@@ -167,15 +161,17 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     stops = [each.contact for each in met]
     for each in stops:
         if each.open_distance <= 0.0:
-            return _not_held(f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", stops)
+            return GripResult(
+                False, f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", tuple(stops)
+            )
     deep = min(stops, key=lambda each: each.gap)
     if -deep.gap > limits.depth:
         said = f"closed, {deep.finger} would be pressed {_mm(-deep.gap)} into {part.name}"
-        return _not_held(f"{said}; at most {_mm(limits.depth)} are allowed", stops)
+        return GripResult(False, f"{said}; at most {_mm(limits.depth)} are allowed", tuple(stops))
     if sum(each.gap <= limits.gap for each in stops) < 2:
         apart = [each for each in stops if each.gap > limits.gap]
         said = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
-        return _not_held(f"{said}; a gap of at most {_mm(limits.gap)} is allowed", stops)
+        return GripResult(False, f"{said}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
     touching = [each.patch(limits) for each in met if each.contact.gap <= limits.gap]
     contacts = [patch.contact for patch in touching]
     enough = [
@@ -188,11 +184,13 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         said = (
             f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
         )
-        return _not_held(f"{said}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", contacts)
-    if not _balanced(enough, limits.angle):
+        return GripResult(
+            False, f"{said}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", tuple(contacts)
+        )
+    if not balanced([(patch.points, patch.normal) for patch in enough], limits.angle):
         said = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
-        return _not_held(f"{said} of {part.name}: {cone}", contacts)
+        return GripResult(False, f"{said} of {part.name}: {cone}", tuple(contacts))
     held = sorted((patch.contact for patch in enough), key=lambda each: -each.contact_area)
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
@@ -200,10 +198,6 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     area = f"{_mm2(least.contact_area)} or more, {_mm(overlap)} along the finger"
     said = f"{len(held)} fingers touch {part.name} over {area}"
     return GripResult(True, f"{said}, closing along ({direction}) of the tcp", tuple(held))
-
-
-def _not_held(why: str, contacts: list[FingerContact]) -> GripResult:
-    return GripResult(False, why, tuple(contacts))
 
 
 def _missed(each: FingerContact, part: HeldPart) -> str:
@@ -360,45 +354,3 @@ def _lines(low: Array, high: Array, count: int) -> tuple[Array, Array]:
     x, y = (low[k] + cell[k] * (np.arange(count) + 0.5) for k in range(2))
     grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     return np.concatenate([grid, np.zeros((len(grid), 1))], axis=1), cell
-
-
-# -- the balance of forces --------------------------------------------------------------------------------------------
-
-
-def _balanced(patches: Sequence[_Patch], angle: float) -> bool:
-    """Whether forces within the friction cones at some points of the patches add up to no force and no torque."""
-    from scipy.optimize import linprog
-
-    points, forces, normals = [], [], []
-    for patch in patches:
-        edges = _cone(patch.normal, angle)
-        for point in _outermost(patch):
-            points.append(np.tile(point, (len(edges), 1)))
-            forces.append(edges)
-            normals.append(edges @ patch.normal)
-    at, force = np.concatenate(points), np.concatenate(forces)
-    centre = at.mean(axis=0)
-    size = max(float(np.linalg.norm(at - centre, axis=1).max()), LEAST_WIDTH)
-    torque = np.cross((at - centre) / size, force)
-    balance = np.concatenate([force.T, torque.T, np.concatenate(normals)[None]])
-    answer = linprog(
-        np.zeros(len(at)), A_eq=balance, b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs"
-    )
-    return bool(answer.status == 0)
-
-
-def _cone(normal: Array, angle: float) -> Array:
-    """(E, 3) unit vectors on the cone of half angle (rad) about a normal."""
-    least = np.eye(3)[np.abs(normal).argmin()]
-    u = np.cross(normal, least)
-    u /= np.linalg.norm(u)
-    v = np.cross(normal, u)
-    turns = np.arange(CONE_EDGES) * 2 * np.pi / CONE_EDGES
-    across = np.cos(turns)[:, None] * u + np.sin(turns)[:, None] * v
-    return np.asarray(np.cos(angle) * normal + np.sin(angle) * across)
-
-
-def _outermost(patch: _Patch) -> Array:
-    """(P, 3) the points of a patch that are outermost in some directions across its normal."""
-    axes = _cone(patch.normal, np.pi / 2)
-    return np.unique(patch.points[(patch.points @ axes.T).argmax(axis=0)], axis=0)

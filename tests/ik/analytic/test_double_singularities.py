@@ -150,3 +150,19 @@ def test_the_tolerance_is_part_of_the_claim(ur5, tolerance):
             assert_reaches(ur5, answer.q, target, 1.000001 * tolerance)
     assert searched > 200
     assert solved >= 0.99 * searched
+
+
+@pytest.mark.parametrize("name", ["stanford", "irb120", "z1", "ur5"])
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-6])
+def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, tolerance):
+    """A configuration at special angles or limits reaches them within the tolerance."""
+    arm = arm_named(name)
+    rng = np.random.default_rng(21)
+    targets = arm.forward_kinematics_batch(special_configurations(arm, 1500, seed=16))
+    way = rng.normal(size=(len(targets), 3))
+    targets[:, :3, 3] += way / np.linalg.norm(way, axis=1)[:, None] * 0.95 * tolerance * rng.random((len(way), 1))
+    solver = pp.AnalyticIk(position_tolerance=tolerance, orientation_tolerance=tolerance)
+    found = solver.solve_all_batch(arm, targets)
+    assert found.ok.mean() > 0.9
+    for target in targets[~found.ok]:
+        assert solver.solve(arm, target).status is IkStatus.NOT_FOUND

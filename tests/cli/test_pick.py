@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import pinproof as pp
+from pinproof.cli.console import file_stems
 from pinproof.cli.main import main
-from pinproof.cli.outputs import file_stems
 from pinproof.description import robots_folder
 
 ROOT = Path(__file__).parents[2]

@@ -17,9 +17,11 @@ ROD = pp.Obstacle("rod", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0.1, 0.2
 def test_what_is_saved_is_read_back(tmp_path: Path) -> None:
     corners = np.vstack([np.zeros(3), np.eye(3)])
     block = pp.Obstacle("block", pp.Mesh.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
-    given = pp.Attachments((ROD, block), (("rod", "block"),), {"rail": 0.5}, pp.pose((0, 0, 0.1), (0.1, 0.2, 0.3)))
+    given = pp.collision.Attachments(
+        (ROD, block), (("rod", "block"),), {"rail": 0.5}, pp.pose((0, 0, 0.1), (0.1, 0.2, 0.3))
+    )
     given.save(tmp_path / "tool.yaml")
-    found = pp.Attachments.load(tmp_path / "tool.yaml")
+    found = pp.collision.Attachments.load(tmp_path / "tool.yaml")
     assert [(b.name, b.shape) for b in found.bodies] == [(b.name, b.shape) for b in given.bodies]
     for one, other in zip(found.bodies, given.bodies, strict=True):
         np.testing.assert_allclose(one.pose.homogeneous, other.pose.homogeneous, atol=1e-15)
@@ -51,7 +53,7 @@ def test_what_has_no_meaning_is_refused_with_its_place(tmp_path: Path, text: str
     file = tmp_path / "tool.yaml"
     file.write_text(text)
     with pytest.raises(SceneError) as caught:
-        pp.Attachments.load(file)
+        pp.collision.Attachments.load(file)
     assert str(caught.value).startswith(str(file))
     for word in words:
         assert word in str(caught.value)

@@ -24,7 +24,6 @@ from pinproof import (
     HeightMap,
     InputError,
     Mesh,
-    MeshError,
     Obstacle,
     PointCloud,
     Scene,
@@ -36,6 +35,7 @@ from pinproof.collision.by_coal import GJK_SLACK
 from pinproof.collision.height_map import Ground, ground_surface
 from pinproof.collision.point_cloud import cell_faces
 from pinproof.collision.solid import Solid
+from pinproof.errors import MeshError
 
 BALL = 0.01
 """The radius of the ball that the slider carries."""

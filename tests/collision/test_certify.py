@@ -10,12 +10,10 @@ from pinproof import (
     Box,
     CertificateStatus,
     CollisionChecker,
-    CubicPath,
     Cylinder,
     InputError,
     JointPath,
     Mesh,
-    NotProvenFree,
     Obstacle,
     Scene,
     Sphere,
@@ -23,6 +21,8 @@ from pinproof import (
     certify,
     pose,
 )
+from pinproof.errors import NotProvenFree
+from pinproof.motion import CubicPath
 
 FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
 

@@ -13,7 +13,6 @@ from pinproof import (
     Capsule,
     CertificateStatus,
     CollisionChecker,
-    CubicPath,
     Cylinder,
     JointPath,
     Mesh,
@@ -24,6 +23,7 @@ from pinproof import (
     load_robot,
     pose,
 )
+from pinproof.motion import CubicPath
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,14 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, MeshError, Obstacle, Scene, Sphere, pose
+from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, Obstacle, Scene, Sphere, pose
 from pinproof.collision.bodies import shape_bodies, shape_body
 from pinproof.collision.by_coal import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.hulls import bvh
 from pinproof.collision.links import link_bodies
 from pinproof.description import read_urdf
 from pinproof.description.packages import example_robot_data
+from pinproof.errors import MeshError
 
 
 def overlap(a, at_a, b, at_b) -> bool:

@@ -10,7 +10,8 @@ import pytest
 import trimesh
 import yaml
 
-from pinproof import Box, CollisionChecker, Cone, Cylinder, HalfSpace, InputError, Scene, SceneError, Sphere, pose
+from pinproof import Box, CollisionChecker, Cone, Cylinder, HalfSpace, InputError, Scene, Sphere, pose
+from pinproof.errors import SceneError
 from pinproof.spatial import matrix
 
 QUARTER = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]

@@ -14,7 +14,6 @@ from pinproof import (
     Capsule,
     CertificateStatus,
     CollisionChecker,
-    CubicPath,
     Cylinder,
     HalfSpace,
     HeightMap,
@@ -33,7 +32,7 @@ from pinproof import (
 )
 from pinproof.collision.contact_facets import directions_to_facets
 from pinproof.collision.rising import Mover, Rising
-from pinproof.motion import bezier
+from pinproof.motion import CubicPath, bezier
 
 FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
 

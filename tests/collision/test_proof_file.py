@@ -25,7 +25,6 @@ from pinproof import (
     InputError,
     JointPath,
     Mesh,
-    NotProvenFree,
     Obstacle,
     Scene,
     Sphere,
@@ -35,6 +34,7 @@ from pinproof import (
     time_parametrise,
     verify_proof,
 )
+from pinproof.errors import NotProvenFree
 from pinproof.motion import CubicPath
 from pinproof.verifier import curve_digest, load, verify
 

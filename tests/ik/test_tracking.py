@@ -153,7 +153,7 @@ def test_slow_limits_of_the_caller_hold(ur5):
     assert not tracked.ok
     assert tracked.at_speed_limit[:, 0].sum() > 20
     assert "speed limit of shoulder_pan_joint" in tracked.message
-    with pytest.raises(pp.IkFailed, match="poses slipped"):
+    with pytest.raises(pp.errors.IkFailed, match="poses slipped"):
         tracked.or_raise()
 
 

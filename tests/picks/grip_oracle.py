@@ -17,7 +17,7 @@ import pinproof as pp
 from pinproof.picks.hand import MovingFinger, fingers_of
 from pinproof.spatial import SE3
 
-LIMITS = pp.GripLimits()
+LIMITS = pp.picks.GripLimits()
 RAYS = 3000
 SPHERE, ROUND, CAPSULE = 3, 128, 48
 """Detail of tessellations; a chord leaves a sphere of 20 mm by 0.06 mm at most."""
@@ -36,14 +36,14 @@ class Grasp:
     opening: float
     grip: float
 
-    def fingers(self) -> pp.Fingers:
+    def fingers(self) -> pp.picks.GripperFingers:
         box = pp.Box(*self.pad.tolist())
         half = self.pad[1] / 2
         pair = (
             pp.Obstacle("finger_1", box, pp.pose((0, half, 0))),
             pp.Obstacle("finger_2", box, pp.pose((0, -half, 0))),
         )
-        return pp.Fingers(pair, opening=self.opening, grip=self.grip)
+        return pp.picks.GripperFingers(pair, opening=self.opening, grip=self.grip)
 
     def moving(self, arm: pp.Arm) -> tuple[MovingFinger, ...]:
         return fingers_of(arm, self.fingers(), {})

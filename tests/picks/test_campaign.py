@@ -117,7 +117,7 @@ def test_another_campaign_in_the_folder_is_refused_with_the_difference(stick, ma
 
     stopped_after(made(), tmp_path / "begun", threads, 10)
     made().run(tmp_path / "done", executor=threads)
-    shifted = pp.PickGrid(many.first, many.counts, (0.01, 0.02, 0.031))
+    shifted = pp.picks.PickGrid(many.first, many.counts, (0.01, 0.02, 0.031))
     rock = pp.Obstacle("rock", pp.Sphere(0.1), pp.pose((3, 0, 0)))
     for folder in (tmp_path / "begun", tmp_path / "done"):
         before = {path: path.read_bytes() for path in folder.iterdir()}
@@ -204,7 +204,7 @@ def test_a_finished_file_with_damaged_rows_is_refused_and_repaired_by_another_ru
     header, *rows = whole.splitlines(keepends=True)
     (tmp_path / "rows.jsonl").write_bytes(damaged(header, rows, how))
     with pytest.raises(FileError, match=r"rows.jsonl.*run the campaign again"):
-        pp.CampaignResult.open(tmp_path)
+        pp.picks.CampaignResult.open(tmp_path)
     assert campaign.run(tmp_path, executor=threads).ok
     assert bytes_of(tmp_path) == whole
     assert not (tmp_path / "journal.jsonl").exists()
@@ -263,7 +263,7 @@ def test_the_result_counts_verdicts_and_stages(stick, many, judges, threads, tmp
     assert (result.verdicts, result.failed_at) == ({"not found": 40, "good": 80}, {"reach": 40})
     assert result.summary == "80 of 120 picks good; failed: 40 at reach"
     assert not result.ok
-    assert pp.CampaignResult.open(tmp_path) == result
+    assert pp.picks.CampaignResult.open(tmp_path) == result
     told = json.loads(json.dumps(result.to_dict()))
     assert (told["total"], told["ok"], told["failed_at"]) == (120, False, {"reach": 40})
 
@@ -275,10 +275,10 @@ def test_no_picks_are_no_yes(stick, judges, tmp_path) -> None:
 
 def test_a_folder_without_a_result_is_refused(tmp_path) -> None:
     with pytest.raises(CampaignError, match="no rows"):
-        pp.CampaignResult.open(tmp_path)
+        pp.picks.CampaignResult.open(tmp_path)
     (tmp_path / "journal.jsonl").touch()
     with pytest.raises(CampaignError, match="not done yet"):
-        pp.CampaignResult.open(tmp_path)
+        pp.picks.CampaignResult.open(tmp_path)
 
 
 def test_a_folder_that_cannot_be_made_is_one_clear_error(campaign, threads, tmp_path) -> None:

@@ -72,7 +72,7 @@ def test_a_campaign_begun_with_other_code_is_refused(stick, many, judges, tmp_pa
 
 
 def test_a_worker_of_other_code_takes_no_task(stick, many, monkeypatch) -> None:
-    setup = pp.PickSetup.make(stick, pp.Scene(), many.shared, home=None, rng=0)
+    setup = pp.picks.PickSetup.make(stick, pp.Scene(), many.shared, home=None, rng=0)
     package = pickle.dumps(RowTask(setup, judge_row))
     assert isinstance(pickle.loads(package), RowTask)
     monkeypatch.setattr("pinproof.picks.campaign.rows.code_here", lambda: "0.1.0 otherwise")

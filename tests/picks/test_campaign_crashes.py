@@ -67,7 +67,7 @@ def none_made_yet() -> None:
     Fragile.made = 0
 
 
-def crashed(result: pp.CampaignResult) -> list[int]:
+def crashed(result: pp.picks.CampaignResult) -> list[int]:
     rows = list(result.rows())
     assert [row["index"] for row in rows] == list(range(120))
     assert all(row["verdict"] == "good" for row in rows if row["verdict"] != "crashed")
@@ -132,7 +132,7 @@ def test_a_crashed_row_in_a_journal_gives_way_to_the_row_of_a_later_run(stick, m
     with Journal(tmp_path, made.header()) as journal:
         assert journal.missing() == []
         journal.finish()
-    assert crashed(pp.CampaignResult.open(tmp_path)) == []
+    assert crashed(pp.picks.CampaignResult.open(tmp_path)) == []
 
 
 def judges_row(judges, many) -> bytes:
@@ -185,7 +185,7 @@ def test_workers_that_die_of_everything_are_told_and_no_pick_is_blamed(stick, ma
     with pytest.raises(CampaignError, match=r"each of the first 10 picks has killed every process .* enough memory"):
         made.run(tmp_path, executor=Fragile)
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
-    few = pp.Campaign(stick, pp.Scene(), pp.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
+    few = pp.Campaign(stick, pp.Scene(), pp.picks.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
     assert few.run(tmp_path / "few", executor=Fragile).verdicts == {"crashed": 3}
 
 
@@ -239,7 +239,7 @@ import sys, campaign_judges, pinproof as pp
 from pinproof.model import load_robot_from_text
 if __name__ == "__main__":
     arm = load_robot_from_text(sys.argv[2]).arm(tcp="b")
-    many = pp.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
+    many = pp.picks.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
     pp.Campaign(arm, pp.Scene(), many, judge=campaign_judges.waits_for_flag).run(sys.argv[1], workers=2, chunk=4)
 """
 

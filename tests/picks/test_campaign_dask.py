@@ -108,4 +108,4 @@ def test_the_command_line_takes_a_scheduler(cluster, monkeypatch, capsys, tmp_pa
             main()
         assert ended.value.code == 1
         assert "2 of 4 picks good" in capsys.readouterr().out
-    assert pp.CampaignResult.open(tmp_path / "out").good == 2
+    assert pp.picks.CampaignResult.open(tmp_path / "out").good == 2

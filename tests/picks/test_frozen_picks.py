@@ -12,7 +12,7 @@ from pinproof.picks.frames import NamedFrame
 
 def test_poses_of_picks_places_and_frames_are_copied_and_read_only() -> None:
     given = pp.pose((0.4, 0.0, 0.2))
-    place = pp.Place(given)
+    place = pp.picks.PlaceTarget(given)
     pick = pp.Pick("one", given, carried=pp.Obstacle("part", pp.Sphere(0.02)), place=place)
     picks = pp.Picks((pick,), tip=given)
     held = (pick.pose, place.pose, picks.tip, NamedFrame(given).pose, pickle.loads(pickle.dumps(pick)).pose)

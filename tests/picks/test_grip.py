@@ -14,7 +14,7 @@ from pinproof.picks import Stage
 from pinproof.picks.report import verdict_row
 
 DOWN = (np.pi, 0, 0)
-QUICK = pp.PickBudget(compared=1, remedies=0)
+QUICK = pp.picks.PickBudget(compared=1, remedies=0)
 SIDE = 0.03
 """Metres: the cube."""
 
@@ -22,14 +22,14 @@ AT = (0.45, 0.15)
 TOP = -0.005 + SIDE
 
 
-def fingers(opening: float = 0.05, grip: float = SIDE) -> pp.Fingers:
+def fingers(opening: float = 0.05, grip: float = SIDE) -> pp.picks.GripperFingers:
     """Two pads of 20 x 60 mm that end at the tip, 160 mm from the flange."""
     jaw = pp.Box(0.02, 0.01, 0.06)
     pair = (
         pp.Obstacle("finger_1", jaw, pp.pose((0, 0.005, 0.13))),
         pp.Obstacle("finger_2", jaw, pp.pose((0, -0.005, 0.13))),
     )
-    return pp.Fingers(pair, opening=opening, grip=grip)
+    return pp.picks.GripperFingers(pair, opening=opening, grip=grip)
 
 
 def grasp(xyz=(0.0, 0.0, -0.015), turn: float = 0.0, **settings) -> pp.Pick:
@@ -123,14 +123,14 @@ def test_fingertips_that_barely_reach_the_part_do_not_hold_it(arm) -> None:
     verdict = judge(arm, grasp((0, 0, -0.001)))
     assert verdict.failed is Stage.GRIP
     assert verdict.stages[-1].figures["overlap"] == pytest.approx(0.001, abs=1e-5)
-    assert judge(arm, grasp((0, 0, -0.001)), grip_limits=pp.GripLimits(overlap=5e-4)).ok
+    assert judge(arm, grasp((0, 0, -0.001)), grip_limits=pp.picks.GripLimits(overlap=5e-4)).ok
 
 
 def test_contacts_that_are_not_opposite_each_other_do_not_hold(arm) -> None:
     """A long pad on one side of the cube, and on the other one that meets it only at its far edge."""
     short = pp.Obstacle("finger_2", pp.Box(0.003, 0.01, 0.06), pp.pose((0.0135, -0.005, 0.13)))
     long = pp.Obstacle("finger_1", pp.Box(0.003, 0.01, 0.06), pp.pose((-0.0135, 0.005, 0.13)))
-    verdict = judge(arm, grasp(), fingers=pp.Fingers((long, short), opening=0.05, grip=SIDE))
+    verdict = judge(arm, grasp(), fingers=pp.picks.GripperFingers((long, short), opening=0.05, grip=SIDE))
     assert verdict.failed is Stage.GRIP
     assert "opposite" in verdict.reason
 
@@ -157,7 +157,7 @@ def test_what_the_fingers_meet_only_while_they_close_is_found(arm) -> None:
 
 def test_what_the_fingers_meet_only_while_they_open_is_found_where_the_part_is_put(arm) -> None:
     wide, there = fingers(opening=0.08), np.array([0.45, -0.20, TOP])
-    put = grasp(place=pp.Place(pp.pose(there - np.array([0, 0, 0.015]), DOWN)))
+    put = grasp(place=pp.picks.PlaceTarget(pp.pose(there - np.array([0, 0, 0.015]), DOWN)))
     assert judge(arm, put, fingers=wide).ok
     post = pp.Obstacle("post", POST, pp.pose((there[0], there[1] + 0.032, 0.018)))
     verdict = judge(arm, put, post, fingers=wide)
@@ -183,7 +183,7 @@ def test_the_tip_of_a_tool_without_fingers_is_at_the_part(arm) -> None:
         assert figures["tip_distance"] == pytest.approx(height, abs=1e-6)
     beside = judge(arm, grasp((0, SIDE / 2 + 0.02, 0.0)), tool=(rod,), fingers=None)
     assert beside.failed is Stage.GRIP
-    near = pp.GripLimits(tip=0.03)
+    near = pp.picks.GripLimits(tip=0.03)
     assert judge(arm, grasp((0, 0, 0.02)), tool=(rod,), fingers=None, grip_limits=near).ok
 
 
@@ -196,11 +196,11 @@ def test_without_an_object_the_grip_is_not_judged_and_the_report_says_so(arm) ->
 
 def test_suggestions_stay_within_grasps_that_hold_the_part(arm) -> None:
     beside = grasp((0.0, 0.012, -0.015))
-    verdict = judge(arm, beside, budget=pp.PickBudget(compared=1, remedies=6))
+    verdict = judge(arm, beside, budget=pp.picks.PickBudget(compared=1, remedies=6))
     assert verdict.failed is Stage.GRIP
     assert "mm along" in verdict.remedy
     wall = pp.Obstacle("wall", pp.Box(0.3, 0.02, 0.2), pp.pose((AT[0], AT[1] + 0.05, 0.1)))
-    blocked = judge(arm, grasp(), wall, budget=pp.PickBudget(compared=1, remedies=6))
+    blocked = judge(arm, grasp(), wall, budget=pp.picks.PickBudget(compared=1, remedies=6))
     assert blocked.failed is Stage.GRASP
     assert "shifted" not in blocked.remedy  # away from the wall there is nothing to hold
 

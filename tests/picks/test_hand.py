@@ -99,5 +99,5 @@ def test_rotating_fingers_hold_a_part_between_their_pads(arm) -> None:
     for width, held in ((2 * inner, True), (2 * inner + 0.008, False), (2 * inner - 0.008, False)):
         block = LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, width, 0.02)))
         part = HeldPart(block, pp.pose((0, 0, height)))
-        result = grip_by_fingers(found, part, np.array([0.0, 0.0, 1.0]), pp.GripLimits())
+        result = grip_by_fingers(found, part, np.array([0.0, 0.0, 1.0]), pp.picks.GripLimits())
         assert result.held is held, result.message

@@ -14,7 +14,7 @@ from pinproof.picks import PickStatus, Stage
 
 DOWN = (np.pi, 0, 0)
 TIP = 0.105
-QUICK = pp.PickBudget(compared=1, remedies=0)
+QUICK = pp.picks.PickBudget(compared=1, remedies=0)
 
 
 def table() -> pp.Obstacle:
@@ -75,7 +75,7 @@ def test_an_object_is_lifted_off_what_it_stands_on(arm) -> None:
 
 
 def test_an_object_is_put_where_it_is_told(arm) -> None:
-    place = pp.Place(pp.pose((0.42, -0.35, 0.035), DOWN))
+    place = pp.picks.PlaceTarget(pp.pose((0.42, -0.35, 0.035), DOWN))
     verdict = judge(arm, replace(PICK, place=place))
     recheck(verdict, arm)
     assert [motion.name for motion in verdict.motions][3:] == ["transfer", "place", "leave"]
@@ -87,7 +87,7 @@ def test_an_object_is_put_where_it_is_told(arm) -> None:
 
 
 def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
-    verdict = judge(arm, replace(PICK, place=pp.Place(pp.pose((1.4, 0, 0.035), DOWN))))
+    verdict = judge(arm, replace(PICK, place=pp.picks.PlaceTarget(pp.pose((1.4, 0, 0.035), DOWN))))
     assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
     assert "no configuration" in verdict.reason
 
@@ -127,12 +127,12 @@ def test_fingers_stand_apart_before_the_grasp_and_on_the_object_after_it(arm) ->
         pp.Obstacle("left", jaw, pp.pose((0, 0.005, 0.13))),
         pp.Obstacle("right", jaw, pp.pose((0, -0.005, 0.13))),
     )
-    fingers = pp.Fingers(pair, opening=0.06, grip=0.016)
+    fingers = pp.picks.GripperFingers(pair, opening=0.06, grip=0.016)
     low = replace(PICK, pose=pp.pose((0.45, 0.15, 0.03), DOWN))
     verdict = judge(arm, low, fingers=fingers, tip=pp.pose((0, 0, 0.15)))
     assert verdict.ok, verdict.reason
 
-    def gap(motion: pp.PickMotion) -> float:
+    def gap(motion: pp.picks.PickMotion) -> float:
         left, right = (next(each for each in motion.attached if each.name == name) for name in ("left", "right"))
         return float(left.pose.translation[1] - right.pose.translation[1]) - 0.01
 
@@ -230,8 +230,11 @@ def test_a_pose_in_the_frame_of_an_obstacle_is_the_same_pick(arm) -> None:
 
 
 def test_frames_hang_on_each_other_and_not_in_circles(arm) -> None:
-    frames = {"tray": pp.NamedFrame(pp.pose((0.45, 0.15, 0)), "rack"), "rack": pp.NamedFrame(pp.pose((0, 0, 0.035)))}
+    frames = {
+        "tray": pp.picks.NamedFrame(pp.pose((0.45, 0.15, 0)), "rack"),
+        "rack": pp.picks.NamedFrame(pp.pose((0, 0, 0.035))),
+    }
     there = replace(PICK, frame="tray", pose=pp.pose((0, 0, 0), DOWN))
     np.testing.assert_allclose(judge(arm, there, frames=frames).q_grasp, judge(arm, PICK).q_grasp, atol=1e-9)
-    circle = {"tray": pp.NamedFrame(pp.pose(), "rack"), "rack": pp.NamedFrame(pp.pose(), "tray")}
+    circle = {"tray": pp.picks.NamedFrame(pp.pose(), "rack"), "rack": pp.picks.NamedFrame(pp.pose(), "tray")}
     assert "in a circle" in judge(arm, there, frames=circle).reason

@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 import pinproof as pp
+from pinproof.common.content_hash import digest
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
-from pinproof.picks.identity import digest
 
 GOOD_ROW = "{name: fine, xyz: [0.4, 0.1, 0.2]}"
 
@@ -288,8 +288,8 @@ def test_what_is_wrong_with_a_family_or_an_object_is_told(write, row: str, reaso
 def test_what_counts_as_holding_a_part_is_read(write) -> None:
     row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}"
     picks = pp.read_picks(write(row, shared="grip_limits: {area: 1.0e-5, angle: pi/6, tip: 0.01}"))
-    assert picks.grip_limits == pp.GripLimits(area=1e-5, angle=np.pi / 6, tip=0.01)
-    assert pp.read_picks(write(row)).grip_limits == pp.GripLimits()
+    assert picks.grip_limits == pp.picks.GripLimits(area=1e-5, angle=np.pi / 6, tip=0.01)
+    assert pp.read_picks(write(row)).grip_limits == pp.picks.GripLimits()
     for stated, said in (("{width: 1}", "unknown key"), ("{area: -1}", "0 or more"), ("{compliance: 0}", "above 0")):
         with pytest.raises(PicksError, match=said):
             pp.read_picks(write(row, shared=f"grip_limits: {stated}"))

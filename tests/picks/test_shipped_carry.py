@@ -22,7 +22,7 @@ EXPECTED = {
 @pytest.fixture(scope="module")
 def report(arms, cells) -> pp.PickReport:
     picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
-    return pp.validate_picks(arms["ur5"], cells["ur5"][0], picks, budget=pp.PickBudget(remedies=2))
+    return pp.validate_picks(arms["ur5"], cells["ur5"][0], picks, budget=pp.picks.PickBudget(remedies=2))
 
 
 def test_each_is_judged_as_it_was_built(report) -> None:

@@ -66,7 +66,7 @@ def examples() -> dict[str, Example]:
         assert picks.problems == ()
         arm = pp.load_robot(picks.robot).arm(tcp=picks.tcp, held=picks.held)
         scene = pp.Scene.load(picks.scene)
-        budget = pp.PickBudget(remedies=1)
+        budget = pp.picks.PickBudget(remedies=1)
         found[name] = Example(arm, scene, picks, pp.validate_picks(arm, scene, picks, budget=budget))
     return found
 

@@ -30,7 +30,7 @@ def arm(arms) -> pp.Arm:
 
 def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, remedies: int = 0, **shared) -> pp.PickVerdict:
     picks = pp.Picks((pick,), margin=0.002, **shared)
-    budget = pp.PickBudget(compared=1, remedies=remedies)
+    budget = pp.picks.PickBudget(compared=1, remedies=remedies)
     return pp.validate_picks(arm, pp.Scene(obstacles), picks, budget=budget).verdicts[0]
 
 
@@ -75,7 +75,7 @@ def test_a_shift_of_a_few_millimetres_is_found_with_the_default_budget(arm) -> N
     rod["tip"] = pp.pose((0, 0, 0.1))
     for side, axis in ((1, "-"), (-1, "+")):
         post = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, 0.1 + side * 0.021, 0.23)))
-        verdict = judge(arm, PICK, post, remedies=pp.PickBudget().remedies, **rod)
+        verdict = judge(arm, PICK, post, remedies=pp.picks.PickBudget().remedies, **rod)
         assert shift_of(verdict) == f"move the pick 4 mm along {axis}y (base frame)"
 
 
@@ -130,7 +130,7 @@ def test_grasp_and_place_move_together_so_that_the_object_is_placed_where_it_was
     scene = scene.add(post)
 
     def of(pick: pp.Pick, remedies: int) -> pp.PickVerdict:
-        budget = pp.PickBudget(remedies=remedies, compared=1)
+        budget = pp.picks.PickBudget(remedies=remedies, compared=1)
         return pp.validate_picks(arm, scene, replace(picks, picks=(pick,)), budget=budget).verdicts[0]
 
     verdict = of(bolt, 12)
@@ -189,7 +189,7 @@ def test_a_printed_turn_is_the_turn_that_is_applied(degrees, axis) -> None:
 
 
 def test_suggestions_read_as_documented() -> None:
-    at_place = replace(PICK, carried="bolt", place=pp.Place(pp.pose(), frame="bin"))
+    at_place = replace(PICK, carried="bolt", place=pp.picks.PlaceTarget(pp.pose(), frame="bin"))
     assert move_words(PICK, np.array([-20.0, 0, 0])) == "move the pick 20 mm along -x (base frame)"
     assert (
         move_words(at_place, np.array([3.0, 0, -3.0]), np.array([3.0, 1.23, 0]))

@@ -29,7 +29,12 @@ def _moved(arm: pp.Arm, q: np.ndarray, xyz: tuple[float, ...] = (0, 0, 0), rpy: 
 
 
 def _assert_follows(
-    move: pp.LinearMove, checker: pp.CollisionChecker, start: np.ndarray, target, metres: float, radians: float
+    move: pp.planning.LinearPlanResult,
+    checker: pp.CollisionChecker,
+    start: np.ndarray,
+    target,
+    metres: float,
+    radians: float,
 ) -> None:
     arm, path = checker.arm, move.or_raise().path
     first = arm.forward_kinematics(start)
@@ -109,7 +114,7 @@ def test_out_of_reach_says_how_far_and_why(ur5: pp.Arm, free: pp.CollisionChecke
     assert "mm" in move.message
     assert "short" in move.message
     assert "singular value" in move.message
-    with pytest.raises(pp.PlanFailed, match="of the line"):
+    with pytest.raises(pp.errors.PlanFailed, match="of the line"):
         move.or_raise()
 
 

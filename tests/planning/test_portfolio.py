@@ -68,7 +68,7 @@ class _Never(Executor):
 def test_a_callback_stops_searches_that_wait(slot: pp.CollisionChecker) -> None:
     pool, told = _Never(), []
 
-    def stop(progress: pp.PlanProgress) -> bool:
+    def stop(progress: pp.planning.PlanProgress) -> bool:
         told.append(progress)
         return len(told) < 2
 

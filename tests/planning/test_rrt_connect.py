@@ -129,7 +129,7 @@ def test_start_in_contact_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     assert "l2" in plan.message
     assert plan.path is None
     assert plan.certificate is None
-    with pytest.raises(pp.PlanFailed, match="below") as caught:
+    with pytest.raises(pp.errors.PlanFailed, match="below") as caught:
         plan.or_raise()
     assert caught.value.result is plan
 
@@ -302,7 +302,7 @@ def test_turns_are_not_advised_where_every_one_is_a_goal_already(turntable: pp.A
 
 def test_turns_stay_inside_the_limits(ur5: pp.Arm) -> None:
     goal = np.array([3.0, -1.5, 1.0, -5.0, 1.0, 6.0])
-    from pinproof.planning.goals import with_turns
+    from pinproof.planning.ends import with_turns
 
     many, index_of = with_turns(ur5, ur5.home, goal[None])
     assert np.array_equal(many[0], goal)

@@ -10,7 +10,8 @@ import pytest
 from PIL import Image
 
 from pinproof.errors import InputError, UnknownNameError, ViewerError
-from pinproof.viewer import headless, write_png
+from pinproof.viewer import png as headless
+from pinproof.viewer import write_png
 
 from ..processes import is_alive, wait_for
 from .browser import find_browser

@@ -10,7 +10,7 @@ from pinproof.errors import InputError, ViewerError
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import FRAME_RATE, Phase, checked_motion, film
-from pinproof.viewer.contacts import marks_of
+from pinproof.viewer.overlays import marks_of
 from pinproof.viewer.page import render_page
 from pinproof.viewer.picture import Picture
 from pinproof.viewer.stage import set_stage

@@ -7,7 +7,7 @@ from pathlib import Path
 from pinproof.benchmarks.collision_markdown import collision_markdown
 from pinproof.benchmarks.collision_table import CollisionTable
 from pinproof.benchmarks.ik_plots import new_figure
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 
 __all__ = ["write_collision_table", "write_growth_plot"]
 

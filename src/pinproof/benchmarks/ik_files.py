@@ -8,7 +8,7 @@ from pinproof.benchmarks.ik_markdown import ik_markdown
 from pinproof.benchmarks.ik_plots import write_latency_plot, write_step_plot
 from pinproof.benchmarks.ik_table import IkTable
 from pinproof.benchmarks.step_sizes import step_sizes
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.model import load_robot
 
 __all__ = ["write_ik_table"]

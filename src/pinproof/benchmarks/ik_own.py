@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, Asked, IkMethod, Solvers
 from pinproof.benchmarks.ik_problems import PERIOD
 from pinproof.ik import AnalyticIk, Clik, DampedLeastSquares, Fabrik, IterativeIk, PseudoInverse, Tracker, track
-from pinproof.ik.goal import GoalName
+from pinproof.ik.task import GoalName
 from pinproof.model import Arm
 
 __all__ = ["OWN"]

@@ -9,7 +9,7 @@ from pathlib import Path
 from pinproof.benchmarks.picks_campaign import ENDING, SETTLED, CampaignRow
 from pinproof.benchmarks.picks_measure import REPEATS, ScreenRow, VerdictRow
 from pinproof.benchmarks.picks_table import PicksTable
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 
 __all__ = ["picks_markdown", "write_picks_table"]
 

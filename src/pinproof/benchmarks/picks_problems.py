@@ -11,7 +11,7 @@ from pinproof.collision import Cylinder, Obstacle, Scene
 from pinproof.description import robots_folder
 from pinproof.errors import UnknownNameError
 from pinproof.model import Arm, load_robot
-from pinproof.picks import Pick, Picks, Place, read_picks
+from pinproof.picks import Pick, Picks, PlaceTarget, read_picks
 from pinproof.spatial import SE3, pose
 
 __all__ = ["CELLS", "PickCell", "pick_cell"]
@@ -65,7 +65,7 @@ class PickCell:
             return Pick(name, self._pose(rng, TILT))
         grasp, put = self._pose(rng, 0.0), self._pose(rng, 0.0)
         bolt = Obstacle("bolt", BOLT, pose(xyz=(0.0, 0.0, BOLT.length / 2)))
-        return Pick(name, grasp, carried=bolt, place=Place(put))
+        return Pick(name, grasp, carried=bolt, place=PlaceTarget(put))
 
     def _pose(self, rng: np.random.Generator, tilt: float) -> SE3:
         way, distance = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(self.nearest, self.farthest)

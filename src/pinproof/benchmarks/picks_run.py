@@ -9,7 +9,7 @@ from pinproof.benchmarks.picks_measure import ScreenRow, VerdictRow, screen_rows
 from pinproof.benchmarks.picks_problems import CELLS, pick_cell
 from pinproof.benchmarks.picks_table import PicksTable
 from pinproof.benchmarks.provenance import provenance
-from pinproof.ik.settings import whole
+from pinproof.common.validation import whole
 
 __all__ = ["picks_benchmark"]
 

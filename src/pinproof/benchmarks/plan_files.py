@@ -7,7 +7,7 @@ from pathlib import Path
 from pinproof.benchmarks.plan_markdown import plan_markdown
 from pinproof.benchmarks.plan_plots import write_time_plot
 from pinproof.benchmarks.plan_table import PlanTable
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 
 __all__ = ["write_plan_table"]
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError
 
 __all__ = ["read_table", "write_table"]

@@ -9,9 +9,8 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import print_json, say, working
+from pinproof.cli.console import check_outputs, print_json, say, working
 from pinproof.cli.options import Carried, Chain, Html, IgnoreRecord, Json, Surroundings, load_motion
-from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
 from pinproof.model.limits import distinct
 
@@ -118,7 +117,7 @@ def _verify(
         raise InputError("--scene, --margin, --tool-of and --attached are of a robot: name ROBOT too")
     checker = None if arm is None else around.checker(arm, carried=carried)
     curve = None if motion is None or arm is None else pp.Trajectory.load(motion, arm.joint_names)
-    found: pp.ProofVerdict = pp.verify_proof(proof, checker, curve)
+    found: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve)
     if as_json:
         print_json(
             {
@@ -142,7 +141,9 @@ def _verify(
         raise typer.Exit(1)
 
 
-def _second_look(trajectory: pp.Trajectory, proven: pp.CollisionChecker, carried: Carried, step: float) -> pp.Audit:
+def _second_look(
+    trajectory: pp.Trajectory, proven: pp.CollisionChecker, carried: Carried, step: float
+) -> pp.collision.AuditResult:
     exact = pp.CollisionChecker(
         proven.arm,
         proven.scene,

@@ -9,7 +9,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
-from pinproof.cli.console import print_json, say, working
+from pinproof.cli.console import check_outputs, print_json, say, working
 from pinproof.cli.options import (
     Carried,
     Chain,
@@ -21,7 +21,6 @@ from pinproof.cli.options import (
     Surroundings,
     parse_configuration,
 )
-from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
 
 __all__ = ["check", "plan"]

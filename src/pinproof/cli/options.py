@@ -1,16 +1,23 @@
-"""Arguments and options that several commands share, and what they mean."""
+"""Options that several commands share, stated once: a parameter that is a dataclass stands for its fields.
+
+Arguments and options that several commands share, and what they mean.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
 import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
+from pinproof.cli.console import Stopped
 from pinproof.collision.recorded import missing_since
 from pinproof.errors import InputError
 
@@ -31,7 +38,51 @@ __all__ = [
     "load_motion",
     "numbers",
     "parse_configuration",
+    "spread",
 ]
+
+Verbose = Annotated[bool, typer.Option("--verbose", help="Show the traceback of an error.")]
+
+
+def spread(command: Callable[..., None], on_verbose: Callable[[], None]) -> Callable[..., None]:
+    """A command as the parser takes it: every field of a dataclass among its parameters is an option of its own.
+
+    It also takes ``--verbose``, and ends as :class:`pinproof.cli.console.Stopped` at Ctrl-C, which the parser would
+    otherwise swallow.
+    """
+    # Not get_type_hints: of a parameter whose default is None, Python 3.10 makes an Optional that hides the Annotated.
+    told = inspect.signature(command, eval_str=True).parameters
+    groups: dict[str, Any] = {name: each.annotation for name, each in told.items() if is_dataclass(each.annotation)}
+    options: list[tuple[str, Any, Any]] = []
+    for name, parameter in told.items():
+        if name in groups:
+            inner = get_type_hints(groups[name], include_extras=True)
+            options += [
+                (field.name, inner[field.name], inspect.Parameter.empty if field.default is MISSING else field.default)
+                for field in fields(groups[name])
+            ]
+        else:
+            options.append((name, parameter.annotation, parameter.default))
+    options.append(("verbose", Verbose, False))
+
+    @functools.wraps(command)
+    def call(*, verbose: bool, **given: Any) -> None:
+        if verbose:
+            on_verbose()
+        for name, group in groups.items():
+            given[name] = group(**{field.name: given.pop(field.name) for field in fields(group)})
+        try:
+            command(**given)
+        except KeyboardInterrupt:
+            raise Stopped from None
+
+    by_name = inspect.Parameter.KEYWORD_ONLY
+    call.__signature__ = inspect.Signature(  # type: ignore[attr-defined]  # what inspect reads first
+        [inspect.Parameter(name, by_name, default=default, annotation=hint) for name, hint, default in options]
+    )
+    call.__annotations__ = {name: hint for name, hint, _ in options}
+    return call
+
 
 Robot = Annotated[
     str,
@@ -74,10 +125,10 @@ class Carried:
     @cached_property
     def picks(self) -> pp.Picks:
         """What the picks of ``--tool-of`` share; empty without it."""
-        return pp.Picks(()) if self.tool_of is None else pp.open_picks(self.tool_of).shared
+        return pp.Picks(()) if self.tool_of is None else pp.picks.open_picks(self.tool_of).shared
 
     @cached_property
-    def attachments(self) -> pp.Attachments:
+    def attachments(self) -> pp.collision.Attachments:
         """The bodies, allowed contacts, held joints and tip of both files.
 
         Raises
@@ -86,10 +137,10 @@ class Carried:
             If both name a body alike, hold a joint at different values, or both state a tip.
         """
         picks = self.picks
-        tool = pp.Attachments(picks.open_tool, held=picks.held, tip=picks.tip)
+        tool = pp.collision.Attachments(picks.open_tool, held=picks.held, tip=picks.tip)
         if self.attached is None:
             return tool
-        more = pp.Attachments.load(self.attached)
+        more = pp.collision.Attachments.load(self.attached)
         both = {body.name for body in tool.bodies} & {body.name for body in more.bodies}
         if both:
             raise InputError(f"--tool-of and --attached both name a body {sorted(both)[0]!r}; rename one of them")
@@ -99,7 +150,7 @@ class Carried:
         if not (more.tip.isIdentity() or tool.tip.isIdentity()):
             raise InputError("--tool-of and --attached both state a tip; remove one of them")
         tip = tool.tip if more.tip.isIdentity() else more.tip
-        return pp.Attachments((*tool.bodies, *more.bodies), more.allowed, {**tool.held, **more.held}, tip)
+        return pp.collision.Attachments((*tool.bodies, *more.bodies), more.allowed, {**tool.held, **more.held}, tip)
 
 
 @dataclass(frozen=True)
@@ -132,7 +183,7 @@ class Chain:
         InputError
             If the picks of ``--tool-of`` state another tcp than this command.
         """
-        told = None if limits is None else pp.load_limits(limits)
+        told = None if limits is None else pp.JointLimits.load(limits)
         loaded = pp.load_robot(robot, srdf=self.srdf, package_dirs=self.package_dir or ())
         tcp, of_tool = self.tcp, None if carried is None else carried.picks.tcp
         if tcp is None and self.group is None:
@@ -158,7 +209,7 @@ class Surroundings:
         self, arm: pp.Arm, scene: pp.Scene | None = None, carried: Carried | None = None
     ) -> pp.CollisionChecker:
         """The checker of an arm among it, with what it carries; ``scene`` is what :meth:`load` made, if called."""
-        what, margin = pp.Attachments(), self.margin
+        what, margin = pp.collision.Attachments(), self.margin
         if carried is not None:
             what, margin = carried.attachments, max(margin, carried.picks.margin)
         world = self.load() if scene is None else scene
@@ -211,7 +262,7 @@ def numbers(text: str, name: str) -> list[float]:
     InputError
         For a part that is no number; names it.
     """
-    from pinproof.description.dh_files import parse_number
+    from pinproof.description.dh import parse_number
 
     values = []
     for part in text.replace(",", " ").split():

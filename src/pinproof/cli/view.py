@@ -11,7 +11,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import complain, print_json, say, until_stopped, working
+from pinproof.cli.console import check_outputs, complain, print_json, say, until_stopped, working
 from pinproof.cli.options import (
     Carried,
     Chain,
@@ -24,7 +24,6 @@ from pinproof.cli.options import (
     load_motion,
     parse_configuration,
 )
-from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError, MeshError
 
 if TYPE_CHECKING:

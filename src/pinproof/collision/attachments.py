@@ -22,12 +22,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pinproof.collision.scene import Obstacle
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import SE3, finite, rigid
 
 if TYPE_CHECKING:
-    from pinproof.description.lined_yaml import LinedMapping
+    from pinproof.common.yaml_file import LinedMapping
 
 __all__ = ["Attachments"]
 
@@ -77,7 +77,7 @@ class Attachments:
             If the file cannot be read or states something without meaning; names file, line and key.
         """
         from pinproof.collision.scene_file import pairs_of, read_obstacle
-        from pinproof.description.lined_yaml import LinedMapping, listed, read_yaml, refuse_unknown
+        from pinproof.common.yaml_file import LinedMapping, listed, read_yaml, refuse_unknown
 
         path = Path(path)
         content = read_yaml(path, KEYS, SceneError)
@@ -109,7 +109,7 @@ class Attachments:
         import yaml
 
         from pinproof.collision.scene_file import stated_obstacle, stated_pose
-        from pinproof.description.lined_yaml import YAML_SUFFIXES
+        from pinproof.common.yaml_file import YAML_SUFFIXES
 
         path = Path(path)
         if path.suffix.lower() not in YAML_SUFFIXES:
@@ -131,7 +131,7 @@ class Attachments:
 
 
 def _value(path: Path, content: LinedMapping, key: str, read: Callable[[Any], Value]) -> Value:
-    from pinproof.description.lined_yaml import LinedMapping
+    from pinproof.common.yaml_file import LinedMapping
 
     stated = content.get(key, {})
     try:

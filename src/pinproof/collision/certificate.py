@@ -32,8 +32,8 @@ __all__ = [
     "Certificate",
     "CertificateStatus",
     "FirstContact",
+    "MotionTube",
     "Parting",
-    "Tube",
     "UndecidedSpan",
     "changed_files",
     "checked_hash",
@@ -102,7 +102,7 @@ class UndecidedSpan:
 
 
 @dataclass(frozen=True, eq=False)
-class Tube:
+class MotionTube:
     """What a curve, and what stands around it, may deviate by.
 
     Parameters
@@ -220,7 +220,7 @@ class Certificate:
     curve: str
     setup: str
     notes: tuple[str, ...] = ()
-    tube: Tube | None = None
+    tube: MotionTube | None = None
     evidence: Array | None = None
     partings: tuple[Parting, ...] = ()
     backwards: bool = False

@@ -20,7 +20,7 @@ from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
-    Tube,
+    MotionTube,
     UndecidedSpan,
     checked_hash,
     curve_hash,
@@ -82,7 +82,7 @@ def certify(
     Parameters
     ----------
     curve
-        A :class:`~pinproof.JointPath`, :class:`~pinproof.CubicPath` or :class:`~pinproof.Trajectory`.
+        A :class:`~pinproof.JointPath`, :class:`~pinproof.motion.CubicPath` or :class:`~pinproof.Trajectory`.
     checker
         Says which bodies are checked, and the margins that must stay between them.
     tolerance
@@ -374,7 +374,7 @@ class _Proof:
             curve=curve,
             setup=setup,
             notes=(*notes_of(checker), *changes),
-            tube=Tube(
+            tube=MotionTube(
                 read_only(self._joints),
                 self._obstacles,
                 max(float(state[k.JOINT_TUBE]), 0.0) if free else np.nan,

@@ -30,7 +30,7 @@ from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shape_file import numbers_of
 from pinproof.collision.shapes import Box, Cone, Cylinder, HalfSpace, Mesh, Shape, Sphere
 from pinproof.collision.solid import Solid
-from pinproof.description.lined_yaml import LinedMapping, listed, refuse_unknown
+from pinproof.common.yaml_file import LinedMapping, listed, refuse_unknown
 from pinproof.description.packages import locate
 from pinproof.errors import InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose

@@ -21,8 +21,8 @@ from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
+    MotionTube,
     Parting,
-    Tube,
     UndecidedSpan,
     curve_hash,
     free_sentence,
@@ -117,7 +117,7 @@ def _free(
     )
     room = [c.tube.largest_obstacles for c in proven if c.tube is not None]
     room += [DEEPEST + way.gap - obstacle_tolerance for way in ways] + [way.room for way in ways]
-    tube = Tube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(room), 0.0))
+    tube = MotionTube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(room), 0.0))
     whole = _whole(curve, checker, proven[:-1], proven[-1])
     intervals = whole.intervals + sum(way.rise.intervals for way in ways)
     return replace(

@@ -39,9 +39,8 @@ import yaml
 from pinproof.collision.moveit_scene import is_moveit, moveit_scene
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shape_file import SHAPE_KEYS, numbers_of, pose_of, read_shape, stated_shape
-from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
-from pinproof.description.units import MOST_REACH
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
+from pinproof.common.yaml_file import MOST_REACH, YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import Array, finite
 

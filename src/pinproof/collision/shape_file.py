@@ -42,10 +42,9 @@ from pinproof.collision.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.description.dh_files import parse_number
-from pinproof.description.input_file import is_file
-from pinproof.description.lined_yaml import refuse_unknown
-from pinproof.description.units import refuse_degrees
+from pinproof.common.files import is_file
+from pinproof.common.yaml_file import refuse_degrees, refuse_unknown
+from pinproof.description.dh import parse_number
 from pinproof.errors import InputError, SceneError
 from pinproof.spatial import SE3, finite, pose
 
@@ -114,7 +113,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
 
 
 def numbers_of(key: str, stated: object) -> Any:
-    """One number, or a list of them in any depth, each as :func:`~pinproof.description.dh_files.parse_number` reads it.
+    """One number, or a list of them in any depth, each as :func:`~pinproof.description.dh.parse_number` reads it.
 
     Raises
     ------

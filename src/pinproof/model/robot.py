@@ -6,20 +6,21 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
 
 from pinproof.description import CatalogueEntry, Srdf, Urdf, find_robot, read_description, read_srdf, read_urdf_text
-from pinproof.description.notes import notes
+from pinproof.description.sources import notes
 from pinproof.description.srdf import DisabledPair
 from pinproof.errors import FileError, InputError, UnknownNameError, UrdfError
 from pinproof.model.arm import Arm
-from pinproof.model.chain import find_chain, held_values, link_path
-from pinproof.model.groups import group_ends
-from pinproof.model.limits import JointLimits
-from pinproof.model.limits_file import LimitsFile
+from pinproof.model.chain import find_chain, group_ends, held_values, link_path
+from pinproof.model.limits import JointLimits, LimitsFile
+
+if TYPE_CHECKING:
+    from pinproof.model.info import RobotInfo
 
 __all__ = ["Robot", "load_robot", "load_robot_from_text"]
 
@@ -76,6 +77,18 @@ class Robot:
         """The robot's name in its URDF."""
         return self.urdf.name
 
+    def info(self, arm: Arm | None = None) -> RobotInfo:
+        """The properties of the robot and of one of its arms, by default of :meth:`arm` without arguments.
+
+        Raises
+        ------
+        InputError
+            If no arm is given and the robot declares no tcp.
+        """
+        from pinproof.model.info import robot_info
+
+        return robot_info(self, self.arm() if arm is None else arm)
+
     def arm(
         self,
         tcp: str | None = None,
@@ -98,8 +111,8 @@ class Robot:
         group
             A group of the SRDF, which names base and tcp.
         limits
-            New limits of all joints, those of a file (:func:`~pinproof.load_limits`), or new (lower, upper) by joint
-            name, to tighten or extend those of the URDF.
+            New limits of all joints, those of a file (:meth:`JointLimits.load`), or new (lower, upper) by joint name,
+            to tighten or extend those of the URDF.
         held
             Values (rad or m) of joints outside the arm; by default those of :attr:`home`, else 0 or the bound nearest
             to it. A floating or planar joint stands at its neutral place.

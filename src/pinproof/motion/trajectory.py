@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
-from pinproof.motion.clock import LONGEST, seconds, whole_nanoseconds
 from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
 from pinproof.motion.motion_record import Certified, MotionRecord, records_of
+from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
 from pinproof.spatial import finite
 from pinproof.verifier import curve_digest
 

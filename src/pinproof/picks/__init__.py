@@ -1,17 +1,17 @@
 """Picks: what to grasp, the stages of a pick, verdicts with reasons, reports, campaigns, reach maps."""
 
 from pinproof.picks.campaign import Campaign, CampaignResult
-from pinproof.picks.family import Spin, Tolerance
+from pinproof.picks.family import GraspSpin, GraspTolerance
 from pinproof.picks.frames import NamedFrame
 from pinproof.picks.grip import FingerContact, GripResult
-from pinproof.picks.gripper import Fingers
-from pinproof.picks.pick import Pick, PickProblem, Picks, Place
+from pinproof.picks.gripper import GripperFingers
+from pinproof.picks.pick import Pick, PickProblem, Picks, PlaceTarget
 from pinproof.picks.picks_file import open_picks, read_picks
 from pinproof.picks.reach import (
-    PickScreen,
-    ReachChange,
+    ReachComparison,
     ReachMap,
-    Region,
+    ReachRegion,
+    ScreenResult,
     ScreenStatus,
     approach_directions,
     reach_map,
@@ -31,9 +31,11 @@ __all__ = [
     "Campaign",
     "CampaignResult",
     "FingerContact",
-    "Fingers",
+    "GraspSpin",
+    "GraspTolerance",
     "GripLimits",
     "GripResult",
+    "GripperFingers",
     "NamedFrame",
     "Pick",
     "PickBudget",
@@ -42,7 +44,6 @@ __all__ = [
     "PickMotion",
     "PickProblem",
     "PickReport",
-    "PickScreen",
     "PickSetup",
     "PickSource",
     "PickStatus",
@@ -50,15 +51,14 @@ __all__ = [
     "PickVerdict",
     "PickWeights",
     "Picks",
-    "Place",
-    "ReachChange",
+    "PlaceTarget",
+    "ReachComparison",
     "ReachMap",
-    "Region",
+    "ReachRegion",
+    "ScreenResult",
     "ScreenStatus",
-    "Spin",
     "Stage",
     "StageResult",
-    "Tolerance",
     "apply_suggestion",
     "approach_directions",
     "open_picks",

@@ -1,7 +1,7 @@
 """The moving fingers of a hand in the frame of the tcp: open, closed, and bodies that hold the way between.
 
-Fingers are bodies of the gripper that slide along an axis (:class:`pinproof.picks.gripper.Fingers`), or links that
-joints outside the arm move (``held: {joint: {open, grip}}``). Neither depends on the configuration of the arm.
+Fingers are bodies of the gripper that translate along an axis (:class:`pinproof.picks.gripper.GripperFingers`), or
+links that joints outside the arm move (``held: {joint: {open, grip}}``). Neither depends on the configuration of the arm.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from pinproof.collision.links import link_bodies
 from pinproof.description import UrdfJoint
 from pinproof.model import Arm
 from pinproof.picks.frames import moved_by
-from pinproof.picks.gripper import Fingers
+from pinproof.picks.gripper import GripperFingers
 from pinproof.spatial import SE3
 
 __all__ = ["MovingFinger", "fingers_of"]
@@ -113,12 +113,12 @@ def _hull(points: Array, grow: float) -> ConvexHull:
     return ConvexHull(points)
 
 
-def fingers_of(arm: Arm, fingers: Fingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
+def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
     """All that moves while the hand closes: the gripper's two bodies, and the links moved by the joints that grip."""
     return (*_sliding(fingers), *_links(arm, grip))
 
 
-def _sliding(fingers: Fingers | None) -> list[MovingFinger]:
+def _sliding(fingers: GripperFingers | None) -> list[MovingFinger]:
     if fingers is None:
         return []
     found, axis = [], np.array(fingers.axis)

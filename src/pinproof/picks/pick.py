@@ -12,13 +12,13 @@ import numpy.typing as npt
 
 from pinproof.collision import Obstacle
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.picks.family import Spin, Tolerance
+from pinproof.picks.family import GraspSpin, GraspTolerance
 from pinproof.picks.frames import NamedFrame
-from pinproof.picks.gripper import Fingers
+from pinproof.picks.gripper import GripperFingers
 from pinproof.picks.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, rigid
 
-__all__ = ["Pick", "PickProblem", "Picks", "Place", "moved", "support_names"]
+__all__ = ["Pick", "PickProblem", "Picks", "PlaceTarget", "moved", "support_names"]
 
 Direction = tuple[float, float, float]
 
@@ -32,7 +32,7 @@ LONGEST_WAY = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class PlaceTarget:
     """Where what was grasped is put down.
 
     Parameters
@@ -115,11 +115,11 @@ class Pick:
     approach_frame: str = TIP
     retreat_frame: str = ROOT
     frame: str = ""
-    spin: Spin = field(default_factory=Spin)
-    tolerance: Tolerance = field(default_factory=Tolerance)
+    spin: GraspSpin = field(default_factory=GraspSpin)
+    tolerance: GraspTolerance = field(default_factory=GraspTolerance)
     carried: Obstacle | str | None = None
     support: str | Sequence[str] | None = None
-    place: Place | None = None
+    place: PlaceTarget | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -165,7 +165,7 @@ def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
     return names
 
 
-def _check_way(thing: Pick | Place, way: str, of: str) -> None:
+def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
     """Approach or retreat: a distance, a direction of length 1, and whose axes it is in."""
     value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
     if not 0 <= value <= LONGEST_WAY:
@@ -230,7 +230,7 @@ class Picks:
     problems: tuple[PickProblem, ...] = ()
     tip: SE3 = field(default_factory=SE3.Identity)
     tool: tuple[Obstacle, ...] = ()
-    fingers: Fingers | None = None
+    fingers: GripperFingers | None = None
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)

@@ -36,7 +36,7 @@ there until it is let go; the links they move may touch what is grasped, and fin
 
     held: {panda_finger_joint1: {open: 0.04, grip: 0.02}}
 
-Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); what its keys mean stands at :class:`Pick` and :class:`Place`.
+Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); see :class:`Pick` and :class:`PlaceTarget` for the keys.
 ``defaults`` fill in what a pick does not state; where a pick states neither orientation, nothing is guessed. A row that
 makes no sense is reported and the others are kept; what all rows share must make sense. In place of the list,
 ``picks: many.csv`` names a table (:mod:`pinproof.picks.table`) beside this file, of any length.
@@ -52,10 +52,10 @@ from typing import Any, TypeVar
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import read_obstacle
 from pinproof.collision.shape_file import numbers_of, pose_of
-from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
+from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.picks.frames import NamedFrame
-from pinproof.picks.gripper import Fingers
+from pinproof.picks.gripper import GripperFingers
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.pick_row import DEFAULT_KEYS, PICK_KEYS, POSE_KEYS, is_turned, make_pick, mapping_of, picks_of_row
 from pinproof.picks.settings import GripLimits
@@ -201,7 +201,7 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
     return found
 
 
-def _fingers(path: Path, content: LinedMapping) -> Fingers | None:
+def _fingers(path: Path, content: LinedMapping) -> GripperFingers | None:
     if "fingers" not in content:
         return None
     told = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGER_KEYS))
@@ -211,8 +211,8 @@ def _fingers(path: Path, content: LinedMapping) -> Fingers | None:
     bodies = _bodies(path, told, "bodies")
     numbers = {key: value for key, value in told.items() if key != "bodies"}
 
-    def made(_: object) -> Fingers:
-        return Fingers(bodies, **{key: numbers_of(key, value) for key, value in numbers.items()})  # type: ignore[arg-type]
+    def made(_: object) -> GripperFingers:
+        return GripperFingers(bodies, **{key: numbers_of(key, value) for key, value in numbers.items()})  # type: ignore[arg-type]
 
     return _shared(path, content, "fingers", {}, made)
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
+from pinproof.common.validation import whole
 from pinproof.errors import InputError
-from pinproof.ik.settings import whole
 
 __all__ = ["GripLimits", "PickBudget", "PickWeights"]
 

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
+from pinproof.common.content_hash import digest
+from pinproof.common.validation import Rng, seed_sequence
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
 from pinproof.picks.frames import moved_by
-from pinproof.picks.identity import digest
 from pinproof.picks.judge import judge
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.settings import PickBudget, PickWeights

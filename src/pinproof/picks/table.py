@@ -27,10 +27,10 @@ from typing import Any
 
 import numpy as np
 
-from pinproof.description.dh_files import other_separator
-from pinproof.description.input_file import refuse_unreadable
+from pinproof.common.content_hash import digest
+from pinproof.common.files import refuse_unreadable
+from pinproof.description.dh import other_separator
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.picks.identity import digest
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.pick_row import picks_of_row
 from pinproof.picks.source import PickSource

@@ -12,16 +12,15 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import Rng, positive, random_generator, whole
 from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
 from pinproof.ik.analytic.sweep import sweep, sweep_many
-from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus
-from pinproof.ik.settings import Rng, positive, random_generator, whole
+from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
 from pinproof.ik.solver import Accept, TaskLike
 from pinproof.ik.task import Task, make_task
-from pinproof.ik.verdict import judge
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, rigid, rigid_many

@@ -13,8 +13,8 @@ from typing import Any
 import numpy.typing as npt
 
 from pinproof.collision import Scene
+from pinproof.common.validation import whole
 from pinproof.errors import CampaignError, FileError, InputError
-from pinproof.ik.settings import whole
 from pinproof.model import Arm
 from pinproof.picks.campaign.chunks import Outcome
 from pinproof.picks.campaign.journal import (
@@ -192,8 +192,8 @@ class Campaign:
     scene
         What stands around it.
     picks
-        The picks: a list, or a source of which nothing is held in memory (:func:`pinproof.open_picks`,
-        :class:`pinproof.PickGrid`). Rows that could not be read are rows of the result too.
+        The picks: a list, or a source of which nothing is held in memory (:func:`pinproof.picks.open_picks`,
+        :class:`pinproof.picks.PickGrid`). Rows that could not be read are rows of the result too.
     home
         (n,) where each transit starts; by default the one of the picks, else the arm's.
     rng

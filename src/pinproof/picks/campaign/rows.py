@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from pinproof import __version__
+from pinproof.common.content_hash import LENGTH, digest
 from pinproof.errors import CampaignError
 from pinproof.picks.campaign.journal import CRASHED, RETRY, to_line
-from pinproof.picks.identity import LENGTH, digest
 from pinproof.picks.pick import Pick, PickProblem
 from pinproof.picks.report.rows import problem_row, verdict_row
 from pinproof.picks.setup import PickSetup

@@ -9,8 +9,8 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass
 from typing import Any
 
+from pinproof.common.validation import whole
 from pinproof.errors import CampaignError, InputError
-from pinproof.ik.settings import whole
 from pinproof.picks.campaign.chunks import MAX_DEATHS, Chunk, ChunkQueue, Outcome
 from pinproof.picks.campaign.worker import Answer, SingleWorkerExecutor, Task, usable_cores, work
 

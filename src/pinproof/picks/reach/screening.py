@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.ik.settings import whole
+from pinproof.common.validation import whole
 from pinproof.picks.configurations import manipulability
 from pinproof.picks.reach.proposals import Wanted, proposals_for
 from pinproof.picks.verdict import Stage

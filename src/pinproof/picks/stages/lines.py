@@ -14,7 +14,7 @@ from pinproof.motion import CubicPath
 from pinproof.picks.stages.grasp import Candidate
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
-from pinproof.planning import LinearMove, plan_linear
+from pinproof.planning import LinearPlanResult, plan_linear
 from pinproof.spatial import SE3
 
 __all__ = ["Line", "Pairs", "Way", "along", "line", "line_in", "line_out", "passing", "passing_at", "shifted", "span"]
@@ -169,7 +169,7 @@ def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:
     return any(set(pair) == set(each) for each in owners)
 
 
-def _proven(move: LinearMove) -> str:
+def _proven(move: LinearPlanResult) -> str:
     if move.certificate is None:
         return ""
     pairs = dict.fromkeys(parting.bodies for parting in move.certificate.partings)  # a mesh is left facet by facet

@@ -12,7 +12,7 @@ from pinproof.ik import Clik
 from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.configurations import configurations
 from pinproof.picks.family import Member
-from pinproof.picks.pick import Place, moved
+from pinproof.picks.pick import PlaceTarget, moved
 from pinproof.picks.stages.grasp import contact_words
 from pinproof.picks.stages.grip import closing_words
 from pinproof.picks.stages.lines import Pairs, Way, line, passing, shifted, span
@@ -21,7 +21,7 @@ from pinproof.picks.stages.seconds import least_seconds
 from pinproof.picks.stages.task import Task
 from pinproof.picks.stages.transit import planner, shortened
 from pinproof.picks.verdict import Stage, StageResult
-from pinproof.planning.goals import with_turns
+from pinproof.planning.ends import with_turns
 
 __all__ = ["Placer", "Placing", "Release"]
 
@@ -178,14 +178,16 @@ class Placer:
         figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
         return StageResult(Stage.PLACE, False, said, figures)
 
-    def _down(self, asked: Place, member: Member, index: int) -> Release:
+    def _down(self, asked: PlaceTarget, member: Member, index: int) -> Release:
         """The lines of one of the releases."""
         key = member.words, index
         if key not in self._downs:
             self._downs[key] = _down(self._task, asked, member, self.releases(member)[index])
         return self._downs[key]
 
-    def _transfer(self, asked: Place, way: Way, down: Release, seeds: list[int]) -> tuple[StageResult, Placing | None]:
+    def _transfer(
+        self, asked: PlaceTarget, way: Way, down: Release, seeds: list[int]
+    ) -> tuple[StageResult, Placing | None]:
         """From the end of the retreat to where the way down begins, whole turns away if limits and lines allow."""
         task, arm = self._task, self._task.arm
         carrying, limits = task.carrying(way.candidate.member), arm.limits
@@ -215,7 +217,7 @@ def _no(down: Release) -> StageResult:
     return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
 
 
-def _down(task: Task, asked: Place, member: Member, q: Array) -> Release:
+def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
     """The lines down to a release q (n,), and off it with the empty hand."""
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)

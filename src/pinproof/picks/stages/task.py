@@ -16,7 +16,7 @@ from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.family import Member, family
 from pinproof.picks.frames import root_from_frame
 from pinproof.picks.grip import GripResult, HeldPart, grip_by_fingers, grip_by_tip
-from pinproof.picks.pick import TIP, Pick, Place, moved, support_names
+from pinproof.picks.pick import TIP, Pick, PlaceTarget, moved, support_names
 from pinproof.picks.stages.cell import Cell
 from pinproof.spatial import SE3, matrix
 
@@ -50,7 +50,7 @@ class Task:
     def __init__(self, pick: Pick, cell: Cell) -> None:
         self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
-        self.place: Place | None = None
+        self.place: PlaceTarget | None = None
         if pick.place is not None:
             self.place = replace(pick.place, pose=self._in_root(pick.place.pose, pick.place.frame), frame="")
         carried, names = pick.carried, self.scene.names

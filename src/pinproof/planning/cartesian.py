@@ -1,4 +1,7 @@
-"""The tcp through a sequence of poses, straight from one to the next, as one certified joint curve."""
+"""Straight lines of the tcp in space, as smooth curves in joint space, certified.
+
+The tcp through a sequence of poses, straight from one to the next, as one certified joint curve.
+"""
 
 from __future__ import annotations
 
@@ -8,20 +11,128 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, certify
 from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik import AnalyticIk, Clik, IkTask
 from pinproof.ik.task import TaskName
 from pinproof.model import Arm
 from pinproof.motion import BlendedPath, CubicPath
-from pinproof.planning.aim import aimed, line_task
-from pinproof.planning.follow import Following, Walked
-from pinproof.planning.linear import ended, percent
-from pinproof.planning.linear_move import LinearStatus, PosesMove
-from pinproof.planning.route import sections
+from pinproof.planning.follow import Following, Walked, aimed, line_task
+from pinproof.planning.result import LinearPlanResult, LinearStatus, PosesPlanResult
+from pinproof.planning.route import Route, sections
 from pinproof.spatial import SE3, rigid, rigid_many
 
-__all__ = ["plan_poses"]
+__all__ = ["ended", "percent", "plan_linear", "plan_poses"]
+
+
+def plan_linear(
+    checker: CollisionChecker,
+    start: npt.ArrayLike,
+    target: SE3 | npt.ArrayLike,
+    *,
+    task: TaskName | IkTask = "pose",
+    deviation: float = 1e-3,
+    rotation_deviation: float = 1e-2,
+    translation_step: float = 0.05,
+    rotation_step: float = 0.2,
+    max_joint_step: float = 0.3,
+    parting: Sequence[tuple[str, str]] = (),
+) -> LinearPlanResult:
+    """Move the tcp from where it is at ``start`` straight to ``target``.
+
+    The position goes along a line while the orientation turns about one fixed axis. Poses along the line are solved one
+    from the other, so the arm stays on its branch, and joined by a twice differentiable curve that keeps the limits at
+    every point and whose distance from the line is bounded everywhere (:mod:`pinproof.planning.follow`).
+
+    Parameters
+    ----------
+    checker
+        What the move must be free of.
+    start
+        (n,) the first configuration.
+    target
+        ``base_from_tcp`` at the end. If it is half a turn away, one of the two ways round is taken.
+    task
+        What is asked of the tcp, as for :meth:`pinproof.Clik.solve`: ``"pose"``; ``"position"``, however it turns;
+        ``"spin_z"`` (``"spin_x"``, ``"spin_y"``), where that axis of the tcp is led the short way to where the target
+        has it and the spin about it is free; ``"orientation"``, wherever it goes.
+    deviation, rotation_deviation
+        Metres and radians the tcp may be off the line, between the solved poses too; they are put closer together
+        until it is proven.
+    translation_step, rotation_step
+        Largest distance (m) and angle (rad) between solved poses.
+    max_joint_step
+        Largest joint step (rad or m) between solved poses. They are put closer together until it holds, to a 64th of
+        the steps; where that is not enough, it is a jump.
+    parting
+        Pairs that may touch at the start, as for :func:`pinproof.certify`.
+
+    Raises
+    ------
+    InputError
+        If a shape is wrong, a number is not finite, a setting is not above 0, or the task asks for part of the position
+        or for one turn alone.
+    """
+    asked = line_task(task)
+    arm = checker.arm
+    following = Following(
+        arm=arm,
+        task=asked,
+        deviation=deviation,
+        rotation_deviation=rotation_deviation,
+        translation_step=translation_step,
+        rotation_step=rotation_step,
+        max_joint_step=max_joint_step,
+    )
+    first, last = arm.limits.snap(arm.configuration(start, "start")), rigid("target", target)
+    if outside := arm.limits.violations(first, arm.joint_names):
+        said = f"the start is no place to start: {outside[0]}"
+        beyond = np.flatnonzero((first < arm.limits.lower) | (first > arm.limits.upper))
+        names = tuple(arm.joint_names[joint] for joint in beyond)
+        return LinearPlanResult(LinearStatus.LIMIT, None, None, 0.0, said, joints=names)
+    here = arm.forward_kinematics(first)
+    return _line_result(following.walk(Route.straight(here, aimed(here, last, asked)), first), checker, parting)
+
+
+def _line_result(walked: Walked, checker: CollisionChecker, parting: Sequence[tuple[str, str]]) -> LinearPlanResult:
+    """The move as far as it was walked, unless a contact ends it before."""
+    certificate = certify(walked.path, checker, parting=parting)
+    if not certificate.free:
+        return _touching(certificate)
+    if walked.status is not LinearStatus.COMPLETE:
+        message = f"stops at {percent(walked.fraction)} of the line: {walked.why}"
+        return LinearPlanResult(walked.status, None, None, walked.fraction, message, joints=walked.joints)
+    message = f"straight to the target, {certificate.message}"
+    return LinearPlanResult(
+        LinearStatus.COMPLETE,
+        walked.path,
+        certificate,
+        1.0,
+        message,
+        walked.deviation,
+        walked.rotation_deviation,
+    )
+
+
+def _touching(certificate: Certificate) -> LinearPlanResult:
+    """The move that a contact, or a proof that met its tolerance, ends."""
+    status, fraction = ended(certificate)
+    return LinearPlanResult(
+        status, None, certificate, fraction, f"stops at {percent(fraction)} of the line: {certificate.message}"
+    )
+
+
+def ended(certificate: Certificate) -> tuple[LinearStatus, float]:
+    """What ends a curve that is not FREE, and the parameter up to which it is proven."""
+    if certificate.status is CertificateStatus.COLLIDING and certificate.first_contact is not None:
+        return LinearStatus.CONTACT, certificate.first_contact.proven_free_until
+    return LinearStatus.UNDECIDED, 0.0 if certificate.undecided is None else certificate.undecided.start
+
+
+def percent(fraction: float) -> str:
+    """Rounded down: "100 %" is all of the line."""
+    return f"{int(fraction * 100)} %"
+
 
 Array = npt.NDArray[np.float64]
 
@@ -46,7 +157,7 @@ def plan_poses(
     rotation_step: float = 0.2,
     max_joint_step: float = 0.3,
     rng: int | np.random.Generator = 0,
-) -> PosesMove:
+) -> PosesPlanResult:
     """Move the tcp through all poses, on a straight line from each to the next, as :func:`plan_linear` does.
 
     At a pose the way turns: the arm stops there (the ``corners`` of the path), or, with ``rounding``, passes it on a
@@ -102,23 +213,23 @@ def plan_poses(
         first = arm.limits.snap(arm.configuration(start, "start"))
         if outside := arm.limits.violations(first, arm.joint_names):
             said = f"the start is no place to start: {outside[0]}"
-            return PosesMove(LinearStatus.LIMIT, None, None, 0.0, -1, said)
-        return _judged(_walk(following, first, wanted, rounding, rotation_rounding), checker, -1)
+            return PosesPlanResult(LinearStatus.LIMIT, None, None, 0.0, -1, said)
+        return _poses_result(_walk(following, first, wanted, rounding, rotation_rounding), checker, -1)
     starts = _starts(checker, wanted[0], asked, rng)
     free = starts[checker.is_free_batch(starts)] if len(starts) else starts
     if not len(free):
         if not len(starts):
             said = "the first pose cannot be reached inside the limits; see what solve says of it"
-            return PosesMove(LinearStatus.UNREACHABLE, None, None, 0.0, -1, said)
+            return PosesPlanResult(LinearStatus.UNREACHABLE, None, None, 0.0, -1, said)
         said = f"the first pose is in contact on all of its {len(starts)} branches: {checker.check(starts[0])}"
-        return PosesMove(LinearStatus.CONTACT, None, certify(_still(arm, starts[0]), checker), 0.0, -1, said)
+        return PosesPlanResult(LinearStatus.CONTACT, None, certify(_still(arm, starts[0]), checker), 0.0, -1, said)
     walks = [_walk(following, first, wanted[1:], rounding, rotation_rounding) for first in free]
     walks.sort(key=lambda walk: walk.cost)
-    best = _judged(walks[0], checker, 0)
+    best = _poses_result(walks[0], checker, 0)
     for walk in walks[1:]:
         if best.fraction >= walk.fraction:
             break  # the others do not get farther even where nothing is in their way, or take longer
-        move = _judged(walk, checker, 0)
+        move = _poses_result(walk, checker, 0)
         best = move if move.fraction > best.fraction else best
     return best
 
@@ -205,7 +316,7 @@ def _stretched(path: CubicPath, begin: float, size: float) -> CubicPath:
     return CubicPath(path.q, path.tangents / size, begin + size * path.knots, path.joint_names)
 
 
-def _judged(walk: _Walk, checker: CollisionChecker, offset: int) -> PosesMove:
+def _poses_result(walk: _Walk, checker: CollisionChecker, offset: int) -> PosesPlanResult:
     """The move as far as it was walked, unless a contact ends it before."""
     path = walk.path
     certificate = certify(path, checker)
@@ -220,15 +331,15 @@ def _judged(walk: _Walk, checker: CollisionChecker, offset: int) -> PosesMove:
     message = f"through all {len(walk.passed) + 1 + offset} poses{stops}, {certificate.message}"
     reached = len(walk.passed) + offset
     off = walk.deviation, walk.rotation_deviation
-    return PosesMove(LinearStatus.COMPLETE, path, certificate, 1.0, reached, message, *off)
+    return PosesPlanResult(LinearStatus.COMPLETE, path, certificate, 1.0, reached, message, *off)
 
 
 def _stopped(
     walk: _Walk, status: LinearStatus, done: float, why: str, certificate: Certificate | None, offset: int
-) -> PosesMove:
+) -> PosesPlanResult:
     reached = sum(at <= done for at in walk.passed) + offset
     fraction = done / walk.total if walk.total > 0.0 else 0.0
     towards = f"after pose {reached}" if reached >= 0 else "before the first pose"
     message = f"stops at {percent(fraction)} of the way, {towards}: {why}"
     joints = walk.last.joints if walk.last is not None and certificate is None else ()
-    return PosesMove(status, None, certificate, fraction, reached, message, joints=joints)
+    return PosesPlanResult(status, None, certificate, fraction, reached, message, joints=joints)

@@ -1,7 +1,7 @@
 """The moving fingers of a hand in the frame of the tcp: open, closed, and bodies that hold the way between.
 
-Fingers are bodies of the gripper that translate along an axis (:class:`pinproof.picks.gripper.GripperFingers`), or
-links that joints outside the arm move (``held: {joint: {open, grip}}``). Neither depends on the configuration of the arm.
+Fingers are bodies of the gripper that translate along an axis (:class:`~pinproof.picks.GripperFingers`), or links that
+joints outside the arm move (``held: {joint: {open, grip}}``). Neither depends on the configuration of the arm.
 """
 
 from __future__ import annotations

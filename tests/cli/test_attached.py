@@ -175,7 +175,7 @@ def test_a_proof_of_the_bare_arm_is_refused_for_the_arm_with_a_tool(run: Run) ->
 
 def test_motions_of_picks_record_their_tool_and_what_they_carry(run: Run, tmp_path: Path) -> None:
     Path("carry.yaml").write_text(
-        PICKS.replace("rpy:", "object: {name: cube, box: [0.02, 0.02, 0.02], xyz: [0, 0, 0.02]}, rpy:")
+        PICKS.replace("rpy:", "object: {name: cube, box: [0.02, 0.02, 0.02], xyz: [0, 0, 0.01]}, rpy:")
     )
     assert run("pick", "picks.yaml", "-o", str(tmp_path))[0] == 0
     code, out, err = run("certify", "ur5", "one.json")

@@ -12,14 +12,14 @@ from hypothesis import strategies as st
 from pinproof.kernels.arctangent import angle_of
 from pinproof.kernels.compiled import compiled
 from pinproof.kernels.lanes import wind
-from pinproof.kernels.roots import linear_roots, quartic_roots
+from pinproof.kernels.roots import FREE, linear_roots, quartic_roots
 
 number = st.floats(-3, 3, allow_nan=False)
 
 
 @compiled
 def roots_of_equation(slides, A, B, C, border):
-    return linear_roots(slides, A, B, C, math.nan, border, 0.0)
+    return linear_roots(slides, A, B, C, math.nan, border, 0.0, FREE)
 
 
 @compiled

@@ -70,7 +70,7 @@ def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
     assert verdict.stages[-1].figures["distance"] == pytest.approx(-0.008, abs=1e-4)
     assert len(verdict.refuted) == verdict.configurations
     assert all("picker penetrates" in words for words in verdict.refuted)
-    corner = replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin())
+    corner = replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin(), carried=None)
     there = apply_suggestion(corner, suggested(verdict, "move the pick"))
     assert judge(cell, there, budget=pp.picks.PickBudget(remedies=0)).ok
 

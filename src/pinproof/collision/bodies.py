@@ -202,11 +202,12 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     """
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
+    file = None if shape.path is None else FileStamp.of(shape.path)
     made, remark = _own_shape(shape)
     if len(made) == 1:
-        return [Body(name, name, link, made[0][0], link_from_body.copy(), *made[0][1:], remark)]
+        return [Body(name, name, link, made[0][0], link_from_body.copy(), *made[0][1:], remark, file=file)]
     return [
-        Body(f"{name}_part_{i}", name, link, part[0], link_from_body.copy(), *part[1:], remark, source=name)
+        Body(f"{name}_part_{i}", name, link, part[0], link_from_body.copy(), *part[1:], remark, source=name, file=file)
         for i, part in enumerate(made)
     ]
 

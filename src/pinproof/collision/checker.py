@@ -236,7 +236,7 @@ class CollisionChecker:
         """The same, but the pairs of bodies with these indices in :attr:`pairs` are not checked.
 
         Pairs of bodies, where :meth:`allowing` leaves out all pairs of two owners. It is meant for proofs that show the
-        omitted pairs apart by other means: :attr:`excluded` does not list them, and checkers derived from this one by a
+        omitted pairs apart by other means: ``excluded`` does not list them, and checkers derived from this one by a
         new scene, attached object or allowed contact check them again.
         """
         dropped = set(pairs)

@@ -11,10 +11,12 @@ from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
+from dataclasses import fields
 from pathlib import Path
 
-from pinproof.benchmarks import IkTable, ik_benchmark, ik_markdown, success_markdown, success_rates, write_ik_table
+from ik_success import DocsIkTable, success_markdown, success_rates
+
+from pinproof.benchmarks import ik_benchmark, ik_markdown, write_ik_table
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 DOCS_ROBOTS = ("ur5", "panda", "puma560")
@@ -36,14 +38,14 @@ def main() -> None:
         print(success_markdown(success_rates(options.robots or None, samples=options.success, **common)))
         return
     if options.render:
-        table = IkTable.load(FOLDER / "ik.json")
+        table = DocsIkTable.load(FOLDER / "ik.json")
     else:
         robots = options.robots or (DOCS_ROBOTS if options.docs else ("ur5",))
-        table = ik_benchmark(robots, points=options.points, peers=not options.no_peers, **common)
-    if options.docs:
-        table = replace(table, success=success_rates(**common))
+        measured = ik_benchmark(robots, points=options.points, peers=not options.no_peers, **common)
+        values = {field.name: getattr(measured, field.name) for field in fields(measured)}
+        table = DocsIkTable(**values, success=success_rates(**common) if options.docs else ())
     if options.docs or options.render:
-        write_ik_table(table, FOLDER)
+        write_ik_table(table, FOLDER, appendix=success_markdown(table.success))
     else:
         print(ik_markdown(table))
 

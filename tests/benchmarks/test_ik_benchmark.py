@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from ik_success import DocsIkTable, SuccessRow, success_markdown, success_rates
 
 import pinproof as pp
-from pinproof.benchmarks import IkTable, ik_benchmark, ik_markdown, success_rates, write_ik_table
+from pinproof.benchmarks import IkTable, ik_benchmark, ik_markdown, write_ik_table
 from pinproof.benchmarks.ik_methods import OWN_METHODS, IkMethod, Part, PreparedMethod
 from pinproof.benchmarks.ik_peers import PEERS
 from pinproof.benchmarks.ik_problems import random_targets, smooth_targets, with_reduced_ranges
@@ -24,8 +25,12 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture(scope="module")
 def table() -> IkTable:
-    made = ik_benchmark(["ur5"], points=POINTS)
-    return replace(made, success=success_rates(["ur5", "panda"], samples=50))
+    return ik_benchmark(["ur5"], points=POINTS)
+
+
+@pytest.fixture(scope="module")
+def success() -> tuple[SuccessRow, ...]:
+    return success_rates(["ur5", "panda"], samples=50)
 
 
 def test_iterative_methods_have_a_row_in_every_part(table: IkTable) -> None:
@@ -187,16 +192,28 @@ def test_the_ratio_refers_to_our_method_in_the_same_part(monkeypatch: pytest.Mon
         assert ours.ratio is None
 
 
-def test_success_rates_count_solved_targets(table: IkTable) -> None:
-    rows = [(row.robot, row.method) for row in table.success]
+def test_success_rates_count_solved_targets(success: tuple[SuccessRow, ...]) -> None:
+    rows = [(row.robot, row.method) for row in success]
     assert rows == [("ur5", "clik"), ("ur5", "analytic"), ("panda", "clik")]
-    assert all(row.samples == 50 and row.success == 1.0 and row.false_positives == 0 for row in table.success)
-    assert all(row.batch_us > 0 for row in table.success)
+    assert all(row.samples == 50 and row.success == 1.0 and row.false_positives == 0 for row in success)
+    assert all(row.batch_us > 0 for row in success)
 
 
-def test_the_configuration_that_generated_the_target_is_among_the_branches(table: IkTable) -> None:
-    recovered = {(row.robot, row.method): row.recovered for row in table.success}
+def test_the_configuration_that_generated_the_target_is_among_the_branches(
+    success: tuple[SuccessRow, ...],
+) -> None:
+    recovered = {(row.robot, row.method): row.recovered for row in success}
     assert recovered == {("ur5", "clik"): None, ("ur5", "analytic"): 1.0, ("panda", "clik"): None}
+
+
+def test_the_table_of_the_documentation_has_success_rates(
+    table: IkTable, success: tuple[SuccessRow, ...], tmp_path: Path
+) -> None:
+    docs = DocsIkTable(**vars(table), success=success)
+    docs.save(tmp_path / "ik.json")
+    assert DocsIkTable.load(tmp_path / "ik.json") == docs
+    assert "| panda | CLIK | 100 % | 0 |" in success_markdown(success)
+    assert success_markdown(()) == ""
 
 
 def test_an_arm_without_a_closed_form_is_left_out_with_the_reason() -> None:

@@ -1,7 +1,7 @@
 """Benchmarks of inverse kinematics and planning: tables of figures with provenance and an independent check."""
 
-from pinproof.benchmarks.ik_run import ik_benchmark, success_rates
-from pinproof.benchmarks.ik_table import IkTable, SuccessRow, ik_markdown, success_markdown, write_ik_table
+from pinproof.benchmarks.ik_run import ik_benchmark
+from pinproof.benchmarks.ik_table import IkTable, ik_markdown, write_ik_table
 from pinproof.benchmarks.plan_page import plan_markdown, write_plan_table
 from pinproof.benchmarks.plan_run import plan_benchmark
 from pinproof.benchmarks.plan_table import PlanTable
@@ -9,13 +9,10 @@ from pinproof.benchmarks.plan_table import PlanTable
 __all__ = [
     "IkTable",
     "PlanTable",
-    "SuccessRow",
     "ik_benchmark",
     "ik_markdown",
     "plan_benchmark",
     "plan_markdown",
-    "success_markdown",
-    "success_rates",
     "write_ik_table",
     "write_plan_table",
 ]

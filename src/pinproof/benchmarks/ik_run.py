@@ -29,14 +29,12 @@ from pinproof.benchmarks.ik_problems import (
     smooth_targets,
     with_reduced_ranges,
 )
-from pinproof.benchmarks.ik_table import PARTS, IkRow, IkTable, SuccessRow
+from pinproof.benchmarks.ik_table import PARTS, IkRow, IkTable
 from pinproof.benchmarks.tables import NotApplicableError, installed_version, provenance
-from pinproof.description import catalogue_names
 from pinproof.errors import InputError, PinproofError
-from pinproof.ik.windings import difference
 from pinproof.model import Arm, load_robot
 
-__all__ = ["ik_benchmark", "measure", "success_rates"]
+__all__ = ["WARM_UP", "ik_benchmark", "load_arm", "measure", "timed_batch"]
 
 Array = npt.NDArray[np.float64]
 
@@ -46,15 +44,6 @@ WARM_UP = 50
 """Calls before the measurement, which load compiled code and fill caches."""
 
 NANOSECONDS_PER_MS = 1e6
-
-SUCCESS_METHODS = ("clik", "analytic")
-
-REPEATS = 3
-"""Batches timed for the success rates; the fastest counts, since other processes can only make one slower."""
-
-SAME_CONFIGURATION = 1e-4
-"""Rad or m below which an answer equals the configuration that generated the target. At a singular target, a pose error
-of 1e-9, the tolerance of the closed form, corresponds to joint errors of its square root, 3e-5."""
 
 
 def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> IkRow | None:
@@ -76,7 +65,7 @@ def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets
     checked, batch_ms = [single], None
     if prepared.solve_batch is not None:
         prepared.solve_batch(poses[:WARM_UP], targets.start)
-        batch_answers, nanoseconds = _timed_batch(prepared.solve_batch, poses, targets.start)
+        batch_answers, nanoseconds = timed_batch(prepared.solve_batch, poses, targets.start)
         batch_ms = nanoseconds / NANOSECONDS_PER_MS / len(poses)
         checked.append(check_answers(arm, poses, batch_answers, part.task, method.tolerance))
     textbook_ms, textbook_success = method.textbook or (None, None)
@@ -121,8 +110,8 @@ def _solve_each(prepared: PreparedMethod, poses: Array, start: Array, part: Part
         yield end - begin, answers
 
 
-def _timed_batch(solve_batch: Callable[[Array, Array], Array], poses: Array, start: Array) -> tuple[Array, int]:
-    """Answers (N, k, n) and nanoseconds of one batch."""
+def timed_batch(solve_batch: Callable[[Array, Array], Array], poses: Array, start: Array) -> tuple[Array, int]:
+    """Return the answers (N, k, n) and the nanoseconds of one batch."""
     begin = perf_counter_ns()
     answers = solve_batch(poses, start)
     end = perf_counter_ns()
@@ -193,7 +182,7 @@ def ik_benchmark(
     chains: dict[str, Any] = {}
     origin = provenance(seed)
     for name in robots:
-        arm = _arm(name, limits_pi)
+        arm = load_arm(name, limits_pi)
         chains[name] = {
             "tcp": arm.tcp,
             "joints": list(arm.joint_names),
@@ -221,52 +210,8 @@ def ik_benchmark(
     return IkTable(settings, origin, tuple(_with_ratio(row, rows) for row in rows), left_out)
 
 
-def success_rates(
-    robots: Sequence[str] | None = None,
-    *,
-    samples: int = 100_000,
-    methods: Sequence[str] = SUCCESS_METHODS,
-    limits_pi: bool = True,
-    seed: int = 0,
-    on_progress: Callable[[str], None] | None = None,
-) -> tuple[SuccessRow, ...]:
-    """Measure success and batch times of many random poses, by default on every arm of the catalogue.
-
-    Methods that do not apply to an arm have no row.
-    """
-    rows = []
-    report = on_progress or (lambda _: None)
-    for name in robots or catalogue_names():
-        arm = _arm(name, limits_pi)
-        targets = random_targets(arm, samples, seed)
-        for method in select_methods(tuple(methods), OWN_METHODS):
-            report(f"{name}: {method.label}, {samples} targets")
-            try:
-                prepared = method.prepare(arm, Part("random", "pose", True))
-            except (NotApplicableError, PinproofError):
-                continue
-            if prepared is None or prepared.solve_batch is None:
-                continue
-            prepared.solve_batch(targets.poses[:WARM_UP], targets.start)
-            runs = [_timed_batch(prepared.solve_batch, targets.poses, targets.start) for _ in range(REPEATS)]
-            answers, fastest = runs[-1][0], min(nanoseconds for _, nanoseconds in runs)
-            checked = check_answers(arm, targets.poses, answers, "pose", method.tolerance)
-            rows.append(
-                SuccessRow(
-                    robot=name,
-                    method=method.key,
-                    label=method.label,
-                    samples=samples,
-                    success=checked.success,
-                    false_positives=checked.false_positives,
-                    batch_us=fastest / 1e3 / samples,
-                    recovered=_recovered(arm, answers, targets.q) if answers.shape[1] > 1 else None,
-                )
-            )
-    return tuple(rows)
-
-
-def _arm(robot: str, limits_pi: bool) -> Arm:
+def load_arm(robot: str, limits_pi: bool) -> Arm:
+    """Return an arm of the catalogue or a file, with ranges of at most one full rotation if ``limits_pi``."""
     arm = load_robot(robot).arm()
     return with_reduced_ranges(arm) if limits_pi else arm
 
@@ -301,12 +246,6 @@ def _with_ratio(row: IkRow, rows: list[IkRow]) -> IkRow:
         if same_robot_and_part and other.method == row.compared_with:
             return replace(row, ratio=row.mean_ms / other.mean_ms)
     return row
-
-
-def _recovered(arm: Arm, answers: Array, q: Array) -> float:
-    distance = np.abs(difference(arm, answers, q[:, None])).max(axis=2)
-    nearest = np.where(np.isnan(distance), np.inf, distance).min(axis=1)
-    return float((nearest <= SAME_CONFIGURATION).mean())
 
 
 def _finite(values: Array) -> list[float | None]:

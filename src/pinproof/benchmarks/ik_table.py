@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -18,7 +17,7 @@ from pinproof.benchmarks.tables import (
 )
 from pinproof.model import load_robot
 
-__all__ = ["COLUMNS", "PARTS", "IkRow", "IkTable", "SuccessRow", "ik_markdown", "success_markdown", "write_ik_table"]
+__all__ = ["COLUMNS", "PARTS", "IkRow", "IkTable", "ik_markdown", "percent", "write_ik_table"]
 
 PARTS: tuple[Part, ...] = (
     Part("random", "position", False),
@@ -103,25 +102,6 @@ class IkRow:
 
 
 @dataclass(frozen=True)
-class SuccessRow:
-    """A method on many random poses of one arm, started from the middle of the joint ranges, on one thread.
-
-    ``success`` is as in :class:`IkRow`; ``batch_us`` is in microseconds per target; ``recovered`` is the share of
-    targets for which the configuration that generated them is among the answers (up to full rotations), for a method
-    that returns all branches.
-    """
-
-    robot: str
-    method: str
-    label: str
-    samples: int
-    success: float
-    false_positives: int
-    batch_us: float
-    recovered: float | None
-
-
-@dataclass(frozen=True)
 class IkTable(BenchmarkTable):
     """The results of one run.
 
@@ -131,16 +111,13 @@ class IkTable(BenchmarkTable):
         One for each robot, part and method.
     left_out
         Robot to method to reason, for the methods that could not be run.
-    success
-        Success rates on many arms; empty if they were not measured.
     """
 
     rows: tuple[IkRow, ...]
     left_out: dict[str, dict[str, str]]
-    success: tuple[SuccessRow, ...] = ()
 
     topic: ClassVar[str] = "inverse kinematics"
-    row_types: ClassVar[dict[str, type]] = {"rows": IkRow, "success": SuccessRow}
+    row_types: ClassVar[dict[str, type]] = {"rows": IkRow}
 
     @property
     def robots(self) -> tuple[str, ...]:
@@ -153,12 +130,12 @@ class IkTable(BenchmarkTable):
         return tuple(row for row in self.rows if (row.robot, row.problem, row.task, row.restarts) == wanted)
 
 
-def write_ik_table(table: IkTable, folder: str | Path) -> list[Path]:
+def write_ik_table(table: IkTable, folder: str | Path, *, appendix: str = "") -> list[Path]:
     """Write ``ik.json``, ``ik.md``, ``ik_latency.png``, and ``ik_steps.png`` for the first robot that allows this plot.
 
-    Returns the files written. The folder must exist.
+    ``appendix`` is added to the Markdown page. Returns the files written. The folder must exist.
     """
-    written = table.write(folder, "ik", "# Inverse kinematics benchmark\n\n" + ik_markdown(table))
+    written = table.write(folder, "ik", "# Inverse kinematics benchmark\n\n" + ik_markdown(table) + appendix)
     written.append(Path(folder) / "ik_latency.png")
     _write_latency_plot(table, written[-1])
     for robot in table.robots:
@@ -185,8 +162,6 @@ def ik_markdown(table: IkTable) -> str:
         reasons = table.left_out.get(robot, {})
         if reasons:
             lines += ["Left out:", "", *(f"- {name}: {reason}" for name, reason in reasons.items()), ""]
-    if table.success:
-        lines += ["## Success rates", "", success_markdown(table.success)]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -242,7 +217,7 @@ def _cells(row: IkRow, points: int) -> list[str]:
         _milliseconds(row.median_ms),
         _milliseconds(row.p999_ms),
         _milliseconds(row.batch_ms),
-        _percent(row.success),
+        percent(row.success),
         "" if row.position_error is None else f"{row.position_error:.1e} m",
         "" if row.rotation_error is None else f"{row.rotation_error:.1e} rad",
         str(row.false_positives),
@@ -253,33 +228,12 @@ def _cells(row: IkRow, points: int) -> list[str]:
     ]
 
 
-def success_markdown(rows: Sequence[SuccessRow]) -> str:
-    """Return the success rates as Markdown."""
-    text = wrapped(
-        f"{rows[0].samples:,} random configurations per arm, full poses, one thread. Recovered is the share of targets "
-        "for which the configuration that generated the target is among the answers."
-    )
-    cells = [
-        [
-            row.robot,
-            row.label,
-            _percent(row.success),
-            str(row.false_positives),
-            f"{row.batch_us:.2f}",
-            "" if row.recovered is None else _percent(row.recovered),
-        ]
-        for row in rows
-    ]
-    columns = ("arm", "method", "success", "false positives", "batch mean, us", "recovered")
-    return "\n".join([*text, "", *markdown_table(columns, cells, text_columns=2)]) + "\n"
-
-
 def _milliseconds(value: float | None) -> str:
     return "" if value is None else f"{value:.3g}" if value < 100 else f"{value:.0f}"
 
 
-def _percent(value: float) -> str:
-    """At most three decimals, and never rounded up to 100 %."""
+def percent(value: float) -> str:
+    """Return a share in percent, with at most three decimals and never rounded up to 100 %."""
     return "100 %" if value == 1.0 else f"{min(100 * value, 99.999):.3f}".rstrip("0").rstrip(".") + " %"
 
 

@@ -126,7 +126,7 @@ def _first_step(solver: IterativeIk, arm: Arm, target: SE3, q: Array) -> float:
 
 
 def _singular_value_of_joint(arm: Arm, joint: int) -> float | None:
-    """The value of a joint at which the arm, otherwise at home, is singular; None if there is none.
+    """The value of a joint at which the arm, otherwise at home, is singular; None without such a value.
 
     A ternary search refines the lowest of many samples of the smallest singular value.
     """

@@ -173,7 +173,7 @@ def _write_time_plot(table: PlanTable, path: Path) -> None:
     The curve of a method ends below 100 % if problems were not solved or motions are unsafe.
     """
     columns = min(2, len(table.collections))
-    figure, panels = new_figure(-(-len(table.collections) // columns), columns, width=5.2, height=3.8)
+    figure, panels = new_figure(-(-len(table.collections) // columns), columns, width=5.2, height=4.4)
     for panel in panels.flat[len(table.collections) :]:
         panel.set_axis_off()
     for panel, collection in zip(panels.flat, table.collections, strict=False):
@@ -193,5 +193,5 @@ def _write_time_plot(table: PlanTable, path: Path) -> None:
         panel.set_xlabel("total time, ms")
         panel.set_ylabel("safe motions, % of problems")
         panel.grid(alpha=0.3)
-        panel.legend(fontsize=8, ncols=2, loc="upper center", bbox_to_anchor=(0.5, -0.17))
+        panel.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.17))
     figure.savefig(path, dpi=110, format="png")

@@ -138,7 +138,7 @@ def _srdf(problem: PlanProblem, checker: CollisionChecker) -> str:
 
 
 PEERS: tuple[PlanMethod, ...] = (
-    PlanMethod("roboplan_plan", "roboplan, without shortcuts", _roboplan(False, None), "roboplan"),
+    PlanMethod("roboplan_plan", "roboplan, no shortcuts", _roboplan(False, None), "roboplan"),
     PlanMethod("roboplan", "roboplan", _roboplan(True, None), "roboplan"),
     PlanMethod("roboplan_fine", f"roboplan, sampled at {FINE:g} rad", _roboplan(True, FINE), "roboplan"),
 )

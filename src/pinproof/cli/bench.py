@@ -24,12 +24,12 @@ def bench_ik(
     robots: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Catalogue names or robot files [default: ur5].", metavar="[ROBOT]...", autocompletion=robot_names
+            help="Catalogue names or robot files (default: ur5).", metavar="[ROBOT]...", autocompletion=robot_names
         ),
     ] = None,
     points: Annotated[int, typer.Option(help="Targets per part of the table.", min=1)] = 10_000,
     methods: Annotated[
-        str | None, typer.Option(help='Methods to run, for example "clik pseudo_inverse" [default: all].')
+        str | None, typer.Option(help='Methods to run, for example "clik pseudo_inverse" (default: all).')
     ] = None,
     peers: Peers = True,
     limits_pi: Annotated[
@@ -66,7 +66,7 @@ def bench_plan(
     robots: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Catalogue names or robot files for the scenes of pinproof [default: ur5, panda, generic_6dof].",
+            help="Catalogue names or robot files for the scenes of pinproof (default: ur5, panda, generic_6dof).",
             metavar="[ROBOT]...",
             autocompletion=robot_names,
         ),
@@ -77,8 +77,8 @@ def bench_plan(
     robot: Annotated[
         str | None,
         typer.Option(
-            help="Catalogue name or robot file for the MotionBenchMaker problems [default: the URDF in a folder "
-            "'robot' beside them, otherwise the robot that they name]."
+            help="Catalogue name or robot file for the MotionBenchMaker problems (default: the URDF in a folder "
+            "'robot' beside them, otherwise the robot that they name)."
         ),
     ] = None,
     sets: Annotated[
@@ -87,7 +87,7 @@ def bench_plan(
     ] = None,
     problems: Annotated[
         int | None,
-        typer.Option(help="Problems per set [default: all of MotionBenchMaker, 10 per scene of pinproof].", min=1),
+        typer.Option(help="Problems per set (default: all of MotionBenchMaker, 10 per scene of pinproof).", min=1),
     ] = None,
     repeats: Annotated[int, typer.Option(help="Runs per problem; the fastest counts.", min=1)] = 1,
     peers: Peers = True,

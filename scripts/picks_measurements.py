@@ -19,7 +19,17 @@ from pinproof.collision import Cylinder, Obstacle, Scene
 from pinproof.description import robots_folder
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, load_robot
-from pinproof.picks import Campaign, Pick, PickList, Picks, PickSetup, Place, ScreenStatus, read_picks, screen_picks
+from pinproof.picks import (
+    Campaign,
+    Pick,
+    PickList,
+    Picks,
+    PickSetup,
+    PlaceTarget,
+    ScreenStatus,
+    read_picks,
+    screen_picks,
+)
 from pinproof.picks.reach.screening import Screening
 from pinproof.spatial import SE3, pose
 
@@ -204,7 +214,7 @@ class PickCell:
             return Pick(name, self._pose(rng, TILT))
         grasp, put = self._pose(rng, 0.0), self._pose(rng, 0.0)
         bolt = Obstacle("bolt", BOLT, pose(xyz=(0.0, 0.0, BOLT.length / 2)))
-        return Pick(name, grasp, carried=bolt, place=Place(put))
+        return Pick(name, grasp, carried=bolt, place=PlaceTarget(put))
 
     def _pose(self, rng: np.random.Generator, tilt: float) -> SE3:
         azimuth, distance = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(self.nearest, self.farthest)

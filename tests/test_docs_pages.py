@@ -14,12 +14,14 @@ DOCS = ROOT / "docs"
 PAGES = sorted(str(page.relative_to(DOCS)) for page in [DOCS / "index.md", *(DOCS / "tutorials").glob("*.md")])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask leaves sockets to the collector
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_runs_as_printed(page: str, tmp_path: Path) -> None:
     run_page(DOCS / page, tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", ["certificates.md", "timing.md"])
 def test_the_fragments_of_a_page_run_on_a_path_of_an_arm(page: str, tmp_path: Path) -> None:
     arm = pp.load_robot("ur5").arm(tcp="tool0")

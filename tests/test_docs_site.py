@@ -21,7 +21,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The manual, built as scripts/docs builds it."""
     out = tmp_path_factory.mktemp("site")
     build = [sys.executable, "-m", "sphinx", "--quiet", "--fail-on-warning", "--keep-going", "--builder", "html"]
-    done = subprocess.run([*build, DOCS, out], capture_output=True, text=True, check=False, timeout=300)
+    done = subprocess.run([*build, DOCS, out], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return out
 

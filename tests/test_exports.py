@@ -60,8 +60,9 @@ def test_unknown_name_is_an_attribute_error() -> None:
         _ = pp.telepathy
 
 
-def test_every_error_is_exported() -> None:
-    assert set(importlib.import_module("pinproof.errors").__all__) <= set(pp.__all__)
+def test_the_errors_that_users_catch_are_exported() -> None:
+    errors = set(importlib.import_module("pinproof.errors").__all__)
+    assert errors & set(pp.__all__) == {"FileError", "InputError", "NoAnswer", "PinproofError", "UnknownNameError"}
 
 
 @pytest.mark.parametrize("room", sorted(pp._HOME))
@@ -69,10 +70,18 @@ def test_package_hands_on_what_the_room_exports(room: str) -> None:
     assert set(pp._HOME[room]) <= set(importlib.import_module(room).__all__)
 
 
-def test_type_checkers_see_every_room() -> None:
+def test_type_checkers_see_what_is_exported() -> None:
     tree = ast.parse(Path(inspect.getfile(pp)).read_text(encoding="utf-8"))
-    starred = {n.module for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) and n.names[0].name == "*"}
-    assert starred == set(pp._HOME)
+    (block,) = (node for node in tree.body if isinstance(node, ast.If))
+    seen = {
+        alias.asname: node.module for node in block.body if isinstance(node, ast.ImportFrom) for alias in node.names
+    }
+    assert seen == pp._MODULE_OF
+
+
+@pytest.mark.parametrize("name", pp._PACKAGES)
+def test_further_names_are_reached_through_the_package(name: str) -> None:
+    assert getattr(pp, name) is importlib.import_module(f"pinproof.{name}")
 
 
 @pytest.mark.parametrize("name", MODULES)
@@ -101,6 +110,6 @@ def test_init_of_a_room_only_hands_names_on(name: str) -> None:
     room = importlib.import_module(name)
     if not hasattr(room, "__path__"):
         return  # a room of one file
-    allowed = (ast.Import, ast.ImportFrom, ast.Expr, ast.Assign)
+    allowed = (ast.Import, ast.ImportFrom, ast.Expr, ast.Assign, ast.AnnAssign)
     body = ast.parse(Path(inspect.getfile(room)).read_text(encoding="utf-8")).body
     assert [f"line {each.lineno}" for each in body if not isinstance(each, allowed)] == []

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-LONGEST_FILE = 400
 # Written so that it does not match itself.
 MACHINE_PATH = re.compile(r"(?<![\w.~}$])/(?:home|Users|root|work|tmp)/[\w.]")
 
@@ -27,13 +26,6 @@ def text_of(file: Path) -> str:
         return file.read_text(encoding="utf-8")
     except UnicodeDecodeError:
         return ""  # a mesh, a picture
-
-
-def test_no_source_file_is_longer_than_one_concept_needs() -> None:
-    sources = [file for folder in ("src", "tests", "scripts") for file in (ROOT / folder).rglob("*") if file.is_file()]
-    lengths = {str(file.relative_to(ROOT)): text_of(file).count("\n") for file in sources if file.suffix != ".pyc"}
-    assert lengths
-    assert {name: length for name, length in lengths.items() if length > LONGEST_FILE} == {}
 
 
 def test_no_file_names_a_path_of_somebodys_machine() -> None:

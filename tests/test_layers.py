@@ -19,6 +19,7 @@ ROOMS = (
     "verifier",
     "errors",
     "spatial",
+    "common",
     "kernels",
     "description",
     "model",

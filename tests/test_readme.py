@@ -6,6 +6,8 @@ import os
 import re
 from pathlib import Path
 
+import pytest
+
 from .pages import ROOT, blocks, commands, run_command, run_python, standing_in
 
 README = ROOT / "README.md"
@@ -15,6 +17,7 @@ def test_every_block_states_a_language_that_is_run() -> None:
     assert {block.language for block in blocks(README)} == {"python", "sh"}
 
 
+@pytest.mark.slow
 def test_python_blocks_run_in_order(tmp_path: Path) -> None:
     names: dict[str, object] = {"__name__": "readme"}
     with standing_in(tmp_path):
@@ -23,6 +26,7 @@ def test_python_blocks_run_in_order(tmp_path: Path) -> None:
     assert (tmp_path / "pick.html").stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_command_lines_run_in_order(tmp_path: Path) -> None:
     with standing_in(tmp_path):
         for block in blocks(README, "sh"):

@@ -10,41 +10,22 @@ from typing import TYPE_CHECKING, Any
 
 _HOME = {
     "pinproof.errors": (
-        "CampaignError",
-        "ConversionError",
-        "DhTableError",
         "FileError",
-        "IkFailed",
         "InputError",
-        "MeshError",
         "NoAnswer",
-        "NoClosedForm",
-        "NotProvenFree",
-        "PicksError",
         "PinproofError",
-        "PlanFailed",
-        "SceneError",
-        "TimingError",
-        "TrajectoryError",
         "UnknownNameError",
-        "UrdfError",
-        "ViewerError",
     ),
-    "pinproof.verifier": ("ProofVerdict",),
     "pinproof.spatial": ("pose", "xyz_rpy"),
     "pinproof.description": ("DhRow", "DhTable"),
     "pinproof.model": (
         "Arm",
         "JointLimits",
-        "LimitsFile",
         "Robot",
-        "RobotInfo",
-        "describe",
-        "load_limits",
         "load_robot",
     ),
     "pinproof.conversion": ("dh_to_urdf", "urdf_to_dh", "write_urdf"),
-    "pinproof.motion": ("BlendedPath", "CubicPath", "JointPath", "Trajectory", "time_parametrise"),
+    "pinproof.motion": ("JointPath", "Trajectory", "time_parametrise"),
     "pinproof.ik": (
         "AnalyticIk",
         "Clik",
@@ -52,23 +33,20 @@ _HOME = {
         "Fabrik",
         "IkBatch",
         "IkBranches",
-        "IkFamily",
         "IkGoal",
         "IkResult",
         "IkStatus",
         "IkTask",
         "PseudoInverse",
-        "Track",
+        "TrackResult",
         "Tracker",
         "track",
     ),
     "pinproof.collision": (
-        "Audit",
         "Box",
         "Capsule",
         "Certificate",
         "CertificateStatus",
-        "CheckResult",
         "CollisionChecker",
         "Cone",
         "ConvexHull",
@@ -81,57 +59,32 @@ _HOME = {
         "PointCloud",
         "Scene",
         "Sphere",
-        "Tube",
         "audit",
         "certify",
         "verify_proof",
     ),
     "pinproof.planning": (
-        "LinearMove",
         "OmplPlanner",
-        "PlanProgress",
         "PlanResult",
         "PlanStatus",
-        "PosesMove",
         "RrtConnect",
-        "Simplified",
         "blend",
-        "ompl_planners",
         "plan_linear",
         "plan_poses",
         "shortcut",
         "simplify",
     ),
-    "pinproof.viewer": ("ColouredPoints", "show", "write_html", "write_png"),
+    "pinproof.viewer": ("show", "write_html", "write_png"),
     "pinproof.picks": (
         "Campaign",
-        "CampaignResult",
-        "Fingers",
-        "NamedFrame",
         "Pick",
-        "PickBudget",
-        "PickGrid",
-        "PickMotion",
         "PickReport",
-        "PickScreen",
-        "PickSetup",
-        "PickTable",
         "PickVerdict",
-        "PickWeights",
         "Picks",
-        "Place",
-        "ReachChange",
         "ReachMap",
-        "Region",
-        "ScreenStatus",
-        "Spin",
-        "Tolerance",
-        "approach_directions",
-        "open_picks",
         "reach_map",
         "read_picks",
         "screen_picks",
-        "tool_orientations",
         "validate_picks",
         "write_report_page",
     ),
@@ -140,19 +93,201 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = sorted([*_MODULE_OF, "__version__"])
 
+_PACKAGES = ("collision", "errors", "ik", "model", "motion", "picks", "planning", "verifier", "viewer")
+"""Packages with further names, loaded at first use: ``pp.picks.PickBudget``."""
+
 if TYPE_CHECKING:
-    from pinproof.collision import *  # noqa: F403
-    from pinproof.conversion import *  # noqa: F403
-    from pinproof.description import *  # noqa: F403
-    from pinproof.errors import *  # noqa: F403
-    from pinproof.ik import *  # noqa: F403
-    from pinproof.model import *  # noqa: F403
-    from pinproof.motion import *  # noqa: F403
-    from pinproof.picks import *  # noqa: F403
-    from pinproof.planning import *  # noqa: F403
-    from pinproof.spatial import *  # noqa: F403
-    from pinproof.verifier import *  # noqa: F403
-    from pinproof.viewer import *  # noqa: F403
+    from pinproof.collision import (
+        Box as Box,
+    )
+    from pinproof.collision import (
+        Capsule as Capsule,
+    )
+    from pinproof.collision import (
+        Certificate as Certificate,
+    )
+    from pinproof.collision import (
+        CertificateStatus as CertificateStatus,
+    )
+    from pinproof.collision import (
+        CollisionChecker as CollisionChecker,
+    )
+    from pinproof.collision import (
+        Cone as Cone,
+    )
+    from pinproof.collision import (
+        ConvexHull as ConvexHull,
+    )
+    from pinproof.collision import (
+        Cylinder as Cylinder,
+    )
+    from pinproof.collision import (
+        Ellipsoid as Ellipsoid,
+    )
+    from pinproof.collision import (
+        HalfSpace as HalfSpace,
+    )
+    from pinproof.collision import (
+        HeightMap as HeightMap,
+    )
+    from pinproof.collision import (
+        Mesh as Mesh,
+    )
+    from pinproof.collision import (
+        Obstacle as Obstacle,
+    )
+    from pinproof.collision import (
+        PointCloud as PointCloud,
+    )
+    from pinproof.collision import (
+        Scene as Scene,
+    )
+    from pinproof.collision import (
+        Sphere as Sphere,
+    )
+    from pinproof.collision import (
+        audit as audit,
+    )
+    from pinproof.collision import (
+        certify as certify,
+    )
+    from pinproof.collision import (
+        verify_proof as verify_proof,
+    )
+    from pinproof.conversion import dh_to_urdf as dh_to_urdf
+    from pinproof.conversion import urdf_to_dh as urdf_to_dh
+    from pinproof.conversion import write_urdf as write_urdf
+    from pinproof.description import DhRow as DhRow
+    from pinproof.description import DhTable as DhTable
+    from pinproof.errors import (
+        FileError as FileError,
+    )
+    from pinproof.errors import (
+        InputError as InputError,
+    )
+    from pinproof.errors import (
+        NoAnswer as NoAnswer,
+    )
+    from pinproof.errors import (
+        PinproofError as PinproofError,
+    )
+    from pinproof.errors import (
+        UnknownNameError as UnknownNameError,
+    )
+    from pinproof.ik import (
+        AnalyticIk as AnalyticIk,
+    )
+    from pinproof.ik import (
+        Clik as Clik,
+    )
+    from pinproof.ik import (
+        DampedLeastSquares as DampedLeastSquares,
+    )
+    from pinproof.ik import (
+        Fabrik as Fabrik,
+    )
+    from pinproof.ik import (
+        IkBatch as IkBatch,
+    )
+    from pinproof.ik import (
+        IkBranches as IkBranches,
+    )
+    from pinproof.ik import (
+        IkGoal as IkGoal,
+    )
+    from pinproof.ik import (
+        IkResult as IkResult,
+    )
+    from pinproof.ik import (
+        IkStatus as IkStatus,
+    )
+    from pinproof.ik import (
+        IkTask as IkTask,
+    )
+    from pinproof.ik import (
+        PseudoInverse as PseudoInverse,
+    )
+    from pinproof.ik import (
+        Tracker as Tracker,
+    )
+    from pinproof.ik import (
+        TrackResult as TrackResult,
+    )
+    from pinproof.ik import (
+        track as track,
+    )
+    from pinproof.model import Arm as Arm
+    from pinproof.model import JointLimits as JointLimits
+    from pinproof.model import Robot as Robot
+    from pinproof.model import load_robot as load_robot
+    from pinproof.motion import JointPath as JointPath
+    from pinproof.motion import Trajectory as Trajectory
+    from pinproof.motion import time_parametrise as time_parametrise
+    from pinproof.picks import (
+        Campaign as Campaign,
+    )
+    from pinproof.picks import (
+        Pick as Pick,
+    )
+    from pinproof.picks import (
+        PickReport as PickReport,
+    )
+    from pinproof.picks import (
+        Picks as Picks,
+    )
+    from pinproof.picks import (
+        PickVerdict as PickVerdict,
+    )
+    from pinproof.picks import (
+        ReachMap as ReachMap,
+    )
+    from pinproof.picks import (
+        reach_map as reach_map,
+    )
+    from pinproof.picks import (
+        read_picks as read_picks,
+    )
+    from pinproof.picks import (
+        screen_picks as screen_picks,
+    )
+    from pinproof.picks import (
+        validate_picks as validate_picks,
+    )
+    from pinproof.picks import (
+        write_report_page as write_report_page,
+    )
+    from pinproof.planning import (
+        OmplPlanner as OmplPlanner,
+    )
+    from pinproof.planning import (
+        PlanResult as PlanResult,
+    )
+    from pinproof.planning import (
+        PlanStatus as PlanStatus,
+    )
+    from pinproof.planning import (
+        RrtConnect as RrtConnect,
+    )
+    from pinproof.planning import (
+        blend as blend,
+    )
+    from pinproof.planning import (
+        plan_linear as plan_linear,
+    )
+    from pinproof.planning import (
+        plan_poses as plan_poses,
+    )
+    from pinproof.planning import (
+        shortcut as shortcut,
+    )
+    from pinproof.planning import (
+        simplify as simplify,
+    )
+    from pinproof.spatial import pose as pose
+    from pinproof.spatial import xyz_rpy as xyz_rpy
+    from pinproof.viewer import show as show
+    from pinproof.viewer import write_html as write_html
+    from pinproof.viewer import write_png as write_png
 
 
 def __getattr__(name: str) -> Any:
@@ -160,6 +295,8 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("pinproof")
+    if name in _PACKAGES:
+        return importlib.import_module(f"pinproof.{name}")
     if name not in _MODULE_OF:
         raise AttributeError(f"module 'pinproof' has no attribute {name!r}")
     value = getattr(importlib.import_module(_MODULE_OF[name]), name)

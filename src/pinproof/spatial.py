@@ -19,7 +19,9 @@ from pinproof.errors import InputError
 __all__ = [
     "RIGID_TOLERANCE",
     "SE3",
+    "FrozenSE3",
     "finite",
+    "frozen",
     "interpolate",
     "log6",
     "log6_jacobian",
@@ -38,6 +40,57 @@ SE3 = pin.SE3
 
 RIGID_TOLERANCE = 1e-6
 """How far R^T R may be from the identity (largest entry) before a matrix is refused; below, it is orthonormalised."""
+
+
+class FrozenSE3(pin.SE3):  # type: ignore[misc]  # Pinocchio has no stubs
+    """A rigid transform that cannot be changed in place; Pinocchio takes it wherever it takes a :class:`pinocchio.SE3`.
+
+    :attr:`translation` and :attr:`rotation` are read-only copies, and whatever would change the transform raises.
+    ``copy()`` and ``pin.SE3(frozen)`` make ordinary transforms, and so does every product.
+    """
+
+    @property
+    def translation(self) -> Array:
+        """(3,) the position in metres, read-only."""
+        return _read_only(pin.SE3.translation.__get__(self))
+
+    @translation.setter
+    def translation(self, _value: object) -> None:
+        self._refuse("translation")
+
+    @property
+    def rotation(self) -> Array:
+        """(3, 3) the rotation matrix, read-only."""
+        return _read_only(pin.SE3.rotation.__get__(self))
+
+    @rotation.setter
+    def rotation(self, _value: object) -> None:
+        self._refuse("rotation")
+
+    def setIdentity(self) -> None:
+        """Not possible."""
+        self._refuse("value")
+
+    def setRandom(self) -> None:
+        """Not possible."""
+        self._refuse("value")
+
+    def _refuse(self, what: str) -> None:
+        raise AttributeError(
+            f"the {what} of this pose is read-only; change a copy (pose.copy()) and make a new object with it, such as "
+            "scene.move(name, pose)"
+        )
+
+
+def _read_only(view: Any) -> Array:
+    array = np.array(view)
+    array.setflags(write=False)
+    return array
+
+
+def frozen(transform: pin.SE3) -> FrozenSE3:
+    """A copy of a transform that cannot be changed in place."""
+    return transform if type(transform) is FrozenSE3 else FrozenSE3(transform.rotation, transform.translation)
 
 
 def pose(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.benchmarks.plan_methods import PLANNER
 from pinproof.benchmarks.plan_problems import (
     MARGIN,
     OWN_ROBOTS,
@@ -73,3 +74,17 @@ def test_sets_are_selected_by_any_part_of_their_name() -> None:
     assert select_sets(sets, ("ur5/cage", "mbm")) == ["mbm/cage", "ur5/cage"]
     with pytest.raises(UnknownNameError, match="shelf"):
         select_sets(sets, ("shelve",))
+
+
+def test_a_plan_with_a_small_clearance_is_proven_after_timing() -> None:
+    """The path is proven with 13 um of clearance; the trajectory is divided into other segments."""
+    *_, problem = own_problems("generic_6dof", "cage", 4)
+    checker = pp.CollisionChecker(problem.arm, problem.scene)
+    plan = PLANNER.plan(checker, problem.start, problem.goals, rng=0)
+    simple = pp.simplify(plan.path, plan.checker or checker, rng=0, certificate=plan.certificate)
+    trajectory = pp.time_parametrise(simple.path, problem.arm.limits)
+    certificate = pp.certify(trajectory, plan.checker or checker)
+    assert certificate.free, certificate.message
+    assert 0 < certificate.observed < 1e-4
+    samples = trajectory(np.linspace(0, trajectory.duration, 2000))
+    assert all(checker.is_free_batch(samples))

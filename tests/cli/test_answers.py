@@ -94,6 +94,15 @@ def test_check_outside_the_limits_is_a_no(run: Run) -> None:
     assert "elbow_joint = 3.3 is outside" in out
 
 
+def test_check_within_rounding_of_a_limit_is_inside(run: Run) -> None:
+    code, out, _ = run("check", "ur5", "--q", f"0 -1.5 {np.pi + 5e-10!r} 0 0 0", "--json")
+    assert json.loads(out)["outside_limits"] == []
+    code, out, _ = run("check", "ur5", "--q", f"0 -1.5 {np.pi + 2e-8!r} 0 0 0")
+    assert code == 1
+    said = next(line for line in out.splitlines() if "elbow_joint" in line and "is outside" in line)
+    assert float(said.split()[2]) > float(said.split()[-1].rstrip("]"))
+
+
 def test_plan_into_an_obstacle_says_with_what(run: Run, tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     pp.Scene([pp.Obstacle("floor", pp.Box(3, 3, 0.1), pp.pose((0, 0, -0.06)))], allowed=[("base_link", "floor")]).save(

@@ -35,6 +35,7 @@ def test_the_table_is_markdown_with_the_selected_methods(run) -> None:
     assert "pseudo-inverse" not in out
 
 
+@pytest.mark.slow
 def test_json_and_files_hold_the_same_run(run, tmp_path: Path) -> None:
     code, out, _ = run(*SMALL, "--json", "--output", str(tmp_path / "new"))
     assert code == 0
@@ -70,6 +71,7 @@ def test_unknown_names_are_reported(run, words: tuple[str, ...], named: str) -> 
 PLAN = ("bench", "plan", "generic_6dof", "--set", "shelf", "--problems", "1", "--no-peers")
 
 
+@pytest.mark.slow
 def test_planning_is_measured_and_written(run, tmp_path: Path) -> None:
     code, out, _ = run(*PLAN, "--output", str(tmp_path / "new"))
     assert code == 0

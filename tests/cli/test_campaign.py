@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
-import subprocess
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,8 +16,9 @@ from pinproof.cli.main import main
 from pinproof.description import robots_folder
 from pinproof.picks import Campaign
 
+from ..processes import PATIENCE, RUN_CLI, started, wait_for
+
 Run = Callable[..., tuple[int, str, str]]
-RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main\nif __name__ == '__main__': main()"
 SHARED = "robot: generic_6dof\nscene: scene.yaml\nmargin: 0.002\ntip: {xyz: [0, 0, 0.005]}\n"
 DEFAULTS = "defaults: {rpy: [pi, 0, 0], approach: 0.02, retreat: 0.02}\npicks: many.csv\n"
 
@@ -83,6 +81,7 @@ def test_one_that_is_not_good_is_1_and_another_campaign_in_the_folder_2(run: Run
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_workers_change_no_report(run: Run) -> None:
     table(2, "far,2,0,0")
     code, here, _ = run("pick", "picks.yaml", "--json")
@@ -129,19 +128,15 @@ def test_an_internal_error_is_3(run: Run, monkeypatch: pytest.MonkeyPatch) -> No
     assert "internal error: ZeroDivisionError: oops" in err
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_was_done_and_the_same_command_goes_on(run: Run) -> None:
     table(12)
     words = ("pick", "picks.yaml", "--workers", "1", "--campaign")
-    running = subprocess.Popen(
-        [sys.executable, "-c", RUN_CLI, *words, "out"], stderr=subprocess.PIPE, text=True, env=os.environ
-    )
-    journal, end = Path("out/journal.jsonl"), time.monotonic() + 400
-    while not journal.exists() or journal.read_bytes().count(b"\n") < 3:
-        assert running.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.01)
-    running.send_signal(signal.SIGINT)
-    _, err = running.communicate(timeout=400)
+    journal = Path("out/journal.jsonl")
+    with started([sys.executable, "-c", RUN_CLI, *words, "out"]) as running:
+        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") >= 3, by=running)
+        running.send_signal(signal.SIGINT)
+        _, err = running.communicate(timeout=PATIENCE)
     there = journal.read_bytes().count(b"\n") - 1
     assert running.returncode == 130
     assert 2 <= there < 12

@@ -5,16 +5,14 @@ from __future__ import annotations
 import logging
 import os
 import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 
 from pinproof.cli import compiling
 
-RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main; main()"
+from ..processes import PATIENCE, RUN_CLI, started, wait_for
 
 
 @pytest.fixture
@@ -77,20 +75,11 @@ def test_many_kernels_are_one_line(caplog: pytest.LogCaptureFixture) -> None:
     assert other == "another word"
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_every_process(tmp_path: Path) -> None:
-    begun = subprocess.Popen(
-        [sys.executable, "-c", RUN_CLI, "compile", "--processes", "2"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
-        start_new_session=True,
-    )
-    locks, end = tmp_path / "pinproof", time.monotonic() + 300
-    while len(list(locks.rglob("*.lock"))) < 2:  # both are at work
-        assert begun.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.05)
-    os.killpg(begun.pid, signal.SIGINT)
-    out, err = begun.communicate(timeout=300)  # which waits for all that hold these pipes
+    command = [sys.executable, "-c", RUN_CLI, "compile", "--processes", "2"]
+    with started(command, env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}) as begun:
+        wait_for(lambda: len(list((tmp_path / "pinproof").rglob("*.lock"))) >= 2, by=begun)  # both are at work
+        os.killpg(begun.pid, signal.SIGINT)
+        out, err = begun.communicate(timeout=PATIENCE)  # which waits for all that hold these pipes
     assert (begun.returncode, out, err) == (130, "", "pinproof: interrupted; no answer was given\n")

@@ -13,8 +13,9 @@ import pytest
 
 from pinproof.cli.main import COMMANDS
 
+from ..processes import PATIENCE, RUN_CLI
+
 ROBOTS = Path(__file__).parents[2] / "robots"
-RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main; main()"
 
 BEFORE = {"certify": 'plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json'}
 """What an example needs to have been run before it."""
@@ -30,7 +31,7 @@ def run(words: str, folder: Path) -> subprocess.CompletedProcess[str]:
         capture_output=True,
         text=True,
         check=False,
-        timeout=400,
+        timeout=PATIENCE,
     )
 
 
@@ -47,6 +48,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_the_example_of_a_command_runs(command: str, folder: Path) -> None:
     if command in BEFORE:
@@ -56,6 +58,7 @@ def test_the_example_of_a_command_runs(command: str, folder: Path) -> None:
     assert done.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", sorted(COMMANDS))
 def test_json_is_all_that_stands_on_stdout(command: str, folder: Path) -> None:
     if command in BEFORE:
@@ -65,6 +68,7 @@ def test_json_is_all_that_stands_on_stdout(command: str, folder: Path) -> None:
     assert isinstance(json.loads(done.stdout), dict)
 
 
+@pytest.mark.slow
 def test_the_help_of_a_command_shows_its_example(folder: Path) -> None:
     done = run("fk --help", folder)
     assert done.returncode == 0

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import pinproof as pp
+from pinproof.cli.console import file_stems
 from pinproof.cli.main import main
-from pinproof.cli.outputs import file_stems
 from pinproof.description import robots_folder
 
 ROOT = Path(__file__).parents[2]
@@ -86,6 +86,7 @@ def test_a_report_in_markdown(run: Run, write) -> None:
     assert Path("report.md").read_text().startswith("**generic_6dof**: 1 of 1 picks good")
 
 
+@pytest.mark.slow
 def test_a_folder_gets_the_report_and_every_good_motion(run: Run, write) -> None:
     rows = (GOOD.replace("pin", name) for name in ("pin", "'../out'", "report", "'[/red] a'"))
     code, out, _ = run("pick", write(*rows, FAR), "-o", "made/out")
@@ -176,6 +177,7 @@ def test_the_version_is_that_of_the_package(run: Run) -> None:
     assert run("--version") == (0, f"pinproof {pp.__version__}\n", "")
 
 
+@pytest.mark.slow
 def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
     program = ROOT / "scripts" / "validate_picks.py"
     assert len(program.read_text().splitlines()) < 40

@@ -16,7 +16,8 @@ import pytest
 from pinproof.cli.main import COMMANDS, main
 from pinproof.description import catalogue_names, robots_folder
 
-RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main; main()"
+from ..processes import PATIENCE, RUN_CLI, started
+
 Run = Callable[..., tuple[int, str, str]]
 
 
@@ -107,24 +108,18 @@ def test_ctrl_c_in_the_work_is_130_and_no_answer(run: Run, monkeypatch: pytest.M
     assert (code, json.loads(out)["error"]["kind"]) == (130, "interrupted")
 
 
+@pytest.mark.slow
 def test_the_live_view_says_where_it_is_at_once_and_ends_by_ctrl_c() -> None:
-    view = subprocess.Popen(
-        [sys.executable, "-c", RUN_CLI, "view", "generic_6dof", "--no-browser", "--json"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    try:
+    with started([sys.executable, "-c", RUN_CLI, "view", "generic_6dof", "--no-browser", "--json"]) as view:
         assert view.stdout is not None
         said = "".join(view.stdout.readline() for _ in range(3))
         assert json.loads(said)["url"].startswith("http://127.0.0.1:")
         view.send_signal(signal.SIGINT)
-        out, err = view.communicate(timeout=60)
-    finally:
-        view.kill()
+        out, err = view.communicate(timeout=PATIENCE)
     assert (view.returncode, out, err) == (130, "", "pinproof: the live view has ended\n")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("words", ["fk ur5", "fk ur5 --json", "--help"])
 def test_nobody_who_reads_is_no_complaint_and_no_answer(words: str) -> None:
     reader, writer = os.pipe()
@@ -163,6 +158,7 @@ def terminal() -> Callable[..., bytes]:
     return show
 
 
+@pytest.mark.slow
 def test_colours_are_for_terminals_that_want_them(run: Run, terminal: Callable[..., bytes]) -> None:
     assert b"\x1b[31m" in terminal("fk", "ur55")
     assert b"\x1b[3" not in terminal("fk", "ur55", NO_COLOR="1")

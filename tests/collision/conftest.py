@@ -153,7 +153,7 @@ class Oracle:
 
 def _link_shape(geometry):
     if geometry.kind == "mesh":
-        return _shape(Mesh(geometry.mesh.path, geometry.size))
+        return _shape(Mesh(geometry.mesh.path, geometry.size, hull=True))
     kinds = {"box": Box, "sphere": Sphere, "cylinder": Cylinder, "capsule": Capsule}
     return _shape(kinds[geometry.kind](*geometry.size))
 

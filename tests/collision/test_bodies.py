@@ -24,18 +24,18 @@ from pinproof import (
     HeightMap,
     InputError,
     Mesh,
-    MeshError,
     Obstacle,
     PointCloud,
     Scene,
     Sphere,
     pose,
 )
-from pinproof.collision.bodies import shape_body
+from pinproof.collision.bodies import shape_bodies, shape_body
 from pinproof.collision.by_coal import GJK_SLACK
 from pinproof.collision.height_map import Ground, ground_surface
 from pinproof.collision.point_cloud import cell_faces
 from pinproof.collision.solid import Solid
+from pinproof.errors import MeshError
 
 BALL = 0.01
 """The radius of the ball that the slider carries."""
@@ -189,6 +189,7 @@ def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
     assert inside > 0 or "needle" in kind or "flat" in kind
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS])
 def test_the_bounds_of_a_body_hold_it(kind):
     """No point nearer than the box, nor farther out than the support function, is at distance 0."""
@@ -362,7 +363,9 @@ def test_a_mesh_of_arrays_that_is_open_is_refused():
     with pytest.raises(MeshError, match="not watertight"):
         shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices, CORNER.faces[1:], hull=False), HERE)
     with pytest.raises(MeshError, match="flat"):
-        shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
+        shape_body("a", "a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4], hull=True), HERE)
+    with pytest.raises(MeshError, match="flat"):
+        shape_bodies("a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e-4, 1.0, 1e3])

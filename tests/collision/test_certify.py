@@ -10,12 +10,10 @@ from pinproof import (
     Box,
     CertificateStatus,
     CollisionChecker,
-    CubicPath,
     Cylinder,
     InputError,
     JointPath,
     Mesh,
-    NotProvenFree,
     Obstacle,
     Scene,
     Sphere,
@@ -23,6 +21,8 @@ from pinproof import (
     certify,
     pose,
 )
+from pinproof.errors import NotProvenFree
+from pinproof.motion import CubicPath
 
 FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
 
@@ -309,7 +309,8 @@ def test_what_was_left_out_is_listed(panda, path):
     certificate = certify(path(panda, panda.home, panda.home), CollisionChecker(panda, scene, margin=0.001))
     listed = {frozenset(pair.owners): pair.reason for pair in certificate.excluded}
     assert listed[frozenset(("panda_link0", "table"))] == "allowed by the scene"
-    assert listed[frozenset(("panda_link5", "panda_link7"))] == "SRDF: Default"
+    assert listed[frozenset(("panda_link5", "panda_link6"))] == "adjacent: joined by a joint"
+    assert frozenset(("panda_link5", "panda_link7")) not in listed
     assert certificate.margin == 0.001
 
 
@@ -386,3 +387,18 @@ def test_the_same_question_gets_the_same_certificate(panda, path):
     fresh = certify(move, CollisionChecker(panda, scene))
     for other in (again, fresh):
         assert (other.status, other.clearance, other.intervals) == (first.status, first.clearance, first.intervals)
+
+
+def test_a_graze_that_the_default_tolerance_leaves_open_is_proven_more_finely(slider, path):
+    """Between 1e-4 and 1e-6 m; what is stated is taken as it is, and a budget that is spent ends it."""
+    beside = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 3e-6, 0)))])
+    checker, move = CollisionChecker(slider, beside), path(slider, [0.0], [0.5])
+    assert certify(move, checker, tolerance=1e-4).status is UNDECIDED
+    finer = certify(move, checker)
+    assert finer.status is FREE
+    assert finer.tolerance < 1e-4
+    assert certify(move, checker, max_intervals=3).status is UNDECIDED
+    nearer = Scene([Obstacle("other", Sphere(0.05), pose((0.123, 0.06 + 1e-9, 0)))])
+    grazing = certify(move, CollisionChecker(slider, nearer))
+    assert grazing.status is UNDECIDED
+    assert grazing.tolerance == 1e-6

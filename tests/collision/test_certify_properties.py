@@ -13,7 +13,6 @@ from pinproof import (
     Capsule,
     CertificateStatus,
     CollisionChecker,
-    CubicPath,
     Cylinder,
     JointPath,
     Mesh,
@@ -24,6 +23,7 @@ from pinproof import (
     load_robot,
     pose,
 )
+from pinproof.motion import CubicPath
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,7 @@ def random_curve(rng, arm, checker):
     return JointPath(np.stack([start, end]), arm.joint_names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "xarm7", "stanford"])
 @settings(max_examples=16, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(seed=st.integers(0, 2**32 - 1), margin=st.sampled_from([0.0, 0.002, 0.01]))

@@ -11,13 +11,14 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, MeshError, Obstacle, Scene, Sphere, pose
-from pinproof.collision.bodies import shape_body
+from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, Obstacle, Scene, Sphere, pose
+from pinproof.collision.bodies import shape_bodies, shape_body
 from pinproof.collision.by_coal import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.hulls import bvh
 from pinproof.collision.links import link_bodies
 from pinproof.description import read_urdf
 from pinproof.description.packages import example_robot_data
+from pinproof.errors import MeshError
 
 
 def overlap(a, at_a, b, at_b) -> bool:
@@ -31,7 +32,7 @@ def test_build_convex_representation_is_no_hull_but_ours_is(mesh_file):
     torus.unmerge_vertices()
     relabelled = bvh(np.array(torus.vertices), np.array(torus.faces))
     relabelled.buildConvexRepresentation(False)
-    ours = shape_body("torus", "torus", None, Mesh(mesh_file(torus)), pin.SE3.Identity())
+    ours = shape_body("torus", "torus", None, Mesh(mesh_file(torus), hull=True), pin.SE3.Identity())
     hull = torus.convex_hull
     points = np.random.default_rng(0).uniform((-0.25, -0.25, -0.05), (0.25, 0.25, 0.05), (400, 3))
     offsets = np.einsum("ij,ij->i", hull.face_normals, hull.triangles[:, 0])
@@ -109,7 +110,9 @@ def test_a_hull_of_nothing_is_refused(mesh_file, name):
     vertices, triangles = FLAT_MESHES[name]
     path = mesh_file(np.array(vertices, dtype=float), np.array(triangles))
     with pytest.raises(MeshError, match="is flat"):
-        shape_body("flat", "flat", None, Mesh(path), pin.SE3.Identity())
+        shape_body("flat", "flat", None, Mesh(path, hull=True), pin.SE3.Identity())
+    with pytest.raises(MeshError, match="is flat"):
+        shape_bodies("flat", None, Mesh(path), pin.SE3.Identity())
 
 
 def test_coal_crashes_on_the_hull_of_a_flat_mesh():

@@ -84,6 +84,7 @@ def test_what_is_convex_stays_one():
     assert len(cover(SHAPES["box"]())) == 1
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.integers(1, 8))
 @settings(deadline=None, max_examples=25)
 def test_any_bunch_of_triangles_is_held(seed, pieces):

@@ -48,7 +48,7 @@ def test_what_only_the_hull_touches_is_judged_by_several_hulls(ring):
     (pair,) = fine.finer
     assert (pair.owners, pair.by) == (("ring", "rod"), "several hulls")
     assert not coarse.is_free([0.0])
-    assert coarse.finer == []
+    assert coarse.finer == ()
 
 
 def test_what_several_hulls_touch_too_is_judged_by_the_mesh(ring):

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinproof import CollisionChecker, InputError, MeshError, UnknownNameError
+from pinproof import CollisionChecker, InputError, UnknownNameError
 from pinproof.collision.links import link_bodies, meshes_of
+from pinproof.errors import MeshError
 from pinproof.model.robot import load_robot, load_robot_from_text
 
 

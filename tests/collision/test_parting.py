@@ -14,13 +14,14 @@ from pinproof import (
     Capsule,
     CertificateStatus,
     CollisionChecker,
-    CubicPath,
     Cylinder,
     HalfSpace,
+    HeightMap,
     InputError,
     JointPath,
     Mesh,
     Obstacle,
+    PointCloud,
     Scene,
     Sphere,
     UnknownNameError,
@@ -29,8 +30,9 @@ from pinproof import (
     pose,
     time_parametrise,
 )
-from pinproof.collision.rising import Rising
-from pinproof.motion import bezier
+from pinproof.collision.contact_facets import directions_to_facets
+from pinproof.collision.rising import Mover, Rising
+from pinproof.motion import CubicPath, bezier
 
 FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
 
@@ -268,7 +270,9 @@ def test_the_gap_never_falls_by_more_than_is_said(request, name, seed):
         if (checker.bodies[i].owner, checker.bodies[j].owner) == ("part", "thing")
     )
     q = rng.uniform(-2, 2, arm.dof)
-    rising = Rising(checker, pair, q)
+    body, _ = checker.pairs[pair]
+    normal = rng.normal(size=3)
+    rising = Rising(Mover(checker, body), normal / np.linalg.norm(normal), float(rng.normal()))
     piece = q + rng.choice([0.002, 0.05, 0.5]) * rng.normal(size=(rng.integers(2, 6), arm.dof))
     falls, motion = rising._falls(piece)
     gaps = np.array([rising.gap(p) for p in bezier.evaluate(np.array([0.0, 1.0]), piece[None], np.linspace(0, 1, 80))])
@@ -299,3 +303,242 @@ def test_no_free_motion_ever_approaches(gantry, seed):
     elif certificate.status is COLLIDING:
         assert lowest.min() <= MARGIN
         assert checker.clearance(certificate.first_contact.q) <= MARGIN
+
+
+# -- several bodies of one owner ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def tilter(arm_from_links):
+    """Slides along z and tilts about y, with the given bodies of the hand."""
+
+    def build(hand):
+        return arm_from_links(
+            {"root": "", "mast": "", "hand": hand},
+            [
+                ("z", "prismatic", "root", "mast", "0 0 0", "0 0 1"),
+                ("tilt", "revolute", "mast", "hand", "0 0 0", "0 1 0"),
+            ],
+        ).arm(tcp="hand")
+
+    return build
+
+
+PADS = '<box size="0.05 0.05 0.02"/>@-0.2 0 0.01;<box size="0.05 0.05 0.02"/>@0.2 0 0.01'
+
+
+def hand_over_table(arm, waypoints, support=TABLE, **settings):
+    checker = CollisionChecker(arm, Scene([support]), margin=0.001, **settings)
+    path = JointPath(waypoints, arm.joint_names)
+    return certify(path, checker, parting=[("hand", support.name)]), path, checker
+
+
+def test_the_rise_of_one_body_does_not_excuse_another_of_the_same_link(tilter):
+    """One pad of a fork keeps rising while the other is pressed 36 mm into the table."""
+    path = [[0, 0], [0.01, 0], [0.02, 0.25], [0.08, 0.26]]
+    certificate, curve, checker = hand_over_table(tilter(PADS), path)
+    assert certificate.status is COLLIDING, str(certificate)
+    assert certificate.first_contact.bodies == ("hand", "table")
+    before = curve(np.linspace(1.0, certificate.first_contact.proven_free_until, 200))
+    assert min(checker.clearance(q) for q in before) > 0.001
+    assert checker.clearance(certificate.first_contact.q) <= 0.001
+    assert hand_over_table(tilter(PADS), [[0, 0], [0.08, 0], [0.16, 0.25]])[0].status is FREE
+
+
+def test_a_body_that_starts_apart_is_checked_while_another_of_its_link_rises(tilter):
+    """The second body of the hand begins 0.3 m above the table, and is lowered onto it."""
+    arm = tilter('<box size="0.05 0.05 0.02"/>@-0.02 0 0.01;<box size="0.05 0.05 0.02"/>@0.4 0 0.31')
+    certificate, _, _ = hand_over_table(arm, [[0, 0], [0.1, 0], [0.2, 1.4]])
+    assert certificate.status is COLLIDING, str(certificate)
+
+
+def test_each_part_of_a_decomposed_link_rises_by_itself(tilter, mesh_file):
+    """The fork as one mesh, met as several hulls."""
+    legs = [trimesh.creation.box((0.05, 0.05, 0.05)).apply_translation((x, 0, 0.025)) for x in (-0.2, 0.2)]
+    bridge = trimesh.creation.box((0.42, 0.04, 0.02)).apply_translation((0, 0, 0.039))
+    file = mesh_file(trimesh.util.concatenate([*legs, bridge]))
+    arm = tilter(f'<mesh filename="{file}"/>')
+    path = [[0, 0], [0.01, 0], [0.02, 0.25], [0.08, 0.26]]
+    certificate, _, checker = hand_over_table(arm, path, link_meshes="decomposed")
+    assert len(checker.pairs) > 1
+    assert certificate.status is COLLIDING, str(certificate)
+    assert hand_over_table(arm, [[0, 0], [0.1, 0]], link_meshes="decomposed")[0].status is FREE
+
+
+def test_a_planned_line_is_not_free_because_one_body_of_two_rises(arm_from_links):
+    """The hand turns over as it rises: the pad on the table leaves it, a second one sweeps through the table."""
+    arm = arm_from_links(
+        {
+            "root": "",
+            "lift": "",
+            "slide": "",
+            "hand": '<box size="0.05 0.05 0.02"/>@-0.02 0 0.01;<box size="0.05 0.05 0.02"/>@0.4 0 0.05',
+            "tip": "",
+        },
+        [
+            ("z", "prismatic", "root", "lift", "0 0 0", "0 0 1"),
+            ("x", "prismatic", "lift", "slide", "0 0 0", "1 0 0"),
+            ("tilt", "revolute", "slide", "hand", "0 0 0", "0 1 0"),
+            ("end", "fixed", "hand", "tip", "0 0 0.1", "0 0 1"),
+        ],
+    ).arm(tcp="tip")
+    checker = CollisionChecker(arm, Scene([TABLE]), margin=0.001)
+    above = pose((0, 0, 0.1))
+    for target, ok in ((pose((0, 0, 0.03)) * above, True), (pose((0, 0, 0.6), (0, 3.0, 0)) * above, False)):
+        move = plan_linear(checker, np.zeros(3), target, parting=[("hand", "table")])
+        assert move.ok == ok, move.message
+        assert move.certificate is not None
+        assert move.certificate.status is (FREE if ok else COLLIDING)
+
+
+@pytest.mark.parametrize("down", [0.0005, 0.01])
+def test_overlapping_meshes_are_not_excused_along_a_direction_without_length(gantry, down):
+    """Where meshes overlap, the measured normal may be zero or denormal: along it nothing ever approaches."""
+    support, part = SUPPORTS["mesh"], PARTS["mesh"]
+    pressed = verdict(gantry, [0, 0, 0], [0, -down, 0], [0, 0.3, 0], support=support, part=part, sink=0.0002)
+    assert pressed.status is not FREE, str(pressed)
+
+
+# -- exact meshes that are not convex ----------------------------------------------------------------------------------
+
+
+def tray(finely=0, hull=False, wall=0.01, floor=0.01):
+    """An open bin whose floor is z = 0 and whose rim is at 0.2, with every facet cut in four ``finely`` times."""
+    x, y = 0.3, 0.2
+    levels = ((x, y, -floor), (x, y, 0.2), (x - wall, y - wall, 0.2), (x - wall, y - wall, 0.0))
+    rings = [np.array([[-a, -b, z], [a, -b, z], [a, b, z], [-a, b, z]]) for a, b, z in levels]
+    faces = [[0, 2, 1], [0, 3, 2], [12, 13, 14], [12, 14, 15]]
+    for k in range(3):
+        for i in range(4):
+            a, b = 4 * k + i, 4 * k + (i + 1) % 4
+            faces += [[a, b, b + 4], [a, b + 4, a + 4]]
+    mesh = trimesh.Trimesh(np.concatenate(rings), faces, process=False)
+    for _ in range(finely):
+        mesh = mesh.subdivide()
+    return Mesh.from_arrays(mesh.vertices, mesh.faces, hull=hull)
+
+
+CUBE = Obstacle("part", Box(0.1, 0.1, 0.1), pose((0, 0, 0.05)))
+NEXT_TO_WALL = 0.24
+"""Where the cube touches the wall of the tray."""
+
+LIFTS = {
+    "straight up": ([[0, 0, 0], [0, 0.3, 0], [0.6, 0.3, 0]], FREE),
+    "from 0.3 mm deep": ([[0, -0.0003, 0], [0, 0.3, 0]], FREE),
+    "from 0.5 mm above": ([[0, 0.0005, 0], [0, 0.3, 0]], FREE),
+    "from 2 mm deep": ([[0, -0.002, 0], [0, 0.3, 0]], COLLIDING),
+    "tilted as it rises": ([[0, 0, 0], [0, 0.1, 0.3], [0, 0.3, 0.3]], FREE),
+    "dragged, then up": ([[0, 0, 0], [0.1, 0, 0], [0.1, 0.3, 0]], FREE),
+    "aslant off the wall": ([[NEXT_TO_WALL, 0, 0], [0.2, 0.3, 0]], FREE),
+    "up along the wall": ([[NEXT_TO_WALL - 0.005, 0, 0], [NEXT_TO_WALL - 0.005, 0.3, 0]], FREE),
+    "pressed down": ([[0, 0, 0], [0, -0.001, 0], [0, 0.3, 0]], COLLIDING),
+    "an edge tilted down": ([[0, 0, 0], [0, 0.01, 0.3], [0, 0.3, 0.3]], COLLIDING),
+    "against the rim": ([[0, 0, 0], [0, 0.3, 0], [0.6, 0.1, 0]], COLLIDING),
+    "into the wall": ([[0, 0, 0], [0.1, 0.02, 0], [0.3, 0.03, 0]], COLLIDING),
+    "dragged": ([[0, 0, 0], [0.1, 0, 0]], COLLIDING),
+    "set down again": ([[0, 0, 0], [0, 0.1, 0], [0.1, 0, 0]], COLLIDING),
+}
+
+
+@pytest.mark.parametrize("finely", [0, 2])
+@pytest.mark.parametrize(("waypoints", "expected"), LIFTS.values(), ids=LIFTS)
+def test_a_part_is_lifted_out_of_a_bin_of_any_facets(gantry, waypoints, expected, finely):
+    bin_ = Obstacle("table", tray(finely))
+    certificate = verdict(gantry, *waypoints, support=bin_, part=CUBE)
+    assert certificate.status is expected, str(certificate)
+    if expected is FREE:
+        shown = certificate.partings[0]
+        assert shown.bodies == ("part", "table")
+        assert shown.until < 1.1
+        alone = CollisionChecker(gantry, Scene([bin_]), attached=[CUBE])
+        curve = JointPath(np.array(waypoints, dtype=float), gantry.joint_names)
+        after = curve(np.linspace(max(each.until for each in certificate.partings), curve.domain[1], 300))
+        assert min(alone.clearance(q) for q in after) > MARGIN
+
+
+def test_a_part_too_deep_in_a_bin_reports_its_depth(gantry):
+    """Not that of the bin's hull, in which the part is 100 mm deep."""
+    certificate = verdict(gantry, [0, -0.002, 0], [0, 0.3, 0], support=Obstacle("table", tray(1)), part=CUBE)
+    assert "2.00 mm deep in table" in certificate.message
+    assert certificate.first_contact.distance == pytest.approx(-0.002, abs=1e-6)
+
+
+@pytest.mark.parametrize("finely", [0, 2])
+@pytest.mark.parametrize("top", [0.0, -0.0005, -0.003])
+@pytest.mark.parametrize("end", [[0, -0.2, 0], [0, -0.01, 0], [0.2, 0, 0], [0, 0.5, 0], [0, -0.5, 0]])
+def test_a_part_inside_the_solid_never_leaves_it(gantry, finely, top, end):
+    """Its top face is at the surface, from below: what it moves away from is the outside."""
+    block = Obstacle("table", tray(finely, floor=0.4))
+    inside = verdict(gantry, [0, top - 0.1, 0], np.add([0, top - 0.1, 0], end), support=block, part=CUBE)
+    assert inside.status is not FREE, str(inside)
+
+
+def test_a_part_leaves_both_sides_of_a_groove(gantry):
+    """A cylinder in a V of 90 degrees touches both flanks, each is left along its own normal."""
+    outline = np.array([[-0.2, -0.1], [0.2, -0.1], [0.2, 0.1], [0.1, 0.1], [0.0, 0.0], [-0.1, 0.1], [-0.2, 0.1]])
+    around = [(i, (i + 1) % 7) for i in range(7)]
+    ends = [[0, 1, 4], [1, 2, 3], [1, 3, 4], [0, 4, 5], [0, 5, 6]]
+    vertices = np.concatenate([np.column_stack([outline[:, 0], np.full(7, y), outline[:, 1]]) for y in (-0.2, 0.2)])
+    faces = [*ends, *([c + 7, b + 7, a + 7] for a, b, c in ends)]
+    for a, b in around:
+        faces += [[b, a, a + 7], [b, a + 7, b + 7]]
+    groove = Obstacle("table", Mesh.from_arrays(vertices, np.array(faces), hull=False))
+    radius = 0.04
+    rod = Obstacle("part", Cylinder(radius, 0.2), pose((0, 0, np.sqrt(2) * radius), (np.pi / 2, 0, 0)))
+    up = verdict(gantry, [0, 0, 0], [0, 0.3, 0], support=groove, part=rod)
+    assert up.status is FREE, str(up)
+    normals = sorted(tuple(np.round(each.normal, 6)) for each in up.partings)
+    assert normals == [(-0.707107, 0.0, 0.707107), (0.707107, 0.0, 0.707107)]
+    assert verdict(gantry, [0, 0, 0], [0.1, 0.05, 0], support=groove, part=rod).status is COLLIDING
+    along_a_flank = [[0, 0, 0], [0.15, 0.15, 0], [0.15, 0.3, 0]]
+    assert verdict(gantry, *along_a_flank, support=groove, part=rod).status is FREE
+
+
+def test_a_support_that_is_hollow_or_made_of_points_is_left_too(gantry):
+    cloud = PointCloud(np.stack(np.meshgrid(*[np.linspace(-0.2, 0.2, 81)] * 2, [-0.0025]), -1).reshape(-1, 3), 0.005)
+    for support in (Obstacle("table", cloud), Obstacle("table", HeightMap(np.zeros((9, 9)), 0.8, 0.8))):
+        up = verdict(gantry, [0, 0, 0], [0, 0.3, 0], support=support, part=CUBE)
+        assert up.status is FREE, str(up)
+        assert verdict(gantry, [0, 0, 0], [0, -0.01, 0], [0, 0.3, 0], support=support, part=CUBE).status is COLLIDING
+
+
+def test_several_supports_at_once(gantry):
+    """Across two rails, one an exact mesh, against a stop that is a bin's wall."""
+    rails = [Obstacle("left", Box(0.02, 0.3, 0.1), pose((-0.04, 0, -0.05)))]
+    rails.append(Obstacle("right", cuboid(0.02, 0.3, 0.1, False), pose((0.04, 0, -0.05))))
+    stop = Obstacle("stop", tray(1), pose((-0.29 + 0.05, 0, -0.1)))
+    checker = CollisionChecker(gantry, Scene([*rails, stop]), attached=[CUBE], margin=MARGIN)
+    names = [("part", "left"), ("right", "part"), ("part", "stop")]
+    aslant = JointPath([[0, 0, 0], [-0.05, 0.3, 0]], gantry.joint_names)
+    free = certify(aslant, checker, parting=names)
+    assert free.status is FREE, str(free)
+    assert {each.bodies[1] for each in free.partings} == {"left", "right", "stop"}
+    assert certify(aslant, checker, parting=names[:2]).status is COLLIDING
+
+
+@pytest.mark.parametrize("finely", [0, 2])
+@pytest.mark.parametrize("sink", [0.0, 0.0005, -0.0005])
+def test_directions_to_facets_are_those_of_floor_and_wall(gantry, finely, sink):
+    checker = CollisionChecker(gantry, Scene([Obstacle("table", tray(finely))]), attached=[CUBE])
+    (pair,) = (k for k, (i, j) in enumerate(checker.pairs) if checker.bodies[j].owner == "table")
+
+    def directions(x, z):
+        found = directions_to_facets(checker, pair, np.array([x, z, 0.0]), 0.001)
+        return {tuple(np.round(direction, 9) + 0.0) for direction in found}
+
+    assert directions(NEXT_TO_WALL - 0.0003, -sink) >= {(0, 0, -1), (1, 0, 0)}
+    assert directions(0, -sink) == {(0, 0, -1)}
+    assert directions(0, 0.01) == set()
+
+
+def test_a_part_whose_hull_holds_what_it_rests_on_is_undecided(gantry):
+    """A hook on a block: proven of its hull, which overlaps the block, and so not proven."""
+    bar = trimesh.creation.box((0.2, 0.1, 0.03)).apply_translation((0, 0, 0.115))
+    leg = trimesh.creation.box((0.03, 0.09, 0.11)).apply_translation((-0.085, 0, 0.055))
+    both = trimesh.util.concatenate([bar, leg])
+    hook = Obstacle("part", Mesh.from_arrays(both.vertices, both.faces, hull=False))
+    block = Obstacle("table", Box(0.1, 0.2, 0.1), pose((0.05, 0, 0.05)))
+    certificate = verdict(gantry, [0, 0, 0], [0, 0.3, 0], support=block, part=hook)
+    assert certificate.status is UNDECIDED
+    assert "convex hull of part" in certificate.message
+    assert certificate.undecided.bodies == ("part", "table")

@@ -26,7 +26,6 @@ from pinproof import (
     Obstacle,
     PointCloud,
     Scene,
-    SceneError,
     Sphere,
     UnknownNameError,
     load_robot,
@@ -34,6 +33,7 @@ from pinproof import (
 )
 from pinproof.collision import Shape
 from pinproof.description import robots_folder
+from pinproof.errors import SceneError
 from pinproof.spatial import matrix
 
 EVERY_SHAPE = """

@@ -10,20 +10,9 @@ import pinocchio as pin
 import pytest
 import trimesh
 
-from pinproof import (
-    Box,
-    CertificateStatus,
-    CollisionChecker,
-    InputError,
-    Mesh,
-    Obstacle,
-    Scene,
-    Sphere,
-    UrdfError,
-    certify,
-    pose,
-)
+from pinproof import Box, CertificateStatus, CollisionChecker, InputError, Mesh, Obstacle, Scene, Sphere, certify, pose
 from pinproof.collision.hulls import bvh
+from pinproof.errors import UrdfError
 from pinproof.model.robot import load_robot_from_text
 
 LIMIT = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'

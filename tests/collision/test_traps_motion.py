@@ -158,7 +158,7 @@ def test_half_a_metre_of_tool_counts(ur5, path):
 
 def test_the_elbow_of_an_arm_meets_its_own_base(panda, path):
     """The elbow passes the foot of the arm between samples; nine of them, the ends among them, are free."""
-    fold = path(panda, [0, 1.7, -1.4, -1.8, -0.6, 0.3, 0], [0, 1.3, 1.2, -2.7, -1.6, 2.7, 0])
+    fold = path(panda, [0, 1.7, -1.4, -1.8, -0.6, 0.7, 0], [0, 1.3, 1.2, -2.7, -1.6, 2.7, 0])
     checker = CollisionChecker(panda)
     assert checker.is_free_batch(fold(np.linspace(0, 1, 9))).all()  # the trap
     assert_first_contact(certify(fold, checker), checker, fold, ("panda_link5", "panda_link0"))

@@ -13,7 +13,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf
-from pinproof.conversion.link_bodies import DENSITY, link_bodies
+from pinproof.conversion.from_dh import DENSITY, link_bodies
 from pinproof.description import DhRow, DhTable
 from pinproof.model import load_robot_from_text
 

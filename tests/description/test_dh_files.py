@@ -10,9 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.description.dh_files import parse_number
-from pinproof.description.dh_row import DhRow
-from pinproof.description.dh_table import DhTable
+from pinproof.description.dh import DhRow, DhTable, parse_number
 from pinproof.errors import DhTableError, FileError, InputError
 from pinproof.spatial import pose
 

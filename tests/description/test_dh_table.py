@@ -13,8 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.description.dh_row import DhRow
-from pinproof.description.dh_table import DhTable
+from pinproof.description.dh import DhRow, DhTable
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.spatial import pose
 

@@ -50,12 +50,12 @@ def test_srdf_is_kept_as_written(tmp_path):
     ],
 )
 def test_what_makes_no_sense_is_refused(tmp_path, text, message):
-    with pytest.raises(pp.UrdfError, match=message):
+    with pytest.raises(pp.errors.UrdfError, match=message):
         read(tmp_path, text)
 
 
 def test_urdf_in_place_of_an_srdf_is_refused():
-    with pytest.raises(pp.UrdfError, match=r"line \d+: holds links: this is a URDF, not an SRDF"):
+    with pytest.raises(pp.errors.UrdfError, match=r"line \d+: holds links: this is a URDF, not an SRDF"):
         read_srdf(find_robot("ur5").urdf)
 
 

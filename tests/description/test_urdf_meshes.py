@@ -67,7 +67,7 @@ def test_package_folders_are_searched_first(mesh, tmp_path):
 @pytest.mark.parametrize("uri", ["package://arm_description/meshes/no.stl", "no.stl", "file:///no/such.stl"])
 def test_missing_mesh_names_link_and_every_place_searched(tmp_path, uri):
     found = locate(uri, tmp_path / "urdf", [tmp_path / "packages"])
-    with pytest.raises(pp.MeshError) as caught:
+    with pytest.raises(pp.errors.MeshError) as caught:
         resolved(found, "forearm")
     text = str(caught.value)
     assert "forearm" in text
@@ -106,12 +106,12 @@ def test_collada_unit_is_read(tmp_path):
 def test_unusable_mesh_is_refused(tmp_path, name, text, message):
     file = tmp_path / name
     file.write_text(text)
-    with pytest.raises(pp.MeshError, match=message):
+    with pytest.raises(pp.errors.MeshError, match=message):
         read_mesh(file)
 
 
 def test_missing_file_is_refused(tmp_path):
-    with pytest.raises(pp.MeshError, match="No such file"):
+    with pytest.raises(pp.errors.MeshError, match="No such file"):
         read_mesh(tmp_path / "a.stl")
 
 

@@ -108,7 +108,7 @@ def test_origin_turns_about_fixed_axes():
     ],
 )
 def test_what_makes_no_sense_is_refused_with_its_line(parts, message):
-    with pytest.raises(pp.UrdfError, match=message):
+    with pytest.raises(pp.errors.UrdfError, match=message):
         read_urdf_text(urdf(**parts))
 
 
@@ -137,7 +137,7 @@ def chain(links):
 
 
 def test_robot_of_5000_joints_is_refused_before_it_crashes_the_parser():
-    with pytest.raises(pp.UrdfError, match="5001 links"):
+    with pytest.raises(pp.errors.UrdfError, match="5001 links"):
         load_robot_from_text(chain(5001))
 
 
@@ -151,7 +151,7 @@ def test_robot_of_the_most_links_moves_part_by_part():
 
 def test_doctype_is_refused():
     bomb = '<!DOCTYPE robot [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;&a;">]>\n<robot name="&b;"><link name="base"/></robot>'
-    with pytest.raises(pp.UrdfError, match="DOCTYPE"):
+    with pytest.raises(pp.errors.UrdfError, match="DOCTYPE"):
         read_urdf_text(bomb)
 
 
@@ -159,7 +159,7 @@ def test_external_entity_is_not_read(tmp_path):
     secret = tmp_path / "secret.txt"
     secret.write_text("hidden")
     text = f'<!DOCTYPE r [<!ENTITY x SYSTEM "file://{secret}">]>\n<robot name="r"><link name="a">&x;</link></robot>'
-    with pytest.raises(pp.UrdfError) as caught:
+    with pytest.raises(pp.errors.UrdfError) as caught:
         read_urdf_text(text)
     assert "hidden" not in str(caught.value)
 
@@ -167,22 +167,22 @@ def test_external_entity_is_not_read(tmp_path):
 def test_broken_xml_names_file_and_line(tmp_path):
     file = tmp_path / "broken.urdf"
     file.write_text('<robot name="r">\n<link name="a">\n</robot>')
-    with pytest.raises(pp.UrdfError, match=r"broken.urdf: line 3: .*not well-formed"):
+    with pytest.raises(pp.errors.UrdfError, match=r"broken.urdf: line 3: .*not well-formed"):
         read_urdf(file)
 
 
 def test_missing_file_is_named(tmp_path):
-    with pytest.raises(pp.UrdfError, match=r"nowhere\.urdf: cannot be read"):
+    with pytest.raises(pp.errors.UrdfError, match=r"nowhere\.urdf: cannot be read"):
         read_urdf(tmp_path / "nowhere.urdf")
 
 
 def test_other_xml_is_no_urdf():
-    with pytest.raises(pp.UrdfError, match="<sdf>, not <robot>"):
+    with pytest.raises(pp.errors.UrdfError, match="<sdf>, not <robot>"):
         read_urdf_text("<sdf/>")
 
 
 def test_robot_without_links_is_refused():
-    with pytest.raises(pp.UrdfError, match="holds no link"):
+    with pytest.raises(pp.errors.UrdfError, match="holds no link"):
         read_urdf_text('<robot name="r"/>')
 
 

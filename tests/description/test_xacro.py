@@ -9,6 +9,8 @@ import pytest
 import pinproof as pp
 from pinproof.description.xacro_files import expand_xacro
 
+from ..processes import PATIENCE
+
 XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="length" default="0.3"/>
   <xacro:property name="l" value="$(arg length)"/>
@@ -55,20 +57,20 @@ def test_defaults_of_arguments_hold(file, tmp_path):
 )
 def test_what_cannot_be_expanded_is_refused(file, tmp_path, before, after, message):
     file.write_text(XACRO.replace(before, after))
-    with pytest.raises(pp.UrdfError, match=message):
+    with pytest.raises(pp.errors.UrdfError, match=message):
         pp.load_robot(file, package_dirs=[tmp_path / "packages"])
 
 
 def test_what_does_not_end_is_stopped(file, tmp_path):
     file.write_text(XACRO.replace("${2 * l}", "${9**9**9}"))
-    with pytest.raises(pp.UrdfError, match="within 2 s"):
+    with pytest.raises(pp.errors.UrdfError, match="within 2 s"):
         expand_xacro(file, {}, [tmp_path / "packages"], time_limit=2.0)
 
 
 def test_what_fills_the_memory_is_refused(file, tmp_path):
     file.write_text(XACRO.replace("${2 * l}", "${len('x' * 10**11)}"))
-    with pytest.raises(pp.UrdfError, match="when evaluating expression 'len"):
-        expand_xacro(file, {}, [tmp_path / "packages"])
+    with pytest.raises(pp.errors.UrdfError, match="when evaluating expression 'len"):
+        expand_xacro(file, {}, [tmp_path / "packages"], time_limit=PATIENCE)
 
 
 def test_arguments_for_a_plain_urdf_are_refused(tmp_path):
@@ -85,5 +87,5 @@ def test_missing_xacro_names_the_extra(tmp_path, monkeypatch):
 
 def test_missing_file_is_named(tmp_path):
     pytest.importorskip("xacro")
-    with pytest.raises(pp.UrdfError, match="No such file"):
+    with pytest.raises(pp.errors.UrdfError, match="No such file"):
         pp.load_robot(tmp_path / "r.xacro")

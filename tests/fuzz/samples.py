@@ -12,7 +12,7 @@ import yaml
 
 import pinproof as pp
 from pinproof.description import read_srdf
-from pinproof.model.limits_file import load_limits
+from pinproof.model import JointLimits
 
 __all__ = ["MJCF", "READERS", "SRDF", "TABLES", "TREES", "URDF"]
 
@@ -229,8 +229,7 @@ b,0.46,0.15,0.035,pi,0,0,,0.5,,,,,,,
 
 
 def _trajectory_csv() -> str:
-    from pinproof.motion.trajectory_csv import to_csv
-    from pinproof.motion.trajectory_reader import Record
+    from pinproof.motion.trajectory_files import Record, to_csv
 
     clock = np.array([0, 10**9, 2 * 10**9])
     return to_csv(Record(("a", "b"), clock, np.eye(3, 2), np.zeros((3, 2)), np.zeros((3, 2)), "as given"))
@@ -259,7 +258,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "picks.json": _picks,
     "message.yaml": pp.Trajectory.load,
     "message.json": pp.Trajectory.load,
-    "limits.yaml": load_limits,
+    "limits.yaml": JointLimits.load,
     "proof.json": pp.verify_proof,
     "dh.csv": pp.DhTable.load,
     "picks.csv": _picks,

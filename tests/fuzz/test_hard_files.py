@@ -220,7 +220,7 @@ def test_groups_of_groups_of_groups(tmp_path):
 )
 def test_meshes(tmp_path, name, content, said):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(pp.MeshError, match=said):
+    with pytest.raises(pp.errors.MeshError, match=said):
         read_mesh(tmp_path / name)
 
 
@@ -234,7 +234,7 @@ def test_materials_are_not_fetched(tmp_path, monkeypatch):
 
 def test_mesh_of_a_kind_nobody_knows_names_the_kinds(tmp_path):
     (tmp_path / "part.step").touch()
-    with pytest.raises(pp.MeshError, match=r"known kind: \.stl, \.obj, \.dae, \.ply, \.glb, \.gltf"):
+    with pytest.raises(pp.errors.MeshError, match=r"known kind: \.stl, \.obj, \.dae, \.ply, \.glb, \.gltf"):
         read_mesh(tmp_path / "part.step")
 
 

@@ -121,7 +121,7 @@ def test_line_ends_and_marks_of_windows_are_read(tmp_path, ends, mark):
 
 def test_mesh_in_millimetres_that_reaches_beyond_all_arms(tmp_path):
     trimesh.creation.box((30_000, 1, 1)).export(tmp_path / "part.stl")
-    with pytest.raises(pp.MeshError, match=r"reaches 15000 m far.*millimetres is 0\.001"):
+    with pytest.raises(pp.errors.MeshError, match=r"reaches 15000 m far.*millimetres is 0\.001"):
         pp.CollisionChecker(
             pp.load_robot("scara").arm(), pp.Scene([pp.Obstacle("part", pp.Mesh(tmp_path / "part.stl"))])
         )

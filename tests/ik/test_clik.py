@@ -180,7 +180,7 @@ def test_refused_solutions_are_no_yes(ur5):
     assert not result.ok
     assert np.array_equal(result.q, seen[0])  # what accept does to its copy stays with it
     assert "accept refused" in result.message
-    with pytest.raises(pp.IkFailed, match="accept refused") as caught:
+    with pytest.raises(pp.errors.IkFailed, match="accept refused") as caught:
         result.or_raise()
     assert caught.value.result is result
 
@@ -251,7 +251,7 @@ def test_many_solutions_of_an_unreachable_target_are_none(ur5):
     many = pp.Clik().solve_many(ur5, pp.pose((5, 0, 0)), attempts=3)
     assert len(many) == 0
     assert many.q.shape == (0, 6)
-    with pytest.raises(pp.IkFailed, match="attempts"):
+    with pytest.raises(pp.errors.IkFailed, match="attempts"):
         many.or_raise()
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.ik import IterativeIk
-from pinproof.ik.goal import IkGoal, drift, packed_goal
+from pinproof.ik.task import IkGoal, drift, packed_goal
 
 METHODS = [pp.Clik(), pp.DampedLeastSquares(), pp.PseudoInverse()]
 ROBOTS = ["ur5", "panda", "stanford", "so100"]

@@ -86,6 +86,7 @@ def test_positions_are_found_from_the_middle_without_restarts(arms, name):
     assert all(arm.limits.contains(q) for q in batch.q)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(
     name=st.sampled_from(ARMS),
@@ -113,6 +114,7 @@ def test_limits_hold_in_every_iterate_and_a_yes_is_true(arms, name, task, seed, 
         assert np.arccos(min(offset[2, 2], 1.0)) <= 1.01e-4
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(name=st.sampled_from(ARMS), task=st.sampled_from(TASKS), seed=st.integers(0, 10**6), polish=st.booleans())
 def test_both_engines_take_the_same_steps(arms, name, task, seed, polish):

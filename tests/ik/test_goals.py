@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.ik.goal import packed_goal
+from pinproof.ik.task import packed_goal
 
 
 def free_direction(arm, q):

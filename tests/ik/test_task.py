@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
+from pinproof.ik.result import judge
 from pinproof.ik.task import IkTask, left_jacobian_inverse, make_task, rotation_vector
-from pinproof.ik.verdict import judge
 
 HALF_STEP = 1e-6
 TASKS = ["pose", "position", "orientation", "spin_x", "spin_y", "spin_z", (1, 0, 1, 0, 1, 0)]

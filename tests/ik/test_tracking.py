@@ -153,7 +153,7 @@ def test_slow_limits_of_the_caller_hold(ur5):
     assert not tracked.ok
     assert tracked.at_speed_limit[:, 0].sum() > 20
     assert "speed limit of shoulder_pan_joint" in tracked.message
-    with pytest.raises(pp.IkFailed, match="poses slipped"):
+    with pytest.raises(pp.errors.IkFailed, match="poses slipped"):
         tracked.or_raise()
 
 
@@ -317,6 +317,14 @@ def test_the_bounded_step_is_that_of_scipy(seed, n, rank):
     assert cost(step) <= cost(oracle) * (1 + 1e-9) + 1e-12
     assert gain == pytest.approx(pull @ pull - np.sum((A @ step + pull) ** 2), rel=1e-9, abs=1e-9)
     assert ((held == 0) | (step == low) | (step == high)).all()
+
+
+def test_a_start_within_rounding_of_a_limit_starts_at_the_limit(ur5):
+    q = ur5.home.copy()
+    q[2] = ur5.limits.upper[2] + 5e-10
+    track = pp.track(ur5, [ur5.forward_kinematics(q)], q, dt=1e-3)
+    assert ur5.limits.contains(track.q[0])
+    assert track.q[0] == pytest.approx(q, abs=1e-6)
 
 
 def test_bad_input_is_refused_with_its_name(ur5, planar):

@@ -61,7 +61,7 @@ def test_equals_pinocchio_on_real_arms(name):
 def test_equals_pinocchio_on_any_chain(urdf, seed):
     try:
         robot = load_robot_from_text(urdf)
-    except pp.UrdfError:  # a follower of a follower
+    except pp.errors.UrdfError:  # a follower of a follower
         return
     arm = robot.arm(tcp=f"l{urdf.count('<joint ')}")
     rng = np.random.default_rng(seed)

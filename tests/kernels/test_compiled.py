@@ -35,6 +35,7 @@ def test_importing_kernels_compiles_nothing():
     assert "compiling" not in done.stderr
 
 
+@pytest.mark.slow
 def test_first_use_says_what_it_compiles_and_the_second_process_does_not(tmp_path):
     first, second = (run(USE, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
     assert "pinproof: compiling trigonometry.sincos for this machine, once" in first.stderr
@@ -42,6 +43,7 @@ def test_first_use_says_what_it_compiles_and_the_second_process_does_not(tmp_pat
     assert first.stdout == second.stdout
 
 
+@pytest.mark.slow
 def test_of_processes_that_start_together_one_compiles_and_the_others_wait_for_it(tmp_path):
     with ThreadPoolExecutor(3) as pool:
         done = list(pool.map(lambda _: run(USE, NUMBA_CACHE_DIR=str(tmp_path)), range(3)))
@@ -55,6 +57,7 @@ def test_kernels_are_kept_where_numba_is_told_to_keep_them(tmp_path):
     assert list(folder.rglob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_an_edit_of_any_kernel_begins_a_new_folder(tmp_path):
     """Numba itself sees only edits of the file a kernel stands in, not of those it calls."""
     package = tmp_path / "src" / "pinproof"

@@ -11,13 +11,13 @@ CHILD = """
 import sys
 import numpy as np
 import pinproof as pp
-from pinproof.model import describe, load_robot_from_text
+from pinproof.model import load_robot_from_text
 try:
     robot = load_robot_from_text(sys.stdin.read())
     arm = robot.arm(robot.urdf.links[-1])
     assert np.isfinite(arm.forward_kinematics(arm.home).homogeneous).all()
     assert np.isfinite(arm.jacobian(arm.home)).all()
-    describe(robot, arm).to_dict()
+    robot.info(arm).to_dict()
     pp.CollisionChecker(arm).check(arm.home)
     print("works")
 except pp.PinproofError as error:
@@ -39,6 +39,7 @@ def shape(text):
     return f"<collision><geometry>{text}</geometry></collision>"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "outcome"),
     [

@@ -7,13 +7,13 @@ import json
 import pytest
 
 import pinproof as pp
-from pinproof.model import describe, load_robot_from_text
+from pinproof.model import load_robot_from_text
 
 
 @pytest.fixture(scope="module")
 def zoo(zoo_text):
     robot = load_robot_from_text(zoo_text)
-    return describe(robot, robot.arm("tool", held={"finger": 0.02}))
+    return robot.info(robot.arm("tool", held={"finger": 0.02}))
 
 
 def test_joints_have_their_roles(zoo):
@@ -30,13 +30,13 @@ def test_joints_have_their_roles(zoo):
 
 def test_limits_are_those_in_use():
     robot = pp.load_robot("ur5")
-    info = describe(robot, robot.arm(limits={"elbow_joint": (-1, 1)}))
+    info = robot.info(robot.arm(limits={"elbow_joint": (-1, 1)}))
     (elbow,) = [joint for joint in info.joints if joint.name == "elbow_joint"]
     assert (elbow.lower, elbow.upper, elbow.velocity, elbow.acceleration) == (-1, 1, 3.15, 6.3)
 
 
 def test_dictionary_is_json_without_nan(zoo):
-    for info in (zoo, describe(robot := pp.load_robot("baxter_left"), robot.arm())):
+    for info in (zoo, pp.load_robot("baxter_left").info()):
         words = json.loads(json.dumps(info.to_dict(), allow_nan=False))
         assert words["dof"] == info.dof
         assert [joint["name"] for joint in words["joints"]] == [joint.name for joint in info.joints]
@@ -45,7 +45,7 @@ def test_dictionary_is_json_without_nan(zoo):
 
 def test_geometries_and_pairs_are_counted():
     robot = pp.load_robot("panda")
-    info = describe(robot, robot.arm())
+    info = robot.info(robot.arm())
     assert sum(info.collisions.values()) == len(robot.urdf.collisions) == 17
     assert len(info.disabled_pairs) == len(robot.srdf.disabled) == 35
     assert (info.groups, info.states) == (("arm", "hand", "arm_and_hand"), ("default",))
@@ -67,6 +67,6 @@ def test_missing_meshes_are_named(tmp_path):
     )
     robot = pp.load_robot(file)
     assert robot.notes == ("1 collision meshes were not found: package://p/gone.stl",)
-    assert robot.notes[0] in describe(robot, robot.arm("b")).missing
-    with pytest.raises(pp.MeshError, match=r"the mesh of link 'b' was not found; it was looked for in\n"):
+    assert robot.notes[0] in robot.info(robot.arm("b")).missing
+    with pytest.raises(pp.errors.MeshError, match=r"the mesh of link 'b' was not found; it was looked for in\n"):
         pp.CollisionChecker(robot.arm("b"))

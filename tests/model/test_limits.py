@@ -56,3 +56,24 @@ def test_sampling_range_of_open_limits_is_one_turn():
     lower, upper = pp.JointLimits(np.array([-np.inf, 0.5, -np.inf]), infinite, np.ones(3)).sampling_range()
     assert lower == pytest.approx([-np.pi, 0.5, 1 - 2 * np.pi])
     assert upper == pytest.approx([np.pi, 0.5 + 2 * np.pi, 1.0])
+
+
+def test_a_violation_is_printed_with_digits_that_show_it():
+    limits = pp.JointLimits(-np.pi * ONE, np.pi * ONE, ONE)
+    (sentence,) = limits.violations(np.array([0.0, -np.pi - 1e-8]), ["a", "b"])
+    said, lowest = float(sentence.split()[2]), float(sentence.split("[")[1].split(",")[0])
+    assert said < lowest
+    for off in 10.0 ** np.arange(-15, 1):
+        (sentence,) = limits.violations(np.array([0.0, np.pi + off]), ["a", "b"])
+        assert float(sentence.split()[2]) > float(sentence.split()[-1].rstrip("]"))
+
+
+def test_values_within_rounding_of_a_limit_become_the_limit():
+    limits = pp.JointLimits(-ONE, ONE, ONE)
+    snapped = limits.snap(np.array([[1 + 1e-10, -1 - 9e-10], [1 + 2e-9, 0.5], [1 - 1e-12, np.nan]]))
+    assert snapped[0].tolist() == [1.0, -1.0]
+    assert snapped[1].tolist() == [1 + 2e-9, 0.5]
+    assert snapped[2, 0] == 1 - 1e-12
+    assert np.isnan(snapped[2, 1])
+    endless = pp.JointLimits(np.full(2, -np.inf), np.full(2, np.inf), ONE)
+    assert endless.snap(np.array([1e3, -1e3])).tolist() == [1e3, -1e3]

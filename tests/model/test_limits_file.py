@@ -41,7 +41,7 @@ def written(tmp_path, text=TEXT):
 
 
 def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
-    arm, plain = robot.arm(limits=pp.load_limits(written(tmp_path))), robot.arm()
+    arm, plain = robot.arm(limits=pp.JointLimits.load(written(tmp_path))), robot.arm()
     limits, names = arm.limits, arm.joint_names
     pan, elbow, wrist = (names.index(name) for name in ("shoulder_pan_joint", "elbow_joint", "wrist_3_joint"))
     assert limits.velocity[[pan, elbow]].tolist() == [2.0, 1.5]
@@ -57,7 +57,7 @@ def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
 
 
 def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_path):
-    arm = robot.arm(limits=pp.load_limits(written(tmp_path)))
+    arm = robot.arm(limits=pp.JointLimits.load(written(tmp_path)))
     path = pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names)
     with pytest.raises(pp.InputError, match="jerk limit of joint 'shoulder_lift_joint' is not known"):
         pp.time_parametrise(path, arm.limits, jerk="limits")
@@ -65,7 +65,7 @@ def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_
         f"  {name}: {{has_jerk_limits: true, max_jerk: 30, has_acceleration_limits: true, max_acceleration: 4}}\n"
         for name in arm.joint_names
     )
-    full = robot.arm(limits=pp.load_limits(written(tmp_path, f"joint_limits:\n{stated}")))
+    full = robot.arm(limits=pp.JointLimits.load(written(tmp_path, f"joint_limits:\n{stated}")))
     motion = pp.time_parametrise(path, full.limits, jerk="limits")
     assert motion.limits_note == "acceleration limits: joint_limits.yaml; jerk limits: joint_limits.yaml"
     assert (motion.max_jerk() <= 30 * (1 + 1e-9)).all()
@@ -73,18 +73,18 @@ def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_
 
 def test_a_smaller_limit_of_deceleration_holds_both_ways(tmp_path):
     text = "joint_limits:\n  j: {has_acceleration_limits: true, max_acceleration: 5, has_deceleration_limits: true, "
-    assert pp.load_limits(written(tmp_path, text + "max_deceleration: -3}\n")).acceleration == {"j": 3.0}
-    assert pp.load_limits(written(tmp_path, text + "max_deceleration: 9}\n")).acceleration == {"j": 5.0}
+    assert pp.JointLimits.load(written(tmp_path, text + "max_deceleration: -3}\n")).acceleration == {"j": 3.0}
+    assert pp.JointLimits.load(written(tmp_path, text + "max_deceleration: 9}\n")).acceleration == {"j": 5.0}
 
 
 def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
     panda = pp.load_robot("panda")
     finger = next(name for name in panda.urdf.joints if "finger_joint1" in name)
     text = "joint_limits:\n  {}: {{has_velocity_limits: true, max_velocity: 0.1}}\n"
-    limits = panda.arm(limits=pp.load_limits(written(tmp_path, text.format(finger)))).limits
+    limits = panda.arm(limits=pp.JointLimits.load(written(tmp_path, text.format(finger)))).limits
     np.testing.assert_array_equal(limits.velocity, panda.arm().limits.velocity)
     with pytest.raises(pp.UnknownNameError, match=r"'panda_joint9'.*panda_joint1"):
-        panda.arm(limits=pp.load_limits(written(tmp_path, text.format("panda_joint9"))))
+        panda.arm(limits=pp.JointLimits.load(written(tmp_path, text.format("panda_joint9"))))
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
 )
 def test_files_without_sense_are_refused_with_place(tmp_path, text, message):
     with pytest.raises(pp.FileError, match=message) as caught:
-        pp.load_limits(written(tmp_path, text))
+        pp.JointLimits.load(written(tmp_path, text))
     assert "joint_limits.yaml" in str(caught.value)
 
 

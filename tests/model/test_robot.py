@@ -94,7 +94,7 @@ def test_unknown_robot_names_the_catalogue():
 
 
 def test_file_of_another_kind_is_refused(tmp_path):
-    with pytest.raises(pp.UrdfError, match="must end in"):
+    with pytest.raises(pp.errors.UrdfError, match="must end in"):
         pp.load_robot(tmp_path / "robot.sdf")
 
 

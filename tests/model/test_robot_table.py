@@ -13,6 +13,7 @@ ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "robots.md"
 
 
+@pytest.mark.slow
 def test_tables_are_what_the_script_writes():
     text = PAGE.read_text(encoding="utf-8")
     written_with = re.search(r"^example-robot-data (\S+):$", text, re.MULTILINE)

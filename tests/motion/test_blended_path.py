@@ -15,7 +15,7 @@ from pinproof.motion import Curve, bezier, corner
 NAMES = ("a", "b", "c")
 
 
-def derivatives(path: pp.BlendedPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def derivatives(path: pp.motion.BlendedPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """First and second derivative (k, points, n) as Bernstein coefficients, over the path's knots."""
     knots, control = path.bezier()
     first = bezier.derivative(knots, control)
@@ -43,7 +43,7 @@ def polylines(draw: st.DrawFn) -> tuple[pp.JointPath, np.ndarray]:
 @given(polylines())
 def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.JointPath, np.ndarray]) -> None:
     path, reach = drawn
-    smooth = pp.BlendedPath.rounded(path, reach)
+    smooth = pp.motion.BlendedPath.rounded(path, reach)
     assert isinstance(smooth, Curve)
     assert np.array_equal(smooth.start, path.start)
     assert np.array_equal(smooth.end, path.end)
@@ -63,7 +63,7 @@ def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.J
 def test_a_corner_is_missed_by_what_is_said(turn: float, reach: float) -> None:
     q = np.array([(-1.0, 0, 0), (0, 0, 0), (np.cos(turn), np.sin(turn), 0)])
     way = np.diff(q, axis=0)
-    smooth = pp.BlendedPath.rounded(pp.JointPath(q, NAMES), [0, reach, 0])
+    smooth = pp.motion.BlendedPath.rounded(pp.JointPath(q, NAMES), [0, reach, 0])
     points = smooth(np.linspace(*smooth.domain, 4001))
     nearest = np.linalg.norm(points, axis=1).min()
     assert nearest == pytest.approx(reach * float(corner.miss(way[:1], way[1:])[0]), abs=2e-3 * reach)
@@ -75,7 +75,7 @@ def test_a_corner_is_missed_by_what_is_said(turn: float, reach: float) -> None:
 
 def test_three_times_differentiable_inside_and_twice_at_the_joins_by_finite_differences() -> None:
     path = pp.JointPath([(0, 0, 0), (1, 0, 0), (1, 1, 0.5), (0, 1, 1)], NAMES)
-    smooth = pp.BlendedPath.rounded(path, [0, 0.4, 0.3, 0])
+    smooth = pp.motion.BlendedPath.rounded(path, [0, 0.4, 0.3, 0])
     assert smooth.corners == ()
     h = 1e-4
     for knot in smooth.knots[1:-1]:
@@ -90,17 +90,17 @@ def test_three_times_differentiable_inside_and_twice_at_the_joins_by_finite_diff
 
 def test_the_corner_that_is_kept_is_a_stop() -> None:
     path = pp.JointPath([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], NAMES)
-    smooth = pp.BlendedPath.rounded(path, [0, 0.5, 0, 0])
+    smooth = pp.motion.BlendedPath.rounded(path, [0, 0.5, 0, 0])
     assert len(smooth.corners) == 1
     assert np.array_equal(smooth(smooth.corners[0]), path.q[2])
-    assert len(pp.BlendedPath.rounded(path, np.zeros(4)).corners) == 2
+    assert len(pp.motion.BlendedPath.rounded(path, np.zeros(4)).corners) == 2
     straight = pp.JointPath([(0, 0, 0), (1, 0, 0), (3, 0, 0)], NAMES)
-    assert pp.BlendedPath.rounded(straight, np.zeros(3)).corners == ()  # no corner where nothing turns
+    assert pp.motion.BlendedPath.rounded(straight, np.zeros(3)).corners == ()  # no corner where nothing turns
 
 
 def test_length_is_that_of_a_dense_sample() -> None:
     path = pp.JointPath([(0, 0, 0), (1, 0, 0), (1, 1, 0.5), (0, 1, 1)], NAMES)
-    smooth = pp.BlendedPath.rounded(path, [0, 0.5, 0.4, 0])
+    smooth = pp.motion.BlendedPath.rounded(path, [0, 0.5, 0.4, 0])
     dense = np.linalg.norm(np.diff(smooth(np.linspace(*smooth.domain, 100_001)), axis=0), axis=1).sum()
     assert smooth.length == pytest.approx(dense, rel=1e-8)
     assert smooth.length < path.length
@@ -108,14 +108,14 @@ def test_length_is_that_of_a_dense_sample() -> None:
 
 def test_roundings_may_touch_and_fill_a_whole_segment() -> None:
     path = pp.JointPath([(0, 0, 0), (0.3, 0, 0), (0.3, 0.3, 0), (0.6, 0.3, 0)], NAMES)
-    smooth = pp.BlendedPath.rounded(path, [0, 0.15, 0.15, 0])
+    smooth = pp.motion.BlendedPath.rounded(path, [0, 0.15, 0.15, 0])
     assert len(smooth) == 4
     assert smooth.corners == ()
 
 
 def test_values_are_frozen_pickled_and_turned_round_exactly() -> None:
     path = pp.JointPath([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], NAMES)
-    smooth = pp.BlendedPath.rounded(path, [0, 0.4, 0, 0])
+    smooth = pp.motion.BlendedPath.rounded(path, [0, 0.4, 0, 0])
     again = pickle.loads(pickle.dumps(smooth))
     assert again.control.tobytes() == smooth.control.tobytes()
     assert again.corners == smooth.corners
@@ -131,25 +131,27 @@ def test_values_are_frozen_pickled_and_turned_round_exactly() -> None:
 
 
 def test_join_goes_on_where_the_derivatives_agree_and_stops_where_not() -> None:
-    curve = pp.CubicPath.through([(0, 0, 0), (1, 0.5, 0), (2, 0, 1)], NAMES)
+    curve = pp.motion.CubicPath.through([(0, 0, 0), (1, 0.5, 0), (2, 0, 1)], NAMES)
     straight = pp.JointPath([(2, 0, 1), (2, 0, 1), (3, 1, 1)], NAMES)
-    both = pp.BlendedPath.join(curve, straight)
+    both = pp.motion.BlendedPath.join(curve, straight)
     assert len(both) == 3  # the piece that stands still is gone
     assert both.corners == (curve.domain[1],)
     t = np.linspace(*curve.domain, 50)
     assert np.allclose(both(t), curve(t), atol=1e-14)
     assert np.array_equal(both.end, straight.end)
     knots = curve.knots
-    halves = (pp.CubicPath(curve.q[i : i + 2], curve.tangents[i : i + 2], knots[i : i + 2], NAMES) for i in (0, 1))
-    assert pp.BlendedPath.join(*halves).corners == ()
+    halves = (
+        pp.motion.CubicPath(curve.q[i : i + 2], curve.tangents[i : i + 2], knots[i : i + 2], NAMES) for i in (0, 1)
+    )
+    assert pp.motion.BlendedPath.join(*halves).corners == ()
     still = pp.JointPath([(2, 0, 1)], NAMES)
-    assert pp.BlendedPath.join(still, still).domain == (0.0, 0.0)
+    assert pp.motion.BlendedPath.join(still, still).domain == (0.0, 0.0)
     with pytest.raises(pp.InputError, match="do not meet"):
-        pp.BlendedPath.join(straight, curve)
+        pp.motion.BlendedPath.join(straight, curve)
 
 
 def test_a_path_that_stands_still() -> None:
-    still = pp.BlendedPath.rounded(pp.JointPath([(1, 2, 3)], NAMES), [0])
+    still = pp.motion.BlendedPath.rounded(pp.JointPath([(1, 2, 3)], NAMES), [0])
     assert still.domain == (0.0, 0.0)
     assert still(0.0).tolist() == [1, 2, 3]
     assert still.length == 0
@@ -163,25 +165,25 @@ def test_a_path_that_stands_still() -> None:
 def test_a_reach_that_makes_no_sense(reach: list[float], word: str) -> None:
     path = pp.JointPath([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], NAMES)
     with pytest.raises(pp.InputError, match=word):
-        pp.BlendedPath.rounded(path, reach)
+        pp.motion.BlendedPath.rounded(path, reach)
 
 
 def test_what_is_no_path() -> None:
     with pytest.raises(pp.InputError, match="turns back"):
-        pp.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (1, 0, 0), (0, 0, 0)], NAMES), [0, 0.1, 0])
+        pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (1, 0, 0), (0, 0, 0)], NAMES), [0, 0.1, 0])
     with pytest.raises(pp.InputError, match="equal"):
-        pp.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (0, 0, 0), (1, 0, 0)], NAMES), [0, 0, 0])
+        pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (0, 0, 0), (1, 0, 0)], NAMES), [0, 0, 0])
     line = np.array([[(0, 0, 0), (1, 0, 0)], [(1, 0, 0), (1, 1, 0)]], dtype=float)
     with pytest.raises(pp.InputError, match="jumps at"):
-        pp.BlendedPath([0, 1, 2], line, NAMES)
-    assert pp.BlendedPath([0, 1, 2], line, NAMES, [1.0]).corners == (1.0,)
+        pp.motion.BlendedPath([0, 1, 2], line, NAMES)
+    assert pp.motion.BlendedPath([0, 1, 2], line, NAMES, [1.0]).corners == (1.0,)
     with pytest.raises(pp.InputError, match="inner knots"):
-        pp.BlendedPath([0, 1, 2], line, NAMES, [0.5])
+        pp.motion.BlendedPath([0, 1, 2], line, NAMES, [0.5])
     with pytest.raises(pp.InputError, match="do not meet"):
-        pp.BlendedPath([0, 1, 2], line + np.array([0, 1e-9])[:, None, None], NAMES, [1.0])
+        pp.motion.BlendedPath([0, 1, 2], line + np.array([0, 1e-9])[:, None, None], NAMES, [1.0])
     with pytest.raises(pp.InputError, match="increase"):
-        pp.BlendedPath([0, 1, 1], line, NAMES, [1.0])
+        pp.motion.BlendedPath([0, 1, 1], line, NAMES, [1.0])
     with pytest.raises(pp.InputError, match="degree"):
-        pp.BlendedPath([0, 1], np.zeros((1, 8, 3)), NAMES)
+        pp.motion.BlendedPath([0, 1], np.zeros((1, 8, 3)), NAMES)
     with pytest.raises(pp.InputError, match="stands still"):
-        pp.BlendedPath([0, 0], line[:1], NAMES)
+        pp.motion.BlendedPath([0, 0], line[:1], NAMES)

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pinproof import InputError, TimingError
+from pinproof import InputError
+from pinproof.errors import TimingError
 from pinproof.motion import CubicPath, JointPath, Trajectory, time_parametrise
-from pinproof.motion.curve_timing import IMAGE_TOLERANCE
+from pinproof.motion.timing import IMAGE_TOLERANCE
 
 from .timing_problems import assert_on_path, assert_within, limits_of, names, rounded_problems, smooth_problems
 

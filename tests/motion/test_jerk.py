@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from pinproof import InputError, JointLimits
 from pinproof.motion import BlendedPath, CubicPath, JointPath, time_parametrise
-from pinproof.motion.curve_timing import IMAGE_TOLERANCE
+from pinproof.motion.timing import IMAGE_TOLERANCE
 
 from .timing_problems import (
     assert_on_path,

@@ -6,7 +6,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from pinproof import TrajectoryError
+from pinproof.errors import TrajectoryError
 from pinproof.motion import Trajectory
 
 NAMES = ("slide, long", 'the "turn"')

@@ -49,6 +49,24 @@ def ends_on_7_and_100(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any
     return echo(setup, index, pick)
 
 
+def ends_six_times_on_7(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    """Ends the worker six times in all, as a process outside would that kills workers."""
+    deaths = Path(os.environ[FLAG])
+    if index == 7 and (not deaths.exists() or deaths.stat().st_size < 6):
+        with deaths.open("a") as file:
+            file.write("x")
+        raise Died
+    return echo(setup, index, pick)
+
+
+def memory_error_on_7(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    """Runs out of memory on pick 7 once."""
+    if index == 7 and not Path(os.environ[FLAG]).exists():
+        Path(os.environ[FLAG]).touch()
+        raise MemoryError
+    return echo(setup, index, pick)
+
+
 def ends_always(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
     raise Died
 

@@ -107,9 +107,9 @@ def stick() -> pp.Arm:
 
 
 @pytest.fixture(scope="session")
-def many() -> pp.PickGrid:
+def many() -> pp.picks.PickGrid:
     """120 picks."""
-    return pp.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
+    return pp.picks.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
 
 
 @pytest.fixture

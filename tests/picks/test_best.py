@@ -11,21 +11,22 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks.search import BestFirst
 from pinproof.picks.stages.grasp import screen
+from pinproof.picks.stages.place import Placer
 from pinproof.picks.stages.reach import reach
 from pinproof.picks.stages.task import Task
 
-ALL = pp.PickBudget(configurations=10_000, compared=10_000, remedies=0)
+ALL = pp.picks.PickBudget(configurations=10_000, compared=10_000, remedies=0)
 SEEDS = [1, 2]
 
 
-def setup(robot: str, file: str, weights: pp.PickWeights | None = None) -> tuple[pp.PickSetup, pp.Picks]:
+def setup(robot: str, file: str, weights: pp.picks.PickWeights | None = None) -> tuple[pp.picks.PickSetup, pp.Picks]:
     picks = pp.read_picks(robots_folder() / robot / file)
     arm = pp.load_robot(robot).arm(tcp=picks.tcp, held=picks.held)
     scene = pp.Scene.load(picks.scene)
-    return pp.PickSetup.make(arm, scene, picks, home=None, rng=0, weights=weights, budget=ALL), picks
+    return pp.picks.PickSetup.make(arm, scene, picks, home=None, rng=0, weights=weights, budget=ALL), picks
 
 
-def search(made: pp.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFirst:
+def search(made: pp.picks.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFirst:
     task = Task(pick, made.cell)
     ring = next(iter(task.rings()))
     candidates = screen(task, ring, reach(task, ring, 0)).candidates
@@ -38,8 +39,8 @@ def search(made: pp.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFirst:
     ("robot", "file", "name", "weights"),
     [
         ("ur5", "picks.yaml", "bolt_1", None),
-        ("ur5", "picks.yaml", "bolt_5", pp.PickWeights(clearance=0, manipulability=0, limit_margin=0)),
-        ("ur5", "picks.yaml", "bolt_7", pp.PickWeights(duration=0.2)),
+        ("ur5", "picks.yaml", "bolt_5", pp.picks.PickWeights(clearance=0, manipulability=0, limit_margin=0)),
+        ("ur5", "picks.yaml", "bolt_7", pp.picks.PickWeights(duration=0.2)),
         ("ur5", "carry.yaml", "over_the_wall", None),
         ("generic_6dof", "picks.yaml", None, None),
         ("panda", "picks.yaml", "cube_2", None),
@@ -74,7 +75,7 @@ def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> No
 
 
 def test_a_budget_that_runs_out_is_told() -> None:
-    made, picks = setup("panda", "picks.yaml", pp.PickWeights(clearance=0, limit_margin=0, manipulability=0))
+    made, picks = setup("panda", "picks.yaml", pp.picks.PickWeights(clearance=0, limit_margin=0, manipulability=0))
     short = replace(made, budget=replace(ALL, compared=1))
     figures = short.judge(0, picks.picks[0]).stages[-1].figures
     assert figures["whole"] == 1
@@ -84,7 +85,7 @@ def test_a_budget_that_runs_out_is_told() -> None:
 
 
 def test_the_score_is_made_of_parts_between_0_and_1() -> None:
-    made, picks = setup("ur5", "carry.yaml", pp.PickWeights(clearance=2.0, duration=0.5))
+    made, picks = setup("ur5", "carry.yaml", pp.picks.PickWeights(clearance=2.0, duration=0.5))
     verdict = made.judge(0, picks.picks[0])
     parts = dict(verdict.score)
     total = parts.pop("score")
@@ -92,3 +93,31 @@ def test_the_score_is_made_of_parts_between_0_and_1() -> None:
     assert total == pytest.approx(
         2.0 * parts["clearance"] + parts["limit_margin"] + parts["manipulability"] + 0.5 * parts["duration"]
     )
+
+
+@pytest.mark.parametrize(("xyz", "yaw"), [((0.371, -0.403, 0.192), -0.97), ((0.406, -0.305, 0.217), -0.67)])
+def test_the_best_release_is_taken_and_not_the_nearest(monkeypatch, xyz, yaw) -> None:
+    made, picks = setup("ur5", "carry.yaml", pp.picks.PickWeights(duration=0.2))
+    first = picks.picks[0]
+    drop = replace(first.place, frame="", pose=pp.pose(xyz, (np.pi, 0, yaw)))
+    pick = replace(first, place=drop)
+    best = search(made, pick, bounded=True).best
+    every, place = Placer.releases, Placer.place
+    count = len(every(Placer(Task(pick, made.cell), SEEDS[0]), next(iter(Task(pick, made.cell).rings()))[0]))
+    assert count > 1
+    scores = []
+    for index in range(count):
+
+        def only(self: Placer, *args: object, k: int = index):
+            """Puts down at one release; all others stay known, since scores refer to them."""
+            self.releases = lambda member: every(self, member)[k : k + 1]
+            try:
+                return place(self, *args)
+            finally:
+                del self.releases
+
+        monkeypatch.setattr(Placer, "place", only)
+        if (alone := search(made, pick, bounded=True).best) is not None:
+            scores.append(alone.parts["score"])
+    assert len(scores) > 1
+    assert best.parts["score"] == pytest.approx(max(scores), abs=1e-9)

@@ -34,6 +34,7 @@ def rows_in(path: Path) -> list[dict]:
     return [json.loads(line) for line in path.read_bytes().splitlines()[1:]]
 
 
+@pytest.mark.slow
 def test_the_bytes_are_the_same_for_any_workers_and_chunks(campaign, threads, tmp_path) -> None:
     campaign.run(tmp_path / "1", workers=1)
     campaign.run(tmp_path / "2", workers=2, chunk=7)
@@ -116,7 +117,7 @@ def test_another_campaign_in_the_folder_is_refused_with_the_difference(stick, ma
 
     stopped_after(made(), tmp_path / "begun", threads, 10)
     made().run(tmp_path / "done", executor=threads)
-    shifted = pp.PickGrid(many.first, many.counts, (0.01, 0.02, 0.031))
+    shifted = pp.picks.PickGrid(many.first, many.counts, (0.01, 0.02, 0.031))
     rock = pp.Obstacle("rock", pp.Sphere(0.1), pp.pose((3, 0, 0)))
     for folder in (tmp_path / "begun", tmp_path / "done"):
         before = {path: path.read_bytes() for path in folder.iterdir()}
@@ -151,14 +152,74 @@ def test_a_file_of_somebody_else_is_left_alone(campaign, threads, tmp_path, cont
         assert campaign.run(tmp_path, executor=threads).ok
 
 
-@pytest.mark.parametrize("damage", [b"\x00\x00\n", b'{"index": 3}\n{"index": 3}\n', b'{"index": 120}\n', b"7\n"])
-def test_a_damaged_line_is_named(campaign, threads, tmp_path, damage: bytes) -> None:
+def damaged(header: bytes, rows: list[bytes], how: str) -> bytes:
+    """A journal in which row 7 was damaged or edited by hand."""
+    row = rows[7]
+    rows[7] = {
+        "text": b'"good"\n',
+        "index alone": b'{"index": 7}\n',
+        "boolean index": b'{"index": true}\n',
+        "index out of range": b'{"index": 120}\n',
+        "number": b"7\n",
+        "zeros": b"\x00\x00\n",
+        "another verdict": row.replace(b'"verdict":"good"', b'"verdict":"not found"'),
+        "another index": row.replace(b'"index":7,', b'"index":8,'),
+        "another figure": row.replace(b'"place":7', b'"place":70'),
+        "no checksum": row[: row.index(b',"checksum"')] + b"}\n",
+        "invalid UTF-8": row.replace(b"good", b"g\xff\xfed"),
+        "spaces": row.replace(b",", b", "),
+        "nested too deeply": b"[" * 100_000 + b"\n",
+        "row twice": row + row,
+        "row deleted": b"",
+        "checksum of another row": row[: row.index(b',"checksum"')] + rows[8][rows[8].index(b',"checksum"') :],
+    }[how]
+    return header + b"".join(rows)
+
+
+DAMAGE = (
+    "text", "index alone", "boolean index", "index out of range", "number", "zeros", "another verdict", "another index",
+    "another figure", "no checksum", "invalid UTF-8", "spaces", "nested too deeply", "row twice", "row deleted",
+    "checksum of another row",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_damaged_and_edited_rows_are_judged_again(campaign, threads, tmp_path, how: str) -> None:
+    campaign.run(tmp_path / "whole", executor=threads)
+    header, *rows = bytes_of(tmp_path / "whole").splitlines(keepends=True)
+    (tmp_path / "edited").mkdir()
+    (tmp_path / "edited" / "journal.jsonl").write_bytes(damaged(header, rows[:50], how) + b"{")
+    result = campaign.run(tmp_path / "edited", executor=threads)
+    assert result.resumed == 50 - (how != "row twice")
+    assert result.damaged == (how not in ("row twice", "row deleted"))
+    assert bytes_of(tmp_path / "edited") == bytes_of(tmp_path / "whole")
+
+
+@pytest.mark.parametrize("how", DAMAGE)
+def test_a_finished_file_with_damaged_rows_is_refused_and_repaired_by_another_run(
+    campaign, threads, tmp_path, how: str
+) -> None:
     campaign.run(tmp_path, executor=threads)
-    header, first, *_ = bytes_of(tmp_path).splitlines(keepends=True)
-    (tmp_path / "rows.jsonl").unlink()
-    (tmp_path / "journal.jsonl").write_bytes(header + first + damage + b"{")
-    with pytest.raises(FileError, match=r"journal.jsonl: line [34]: is no row of this campaign; take the line out"):
-        campaign.run(tmp_path, executor=threads)
+    whole = bytes_of(tmp_path)
+    header, *rows = whole.splitlines(keepends=True)
+    (tmp_path / "rows.jsonl").write_bytes(damaged(header, rows, how))
+    with pytest.raises(FileError, match=r"rows.jsonl.*run the campaign again"):
+        pp.picks.CampaignResult.open(tmp_path)
+    assert campaign.run(tmp_path, executor=threads).ok
+    assert bytes_of(tmp_path) == whole
+    assert not (tmp_path / "journal.jsonl").exists()
+
+
+def test_a_row_of_another_campaign_is_judged_again(stick, many, judges, threads, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
+    made.run(tmp_path / "whole", executor=threads)
+    pp.Campaign(stick, pp.Scene(), many, judge=judges.echo, rng=1).run(tmp_path / "other", executor=threads)
+    header, *rows = bytes_of(tmp_path / "whole").splitlines(keepends=True)
+    _, *others = bytes_of(tmp_path / "other").splitlines(keepends=True)
+    (tmp_path / "mixed").mkdir()
+    (tmp_path / "mixed" / "journal.jsonl").write_bytes(header + b"".join([*rows[:7], others[7], *rows[8:]]))
+    assert made.run(tmp_path / "mixed", executor=threads).resumed == 119
+    assert bytes_of(tmp_path / "mixed") == bytes_of(tmp_path / "whole")
 
 
 def test_two_cannot_write_to_one_folder(campaign, threads, tmp_path) -> None:
@@ -202,7 +263,7 @@ def test_the_result_counts_verdicts_and_stages(stick, many, judges, threads, tmp
     assert (result.verdicts, result.failed_at) == ({"not found": 40, "good": 80}, {"reach": 40})
     assert result.summary == "80 of 120 picks good; failed: 40 at reach"
     assert not result.ok
-    assert pp.CampaignResult.open(tmp_path) == result
+    assert pp.picks.CampaignResult.open(tmp_path) == result
     told = json.loads(json.dumps(result.to_dict()))
     assert (told["total"], told["ok"], told["failed_at"]) == (120, False, {"reach": 40})
 
@@ -214,10 +275,10 @@ def test_no_picks_are_no_yes(stick, judges, tmp_path) -> None:
 
 def test_a_folder_without_a_result_is_refused(tmp_path) -> None:
     with pytest.raises(CampaignError, match="no rows"):
-        pp.CampaignResult.open(tmp_path)
+        pp.picks.CampaignResult.open(tmp_path)
     (tmp_path / "journal.jsonl").touch()
     with pytest.raises(CampaignError, match="not done yet"):
-        pp.CampaignResult.open(tmp_path)
+        pp.picks.CampaignResult.open(tmp_path)
 
 
 def test_a_folder_that_cannot_be_made_is_one_clear_error(campaign, threads, tmp_path) -> None:

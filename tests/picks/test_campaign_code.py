@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import CampaignError
-from pinproof.picks.campaign import code
+from pinproof.picks.campaign import rows
 from pinproof.picks.campaign.rows import RowTask, judge_row
 
 
@@ -18,26 +18,26 @@ from pinproof.picks.campaign.rows import RowTask, judge_row
 def copy_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Pinproof's source elsewhere, to be changed; what is told of it."""
     package = tmp_path / "pinproof"
-    for path in code.PACKAGE.rglob("*.py"):
-        place = package / path.relative_to(code.PACKAGE)
+    for path in rows.PACKAGE.rglob("*.py"):
+        place = package / path.relative_to(rows.PACKAGE)
         place.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, place)
-    original = code.code_here()
-    monkeypatch.setattr(code, "PACKAGE", package)
-    code.code_here.cache_clear()
-    assert code.code_here() == original
+    original = rows.code_here()
+    monkeypatch.setattr(rows, "PACKAGE", package)
+    rows.code_here.cache_clear()
+    assert rows.code_here() == original
     yield package
     monkeypatch.undo()
-    code.code_here.cache_clear()
+    rows.code_here.cache_clear()
 
 
 def told_anew() -> str:
-    code.code_here.cache_clear()
-    return code.code_here()
+    rows.code_here.cache_clear()
+    return rows.code_here()
 
 
 def test_it_names_the_version_and_the_libraries() -> None:
-    said = code.code_here()
+    said = rows.code_here()
     assert said.startswith(f"{pp.__version__} ")
     assert "numpy " in said
     assert "unknown" not in said
@@ -60,6 +60,7 @@ def test_words_of_help_are_no_other_code(copy_of_the_package: Path) -> None:
     assert told_anew() == before
 
 
+@pytest.mark.slow
 def test_a_campaign_begun_with_other_code_is_refused(stick, many, judges, tmp_path, monkeypatch) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
     made.run(tmp_path, workers=1)
@@ -71,7 +72,7 @@ def test_a_campaign_begun_with_other_code_is_refused(stick, many, judges, tmp_pa
 
 
 def test_a_worker_of_other_code_takes_no_task(stick, many, monkeypatch) -> None:
-    setup = pp.PickSetup.make(stick, pp.Scene(), many.shared, home=None, rng=0)
+    setup = pp.picks.PickSetup.make(stick, pp.Scene(), many.shared, home=None, rng=0)
     package = pickle.dumps(RowTask(setup, judge_row))
     assert isinstance(pickle.loads(package), RowTask)
     monkeypatch.setattr("pinproof.picks.campaign.rows.code_here", lambda: "0.1.0 otherwise")
@@ -80,7 +81,7 @@ def test_a_worker_of_other_code_takes_no_task(stick, many, monkeypatch) -> None:
 
 
 def test_a_judge_of_ones_own_is_known_by_its_source(judges) -> None:
-    assert code.judge_words(judge_row) == "pinproof.picks.campaign.rows.judge_row"
-    echo, slow = code.judge_words(judges.echo), code.judge_words(judges.slow)
+    assert rows.judge_words(judge_row) == "pinproof.picks.campaign.rows.judge_row"
+    echo, slow = rows.judge_words(judges.echo), rows.judge_words(judges.slow)
     assert echo.startswith("campaign_judges.echo ")
     assert echo.split()[1] != slow.split()[1]

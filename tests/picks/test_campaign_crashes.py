@@ -6,12 +6,10 @@ import json
 import os
 import queue
 import signal
-import subprocess
 import sys
 import threading
 import time
 from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
-from pathlib import Path
 
 import pytest
 
@@ -19,8 +17,7 @@ import pinproof as pp
 from pinproof.errors import CampaignError
 from pinproof.picks.campaign import worker
 
-PATIENCE = 60.0
-"""Seconds after which a test gives up waiting for another process."""
+from ..processes import PATIENCE, is_alive, started, wait_for
 
 
 class Fragile(Executor):
@@ -70,21 +67,7 @@ def none_made_yet() -> None:
     Fragile.made = 0
 
 
-def wait_for(what) -> None:
-    end = time.monotonic() + PATIENCE
-    while not what():
-        assert time.monotonic() < end, "waited in vain"
-        time.sleep(0.02)
-
-
-def is_alive(pid: int) -> bool:
-    try:
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
-    except OSError:
-        return False
-
-
-def crashed(result: pp.CampaignResult) -> list[int]:
+def crashed(result: pp.picks.CampaignResult) -> list[int]:
     rows = list(result.rows())
     assert [row["index"] for row in rows] == list(range(120))
     assert all(row["verdict"] == "good" for row in rows if row["verdict"] != "crashed")
@@ -99,6 +82,61 @@ def test_the_picks_at_fault_are_found_and_no_other(stick, many, judges, tmp_path
     reasons = {row["reason"] for row in result.rows() if row["verdict"] == "crashed"}
     assert reasons == {"every process that judged it, alone, has died of it"}
     assert Fragile.made > 6  # each has killed three when it was alone
+
+
+@pytest.mark.parametrize("in_flight", [1, 8])
+def test_a_pick_whose_workers_were_killed_from_outside_is_tried_again_on_resume(
+    stick, many, judges, tmp_path, in_flight
+) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
+    how = {"executor": Fragile, "chunk": 2, "in_flight": in_flight}
+    first = made.run(tmp_path / "out", **how)
+    if in_flight == 1:
+        assert crashed(first) == [7]
+    while (tmp_path / "flag").stat().st_size < 6:
+        first = made.run(tmp_path / "out", **how)
+    again = made.run(tmp_path / "out", **how)
+    assert crashed(again) == []
+    assert again.resumed >= 119
+    made.run(tmp_path / "whole", **how)
+    assert (tmp_path / "out" / "rows.jsonl").read_bytes() == (tmp_path / "whole" / "rows.jsonl").read_bytes()
+
+
+def test_a_pick_that_ran_out_of_memory_is_tried_again_on_resume(stick, many, judges, tmp_path) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.memory_error_on_7)
+    assert crashed(made.run(tmp_path / "out", executor=Fragile)) == [7]
+    assert crashed(made.run(tmp_path / "out", executor=Fragile)) == []
+
+
+def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_bytes(
+    stick, many, judges, tmp_path
+) -> None:
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
+    made.run(tmp_path, executor=Fragile)
+    rows = (tmp_path / "rows.jsonl").read_bytes()
+    again = made.run(tmp_path, executor=Fragile)
+    assert crashed(again) == [7, 100]
+    assert again.resumed == 118
+    assert (tmp_path / "rows.jsonl").read_bytes() == rows
+
+
+def test_a_crashed_row_in_a_journal_gives_way_to_the_row_of_a_later_run(stick, many, judges, tmp_path) -> None:
+    from pinproof.picks.campaign.journal import Journal
+
+    made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
+    made.run(tmp_path, executor=Fragile, chunk=2, in_flight=1)
+    (tmp_path / "rows.jsonl").rename(tmp_path / "journal.jsonl")
+    with Journal(tmp_path, made.header()) as journal:
+        assert journal.missing() == [(7, 8)]
+        journal.append(7, [judges_row(judges, many)])
+    with Journal(tmp_path, made.header()) as journal:
+        assert journal.missing() == []
+        journal.finish()
+    assert crashed(pp.picks.CampaignResult.open(tmp_path)) == []
+
+
+def judges_row(judges, many) -> bytes:
+    return b'{"index":7,"name":"p","verdict":"good","failed_at":null}\n'
 
 
 def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, judges, tmp_path) -> None:
@@ -147,7 +185,7 @@ def test_workers_that_die_of_everything_are_told_and_no_pick_is_blamed(stick, ma
     with pytest.raises(CampaignError, match=r"each of the first 10 picks has killed every process .* enough memory"):
         made.run(tmp_path, executor=Fragile)
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
-    few = pp.Campaign(stick, pp.Scene(), pp.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
+    few = pp.Campaign(stick, pp.Scene(), pp.picks.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
     assert few.run(tmp_path / "few", executor=Fragile).verdicts == {"crashed": 3}
 
 
@@ -182,12 +220,14 @@ def _as_stranger(*args):
     return worker.Answer(known=False, worker="stranger:1")
 
 
+@pytest.mark.slow
 def test_a_process_that_a_pick_kills(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_on_7)
     assert crashed(made.run(tmp_path / "out", workers=2, chunk=2)) == [7]
     assert len((tmp_path / "flag").read_text()) == 6  # three times with its neighbour, three times alone
 
 
+@pytest.mark.slow
 def test_a_process_that_dies_once_costs_nothing(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.dies_once_on_7)
     assert crashed(made.run(tmp_path / "out", workers=1, chunk=10)) == []
@@ -199,11 +239,12 @@ import sys, campaign_judges, pinproof as pp
 from pinproof.model import load_robot_from_text
 if __name__ == "__main__":
     arm = load_robot_from_text(sys.argv[2]).arm(tcp="b")
-    many = pp.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
+    many = pp.picks.PickGrid(pp.Pick("p", pp.pose(xyz=(0.1, 0.2, 0.3))), (4, 5, 6), (0.01, 0.02, 0.03))
     pp.Campaign(arm, pp.Scene(), many, judge=campaign_judges.waits_for_flag).run(sys.argv[1], workers=2, chunk=4)
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT])
 def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
     stick, stick_urdf, many, judges, tmp_path, by
@@ -211,24 +252,16 @@ def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
     folder, program = tmp_path / "out", tmp_path / "program.py"
     program.write_text(RUN)
     # A session of its own: Ctrl-C goes to all processes of it.
-    running = subprocess.Popen(
-        [sys.executable, str(program), str(folder), stick_urdf],
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    try:
+    with started([sys.executable, str(program), str(folder), stick_urdf]) as running:
         journal, times = folder / "journal.jsonl", folder / "timings.jsonl"
-        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40)
+        wait_for(lambda: journal.exists() and journal.read_bytes().count(b"\n") > 40, by=running)
         os.killpg(running.pid, by) if by == signal.SIGINT else running.kill()
         assert running.communicate(timeout=PATIENCE)[1].count("Traceback") <= 1  # of the program, not of its workers
         assert running.returncode != 0
-    finally:
-        running.kill()
-    workers = {int(json.loads(line)["worker"].rpartition(":")[2]) for line in times.read_text().splitlines()}
-    assert workers
-    assert os.getpid() not in workers
-    wait_for(lambda: not any(map(is_alive, workers)))
+        workers = {int(json.loads(line)["worker"].rpartition(":")[2]) for line in times.read_text().splitlines()}
+        assert workers
+        assert os.getpid() not in workers
+        wait_for(lambda: not any(map(is_alive, workers)))  # by themselves: nothing has ended them yet
     there = journal.read_bytes().count(b"\n") - 1
     assert 40 <= there < 120
 
@@ -240,6 +273,7 @@ def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
     assert (folder / "rows.jsonl").read_bytes() == (tmp_path / "whole" / "rows.jsonl").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_pool_of_processes_is_made_anew(stick, many, judges, tmp_path) -> None:
     import multiprocessing
 

@@ -15,10 +15,16 @@ import pinproof as pp
 from pinproof.cli.main import main
 from pinproof.description import robots_folder
 
+from ..processes import PATIENCE
+
 distributed = pytest.importorskip("distributed", reason="the extra 'dask' is not installed")
+dask = pytest.importorskip("dask", reason="the extra 'dask' is not installed")
 
 # What Dask leaves open when its processes are killed is not ours to close.
-pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
+]
 
 
 @pytest.fixture(scope="module")
@@ -27,21 +33,26 @@ def cluster(tmp_path_factory) -> Iterator[distributed.LocalCluster]:
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(Path(__file__).parent))  # the processes have the paths of this one
         patch.setenv("CAMPAIGN_TEST_FLAG", str(tmp_path_factory.mktemp("dask") / "flag"))
-        with distributed.LocalCluster(
-            n_workers=2,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address=None,
-            local_directory=str(tmp_path_factory.mktemp("scratch")),
-        ) as made:
+        # a busy machine starts a worker, and lets it answer, later than Dask waits by default
+        busy = {"distributed.comm.timeouts.connect": f"{PATIENCE}s", "distributed.comm.timeouts.tcp": f"{PATIENCE}s"}
+        with (
+            dask.config.set(busy),
+            distributed.LocalCluster(
+                n_workers=2,
+                threads_per_worker=1,
+                processes=True,
+                host="127.0.0.1",
+                dashboard_address=None,
+                local_directory=str(tmp_path_factory.mktemp("scratch")),
+            ) as made,
+        ):
             yield made
 
 
 @pytest.fixture
 def client(cluster) -> Iterator[distributed.Client]:
     with distributed.Client(cluster) as made:
-        made.wait_for_workers(2, timeout=200)
+        made.wait_for_workers(2, timeout=PATIENCE)
         yield made
 
 
@@ -97,4 +108,4 @@ def test_the_command_line_takes_a_scheduler(cluster, monkeypatch, capsys, tmp_pa
             main()
         assert ended.value.code == 1
         assert "2 of 4 picks good" in capsys.readouterr().out
-    assert pp.CampaignResult.open(tmp_path / "out").good == 2
+    assert pp.picks.CampaignResult.open(tmp_path / "out").good == 2

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 import pinproof as pp
 
 from ..pages import PROGRAM, ROOT, blocks, commands, run_command, run_program, standing_in
@@ -9,13 +11,14 @@ from ..pages import PROGRAM, ROOT, blocks, commands, run_command, run_program, s
 PAGE = ROOT / "docs" / "campaigns.md"
 
 
+@pytest.mark.slow
 def test_what_is_printed_runs(tmp_path) -> None:
     (program,) = blocks(PAGE, "python")
     assert PROGRAM in program.text
     with standing_in(tmp_path):
         printed = run_program(program.text, "campaigns.md")
         assert printed == "4 of 4 picks good\n['pin_0_0_0', 'pin_0_1_0', 'pin_1_0_0', 'pin_1_1_0']\n"
-        assert pp.CampaignResult.open("pins").ok
+        assert pp.picks.CampaignResult.open("pins").ok
         for words, _ in (each for block in blocks(PAGE, "sh") for each in commands(block)):
             if "--dask" not in words:  # nobody runs a cluster here; tests/picks/test_campaign_dask.py does
                 # Two of the four picks are not good, and are meant not to be.
@@ -26,5 +29,5 @@ def test_the_shared_part_of_a_table_is_a_picks_file(tmp_path) -> None:
     (block,) = blocks(PAGE, "yaml")
     (tmp_path / "picks.yaml").write_text(block.text)
     (tmp_path / "many.csv").write_text("name,x,y,z\nbolt,0.46,0.15,0.035\n")
-    assert pp.open_picks(tmp_path / "picks.yaml").shared.robot == "ur5"
+    assert pp.picks.open_picks(tmp_path / "picks.yaml").shared.robot == "ur5"
     assert [pick.name for pick in pp.read_picks(tmp_path / "picks.yaml")] == ["bolt"]

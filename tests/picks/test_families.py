@@ -1,4 +1,4 @@
-"""Families of grasps, what is proven of a "no", and the remedies, each of which is tried."""
+"""Families of grasps, what is proven of a "no", and the suggestions, each of which is tried."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.ik import Clik
-from pinproof.picks import PickStatus, Stage
+from pinproof.picks import PickStatus, Stage, apply_suggestion
 from pinproof.picks.family import family
 
 DOWN = (np.pi, 0, 0)
@@ -22,25 +22,25 @@ def arm(arms) -> pp.Arm:
 
 
 def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, **settings) -> pp.PickVerdict:
-    budget = pp.PickBudget(compared=1, **settings)
+    budget = pp.picks.PickBudget(compared=1, **settings)
     (verdict,) = pp.validate_picks(arm, pp.Scene(obstacles), pp.Picks((pick,), margin=0.002), budget=budget).verdicts
     return verdict
 
 
 def test_members_go_from_the_nominal_one_outwards() -> None:
     axis = np.array([0.0, 0.0, 1.0])
-    rings = list(family(pp.Spin((0.0, 0.5)), pp.Tolerance((0.01, 0, 0), tilt=0.1), axis))
+    rings = list(family(pp.picks.GraspSpin((0.0, 0.5)), pp.picks.GraspTolerance((0.01, 0, 0), tilt=0.1), axis))
     assert [len(ring) for ring in rings] == [2, 12, 12]
     assert rings[0][0].words == ""
     far = [max(float(np.linalg.norm(m.nominal_from_tip.translation)) for m in ring) for ring in rings]
     np.testing.assert_allclose(far, [0, 0.005, 0.01], atol=1e-12)
-    angles = sorted(pp.Spin.free().angles)
+    angles = sorted(pp.picks.GraspSpin.free().angles)
     np.testing.assert_allclose(np.diff(angles), 2 * np.pi / 24, atol=1e-12)
-    assert abs(pp.Spin.free().angles[0]) == 0.0
+    assert abs(pp.picks.GraspSpin.free().angles[0]) == 0.0
 
 
 def test_a_spin_keeps_the_tip_and_the_approach(arm) -> None:
-    verdict = judge(arm, replace(PICK, spin=pp.Spin((2.0,))))
+    verdict = judge(arm, replace(PICK, spin=pp.picks.GraspSpin((2.0,))))
     assert verdict.ok
     assert "spun by +115 deg" in verdict.member
     there = arm.root_from_base * arm.forward_kinematics(verdict.q_grasp)
@@ -51,7 +51,7 @@ def test_a_spin_keeps_the_tip_and_the_approach(arm) -> None:
 
 def test_a_tolerance_moves_the_grasp_only_where_the_nominal_one_fails(arm) -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.45, 0.1 + 0.055, 0.2)))
-    moved = replace(PICK, tolerance=pp.Tolerance((0.0, 0.03, 0.0)))
+    moved = replace(PICK, tolerance=pp.picks.GraspTolerance((0.0, 0.03, 0.0)))
     assert judge(arm, moved).member == ""
     assert judge(arm, PICK, stone, remedies=0).failed is Stage.GRASP
     verdict = judge(arm, moved, stone)
@@ -75,7 +75,9 @@ def test_impossible_is_said_only_where_no_seed_finds_a_way(arms) -> None:
 
 
 @pytest.mark.parametrize(
-    "change", [{"spin": pp.Spin.free()}, {"tolerance": pp.Tolerance((0.005, 0.0, 0.0))}], ids=["spin", "tolerance"]
+    "change",
+    [{"spin": pp.picks.GraspSpin.free()}, {"tolerance": pp.picks.GraspTolerance((0.005, 0.0, 0.0))}],
+    ids=["spin", "tolerance"],
 )
 def test_a_sample_of_a_family_proves_nothing(arm, change) -> None:
     verdict = judge(arm, replace(PICK, pose=pp.pose((3, 0, 0.2), DOWN), **change), remedies=0)
@@ -91,7 +93,8 @@ def test_an_arm_of_seven_is_never_told_impossible(arms) -> None:
 def test_a_shorter_approach_that_is_proposed_works_and_a_longer_one_does_not(arm) -> None:
     verdict = judge(arm, replace(PICK, approach=0.9))
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.APPROACH)
-    proposed = float(verdict.remedy.split("approach ")[-1].split(" mm")[0]) / 1e3
+    text = next(each for each in verdict.suggestions if each.startswith("shorten the approach"))
+    proposed = apply_suggestion(replace(PICK, approach=0.9), text).approach
     assert 0.3 < proposed < 0.9
     assert judge(arm, replace(PICK, approach=proposed), remedies=0).failed is not Stage.APPROACH
     assert judge(arm, replace(PICK, approach=proposed + 0.02), remedies=0).failed is Stage.APPROACH
@@ -100,28 +103,29 @@ def test_a_shorter_approach_that_is_proposed_works_and_a_longer_one_does_not(arm
 def test_a_shift_that_is_proposed_works(arm) -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.45, 0.1 + 0.055, 0.2)))
     verdict = judge(arm, PICK, stone)
-    words = verdict.remedy.split("shifted by ")[1].split(" mm along ")
-    axes = words[1].split(" of")[0].split()
-    signs = [(-1 if part[0] == "-" else 1) * np.eye(3)["xyz".index(part[1])] for part in axes]
-    by = float(words[0]) / 1e3 * sum(signs) / np.linalg.norm(sum(signs))
-    moved = replace(PICK, pose=pp.pose(PICK.pose.translation + by, DOWN))
-    assert judge(arm, moved, stone, remedies=0).failed is not Stage.GRASP
+    text = next(each for each in verdict.suggestions if each.startswith("move the pick"))
+    assert judge(arm, apply_suggestion(PICK, text), stone, remedies=0).ok
 
 
 def test_out_of_reach_names_the_residual_and_a_shift_that_reaches(arm) -> None:
-    verdict = judge(arm, replace(PICK, pose=pp.pose((1.1, 0, 0.2), DOWN)))
+    far = replace(PICK, pose=pp.pose((1.1, 0, 0.2), DOWN))
+    verdict = judge(arm, far)
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.REACH)
     short = float(verdict.reason.split(" mm")[0].split()[-1])
     assert verdict.stages[-1].figures["position_error"] * 1e3 == pytest.approx(short, abs=0.06)
-    shift = float(verdict.remedy.split("shifted by ")[1].split(" mm")[0])
-    assert short <= shift <= 2.1 * short
+    text = next(each for each in verdict.suggestions if each.startswith("move the pick"))
+    there = apply_suggestion(far, text)
+    assert short <= 1e3 * np.linalg.norm(there.pose.translation - far.pose.translation) <= 2.1 * short
+    assert judge(arm, there, remedies=0).failed is not Stage.REACH
 
 
 def test_weights_choose_among_whole_picks(arm) -> None:
     def best(**weights) -> pp.PickVerdict:
         none = {"clearance": 0.0, "limit_margin": 0.0, "manipulability": 0.0, "duration": 0.0}
         picks = pp.Picks((PICK,), margin=0.002)
-        return pp.validate_picks(arm, pp.Scene(), picks, weights=pp.PickWeights(**{**none, **weights})).verdicts[0]
+        return pp.validate_picks(arm, pp.Scene(), picks, weights=pp.picks.PickWeights(**{**none, **weights})).verdicts[
+            0
+        ]
 
     quick, ample = best(duration=1.0), best(limit_margin=1.0)
     assert quick.trajectory.duration <= ample.trajectory.duration + 1e-9

@@ -6,13 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 import pinproof as pp
+from pinproof.errors import InputError
 from pinproof.picks import PickStatus, Stage
 
 DOWN = (np.pi, 0, 0)
 TIP = 0.105
-QUICK = pp.PickBudget(compared=1, remedies=0)
+QUICK = pp.picks.PickBudget(compared=1, remedies=0)
 
 
 def table() -> pp.Obstacle:
@@ -73,7 +75,7 @@ def test_an_object_is_lifted_off_what_it_stands_on(arm) -> None:
 
 
 def test_an_object_is_put_where_it_is_told(arm) -> None:
-    place = pp.Place(pp.pose((0.42, -0.35, 0.035), DOWN))
+    place = pp.picks.PlaceTarget(pp.pose((0.42, -0.35, 0.035), DOWN))
     verdict = judge(arm, replace(PICK, place=place))
     recheck(verdict, arm)
     assert [motion.name for motion in verdict.motions][3:] == ["transfer", "place", "leave"]
@@ -85,7 +87,7 @@ def test_an_object_is_put_where_it_is_told(arm) -> None:
 
 
 def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
-    verdict = judge(arm, replace(PICK, place=pp.Place(pp.pose((1.4, 0, 0.035), DOWN))))
+    verdict = judge(arm, replace(PICK, place=pp.picks.PlaceTarget(pp.pose((1.4, 0, 0.035), DOWN))))
     assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
     assert "no configuration" in verdict.reason
 
@@ -125,12 +127,12 @@ def test_fingers_stand_apart_before_the_grasp_and_on_the_object_after_it(arm) ->
         pp.Obstacle("left", jaw, pp.pose((0, 0.005, 0.13))),
         pp.Obstacle("right", jaw, pp.pose((0, -0.005, 0.13))),
     )
-    fingers = pp.Fingers(pair, opening=0.06, grip=0.016)
+    fingers = pp.picks.GripperFingers(pair, opening=0.06, grip=0.016)
     low = replace(PICK, pose=pp.pose((0.45, 0.15, 0.03), DOWN))
     verdict = judge(arm, low, fingers=fingers, tip=pp.pose((0, 0, 0.15)))
     assert verdict.ok, verdict.reason
 
-    def gap(motion: pp.PickMotion) -> float:
+    def gap(motion: pp.picks.PickMotion) -> float:
         left, right = (next(each for each in motion.attached if each.name == name) for name in ("left", "right"))
         return float(left.pose.translation[1] - right.pose.translation[1]) - 0.01
 
@@ -139,9 +141,75 @@ def test_fingers_stand_apart_before_the_grasp_and_on_the_object_after_it(arm) ->
     assert judge(arm, low, wall, fingers=fingers, tip=pp.pose((0, 0, 0.15))).failed is Stage.GRASP
 
 
+def bin_mesh(finely: int) -> pp.Mesh:
+    """An open bin, 0.2 m wide and 0.06 m high, whose floor is z = 0."""
+    levels = ((0.1, -0.005), (0.1, 0.06), (0.095, 0.06), (0.095, 0.0))
+    vertices = np.concatenate([np.array([[-a, -a, z], [a, -a, z], [a, a, z], [-a, a, z]]) for a, z in levels])
+    faces = [[0, 2, 1], [0, 3, 2], [12, 13, 14], [12, 14, 15]]
+    for k in range(0, 12, 4):
+        for i in range(4):
+            a, b = k + i, k + (i + 1) % 4
+            faces += [[a, b, b + 4], [a, b + 4, a + 4]]
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    for _ in range(finely):
+        mesh = mesh.subdivide()
+    return pp.Mesh.from_arrays(mesh.vertices, mesh.faces, hull=False)
+
+
+@pytest.mark.parametrize("finely", [0, 2])
+def test_an_object_is_lifted_out_of_a_bin_given_as_an_exact_mesh(arm, finely: int) -> None:
+    # The floor of the bin is where the table's top is, and the table is elsewhere.
+    bin_ = pp.Obstacle("bin", bin_mesh(finely), pp.pose((0.45, 0.15, -0.005), (0, 0, 0.3)))
+    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
+    scene = pp.Scene([bin_, bolt(0.45, 0.15)])
+    picks = pp.Picks((PICK,), tip=pp.pose((0, 0, TIP)), tool=(picker,), margin=0.002)
+    (verdict,) = pp.validate_picks(arm, scene, picks, budget=QUICK).verdicts
+    recheck(verdict, arm)
+    retreat = verdict.motions[-1].certificate
+    assert {parting.bodies for parting in retreat.partings} == {("bolt", "bin")}
+    exact = pp.CollisionChecker(arm, scene.remove("bolt"), attached=verdict.motions[-1].attached)
+    lifting = verdict.motions[-1].trajectory
+    lifted = lifting(np.linspace(0, lifting.duration, 200))
+    apart = exact.allowing(("picker", "bolt"))
+    assert apart.clearance(lifted[-1]) > 0.002
+    depths = [min([c.distance for c in apart.check(q).contacts if "bin" in c.bodies], default=0.0) for q in lifted]
+    assert min(depths) > depths[0] - 1e-6
+
+
+def test_an_object_may_stand_on_several_supports(arm) -> None:
+    rails = [pp.Obstacle(f"rail_{k}", pp.Box(0.004, 0.1, 0.02), pp.pose((0.45 + x, 0.15, -0.015))) for k, x in
+             enumerate((-0.005, 0.005))]  # fmt: skip
+    scene = pp.Scene([*rails, bolt(0.45, 0.15)])
+    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
+
+    def lifted(support) -> pp.PickVerdict:
+        pick = replace(PICK, support=support)
+        picks = pp.Picks((pick,), tip=pp.pose((0, 0, TIP)), tool=(picker,), margin=0.002)
+        (verdict,) = pp.validate_picks(arm, scene, picks, budget=QUICK).verdicts
+        return verdict
+
+    for support in (["rail_0", "rail_1"], None):
+        verdict = lifted(support)
+        recheck(verdict, arm)
+        partings = verdict.motions[-1].certificate.partings
+        assert {parting.bodies for parting in partings} == {("bolt", "rail_0"), ("bolt", "rail_1")}
+    one = lifted("rail_0")
+    assert one.failed is Stage.RETREAT
+    assert "rail_1" in one.reason
+
+
+def test_supports_are_kept_as_names(arm) -> None:
+    assert replace(PICK, support="table").support == ("table",)
+    assert replace(PICK, support=["table", "rail"]).support == ("table", "rail")
+    for wrong in ([], "", ["table", ""], ["table", "table"], 3, {"table": 1}):
+        with pytest.raises(InputError, match="support"):
+            replace(PICK, support=wrong)
+
+
 @pytest.mark.parametrize(
     ("change", "said"),
     [
+        ({"support": ["table", "shelf"]}, "unknown support 'shelf'"),
         ({"carried": "screw"}, "unknown object 'screw'"),
         ({"support": "shelf"}, "unknown support 'shelf'"),
         ({"frame": "pallet"}, "unknown frame 'pallet'"),
@@ -162,8 +230,11 @@ def test_a_pose_in_the_frame_of_an_obstacle_is_the_same_pick(arm) -> None:
 
 
 def test_frames_hang_on_each_other_and_not_in_circles(arm) -> None:
-    frames = {"tray": pp.NamedFrame(pp.pose((0.45, 0.15, 0)), "rack"), "rack": pp.NamedFrame(pp.pose((0, 0, 0.035)))}
+    frames = {
+        "tray": pp.picks.NamedFrame(pp.pose((0.45, 0.15, 0)), "rack"),
+        "rack": pp.picks.NamedFrame(pp.pose((0, 0, 0.035))),
+    }
     there = replace(PICK, frame="tray", pose=pp.pose((0, 0, 0), DOWN))
     np.testing.assert_allclose(judge(arm, there, frames=frames).q_grasp, judge(arm, PICK).q_grasp, atol=1e-9)
-    circle = {"tray": pp.NamedFrame(pp.pose(), "rack"), "rack": pp.NamedFrame(pp.pose(), "tray")}
+    circle = {"tray": pp.picks.NamedFrame(pp.pose(), "rack"), "rack": pp.picks.NamedFrame(pp.pose(), "tray")}
     assert "in a circle" in judge(arm, there, frames=circle).reason

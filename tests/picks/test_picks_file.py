@@ -10,8 +10,8 @@ import pytest
 import yaml
 
 import pinproof as pp
+from pinproof.common.content_hash import digest
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
-from pinproof.picks.identity import digest
 
 GOOD_ROW = "{name: fine, xyz: [0.4, 0.1, 0.2]}"
 
@@ -54,6 +54,20 @@ defaults: {rpy: [pi, 0, 0], approach: 0.2}"""
     # Its own quaternion goes before the default rpy: half a turn about z.
     np.testing.assert_allclose(two.pose.rotation, np.diag([-1.0, -1.0, 1.0]), atol=1e-15)
     assert picks.problems == ()
+
+
+def test_a_support_is_a_name_or_several(write) -> None:
+    row = "{{name: {0}, xyz: [0, 0, 1], object: part, support: {0}}}"
+    place = "{name: put, xyz: [0, 0, 1], object: part, place: {xyz: [1, 0, 1], rpy: [pi, 0, 0], support: [a, b]}}"
+    one, put = pp.read_picks(write(row.format("rail"), place))
+    (several,) = pp.read_picks(write("{name: two, xyz: [0, 0, 1], object: part, support: [left, right]}"))
+    assert one.support == ("rail",)
+    assert several.support == ("left", "right")
+    assert (put.support, put.place.support) == (None, ("a", "b"))
+    for wrong in ("[]", "", "[left, left]", "3"):
+        picks = pp.read_picks(write(GOOD_ROW, f"{{name: bad, xyz: [0, 0, 1], object: part, support: {wrong}}}"))
+        assert [problem.name for problem in picks.problems] == ["bad"]
+        assert "support" in picks.problems[0].reason
 
 
 @pytest.mark.parametrize(
@@ -269,3 +283,13 @@ def test_what_is_wrong_with_a_family_or_an_object_is_told(write, row: str, reaso
     picks = pp.read_picks(write(GOOD_ROW, f"{{name: bad, xyz: [0, 0, 0], {row}}}"))
     assert [pick.name for pick in picks] == ["fine"]
     assert reason in picks.problems[0].reason
+
+
+def test_what_counts_as_holding_a_part_is_read(write) -> None:
+    row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}"
+    picks = pp.read_picks(write(row, shared="grip_limits: {area: 1.0e-5, angle: pi/6, tip: 0.01}"))
+    assert picks.grip_limits == pp.picks.GripLimits(area=1e-5, angle=np.pi / 6, tip=0.01)
+    assert pp.read_picks(write(row)).grip_limits == pp.picks.GripLimits()
+    for stated, said in (("{width: 1}", "unknown key"), ("{area: -1}", "0 or more"), ("{compliance: 0}", "above 0")):
+        with pytest.raises(PicksError, match=said):
+            pp.read_picks(write(row, shared=f"grip_limits: {stated}"))

@@ -15,8 +15,8 @@ from pinproof.spatial import matrix
 
 TABLE = pp.Obstacle("table", pp.Box(2.0, 2.0, 0.05), pp.pose(xyz=(0.6, 0.0, -0.2)))
 WALL = pp.Obstacle("wall", pp.Box(0.05, 1.0, 1.0), pp.pose(xyz=(0.45, 0.3, 0.2)))
-BOX = pp.Region.box((-0.6, -0.6, 0.1), (0.6, 0.6, 0.5), 0.4)
-DOWN = pp.tool_orientations(spins=3)
+BOX = pp.picks.ReachRegion.box((-0.6, -0.6, 0.1), (0.6, 0.6, 0.5), 0.4)
+DOWN = pp.picks.tool_orientations(spins=3)
 
 
 @pytest.fixture(scope="module")
@@ -100,8 +100,8 @@ def test_the_answers_do_not_depend_on_the_number_of_threads(ur5: pp.CollisionChe
 def test_the_tip_is_what_reaches_the_points(ur5: pp.CollisionChecker) -> None:
     tip = pp.pose(xyz=(0.0, 0.0, 0.1))
     point = np.array([0.3, -0.4, 0.2])
-    of_tip = pp.reach_map(ur5, pp.Region(point[None]), DOWN, tip=tip)
-    of_tcp = pp.reach_map(ur5, pp.Region(point[None] + [0.0, 0.0, 0.1]), DOWN)  # the tool looks down
+    of_tip = pp.reach_map(ur5, pp.picks.ReachRegion(point[None]), DOWN, tip=tip)
+    of_tcp = pp.reach_map(ur5, pp.picks.ReachRegion(point[None] + [0.0, 0.0, 0.1]), DOWN)  # the tool looks down
     assert of_tip.manipulability == pytest.approx(of_tcp.manipulability)
 
 
@@ -110,7 +110,7 @@ def test_a_robot_that_stands_elsewhere_sees_the_region_from_there(ur5: pp.Collis
     moved = pp.reach_map(ur5, BOX, DOWN, world_from_root=stands)
     seen = (BOX.points - stands.translation) @ stands.rotation
     turned = np.array([stands.rotation.T @ frame for frame in DOWN])
-    same = pp.reach_map(ur5, pp.Region(seen), turned)
+    same = pp.reach_map(ur5, pp.picks.ReachRegion(seen), turned)
     assert np.array_equal(moved.free, same.free)
     assert moved.free.any()
     assert np.array_equal(moved.region.points, BOX.points)
@@ -118,16 +118,16 @@ def test_a_robot_that_stands_elsewhere_sees_the_region_from_there(ur5: pp.Collis
 
 
 def test_a_wall_taken_away_is_only_won(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
-    change = pp.ReachChange(map_of_ur5, pp.reach_map(ur5.with_scene(pp.Scene([TABLE])), BOX, DOWN))
+    change = pp.picks.ReachComparison(map_of_ur5, pp.reach_map(ur5.with_scene(pp.Scene([TABLE])), BOX, DOWN))
     assert change.won.any()
     assert not change.lost.any()
     assert "won" in change.summary
 
 
 def test_maps_of_other_poses_are_not_compared(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
-    other = pp.reach_map(ur5, pp.Region.box((0, 0, 0), (0.4, 0, 0), 0.2), DOWN)
+    other = pp.reach_map(ur5, pp.picks.ReachRegion.box((0, 0, 0), (0.4, 0, 0), 0.2), DOWN)
     with pytest.raises(pp.InputError, match="different regions"):
-        pp.ReachChange(map_of_ur5, other)
+        pp.picks.ReachComparison(map_of_ur5, other)
 
 
 def test_a_map_comes_back_from_its_file(map_of_ur5: pp.ReachMap, tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_a_file_that_is_no_map_is_refused(content: bytes, tmp_path: Path) -> Non
 
 def test_single_points_have_no_slices(ur5: pp.CollisionChecker, tmp_path: Path) -> None:
     with pytest.raises(pp.InputError, match="grid"):
-        pp.reach_map(ur5, pp.Region([[0.3, 0.0, 0.3]]), DOWN).save(tmp_path / "map.png")
+        pp.reach_map(ur5, pp.picks.ReachRegion([[0.3, 0.0, 0.3]]), DOWN).save(tmp_path / "map.png")
 
 
 @pytest.mark.parametrize(
@@ -179,15 +179,15 @@ def test_a_region_that_makes_no_sense_is_refused(
     lower: tuple[float, ...], upper: tuple[float, ...], step: float, words: str
 ) -> None:
     with pytest.raises(pp.InputError, match=words):
-        pp.Region.box(lower, upper, step)
+        pp.picks.ReachRegion.box(lower, upper, step)
 
 
 @given(st.integers(1, 60), st.floats(0.01, np.pi), st.integers(1, 12), st.integers(0, 1000))
 @settings(deadline=None, max_examples=50)
 def test_orientations_are_rotations_inside_their_cone(count: int, angle: float, spins: int, seed: int) -> None:
     axis = np.random.default_rng(seed).normal(size=3)
-    directions = pp.approach_directions(axis, angle, count)
-    frames = pp.tool_orientations(directions, spins)
+    directions = pp.picks.approach_directions(axis, angle, count)
+    frames = pp.picks.tool_orientations(directions, spins)
     assert frames.shape == (count * spins, 3, 3)
     assert np.abs(frames @ frames.transpose(0, 2, 1) - np.eye(3)).max() < 1e-12
     assert np.linalg.det(frames) == pytest.approx(1.0)
@@ -196,6 +196,6 @@ def test_orientations_are_rotations_inside_their_cone(count: int, angle: float, 
 
 
 def test_directions_all_round_weigh_the_sphere_evenly() -> None:
-    directions = pp.approach_directions(half_angle=np.pi, count=500)
+    directions = pp.picks.approach_directions(half_angle=np.pi, count=500)
     assert np.abs(directions.mean(axis=0)).max() < 0.01
     assert np.abs(directions.T @ directions / 500 - np.eye(3) / 3).max() < 0.01

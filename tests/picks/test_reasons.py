@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import PickStatus, Stage
+from pinproof.picks import PickStatus, Stage, apply_suggestion
 
 DOWN = (np.pi, 0, 0)
 
@@ -21,10 +21,16 @@ def cell(arms) -> tuple[pp.Arm, pp.Scene, pp.Picks]:
     return pp.load_robot("ur5").arm(tcp=picks.tcp), pp.Scene.load(picks.scene), picks
 
 
-def judge(cell, pick: pp.Pick, *, scene: pp.Scene | None = None, budget: pp.PickBudget | None = None) -> pp.PickVerdict:
+def judge(
+    cell, pick: pp.Pick, *, scene: pp.Scene | None = None, budget: pp.picks.PickBudget | None = None
+) -> pp.PickVerdict:
     arm, usual, picks = cell
     (verdict,) = pp.validate_picks(arm, scene or usual, replace(picks, picks=(pick,)), budget=budget).verdicts
     return verdict
+
+
+def suggested(verdict: pp.PickVerdict, start: str) -> str:
+    return next(text for text in verdict.suggestions if text.startswith(start))
 
 
 def bolt(cell, name: str) -> pp.Pick:
@@ -38,8 +44,10 @@ def test_reach_tells_the_residual_and_a_shift_that_reaches(cell) -> None:
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.REACH)
     short = float(re.search(r"([\d.]+) mm and", verdict.reason)[1])
     assert short == pytest.approx(verdict.stages[-1].figures["position_error"] * 1e3, abs=0.06)
-    shift = float(re.search(r"shifted by ([\d.]+) mm towards the arm", verdict.remedy)[1])
-    assert short <= shift < 2.1 * short + 1
+    there = apply_suggestion(far, text := suggested(verdict, "move the pick"))
+    assert short <= 1e3 * np.linalg.norm(there.pose.translation - far.pose.translation) < 2.1 * short + 1
+    found = judge(cell, there, budget=pp.picks.PickBudget(remedies=0))
+    assert found.ok or f"fails at the {found.failed.value} stage" in text
 
 
 def test_limits_tell_which_joint_and_by_how_much(arms) -> None:
@@ -48,7 +56,7 @@ def test_limits_tell_which_joint_and_by_how_much(arms) -> None:
     tight = arm.with_limits(arm.limits.replace(arm.joint_names, around))
     pose = pp.pose(rpy=(0, 0, 0.8)) * (arm.root_from_base * arm.forward_kinematics(arm.home))
     picks = pp.Picks((pp.Pick("part", pose, approach=0, retreat=0),))
-    (verdict,) = pp.validate_picks(tight, pp.Scene(), picks, budget=pp.PickBudget(remedies=0)).verdicts
+    (verdict,) = pp.validate_picks(tight, pp.Scene(), picks, budget=pp.picks.PickBudget(remedies=0)).verdicts
     assert verdict.failed is Stage.LIMITS
     assert "joint_1 = 0.8 is outside [-0.3, 0.3]" in verdict.reason
     assert "joint_1 by 0.5" in verdict.reason
@@ -56,18 +64,22 @@ def test_limits_tell_which_joint_and_by_how_much(arms) -> None:
 
 
 def test_the_grasp_tells_pair_and_depth_and_a_shift_that_is_free(cell) -> None:
-    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.Spin()))
+    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin(), carried=None))
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
     assert "picker penetrates bin_right (-8.0 mm)" in verdict.reason
     assert verdict.stages[-1].figures["distance"] == pytest.approx(-0.008, abs=1e-4)
     assert len(verdict.refuted) == verdict.configurations
     assert all("picker penetrates" in words for words in verdict.refuted)
-    millimetres, axes = re.search(r"shifted by (\d+) mm along ([-+xyz ]+) of the root", verdict.remedy).groups()
-    way = np.array([{"+": 1, "-": -1}.get((re.search(rf"([-+]){axis}", axes) or " 0")[1], 0) for axis in "xyz"])
-    by = float(millimetres) / 1e3 * way / np.linalg.norm(way)
-    (x, y, z) = bolt(cell, "in_the_corner").pose.translation + by
-    there = judge(cell, pp.Pick("there", pp.pose((x, y, z), DOWN)), budget=pp.PickBudget(remedies=0))
-    assert there.failed not in (Stage.REACH, Stage.LIMITS, Stage.SELF, Stage.GRASP)
+    corner = replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin())
+    there = apply_suggestion(corner, suggested(verdict, "move the pick"))
+    assert judge(cell, there, budget=pp.picks.PickBudget(remedies=0)).ok
+
+
+def test_a_shift_that_would_miss_the_part_is_not_suggested(cell) -> None:
+    """Free of the walls, the tip is more than 5 mm off the bolt."""
+    verdict = judge(cell, replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin()))
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
+    assert "shifted" not in verdict.remedy
 
 
 def test_an_approach_too_long_tells_what_is_missing_and_the_longest_that_works(cell) -> None:
@@ -76,9 +88,10 @@ def test_an_approach_too_long_tells_what_is_missing_and_the_longest_that_works(c
     assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.APPROACH)
     assert re.search(r"stops at \d+ % of the line: [\d.]+ mm and [\d.]+ rad short", verdict.reason)
     assert verdict.refuted == ("no branch reaches the end of the approach inside the limits",)
-    length = float(re.search(r"approach (\d+) mm instead of 900 mm", verdict.remedy)[1]) / 1e3
-    assert judge(cell, replace(high, approach=length), budget=pp.PickBudget(remedies=0)).failed is None
-    longer = judge(cell, replace(high, approach=length + 0.02), budget=pp.PickBudget(remedies=0))
+    text = suggested(verdict, "shorten the approach from 900 mm to ")
+    length = apply_suggestion(high, text).approach
+    assert judge(cell, replace(high, approach=length), budget=pp.picks.PickBudget(remedies=0)).failed is None
+    longer = judge(cell, replace(high, approach=length + 0.02), budget=pp.picks.PickBudget(remedies=0))
     assert longer.failed is Stage.APPROACH
 
 
@@ -90,16 +103,18 @@ def test_a_retreat_that_drags_tells_what_is_touched_and_the_way_out(cell) -> Non
     assert len(verdict.refuted) == 8
     assert all(words.startswith("at the end of the retreat: ") for words in verdict.refuted)
     assert all(re.search(r"bolt_1 (is near|penetrates) table", words) for words in verdict.refuted)
-    assert verdict.remedy == "passes the retreat: retreat straight up"
-    assert judge(cell, replace(dragged, retreat_direction=(0, 0, 1))).ok
+    assert verdict.remedy.startswith("retreat straight up, along +z (base frame)")
+    assert judge(cell, apply_suggestion(dragged, verdict.suggestions[0])).ok
 
 
 def test_a_place_out_of_reach_tells_the_residual_and_a_shift_that_reaches(cell) -> None:
-    verdict = judge(cell, bolt(cell, "too_far"))
+    far = bolt(cell, "too_far")
+    verdict = judge(cell, far)
     assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
     short = float(re.search(r"the nearest is ([\d.]+) mm", verdict.reason)[1])
-    shift = float(re.search(r"reaches the place: shifted by (\d+) mm towards the arm", verdict.remedy)[1])
-    assert 200 < short < shift < 2 * short
+    there = apply_suggestion(far, suggested(verdict, "move the place"))
+    assert 200 < short < 1e3 * np.linalg.norm(there.place.pose.translation - far.place.pose.translation) < 2 * short
+    assert judge(cell, there, budget=pp.picks.PickBudget(remedies=0)).ok
 
 
 def test_a_place_that_is_taken_tells_by_what(cell) -> None:
@@ -113,8 +128,8 @@ def test_a_place_that_is_taken_tells_by_what(cell) -> None:
 
 
 def test_a_family_of_which_every_member_is_refuted_is_impossible(cell) -> None:
-    corner = replace(bolt(cell, "in_the_corner"), spin=pp.Spin((0.0, 0.4, -0.4)))
-    verdict = judge(cell, corner, budget=pp.PickBudget(remedies=0))
+    corner = replace(bolt(cell, "in_the_corner"), spin=pp.picks.GraspSpin((0.0, 0.4, -0.4)))
+    verdict = judge(cell, corner, budget=pp.picks.PickBudget(remedies=0))
     assert verdict.status is PickStatus.IMPOSSIBLE
     assert len(verdict.refuted) == verdict.configurations == 24
     for words in ("spun by +23 deg: ", "spun by -23 deg: "):
@@ -129,9 +144,11 @@ def test_members_may_be_refuted_at_different_stages(cell) -> None:
     shared = replace(picks, tool=(*picks.tool, bar), picks=())
     post = pp.Obstacle("post", pp.Box(0.03, 0.03, 0.08), pp.pose((0.42 + 0.06, -0.25, 0.035)))
     shelf = pp.Obstacle("shelf", pp.Box(0.05, 0.3, 0.02), pp.pose((0.42, -0.25, 0.4)))
-    pick = pp.Pick("b", pp.pose((0.42, -0.25, 0.035), DOWN), spin=pp.Spin((0.0, np.pi / 2)), approach=0.2, retreat=0.0)
+    pick = pp.Pick(
+        "b", pp.pose((0.42, -0.25, 0.035), DOWN), spin=pp.picks.GraspSpin((0.0, np.pi / 2)), approach=0.2, retreat=0.0
+    )
     (verdict,) = pp.validate_picks(
-        arm, scene.add(post, shelf), replace(shared, picks=(pick,)), budget=pp.PickBudget(remedies=0)
+        arm, scene.add(post, shelf), replace(shared, picks=(pick,)), budget=pp.picks.PickBudget(remedies=0)
     ).verdicts
     assert verdict.status is PickStatus.IMPOSSIBLE, verdict.reason
     straight = [each for each in verdict.refuted if not each.startswith("spun")]
@@ -147,6 +164,6 @@ def test_an_arm_of_seven_says_that_not_all_was_tried(arms) -> None:
     arm = arms["panda"]
     stone = pp.Obstacle("stone", pp.Sphere(0.05), pp.pose((0.5, 0.0, 0.3)))
     picks = pp.Picks((pp.Pick("p", pp.pose((0.5, 0.0, 0.3), DOWN)),))
-    (verdict,) = pp.validate_picks(arm, pp.Scene([stone]), picks, budget=pp.PickBudget(remedies=0)).verdicts
+    (verdict,) = pp.validate_picks(arm, pp.Scene([stone]), picks, budget=pp.picks.PickBudget(remedies=0)).verdicts
     assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.GRASP)
     assert f"of all there may be, {verdict.configurations} configurations were tried" in verdict.reason

@@ -17,12 +17,12 @@ OPEN, GRIP = 0.04, 0.0195
 """Of each finger; the cube is 40 mm wide, so they stand 0.5 mm in it, as rubber would."""
 
 FINGERS = ("panda_leftfinger", "panda_rightfinger")
-QUICK = pp.PickBudget(remedies=0)
+QUICK = pp.picks.PickBudget(remedies=0)
 PICK = pp.Pick(
     "cube",
     pp.pose((0.5, 0.1, 0.02), DOWN),
     carried="cube",
-    place=pp.Place(pp.pose((0.45, -0.25, 0.02), DOWN)),
+    place=pp.picks.PlaceTarget(pp.pose((0.45, -0.25, 0.02), DOWN)),
 )
 
 
@@ -48,7 +48,7 @@ def good(arm) -> pp.PickVerdict:
 
 
 def test_each_motion_says_where_the_fingers_stand(arm, good) -> None:
-    def gap(motion: pp.PickMotion) -> float:
+    def gap(motion: pp.picks.PickMotion) -> float:
         there = arm.with_held(motion.held)
         left, right = (there.frame_placement(good.q_grasp, link).translation for link in FINGERS)
         return float(np.linalg.norm(left - right))
@@ -133,7 +133,7 @@ def test_a_checker_with_joints_held_elsewhere_is_the_same_as_one_made_so(arm) ->
 def test_a_set_up_carries_the_grip_to_other_processes(arm) -> None:
     scene = pp.Scene([pp.Obstacle("cube", pp.Box(0.04, 0.04, 0.04), pp.pose((0.5, 0.1, 0.0155)))])
     shared = pp.Picks((), held={"panda_finger_joint1": OPEN}, grip={"panda_finger_joint1": GRIP})
-    setup = pp.PickSetup.make(arm, scene, shared, home=None, rng=0, budget=QUICK)
+    setup = pp.picks.PickSetup.make(arm, scene, shared, home=None, rng=0, budget=QUICK)
     pick = replace(PICK, place=None)
     one, other = (each.judge(0, pick) for each in (setup, pickle.loads(pickle.dumps(setup))))
     assert [motion.held for motion in one.motions] == [motion.held for motion in other.motions]

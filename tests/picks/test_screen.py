@@ -23,7 +23,7 @@ ROBOTS = ("ur5", "generic_6dof", "panda")
 def _random_picks(arm: pp.Arm, cell: tuple[pp.Scene, pp.Picks], count: int) -> pp.Picks:
     """Half of them anywhere around the arm, half where some configuration of it is."""
     rng = np.random.default_rng(3)
-    frames = pp.tool_orientations(pp.approach_directions(half_angle=0.9, count=20), 8)
+    frames = pp.picks.tool_orientations(pp.picks.approach_directions(half_angle=0.9, count=20), 8)
     low, high = arm.limits.sampling_range()
     poses = [
         SE3(frames[rng.integers(len(frames))], rng.uniform((-1.0, -1.0, 0.0), (1.0, 1.0, 0.7)))
@@ -99,10 +99,10 @@ def test_brute_force_finds_the_same(arms, cells) -> None:
         else:
             alone = checker.with_scene(pp.Scene())
             itself = not any(alone.is_free(q) for q in branches)
-            assert found.status[i] is (pp.ScreenStatus.SELF if itself else pp.ScreenStatus.CONTACT)
+            assert found.status[i] is (pp.picks.ScreenStatus.SELF if itself else pp.picks.ScreenStatus.CONTACT)
             assert np.isfinite(found.q[i]).all()
-    assert found.counts[pp.ScreenStatus.SELF] > 0
-    assert found.counts[pp.ScreenStatus.CONTACT] > 0
+    assert found.counts[pp.picks.ScreenStatus.SELF] > 0
+    assert found.counts[pp.picks.ScreenStatus.CONTACT] > 0
 
 
 def _given(picks: pp.Picks) -> dict[str, object]:
@@ -130,10 +130,10 @@ def test_limits_alone_are_told_from_reach(arms) -> None:
     far[0, 3] = 3.0
     root = matrix(arm.root_from_base)
     found = pp.screen_picks(narrow, pp.Scene(), root @ np.array([near, far]))
-    assert found.status == (pp.ScreenStatus.LIMITS, pp.ScreenStatus.REACH)
+    assert found.status == (pp.picks.ScreenStatus.LIMITS, pp.picks.ScreenStatus.REACH)
     assert "outside the limits" in found.reason(0)
     assert "out of reach" in found.reason(1)
-    assert pp.screen_picks(arm, pp.Scene(), root @ near[None]).status == (pp.ScreenStatus.FREE,)
+    assert pp.screen_picks(arm, pp.Scene(), root @ near[None]).status == (pp.picks.ScreenStatus.FREE,)
 
 
 def test_an_arm_that_is_searched_is_told_apart_in_the_same_way(arms, monkeypatch) -> None:
@@ -151,17 +151,17 @@ def test_an_arm_that_is_searched_is_told_apart_in_the_same_way(arms, monkeypatch
     assert not searched.complete
     assert closed.complete
     assert (searched.codes == closed.codes).mean() > 0.95
-    assert {pp.ScreenStatus.FREE, pp.ScreenStatus.LIMITS} <= set(searched.status)
+    assert {pp.picks.ScreenStatus.FREE, pp.picks.ScreenStatus.LIMITS} <= set(searched.status)
 
 
 def test_of_a_family_the_first_ring_with_a_free_grasp_counts(arms) -> None:
     arm = arms["ur5"]
     tool = pp.Obstacle("bar", pp.Box(0.3, 0.02, 0.02), pp.pose(xyz=(0.13, 0.0, 0.05)))
     wall = pp.Obstacle("wall", pp.Box(0.02, 1.0, 1.0), pp.pose(xyz=(0.6, 0.2, 0.3)))
-    spun = pp.Pick("spun", pp.pose(xyz=(0.5, 0.2, 0.3), rpy=(np.pi, 0, 0)), spin=pp.Spin.free())
-    picks = pp.Picks((replace(spun, name="plain", spin=pp.Spin()), spun), tool=(tool,))
+    spun = pp.Pick("spun", pp.pose(xyz=(0.5, 0.2, 0.3), rpy=(np.pi, 0, 0)), spin=pp.picks.GraspSpin.free())
+    picks = pp.Picks((replace(spun, name="plain", spin=pp.picks.GraspSpin()), spun), tool=(tool,))
     found = pp.screen_picks(arm, pp.Scene([wall]), picks)
-    assert found.status == (pp.ScreenStatus.CONTACT, pp.ScreenStatus.FREE)
+    assert found.status == (pp.picks.ScreenStatus.CONTACT, pp.picks.ScreenStatus.FREE)
     assert found.member[1] > 0
     assert "bar" in found.reason(0)
     cell = _cell(arm, pp.Scene([wall]), picks)
@@ -188,7 +188,7 @@ def test_the_hand_may_touch_what_is_picked_and_nothing_else(arms) -> None:
     )
     scene = pp.Scene([can, other])
     found = pp.screen_picks(arm, scene, picks)
-    free, contact = pp.ScreenStatus.FREE, pp.ScreenStatus.CONTACT
+    free, contact = pp.picks.ScreenStatus.FREE, pp.picks.ScreenStatus.CONTACT
     assert found.status == (free, contact, contact)
     cell = _cell(arm, scene, picks)
     assert [_failed_stage(pick, cell) for pick in picks] == [status.stage for status in found.status]
@@ -199,8 +199,8 @@ def test_what_makes_no_sense_stops_nobody(arms) -> None:
     fine = pp.Pick("fine", pp.pose(xyz=(0.5, 0.2, 0.3), rpy=(np.pi, 0, 0)))
     picks = pp.Picks((replace(fine, name="lost", frame="nowhere"), fine), (PickProblem(7, "torn", "no xyz"),))
     found = pp.screen_picks(arms["ur5"], pp.Scene(), picks)
-    unreadable = pp.ScreenStatus.UNREADABLE
-    assert found.status == (unreadable, pp.ScreenStatus.FREE, unreadable)
+    unreadable = pp.picks.ScreenStatus.UNREADABLE
+    assert found.status == (unreadable, pp.picks.ScreenStatus.FREE, unreadable)
     assert "nowhere" in found.reason(0)
     assert found.reason(2) == "no xyz"
     assert found.names == ("lost", "fine", "torn")
@@ -223,15 +223,15 @@ def test_all_shipped_picks_are_told_as_they_are_judged(reports, arms, cells) -> 
     for name in ROBOTS:
         found = pp.screen_picks(arms[name], *cells[name])
         for status, verdict in zip(found.status, reports[name].verdicts, strict=True):
-            if status is pp.ScreenStatus.FREE:
-                assert verdict.failed not in {s.stage for s in pp.ScreenStatus if s.stage}
+            if status is pp.picks.ScreenStatus.FREE:
+                assert verdict.failed not in {s.stage for s in pp.picks.ScreenStatus if s.stage}
             else:
                 assert verdict.failed is status.stage
 
 
 def test_a_grid_is_screened_without_being_held(arms) -> None:
     first = pp.Pick("bolt", pp.pose(xyz=(0.3, -0.3, 0.2), rpy=(np.pi, 0, 0)))
-    grid = pp.PickGrid(first, (4, 3, 2), (0.1, 0.1, 0.1))
+    grid = pp.picks.PickGrid(first, (4, 3, 2), (0.1, 0.1, 0.1))
     told = []
     found = pp.screen_picks(arms["ur5"], pp.Scene(), grid, progress=lambda *at: told.append(at))
     assert len(found) == 24

@@ -22,7 +22,7 @@ EXPECTED = {
 @pytest.fixture(scope="module")
 def report(arms, cells) -> pp.PickReport:
     picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
-    return pp.validate_picks(arms["ur5"], cells["ur5"][0], picks, budget=pp.PickBudget(remedies=2))
+    return pp.validate_picks(arms["ur5"], cells["ur5"][0], picks, budget=pp.picks.PickBudget(remedies=2))
 
 
 def test_each_is_judged_as_it_was_built(report) -> None:
@@ -48,4 +48,4 @@ def test_a_carried_pick_has_its_motions_in_order(report) -> None:
     assert touching == {"retreat": False, "place": True}  # leaves what it stands on; comes to stand
     assert 0 < row["grasp_time"] < verdict.release_time < row["duration"]
     assert row["clearance_proven"] == verdict.clearance
-    assert report.to_dict()["picks"][3]["remedy"].startswith("passes the approach: approach ")
+    assert report.to_dict()["picks"][3]["remedy"].startswith("shorten the approach from 900 mm to ")

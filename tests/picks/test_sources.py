@@ -34,11 +34,22 @@ def same(one: pp.Pick, other: pp.Pick) -> bool:
 
 
 def test_a_row_of_a_table_is_the_pick_it_states(write) -> None:
-    table = pp.open_picks(write(HEADER + "a,0.1,0.2,0.3,pi,0,-pi/2,0.05,0.06,1,0,0\n\n# aside\n ,1,2,3,0,0,0,,,,,\n"))
+    table = pp.picks.open_picks(
+        write(HEADER + "a,0.1,0.2,0.3,pi,0,-pi/2,0.05,0.06,1,0,0\n\n# aside\n ,1,2,3,0,0,0,,,,,\n")
+    )
     first, second = table.part(0, 2)
     placed = pp.pose((0.1, 0.2, 0.3), rpy=(np.pi, 0, -np.pi / 2))
     assert same(first, pp.Pick("a", placed, approach=0.05, retreat=0.06, retreat_direction=(1, 0, 0)))
     assert same(second, pp.Pick("row_2", pp.pose((1, 2, 3))))
+
+
+def test_a_cell_of_a_table_may_name_several_supports(write) -> None:
+    header = (
+        "x,y,z,roll,pitch,yaw,object,support,place_x,place_y,place_z,place_roll,place_pitch,place_yaw,place_support"
+    )
+    one, several = pp.read_picks(write(f"{header}\n1,2,3,0,0,0,a,b,,,,,,,\n1,2,3,0,0,0,a,b; c,4,5,6,0,0,0,d;e\n"))
+    assert one.support == ("b",)
+    assert (several.support, several.place.support) == (("b", "c"), ("d", "e"))
 
 
 def test_a_table_may_state_quaternions_in_any_order_of_columns(write) -> None:
@@ -53,7 +64,7 @@ def test_a_picks_file_may_name_a_table_and_gives_it_what_is_shared(write, tmp_pa
     picks = pp.read_picks(path)
     assert (picks.robot, picks.margin, picks.tip.translation[2]) == ("ur5", 0.01, 0.1)
     assert same(picks.picks[0], pp.Pick("row_1", pp.pose((1, 2, 3), rpy=(np.pi, 0, 0))))
-    assert pp.open_picks(path).shared.margin == 0.01
+    assert pp.picks.open_picks(path).shared.margin == 0.01
 
 
 @pytest.mark.parametrize(
@@ -74,7 +85,7 @@ def test_a_picks_file_may_name_a_table_and_gives_it_what_is_shared(write, tmp_pa
 def test_a_row_that_makes_no_sense_is_a_problem_in_its_place(write, row: str | bytes, said: str) -> None:
     good = "{},1,2,3,0,0,0,,,,,\n"
     middle = (row if isinstance(row, bytes) else row.encode()) + b"\n"
-    table = pp.open_picks(write((HEADER + good.format("a")).encode() + middle + good.format("c").encode()))
+    table = pp.picks.open_picks(write((HEADER + good.format("a")).encode() + middle + good.format("c").encode()))
     first, problem, last = table.part(0, 3)
     assert (first.name, last.name) == ("a", "c")
     assert problem.row == 2
@@ -94,16 +105,16 @@ def test_a_row_that_makes_no_sense_is_a_problem_in_its_place(write, row: str | b
 )
 def test_a_table_without_sense_is_refused(write, text: str, said: str) -> None:
     with pytest.raises(PicksError, match=said):
-        pp.open_picks(write(text))
+        pp.picks.open_picks(write(text))
 
 
 def test_a_table_that_is_not_there_is_refused(tmp_path) -> None:
     with pytest.raises(PicksError, match=r"no.csv: cannot be read"):
-        pp.open_picks(tmp_path / "no.csv")
+        pp.picks.open_picks(tmp_path / "no.csv")
 
 
 def test_a_table_that_was_changed_is_not_read_on(write) -> None:
-    table = pp.open_picks(write("name,x,y,z,roll,pitch,yaw\na,1,2,3,0,0,0\n"))
+    table = pp.picks.open_picks(write("name,x,y,z,roll,pitch,yaw\na,1,2,3,0,0,0\n"))
     write("name,x,y,z,roll,pitch,yaw\nbb,1,2,3,0,0,0\n")
     with pytest.raises(PicksError, match="was changed while"):
         table.part(0, 1)
@@ -111,7 +122,7 @@ def test_a_table_that_was_changed_is_not_read_on(write) -> None:
 
 def test_a_grid_is_the_pick_moved_about() -> None:
     first = pp.Pick("bolt", pp.pose((1, 2, 3), rpy=(np.pi, 0, 0.3)), approach=0.07)
-    grid = pp.PickGrid(first, (2, 1, 3), (0.1, 9, -0.2))
+    grid = pp.picks.PickGrid(first, (2, 1, 3), (0.1, 9, -0.2))
     picks = list(grid.part(0, len(grid)))
     assert [pick.name for pick in picks] == [f"bolt_{i}_0_{k}" for i in (0, 1) for k in (0, 1, 2)]
     for pick, shift in zip(picks, [(0.1 * i, 0, -0.2 * k) for i in (0, 1) for k in (0, 1, 2)], strict=True):
@@ -125,12 +136,12 @@ def test_a_grid_is_the_pick_moved_about() -> None:
 )
 def test_a_grid_without_sense_is_refused(counts, step) -> None:
     with pytest.raises(InputError, match="grid"):
-        pp.PickGrid(pp.Pick("p", pp.pose()), counts, step)
+        pp.picks.PickGrid(pp.Pick("p", pp.pose()), counts, step)
 
 
 @given(st.data())
 def test_any_stretch_is_that_of_the_whole(data) -> None:
-    grid = pp.PickGrid(pp.Pick("p", pp.pose((1, 2, 3))), (3, 4, 5), (0.1, 0.2, 0.3))
+    grid = pp.picks.PickGrid(pp.Pick("p", pp.pose((1, 2, 3))), (3, 4, 5), (0.1, 0.2, 0.3))
     every = list(grid.part(0, 60))
     for source in (grid, PickList(grid.load())):
         start = data.draw(st.integers(0, 60))
@@ -142,7 +153,7 @@ def test_any_stretch_is_that_of_the_whole(data) -> None:
 
 def test_any_stretch_of_a_table_is_that_of_the_whole(write) -> None:
     rows = [f"p{k if k % 7 else 0},{k},0,0,0,0,0\n" + "\n" * (k % 3) + "# no\n" * (k % 2) for k in range(40)]
-    table = pp.open_picks(write("name,x,y,z,roll,pitch,yaw\n" + "".join(rows)))
+    table = pp.picks.open_picks(write("name,x,y,z,roll,pitch,yaw\n" + "".join(rows)))
     every = list(table.part(0, 40))
     assert [item.row for item in every if isinstance(item, PickProblem)] == [8, 15, 22, 29, 36]  # p0 again
     for start in range(40):
@@ -157,17 +168,17 @@ def test_sources_that_differ_have_different_digests(write) -> None:
     header = "name,x,y,z\n"
     rpy = {"rpy": [0, 0, 0]}
     made = [
-        pp.PickGrid(first, (1, 1, 2), (0, 0, 1)),
-        pp.PickGrid(first, (1, 1, 2), (0, 0, 2)),
-        pp.PickGrid(first, (1, 1, 3), (0, 0, 1)),
+        pp.picks.PickGrid(first, (1, 1, 2), (0, 0, 1)),
+        pp.picks.PickGrid(first, (1, 1, 2), (0, 0, 2)),
+        pp.picks.PickGrid(first, (1, 1, 3), (0, 0, 1)),
         PickList(pp.Picks((first,))),
         PickList(pp.Picks((pp.Pick("p", pp.pose((1, 2, 3.0000001))),))),
         PickList(pp.Picks((pp.Pick("p", pp.pose((1, 2, 3)), approach=0.2),))),
         PickList(pp.Picks((first,), (PickProblem(2, "q", "bad"),))),
-        pp.PickTable(write(header + "a,1,2,3\n")),
-        pp.PickTable(write(header + "a,1,2,4\n")),
-        pp.PickTable(write(header + "a,1,2,4\n"), defaults=rpy),
+        pp.picks.PickTable(write(header + "a,1,2,3\n")),
+        pp.picks.PickTable(write(header + "a,1,2,4\n")),
+        pp.picks.PickTable(write(header + "a,1,2,4\n"), defaults=rpy),
     ]
     assert len({source.digest() for source in made}) == len(made)
-    assert pp.PickTable(write(header + "a,1,2,4\n"), defaults=rpy).digest() == made[-1].digest()
+    assert pp.picks.PickTable(write(header + "a,1,2,4\n"), defaults=rpy).digest() == made[-1].digest()
     assert PickList(pp.Picks((pp.Pick("p", pp.pose((1, 2, 3))),))).digest() == made[3].digest()

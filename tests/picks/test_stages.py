@@ -11,7 +11,7 @@ import pinproof as pp
 from pinproof.picks import PickStatus, Stage
 
 ROBOTS = ("ur5", "generic_6dof", "panda")
-QUICK = pp.PickBudget(remedies=0)
+QUICK = pp.picks.PickBudget(remedies=0)
 """Remedies have tests of their own."""
 
 AHEAD = 0.8
@@ -28,7 +28,7 @@ def grasp(arm: pp.Arm):
 
 
 def judge_one(
-    arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, margin: float = 0.002, budget: pp.PickBudget = QUICK
+    arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, margin: float = 0.002, budget: pp.picks.PickBudget = QUICK
 ) -> pp.PickVerdict:
     (verdict,) = pp.validate_picks(arm, pp.Scene(obstacles), pp.Picks((pick,), margin=margin), budget=budget).verdicts
     if not verdict.ok:
@@ -137,7 +137,7 @@ def test_transit_walled_in(arm) -> None:
     tight = arm.with_limits(arm.limits.replace(arm.joint_names, dict(zip(arm.joint_names, ranges, strict=True))))
     small = pp.Pick("part", turned(home, 1.8), approach=0.02, retreat=0.02)
     assert judge_one(tight, small).ok
-    verdict = judge_one(tight, small, wall, budget=pp.PickBudget(nodes=60, quick_nodes=20))
+    verdict = judge_one(tight, small, wall, budget=pp.picks.PickBudget(nodes=60, quick_nodes=20))
     assert verdict.status is PickStatus.NOT_FOUND
     assert verdict.failed is Stage.TRANSIT
     assert verdict.reason.startswith("from home: no path within ")

@@ -25,7 +25,7 @@ def ball_arm(kinds: tuple[str, ...], limits: tuple[float, float] = (-1.0, 1.0)) 
     return load_robot_from_text("".join([*parts, "</robot>"])).arm(tcp=f"l{len(kinds)}")
 
 
-def assert_free(path: pp.JointPath | pp.CubicPath, checker: pp.CollisionChecker, step: float = 0.01) -> None:
+def assert_free(path: pp.JointPath | pp.motion.CubicPath, checker: pp.CollisionChecker, step: float = 0.01) -> None:
     """Independent of any proof: a dense sample of the path is free and inside the limits."""
     first, last = path.domain
     rough = path(np.linspace(first, last, 200))

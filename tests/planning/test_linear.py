@@ -29,7 +29,12 @@ def _moved(arm: pp.Arm, q: np.ndarray, xyz: tuple[float, ...] = (0, 0, 0), rpy: 
 
 
 def _assert_follows(
-    move: pp.LinearMove, checker: pp.CollisionChecker, start: np.ndarray, target, metres: float, radians: float
+    move: pp.planning.LinearPlanResult,
+    checker: pp.CollisionChecker,
+    start: np.ndarray,
+    target,
+    metres: float,
+    radians: float,
 ) -> None:
     arm, path = checker.arm, move.or_raise().path
     first = arm.forward_kinematics(start)
@@ -109,7 +114,7 @@ def test_out_of_reach_says_how_far_and_why(ur5: pp.Arm, free: pp.CollisionChecke
     assert "mm" in move.message
     assert "short" in move.message
     assert "singular value" in move.message
-    with pytest.raises(pp.PlanFailed, match="of the line"):
+    with pytest.raises(pp.errors.PlanFailed, match="of the line"):
         move.or_raise()
 
 
@@ -167,6 +172,13 @@ def test_a_start_outside_its_limits() -> None:
     assert move.joints == ("x",)
     assert move.fraction == 0.0
     assert "x = 1.5" in move.message
+
+
+def test_a_start_within_rounding_of_its_limit_starts_at_the_limit() -> None:
+    arm = ball_arm(("x", "y"))
+    move = pp.plan_linear(pp.CollisionChecker(arm), (1 + 5e-10, 0.0), pp.pose((0.5, 0.0, 0.0)))
+    assert move.status is LinearStatus.COMPLETE
+    assert move.path.q[0].tolist() == [1.0, 0.0]
 
 
 def test_a_contact_on_the_way_is_named_and_placed() -> None:

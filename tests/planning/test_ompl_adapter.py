@@ -141,7 +141,7 @@ def test_nothing_is_printed(slot: pp.CollisionChecker, capfd: pytest.CaptureFixt
 def test_names_that_do_not_exist() -> None:
     with pytest.raises(pp.UnknownNameError, match="RRTstar") as caught:
         pp.OmplPlanner("RRTsta")
-    assert set(caught.value.valid) == set(pp.ompl_planners())
+    assert set(caught.value.valid) == set(pp.planning.ompl_planners())
     with pytest.raises(pp.UnknownNameError, match="range"):
         pp.OmplPlanner("RRTConnect", parameters={"rnage": 1.0})
 

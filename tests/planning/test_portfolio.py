@@ -22,6 +22,7 @@ def slot(gantry: pp.Arm, slotted: pp.Scene) -> pp.CollisionChecker:
     return pp.CollisionChecker(gantry, slotted, margin=0.005)
 
 
+@pytest.mark.slow
 def test_the_shortest_path_wins_wherever_the_searches_run(slot: pp.CollisionChecker) -> None:
     single = [PLANNER.plan(slot, START, GOAL, rng=rng).path for rng in np.random.default_rng(5).spawn(4)]
     here = PLANNER.plan(slot, START, GOAL, rng=5, portfolio=4).or_raise()
@@ -67,7 +68,7 @@ class _Never(Executor):
 def test_a_callback_stops_searches_that_wait(slot: pp.CollisionChecker) -> None:
     pool, told = _Never(), []
 
-    def stop(progress: pp.PlanProgress) -> bool:
+    def stop(progress: pp.planning.PlanProgress) -> bool:
         told.append(progress)
         return len(told) < 2
 

@@ -32,7 +32,7 @@ def square(arm: pp.Arm, q: np.ndarray) -> list[SE3]:
     return poses
 
 
-def off_the_lines(arm: pp.Arm, way: list[SE3], path: pp.BlendedPath) -> float:
+def off_the_lines(arm: pp.Arm, way: list[SE3], path: pp.motion.BlendedPath) -> float:
     """How far (m) the tcp is from the polyline through the poses, at most."""
     points = arm.forward_kinematics_batch(path(np.linspace(*path.domain, 1501)))[:, :3, 3]
     nearest = np.full(len(points), np.inf)
@@ -102,7 +102,7 @@ def test_where_it_ends_is_told(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     assert 0 < move.fraction < 1
     assert "after pose 1" in move.message
     assert move.path is None
-    with pytest.raises(pp.PlanFailed, match="after pose 1"):
+    with pytest.raises(pp.errors.PlanFailed, match="after pose 1"):
         move.or_raise()
 
 
@@ -142,7 +142,7 @@ def test_without_a_start_the_branch_that_gets_to_the_end_is_found(ur5: pp.Arm) -
 def test_of_branches_that_get_there_the_quickest_is_taken(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     poses = square(ur5, READY)
 
-    def time_needed(move: pp.PosesMove) -> float:
+    def time_needed(move: pp.planning.PosesPlanResult) -> float:
         q = move.path(np.linspace(*move.path.domain, 400))
         return float((np.abs(np.diff(q, axis=0)) / ur5.limits.velocity).max(axis=1).sum())
 

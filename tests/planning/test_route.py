@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
+from pinproof.planning.follow import Stray
 from pinproof.planning.route import LEVER, NOTHING, Route, sections
-from pinproof.planning.stray import Stray
 from pinproof.spatial import SE3, interpolate, twist_size
 
 MET = NOTHING / LEVER + 1e-9
@@ -81,7 +81,7 @@ def test_the_bound_holds_everywhere_and_is_not_far_from_the_truth(name: str, dev
     stray = Stray(arm, np.ones(6), deviation, 10 * deviation)
     for _ in range(3):
         q = arm.limits.clip(arm.home + np.cumsum(rng.uniform(-0.1, 0.1, (4, arm.dof)), axis=0))
-        path = pp.CubicPath.through(q, arm.joint_names, knots=np.linspace(0, 1, 4))
+        path = pp.motion.CubicPath.through(q, arm.joint_names, knots=np.linspace(0, 1, 4))
         first, last = (arm.forward_kinematics(q[k]) for k in (0, -1))
         route = Route.straight(first, last)
         off = stray.bound(path, route)
@@ -97,7 +97,7 @@ def test_the_bound_holds_everywhere_and_is_not_far_from_the_truth(name: str, dev
 
 def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) -> None:
     q = np.array([ur5.home, ur5.home + 0.1, ur5.home + 0.2])
-    path = pp.CubicPath.through(q, ur5.joint_names, knots=[0, 0.5, 1])
+    path = pp.motion.CubicPath.through(q, ur5.joint_names, knots=[0, 0.5, 1])
     here = ur5.forward_kinematics(q[0])
     route = Route.straight(here, here)
     both, place, turn = (
@@ -117,7 +117,7 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
 
 def test_a_curve_that_would_need_too_many_samples_is_not_waved_through(ur5: pp.Arm) -> None:
     here = ur5.forward_kinematics(ur5.home)
-    path = pp.CubicPath.through([ur5.home, ur5.home, ur5.home + 3], ur5.joint_names, knots=[0, 0.5, 1])
+    path = pp.motion.CubicPath.through([ur5.home, ur5.home, ur5.home + 3], ur5.joint_names, knots=[0, 0.5, 1])
     assert np.isinf(Stray(ur5, np.ones(6), 1e-9, 1e-9).bound(path, Route.straight(here, here))).all()
 
 

@@ -129,7 +129,7 @@ def test_start_in_contact_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
     assert "l2" in plan.message
     assert plan.path is None
     assert plan.certificate is None
-    with pytest.raises(pp.PlanFailed, match="below") as caught:
+    with pytest.raises(pp.errors.PlanFailed, match="below") as caught:
         plan.or_raise()
     assert caught.value.result is plan
 
@@ -139,6 +139,16 @@ def test_start_outside_limits_is_named(gantry: pp.Arm, slotted: pp.Scene) -> Non
     assert plan.status is pp.PlanStatus.START_INVALID
     assert "y = 1.5" in plan.message
     assert "[-1, 1]" in plan.message
+
+
+def test_ends_within_rounding_of_a_limit_are_taken_as_the_limit(gantry: pp.Arm) -> None:
+    checker = pp.CollisionChecker(gantry)
+    plan = QUICK.plan(checker, (0.5, 1 + 5e-10), (0.0, -1 - 5e-10)).or_raise()
+    assert plan.path.q[0].tolist() == [0.5, 1.0]
+    assert plan.path.q[-1].tolist() == [0.0, -1.0]
+    refused = QUICK.plan(checker, (0.5, 1 + 1e-8), (0.0, 0.0))
+    assert refused.status is pp.PlanStatus.START_INVALID
+    assert "y = 1.00000001 is outside" in refused.message
 
 
 def test_every_refused_goal_is_named(gantry: pp.Arm, slotted: pp.Scene) -> None:
@@ -292,7 +302,7 @@ def test_turns_are_not_advised_where_every_one_is_a_goal_already(turntable: pp.A
 
 def test_turns_stay_inside_the_limits(ur5: pp.Arm) -> None:
     goal = np.array([3.0, -1.5, 1.0, -5.0, 1.0, 6.0])
-    from pinproof.planning.goals import with_turns
+    from pinproof.planning.ends import with_turns
 
     many, index_of = with_turns(ur5, ur5.home, goal[None])
     assert np.array_equal(many[0], goal)

@@ -33,7 +33,7 @@ ENDLESS = pp.RrtConnect(max_nodes=10**9, max_samples=10**9, time_limit=600.0)
 
 
 def test_a_callback_is_told_how_far_the_search_is(parted: pp.CollisionChecker) -> None:
-    told: list[pp.PlanProgress] = []
+    told: list[pp.planning.PlanProgress] = []
     plan = pp.RrtConnect(max_samples=3000, time_limit=600.0).plan(parted, START, GOAL, progress=told.append)
     assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
     assert len(told) > 3
@@ -56,9 +56,9 @@ def test_being_watched_changes_nothing(slot: pp.CollisionChecker) -> None:
 
 @pytest.mark.parametrize("calls", [1, 4])
 def test_a_callback_stops_the_search(parted: pp.CollisionChecker, calls: int) -> None:
-    told: list[pp.PlanProgress] = []
+    told: list[pp.planning.PlanProgress] = []
 
-    def stop(progress: pp.PlanProgress) -> bool:
+    def stop(progress: pp.planning.PlanProgress) -> bool:
         told.append(progress)
         return len(told) < calls
 
@@ -71,7 +71,7 @@ def test_a_callback_stops_the_search(parted: pp.CollisionChecker, calls: int) ->
     assert plan.gap <= told[-1].gap
     assert "cancelled" in plan.message
     assert f"{plan.nodes} nodes" in plan.message
-    with pytest.raises(pp.PlanFailed, match="cancelled"):
+    with pytest.raises(pp.errors.PlanFailed, match="cancelled"):
         plan.or_raise()
 
 

@@ -29,7 +29,7 @@ def test_shorter_and_proven_with_figures_before_and_after(
     checker: pp.CollisionChecker, detour: pp.JointPath, blend: bool
 ) -> None:
     found = pp.simplify(detour, checker, blend=blend).or_raise()
-    assert isinstance(found.path, pp.BlendedPath if blend else pp.JointPath)
+    assert isinstance(found.path, pp.motion.BlendedPath if blend else pp.JointPath)
     assert found.certificate.matches(found.path, checker.arm, checker.scene)
     assert found.before.matches(detour, checker.arm, checker.scene)
     assert found.length_before == detour.length
@@ -71,7 +71,7 @@ def test_a_curve_that_fails_its_last_proof_is_given_up_for_the_one_before(
     checker: pp.CollisionChecker, detour: pp.JointPath, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     home = importlib.import_module("pinproof.planning.simplify")
-    through_the_wall = pp.BlendedPath.join(pp.JointPath(detour.q[[0, -1]], detour.joint_names))
+    through_the_wall = pp.motion.BlendedPath.join(pp.JointPath(detour.q[[0, -1]], detour.joint_names))
     monkeypatch.setattr(home, "round_corners", lambda *args, **settings: through_the_wall)
     found = pp.simplify(detour, checker).or_raise()
     assert isinstance(found.path, pp.JointPath)
@@ -87,7 +87,7 @@ def test_a_path_that_is_not_free_is_no_yes(checker: pp.CollisionChecker, detour:
     found = pp.simplify(through, checker)
     assert not found.ok
     assert not found.before.free
-    with pytest.raises(pp.NotProvenFree):
+    with pytest.raises(pp.errors.NotProvenFree):
         found.or_raise()
 
 

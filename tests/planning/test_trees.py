@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from pinproof.kernels.rrt import nearest
-from pinproof.planning.trees import Trees
+from pinproof.planning.rrt_connect import Trees
 
 
 def _add(trees: Trees, sizes: np.ndarray, tree: int, q: np.ndarray, parent: int) -> int:

@@ -13,7 +13,7 @@ import yaml
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhTable
-from pinproof.description.dh_files import parse_number
+from pinproof.description.dh import parse_number
 from pinproof.description.packages import example_robot_data
 from pinproof.model import Arm, load_robot
 

@@ -38,7 +38,8 @@ FLAGS = (
     "--hide-scrollbars",
     "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
 )
-PATIENCE = 60.0
+PATIENCE = 1800.0
+"""Seconds after which a test stops waiting for the browser; only one that hangs takes so long, on any machine."""
 
 
 def find_browser() -> str | None:

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.collision import CertificateStatus, Scene
-from pinproof.viewer.caption import caption, proven_millimetres
+from pinproof.viewer.picture import caption, proven_millimetres
 
 from .conftest import POST, certified, small_arm, swing
 

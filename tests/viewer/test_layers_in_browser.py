@@ -12,7 +12,7 @@ from pinproof.collision import Certificate, Scene
 from pinproof.spatial import matrix, pose
 from pinproof.viewer import write_html
 from pinproof.viewer.animation import Phase, film
-from pinproof.viewer.copies import swept
+from pinproof.viewer.overlays import swept
 from pinproof.viewer.stage import set_stage
 
 from .browser import Browser, Page
@@ -180,7 +180,7 @@ def test_controls_neither_overlap_nor_stick_out(page: Page, width: int) -> None:
 
 
 def test_the_normal_of_a_contact_is_the_way_the_second_body_would_leave(page: Page, certificate: Certificate) -> None:
-    from pinproof.viewer.contacts import marks_of
+    from pinproof.viewer.overlays import marks_of
 
     (mark,) = marks_of(certificate.first_contact)
     assert np.linalg.norm(mark.normal) == pytest.approx(1.0)

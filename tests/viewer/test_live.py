@@ -12,13 +12,13 @@ from pinproof.collision import CollisionChecker, Scene
 from pinproof.errors import InputError, ViewerError
 from pinproof.viewer import show
 
-from .browser import Browser
+from .browser import PATIENCE, Browser
 from .conftest import POST, small_arm, swing
 
 
 def get(view, path: str = "/", host: str | None = None) -> tuple[int, str]:
     address = view.url.removeprefix("http://").rstrip("/")
-    connection = http.client.HTTPConnection(address, timeout=10)
+    connection = http.client.HTTPConnection(address, timeout=PATIENCE)
     try:
         connection.request("GET", path, headers={"Host": host or address})
         answer = connection.getresponse()
@@ -61,12 +61,13 @@ def test_closing_frees_the_port_and_may_be_done_twice() -> None:
         socket.create_connection(("127.0.0.1", port), timeout=2)
 
 
+@pytest.mark.slow
 def test_nothing_is_printed_and_the_program_ends_by_itself() -> None:
     script = (
         "import urllib.request; import pinproof as pp; "
         "view = pp.show(pp.load_robot('ur5').arm()); urllib.request.urlopen(view.url).read()"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=True)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=PATIENCE, check=True)
     assert (done.stdout, done.stderr) == ("", "")
 
 

@@ -25,7 +25,7 @@ from pinproof.picks import (
     write_report_page,
 )
 from pinproof.picks.frames import NamedFrame
-from pinproof.picks.gripper import Fingers
+from pinproof.picks.gripper import GripperFingers
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.report import entries as entries_module
 from pinproof.picks.report import page as page_module
@@ -261,7 +261,7 @@ def test_fingers_are_seen_apart_where_no_motion_brings_them(
     browser: Browser, pages: Callable[[str], Path], report: PickReport
 ) -> None:
     path, thin = pages("fingers"), Box(0.02, 0.01, 0.06)
-    fingers = Fingers((Obstacle("left", thin), Obstacle("right", thin)), opening=0.06, grip=0.04)
+    fingers = GripperFingers((Obstacle("left", thin), Obstacle("right", thin)), opening=0.06, grip=0.04)
     write_report_page(path, report, ARM, SCENE, Picks((), fingers=fingers))
     opened = browser.open(path.as_uri())
     assert opened.text("#verdict") == "NOT VALIDATED"  # it was proven without fingers

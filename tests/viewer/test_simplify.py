@@ -9,10 +9,9 @@ import trimesh
 from pinproof.collision import Mesh, Obstacle, Scene
 from pinproof.spatial import pose
 from pinproof.viewer import page as page_module
-from pinproof.viewer import simplify
+from pinproof.viewer import stage as simplify
 from pinproof.viewer.picture import Picture
-from pinproof.viewer.simplify import MOST_BYTES, simplified
-from pinproof.viewer.stage import set_stage
+from pinproof.viewer.stage import MOST_BYTES, set_stage, simplified
 
 from .conftest import small_arm
 

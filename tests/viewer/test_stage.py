@@ -4,15 +4,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinproof.collision import Capsule, Mesh, Obstacle, Scene
+from pinproof.collision import Capsule, CollisionChecker, Cylinder, Mesh, Obstacle, Scene, Sphere
 from pinproof.description.meshes import read_mesh
 from pinproof.errors import InputError, ViewerError
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import FRAME_RATE, Phase, checked_motion, film
+from pinproof.viewer.overlays import marks_of
 from pinproof.viewer.page import render_page
 from pinproof.viewer.picture import Picture
 from pinproof.viewer.stage import set_stage
+from pinproof.viewer.wire import Commands
 
 from .conftest import UPPER, small_arm, swing
 
@@ -136,3 +138,15 @@ def test_coloured_points_are_drawn_where_they_are_with_their_legend() -> None:
     assert points.rgb[0] == pytest.approx([0.267, 0.005, 0.329], abs=1e-3)  # viridis' ends, as matplotlib lists them
     assert points.rgb[1] == pytest.approx([0.993, 0.906, 0.144], abs=1e-3)
     assert [text for text, _ in points.legend] == ["share 0", "share 0.25", "share 0.5", "share 0.75", "share 1"]
+
+
+def test_a_contact_without_a_normal_is_marked_without_an_arrow() -> None:
+    arm = small_arm()
+    rod = Obstacle("rod", Cylinder(radius=0.05, length=0.4), pose((0.2, 0.0, 0.0), (0.0, np.pi / 2, 0.0)))
+    scene = Scene([Obstacle("bead", Sphere(radius=0.01), arm.forward_kinematics(arm.home) * rod.pose)])
+    check = CollisionChecker(arm, scene, attached=[rod]).check(arm.home)
+    (contact,) = check.contacts
+    assert np.linalg.norm(contact.normal) == 0.0  # the centre of the bead is on the axis of the rod
+    (mark,) = marks_of(check)
+    assert mark.normal is None
+    mark.draw(Commands(), 0, 0.01)  # warnings are errors, those of undefined numbers too

@@ -21,8 +21,7 @@ from pinproof import (
 )
 from pinproof.collision.bodies import shape_body
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.appearance import obstacle_surfaces, tube
-from pinproof.viewer.surfaces import merge_by_colour, shade
+from pinproof.viewer.surfaces import merge_by_colour, obstacle_surfaces, shade, tube
 
 GREY = (0.5, 0.5, 0.5, 1.0)
 RED = (1.0, 0.0, 0.0, 1.0)

@@ -22,7 +22,7 @@ from pinproof.ik import (
     Tracker,
     track,
 )
-from pinproof.ik.goal import GoalName
+from pinproof.ik.task import GoalName
 from pinproof.model import Arm
 from pinproof.spatial import SE3, rigid
 

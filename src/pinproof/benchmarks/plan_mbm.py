@@ -21,8 +21,8 @@ import numpy.typing as npt
 
 from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.collision import Scene
+from pinproof.common.yaml_file import read_yaml
 from pinproof.description.catalogue import catalogue_names
-from pinproof.description.lined_yaml import read_yaml
 from pinproof.errors import FileError
 from pinproof.model import Arm, Robot, load_robot
 

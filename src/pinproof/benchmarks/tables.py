@@ -14,7 +14,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError
 
 __all__ = [

@@ -8,9 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import print_json, say, working
+from pinproof.cli.console import make_folder, print_json, say, working
 from pinproof.cli.options import Json, Seed
-from pinproof.cli.outputs import make_folder
 
 __all__ = ["bench_ik", "bench_plan"]
 

@@ -9,10 +9,10 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import print_json, say, working
-from pinproof.cli.options import Chain, Html, Json, Surroundings
-from pinproof.cli.outputs import check_outputs
+from pinproof.cli.console import check_outputs, print_json, say, working
+from pinproof.cli.options import Carried, Chain, Html, IgnoreRecord, Json, Surroundings, load_motion
 from pinproof.errors import InputError
+from pinproof.model.limits import distinct
 
 __all__ = ["certify_motion", "verdict"]
 
@@ -50,10 +50,12 @@ def certify_motion(
     audit_step: Annotated[
         float, typer.Option(help="No joint moves farther between two samples, rad or m.", min=1e-6)
     ] = 0.002,
+    ignore_record: IgnoreRecord = False,
     html: Html = None,
     *,
     chain: Chain,
     around: Surroundings,
+    carried: Carried,
     as_json: Json = False,
 ) -> None:
     """Prove that a motion touches nothing, between its points too. Exit code 1 unless it is FREE and inside the limits.
@@ -62,36 +64,40 @@ def certify_motion(
 
     Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml --save-proof proof.json
     """
-    arm = None if robot is None else chain.arm(robot)
+    arm = None if robot is None else chain.arm(robot, carried=carried)
     if verify is not None:
         if save_proof is not None or html is not None or sample or joint_tolerance or obstacle_tolerance:
             raise InputError("--verify re-checks a proof: it writes nothing, and the tolerances are those of the proof")
-        _verify(verify, arm, motion, around, as_json)
+        _verify(verify, arm, motion, around, carried, as_json)
         return
     if arm is None or motion is None:
         raise InputError("what is to be proven? Name ROBOT and MOTION, or a saved proof with --verify")
-    check_outputs([html, save_proof], [robot, motion, around.scene, chain.srdf])
+    check_outputs([html, save_proof], [robot, motion, around.scene, chain.srdf, *carried.files])
     world = around.load()
-    trajectory = pp.Trajectory.load(motion, arm.joint_names)
+    checker = around.checker(arm, world, carried)
+    trajectory = load_motion(motion, checker, ignore_record)
     with working("proving"):
         certificate = pp.certify(
             trajectory,
-            around.checker(arm, world),
+            checker,
             joint_tolerance=joint_tolerance,
             obstacle_tolerance=obstacle_tolerance,
             record=save_proof is not None,
         )
-    seen = _second_look(trajectory, arm, world, audit_step) if sample else None
+    seen = _second_look(trajectory, checker, carried, audit_step) if sample else None
     if html is not None:
-        pp.write_html(html, arm, world, trajectory, certificate=certificate)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
     if save_proof is not None and certificate.free:
         certificate.save(save_proof)
     beyond = _beyond_limits(trajectory, arm)
     if as_json:
         looked = None if seen is None else {"samples": seen.samples, "distance": seen.distance, "message": seen.message}
-        print_json({**verdict(certificate), "outside_limits": beyond, "audit": looked})
+        names = [body.name for body in checker.attached]
+        print_json({**verdict(certificate), "attached": names, "outside_limits": beyond, "audit": looked})
     else:
         say(str(certificate))
+        if checker.attached:
+            say(f"attached: {', '.join(body.name for body in checker.attached)}")
         for sentence in beyond:
             say(f"outside the limits: {sentence}")
         for pair in certificate.excluded:
@@ -104,12 +110,14 @@ def certify_motion(
         raise typer.Exit(1)
 
 
-def _verify(proof: Path, arm: pp.Arm | None, motion: Path | None, around: Surroundings, as_json: bool) -> None:
-    if arm is None and (around.scene is not None or around.margin):
-        raise InputError("--scene and --margin are of a robot: name ROBOT too")
-    checker = None if arm is None else around.checker(arm)
+def _verify(
+    proof: Path, arm: pp.Arm | None, motion: Path | None, around: Surroundings, carried: Carried, as_json: bool
+) -> None:
+    if arm is None and (around.scene is not None or around.margin or any(carried.files)):
+        raise InputError("--scene, --margin, --tool-of and --attached are of a robot: name ROBOT too")
+    checker = None if arm is None else around.checker(arm, carried=carried)
     curve = None if motion is None or arm is None else pp.Trajectory.load(motion, arm.joint_names)
-    found: pp.ProofVerdict = pp.verify_proof(proof, checker, curve)
+    found: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve)
     if as_json:
         print_json(
             {
@@ -133,9 +141,18 @@ def _verify(proof: Path, arm: pp.Arm | None, motion: Path | None, around: Surrou
         raise typer.Exit(1)
 
 
-def _second_look(trajectory: pp.Trajectory, arm: pp.Arm, scene: pp.Scene, step: float) -> pp.Audit:
+def _second_look(
+    trajectory: pp.Trajectory, proven: pp.CollisionChecker, carried: Carried, step: float
+) -> pp.collision.AuditResult:
+    exact = pp.CollisionChecker(
+        proven.arm,
+        proven.scene,
+        link_meshes="mesh",
+        attached=proven.attached,
+        allowed=carried.attachments.allowed,
+    )
     with working("sampling"):
-        return pp.audit(trajectory, pp.CollisionChecker(arm, scene, link_meshes="mesh"), step=step)
+        return pp.audit(trajectory, exact, step=step)
 
 
 def _beyond_limits(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
@@ -145,11 +162,11 @@ def _beyond_limits(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
     speeds = trajectory.max_velocity()
     for i, name in enumerate(arm.joint_names):
         if low[i] < limits.lower[i] - ROUNDING or high[i] > limits.upper[i] + ROUNDING:
-            said.append(
-                f"{name} moves in [{low[i]:.6g}, {high[i]:.6g}], not [{limits.lower[i]:.6g}, {limits.upper[i]:.6g}]"
-            )
+            a, b, lowest, highest = distinct(low[i], high[i], limits.lower[i], limits.upper[i])
+            said.append(f"{name} moves in [{a}, {b}], not [{lowest}, {highest}]")
         if speeds[i] > limits.velocity[i] * (1 + ROUNDING):
-            said.append(f"{name} reaches {speeds[i]:.6g} per second, above {limits.velocity[i]:.6g}")
+            fastest, most = distinct(speeds[i], limits.velocity[i])
+            said.append(f"{name} reaches {fastest} per second, above {most}")
     return said
 
 

@@ -9,9 +9,8 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import print_json, say
+from pinproof.cli.console import check_outputs, print_json, say
 from pinproof.cli.options import Chain, Json, Robot
-from pinproof.cli.outputs import check_outputs
 
 __all__ = ["dh2urdf", "urdf2dh"]
 

@@ -8,9 +8,18 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import complain, print_json, print_report, remark, say, until_stopped, working
+from pinproof.cli.console import (
+    check_outputs,
+    complain,
+    print_json,
+    print_report,
+    remark,
+    say,
+    until_stopped,
+    working,
+    write_motion,
+)
 from pinproof.cli.options import Json, Seed
-from pinproof.cli.outputs import check_outputs, write_motion
 from pinproof.cli.pick import judge_file
 
 __all__ = ["demo"]

@@ -26,7 +26,7 @@ def info(
     Example: pinproof info ur5
     """
     arm = chain.arm(robot)
-    told = pp.describe(arm.robot, arm)
+    told = arm.robot.info(arm)
     try:
         checker = pp.CollisionChecker(arm)
     except MeshError as error:
@@ -56,7 +56,7 @@ def info(
         say(f"missing: {sentence}")
 
 
-def _joints(told: pp.RobotInfo) -> None:
+def _joints(told: pp.model.RobotInfo) -> None:
     heads = ("joint", "type", "limits", "speed", "accel.", "role")
     rows = [heads, *(_row(joint) for joint in told.joints if joint.role != "fixed")]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
@@ -74,5 +74,5 @@ def _row(joint: JointInfo) -> tuple[str, ...]:
     return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, role
 
 
-def _counted(told: pp.RobotInfo) -> str:
+def _counted(told: pp.model.RobotInfo) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in told.collisions.items()) or "none"

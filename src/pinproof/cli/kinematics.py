@@ -11,6 +11,7 @@ import pinproof as pp
 from pinproof.cli.complete import link_names
 from pinproof.cli.console import print_json, say
 from pinproof.cli.options import (
+    Carried,
     Chain,
     Configuration,
     Json,
@@ -85,7 +86,9 @@ def fk(
 
 def ik(
     robot: Robot,
-    xyz: Annotated[str, typer.Option(help='Where the tcp shall be, in metres: "0.4 0.1 0.3".')] = "",
+    xyz: Annotated[
+        str, typer.Option(help='Where the tcp, or the tip of the tool, shall be, in metres: "0.4 0.1 0.3".')
+    ] = "",
     rpy: Annotated[str, typer.Option(help='How it shall be turned, in radians: "pi 0 0".')] = "0 0 0",
     task: Annotated[TaskOption, typer.Option(help="What of the target is to be met.")] = TaskOption.POSE,
     method: Annotated[MethodOption, typer.Option(help="How it is solved.")] = MethodOption.CLIK,
@@ -95,9 +98,12 @@ def ik(
     *,
     around: Surroundings,
     chain: Chain,
+    carried: Carried,
     as_json: Json = False,
 ) -> None:
-    """Find joint values for a pose of the tcp; with a scene or a margin, free of contact. Exit code 1 if none is found.
+    """Find joint values for a pose of the tcp, or of the tip of a tool. Exit code 1 if none is found.
+
+    With --scene, --margin, --tool-of or --attached the configuration is also free of contact.
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """
@@ -105,10 +111,15 @@ def ik(
         raise InputError('--xyz is missing: say where the tcp shall be, such as --xyz "0.4 0.1 0.3"')
     if every and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
         raise InputError("--all enumerates whole poses in closed form; leave --method and --task out")
-    arm = chain.arm(robot)
+    arm, tip = chain.arm(robot, carried=carried), carried.attachments.tip
     target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
-    judged = around.scene is not None or around.margin > 0.0  # a margin alone is kept between the bodies of the robot
-    accept = None if not judged else around.checker(arm).is_free
+    if not tip.isIdentity():
+        if task is not TaskOption.POSE:
+            raise InputError("a tool with a tip is brought to whole poses; leave --task out, or remove the tip")
+        target = target * tip.inverse()
+    # a margin alone is kept between the bodies of the robot
+    judged = around.scene is not None or around.margin > 0.0 or any(carried.files)
+    accept = None if not judged else around.checker(arm, carried=carried).is_free
     start = parse_configuration(q0, arm, "--q0")
     if every:
         branches = pp.AnalyticIk().solve_all(arm, target, start)

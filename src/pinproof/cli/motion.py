@@ -9,8 +9,9 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
-from pinproof.cli.console import print_json, say, working
+from pinproof.cli.console import check_outputs, print_json, say, working
 from pinproof.cli.options import (
+    Carried,
     Chain,
     Configuration,
     Html,
@@ -20,7 +21,6 @@ from pinproof.cli.options import (
     Surroundings,
     parse_configuration,
 )
-from pinproof.cli.outputs import check_outputs
 from pinproof.errors import InputError
 
 __all__ = ["check", "plan"]
@@ -32,15 +32,16 @@ def check(
     *,
     chain: Chain,
     around: Surroundings,
+    carried: Carried,
     as_json: Json = False,
 ) -> None:
     """Say whether a configuration is inside its limits and free of contact. Exit code 1 if it is not.
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
-    arm = chain.arm(robot)
-    checker = around.checker(arm)
-    configuration = parse_configuration(q, arm, "--q")
+    arm = chain.arm(robot, carried=carried)
+    checker = around.checker(arm, carried=carried)
+    configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
     outside = arm.limits.violations(configuration, arm.joint_names)
     result, clearance = checker.check(configuration), checker.clearance(configuration)
     ok = result.free and not outside
@@ -73,16 +74,17 @@ def plan(
     *,
     chain: Chain,
     around: Surroundings,
+    carried: Carried,
     as_json: Json = False,
 ) -> None:
     """Plan, shorten, round, time and certify a motion between two configurations. Exit code 1 if none is found.
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_outputs([output, html], [robot, around.scene, chain.srdf, limits])
-    arm = chain.arm(robot, limits)
+    check_outputs([output, html], [robot, around.scene, chain.srdf, limits, *carried.files])
+    arm = chain.arm(robot, limits, carried)
     world = around.load()
-    checker = around.checker(arm, world)
+    checker = around.checker(arm, world, carried)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
     with working("planning"):
         result = pp.RrtConnect().plan(checker, *ends, rng=seed)
@@ -99,10 +101,10 @@ def plan(
         certificate = pp.certify(trajectory, checker)
     written = []
     if output is not None:
-        trajectory.save(output)
+        trajectory.save(output, certificate=certificate)
         written.append(output)
     if html is not None:
-        pp.write_html(html, arm, world, trajectory, certificate=certificate)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
         written.append(html)
     if as_json:
         figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}

@@ -13,9 +13,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 import pinproof as pp
-from pinproof.cli.console import print_json, remark, say
-from pinproof.cli.options import Chain, Json, Robot, Seed, Surroundings, numbers
-from pinproof.cli.outputs import check_outputs
+from pinproof.cli.console import check_outputs, print_json, remark, say
+from pinproof.cli.options import Carried, Chain, Json, Robot, Seed, Surroundings, numbers
 from pinproof.errors import InputError
 
 if TYPE_CHECKING:
@@ -50,9 +49,6 @@ def reach(
     tip: Annotated[
         str | None, typer.Option(help='Where on the tcp the tool\'s tip is, in metres: "0 0 0.1"; a point, not a body.')
     ] = None,
-    tool_of: Annotated[
-        Path | None, typer.Option(help="A picks file whose tool the arm carries, with its tip, margin and held joints.")
-    ] = None,
     place: Annotated[
         str, typer.Option(help='Where the robot stands among scene and region: "x y z", and a turn about z (rad).')
     ] = "0 0 0 0",
@@ -71,6 +67,7 @@ def reach(
     *,
     chain: Chain,
     around: Surroundings,
+    carried: Carried,
     as_json: Json = False,
 ) -> None:
     """Say where an arm can be used: at each point, the share of orientations it reaches free of contact.
@@ -83,23 +80,20 @@ def reach(
     for path in outputs:
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path}: a reach map is written as {', '.join(SUFFIXES)}")
-    check_outputs(outputs, [robot, around.scene, chain.srdf, against, tool_of])
+    check_outputs(outputs, [robot, around.scene, chain.srdf, against, *carried.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
     stands = _place(place)
-    shared = pp.Picks(()) if tool_of is None else pp.open_picks(tool_of).shared
-    arm = chain.arm(robot)
-    arm = arm.with_held(shared.held) if shared.held else arm
+    arm = chain.arm(robot, carried=carried)
     world = around.load()
     # the scene as the robot sees it from where it stands
     seen = replace(world, obstacles=tuple(replace(o, pose=stands.actInv(o.pose)) for o in world.obstacles))
-    margin = max(around.margin, shared.margin)
-    checker = pp.CollisionChecker(arm, seen, margin=margin, attached=shared.open_tool)
+    checker = around.checker(arm, seen, carried)
     for k, measured in checker.still.touching:
         remark(f"nothing can be free: {checker.contact(k, measured)}, whatever the arm does")
     half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
-    frames = pp.tool_orientations(pp.approach_directions(half_angle=half, count=directions), spins)
-    tcp_from_tip = shared.tip if tip is None else pp.pose(numbers(tip, "--tip"))
+    frames = pp.picks.tool_orientations(pp.picks.approach_directions(half_angle=half, count=directions), spins)
+    tcp_from_tip = carried.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
         found = pp.reach_map(
@@ -112,7 +106,7 @@ def reach(
             threads=threads,
             progress=lambda done, _: bar.update(task, completed=done),
         )
-    change = None if before is None else pp.ReachChange(before, found)
+    change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
             title = f"{arm.robot.name}: reach" + ("" if change is None else ", won and lost")
@@ -137,15 +131,17 @@ def reach(
         raise typer.Exit(1)
 
 
-def _points(found: pp.ReachMap, change: pp.ReachChange | None, stands: SE3, step: float) -> pp.ColouredPoints:
+def _points(
+    found: pp.ReachMap, change: pp.picks.ReachComparison | None, stands: SE3, step: float
+) -> pp.viewer.ColouredPoints:
     """Points where something is reached, or changed, as the robot sees them; the others would hide these."""
     values = found.free_share if change is None else change.won.mean(axis=1) - change.lost.mean(axis=1)
     told = values > 0 if change is None else (change.won | change.lost).any(axis=1)
     seen = (found.region.points[told] - stands.translation) @ stands.rotation
     size = min(POINT_SHARE * step, LARGEST_POINT)
     if change is None:
-        return pp.ColouredPoints.of_values(seen, values[told], label="share free:", size=size)
-    return pp.ColouredPoints.of_values(
+        return pp.viewer.ColouredPoints.of_values(seen, values[told], label="share free:", size=size)
+    return pp.viewer.ColouredPoints.of_values(
         seen, values[told], label="won less lost:", low=-1.0, high=1.0, colours="RdBu", size=size
     )
 
@@ -157,8 +153,8 @@ def _place(text: str) -> SE3:
     return pp.pose(told[:3], (0.0, 0.0, told[3] if len(told) == 4 else 0.0))
 
 
-def _region(text: str, step: float) -> pp.Region:
+def _region(text: str, step: float) -> pp.picks.ReachRegion:
     ends = numbers(text, "--region")
     if len(ends) != 6:
         raise InputError(f'--region: "x0 x1 y0 y1 z0 z1" are six numbers, not {len(ends)}')
-    return pp.Region.box(ends[0::2], ends[1::2], step)
+    return pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step)

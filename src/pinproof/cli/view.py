@@ -11,9 +11,19 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import complain, print_json, say, until_stopped, working
-from pinproof.cli.options import Chain, Configuration, Html, Json, Surroundings, parse_configuration
-from pinproof.cli.outputs import check_outputs
+from pinproof.cli.console import check_outputs, complain, print_json, say, until_stopped, working
+from pinproof.cli.options import (
+    Carried,
+    Chain,
+    Configuration,
+    Html,
+    IgnoreRecord,
+    Json,
+    Surroundings,
+    held_by,
+    load_motion,
+    parse_configuration,
+)
 from pinproof.errors import InputError, MeshError
 
 if TYPE_CHECKING:
@@ -72,32 +82,36 @@ def view(
     html: Html = None,
     port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 takes a free one.", min=0)] = 0,
     browser: Annotated[bool, typer.Option(help="Open the live view in the browser.")] = True,
+    ignore_record: IgnoreRecord = False,
     *,
     still: Still,
     chain: Chain,
     around: Surroundings,
+    carried: Carried,
     as_json: Json = False,
 ) -> None:
     """Show a robot, still or in motion: live in the browser (Ctrl-C ends it), as a page (--html), as a picture (--png).
 
-    A motion is certified for its caption. A configuration that is told with --q, or that stands in a --scene, is
-    checked, and contacts are marked.
+    A motion is certified for its caption. A configuration that is given by --q, or shown with --scene, --tool-of or
+    --attached, is checked, and contacts are marked.
 
     Example: pinproof view ur5 --html ur5.html
     """
-    check_outputs([html, still.png], [robot, motion, around.scene, chain.srdf])
+    check_outputs([html, still.png], [robot, motion, around.scene, chain.srdf, *carried.files])
     size = still.pixels()
     if motion is not None and (q is not None or branches):
         raise InputError(f"{'--branches' if q is None else '--q'} is of a still picture; --motion moves the arm")
-    arm, world = _arm(robot, chain), around.load()
-    what: dict[str, Any] = {"layers": tuple(layer or ())}
+    arm, world = _arm(robot, chain, carried), around.load()
+    what: dict[str, Any] = {"layers": tuple(layer or ()), "attached": carried.attachments.bodies}
     if motion is not None:
-        what["trajectory"] = trajectory = pp.Trajectory.load(motion, arm.joint_names)
+        checker = around.checker(arm, world, carried)
+        what["trajectory"] = trajectory = load_motion(motion, checker, ignore_record)
         with working("proving"):
-            what["certificate"] = pp.certify(trajectory, around.checker(arm, world))
+            what["certificate"] = pp.certify(trajectory, checker)
     else:
+        asked = q is not None or around.scene is not None or any(carried.files)
         what["q"] = held = parse_configuration(q, arm, "--q")
-        what["check"] = _checked(arm, world, held, around) if q is not None or around.scene is not None else None
+        what["check"] = _checked(arm, world, held, around, carried) if asked else None
         what["ghosts"] = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(held)).q if branches else None
     if html is None and still.png is None:
         # until_stopped from the first word on: who reads it may stop the view at once
@@ -114,21 +128,23 @@ def view(
     print_json(written) if as_json else say(f"wrote {' and '.join(written.values())}")
 
 
-def _arm(robot: str, chain: Chain) -> pp.Arm:
+def _arm(robot: str, chain: Chain, carried: Carried) -> pp.Arm:
     if Path(robot).suffix not in TABLES:
-        return chain.arm(robot)
+        return chain.arm(robot, carried=carried)
     from pinproof.model import load_robot_from_text
 
     if chain.group is not None or chain.srdf is not None:
         raise InputError("--group and --srdf are of a robot file; a DH table is one chain")
     text = pp.dh_to_urdf(pp.DhTable.load(robot))
-    return load_robot_from_text(text, name=robot).arm(chain.tcp, base=chain.base)
+    return held_by(load_robot_from_text(text, name=robot).arm(chain.tcp, base=chain.base), carried, carried.picks.tcp)
 
 
-def _checked(arm: pp.Arm, world: pp.Scene, q: npt.NDArray[np.float64], around: Surroundings) -> CheckResult | None:
+def _checked(
+    arm: pp.Arm, world: pp.Scene, q: npt.NDArray[np.float64], around: Surroundings, carried: Carried
+) -> CheckResult | None:
     """What touches at q; None, said on stderr, where a body cannot be loaded: a robot can be looked at all the same."""
     try:
-        return around.checker(arm, world).check(q)
+        return around.checker(arm, world, carried).check(q)
     except MeshError as error:
         complain(f"not checked for contacts: {error}")
         return None

@@ -1,12 +1,13 @@
 """Collision: shapes, scenes, the checker, and certificates that hold between samples (coal)."""
 
-from pinproof.collision.audit import Audit, audit
+from pinproof.collision.attachments import Attachments
+from pinproof.collision.audit import AuditResult, audit
 from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
+    MotionTube,
     Parting,
-    Tube,
     UndecidedSpan,
 )
 from pinproof.collision.certify import certify, is_proven_free
@@ -31,7 +32,8 @@ from pinproof.collision.shapes import (
 )
 
 __all__ = [
-    "Audit",
+    "Attachments",
+    "AuditResult",
     "Box",
     "Capsule",
     "Certificate",
@@ -48,13 +50,13 @@ __all__ = [
     "HalfSpace",
     "HeightMap",
     "Mesh",
+    "MotionTube",
     "Obstacle",
     "Parting",
     "PointCloud",
     "Scene",
     "Shape",
     "Sphere",
-    "Tube",
     "UndecidedSpan",
     "audit",
     "certify",

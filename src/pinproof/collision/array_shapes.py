@@ -79,18 +79,20 @@ class Mesh(_ByContent):
     scale
         One factor, or one each for x, y, z.
     hull
-        Collide with its convex hull (solid, the default), or with its triangles. Triangles are solid: they must be
-        watertight, and being inside counts as contact.
+        None, the default: a watertight mesh is solid in its own shape. It is covered by a few convex pieces where these
+        reach no more than 1 mm beyond it, as for most bins, shelves and brackets with flat faces; else its triangles
+        are used. A mesh that is not watertight is replaced by its convex hull, and certificates note this. True: the
+        convex hull, which fills a bin. False: the triangles, which must be watertight; being inside counts as contact.
     hollow
-        Without ``hull``: collide with the bare triangles, watertight or not; being wholly inside is then no contact,
-        and a certificate says so.
+        Collide with the bare triangles, watertight or not. Being wholly inside is then no contact, and certificates
+        note this.
     vertices, triangles
         (V, 3) metres and (F, 3) indices, of a mesh from arrays.
     """
 
     path: str | Path | None
     scale: float | tuple[float, float, float] = 1.0
-    hull: bool = True
+    hull: bool | None = None
     hollow: bool = False
     vertices: Array | None = None
     triangles: npt.NDArray[np.int64] | None = None
@@ -103,8 +105,12 @@ class Mesh(_ByContent):
             raise InputError(f"Mesh.scale must be one number or three, not {self.scale!r}") from None
         if not all(math.isfinite(v) and v != 0.0 for v in (x, y, z)):
             raise InputError(f"Mesh.scale = {(x, y, z)}; factors are finite and not 0")
+        if self.hull not in (None, True, False):
+            raise InputError(f"Mesh.hull must be True, False or None, not {self.hull!r}")
         if self.hull and self.hollow:
             raise InputError("a Mesh is its hull or hollow, not both: hull=False, hollow=True is the bare triangles")
+        if self.hollow:
+            object.__setattr__(self, "hull", False)
         object.__setattr__(self, "scale", (x, y, z))
         if self.path is not None:
             if self.vertices is not None or self.triangles is not None:
@@ -129,7 +135,7 @@ class Mesh(_ByContent):
 
     @classmethod
     def from_arrays(
-        cls, vertices: npt.ArrayLike, triangles: npt.ArrayLike, *, hull: bool = True, hollow: bool = False
+        cls, vertices: npt.ArrayLike, triangles: npt.ArrayLike, *, hull: bool | None = None, hollow: bool = False
     ) -> Mesh:
         """A mesh of ``vertices`` (V, 3) in metres and ``triangles`` (F, 3), indices of them."""
         return cls(None, 1.0, hull, hollow, vertices, triangles)  # type: ignore[arg-type]  # made arrays there

@@ -17,7 +17,7 @@ from pinproof.collision.checker import CollisionChecker
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 
-__all__ = ["Audit", "audit"]
+__all__ = ["AuditResult", "audit"]
 
 Array = npt.NDArray[np.float64]
 
@@ -33,7 +33,7 @@ MEASURE_EVERY = 10
 
 
 @dataclass(frozen=True, eq=False)
-class Audit:
+class AuditResult:
     """What dense sampling saw.
 
     Parameters
@@ -63,7 +63,7 @@ class Audit:
         return not self.contacts
 
 
-def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measure: bool = True) -> Audit:
+def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measure: bool = True) -> AuditResult:
     """Look for contacts at samples so dense that no joint moves more than ``step`` between them.
 
     Parameters
@@ -116,7 +116,7 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measur
     what = _geometry(checker)
     free = f"no contact, {distance * 1e3:.1f} mm at the least" if measure else "no contact"
     message = f"{len(times)} samples on {what}: {seen or free}"
-    return Audit(len(times), contacts, distance, what, message)
+    return AuditResult(len(times), contacts, distance, what, message)
 
 
 def _geometry(checker: CollisionChecker) -> str:

@@ -71,10 +71,14 @@ class MeasureConvex:
 
     def __call__(self, one: Body, at: Array, other: Body, other_at: Array) -> Distance:
         """Their distance where they stand at ``at`` and ``other_at``: rotation row by row, translation."""
+        return self.of(one.geometry, at, other.geometry, other_at)
+
+    def of(self, one: Any, at: Array, other: Any, other_at: Array) -> Distance:
+        """The same of two convex shapes of coal's."""
         first, second = (coal.Transform3s(place[:9].reshape(3, 3), place[9:12]) for place in (at, other_at))
         result = self._result
         result.clear()
-        distance = float(coal.distance(one.geometry, first, other.geometry, second, self._request, result))
+        distance = float(coal.distance(one, first, other, second, self._request, result))
         points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
         return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
 

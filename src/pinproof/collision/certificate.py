@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -14,11 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.collision.bodies import FileStamp
 from pinproof.collision.pairs import ExcludedPair
+from pinproof.collision.recorded import body_digest
 from pinproof.collision.scene import Obstacle, Scene
+from pinproof.collision.shapes import Mesh
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
-from pinproof.motion import Curve
+from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
 from pinproof.verifier import curve_digest
 
@@ -29,9 +32,11 @@ __all__ = [
     "Certificate",
     "CertificateStatus",
     "FirstContact",
+    "MotionTube",
     "Parting",
-    "Tube",
     "UndecidedSpan",
+    "changed_files",
+    "checked_hash",
     "curve_hash",
     "free_sentence",
     "proven_millimetres",
@@ -39,6 +44,9 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float64]
+
+FILES_KEPT = 1024
+"""Mesh files whose hashes are kept, for as long as their time and size stay the same."""
 
 ARMS_KEPT = 8
 """Arms whose hashes are kept: a task has one, or one for each way its fingers stand."""
@@ -94,7 +102,7 @@ class UndecidedSpan:
 
 
 @dataclass(frozen=True, eq=False)
-class Tube:
+class MotionTube:
     """What a curve, and what stands around it, may deviate by.
 
     Parameters
@@ -193,6 +201,9 @@ class Certificate:
         the curve's end.
     subject
         What it was recorded of, for :meth:`save`.
+    attached, held, obstacles
+        The bodies that moved with the tcp, the values (rad or m) of the joints outside the arm by name, and the names
+        of the obstacles it was made with.
     """
 
     status: CertificateStatus
@@ -209,11 +220,14 @@ class Certificate:
     curve: str
     setup: str
     notes: tuple[str, ...] = ()
-    tube: Tube | None = None
+    tube: MotionTube | None = None
     evidence: Array | None = None
     partings: tuple[Parting, ...] = ()
     backwards: bool = False
     subject: tuple[Curve, CollisionChecker] | None = field(default=None, repr=False)
+    attached: tuple[Obstacle, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    obstacles: tuple[str, ...] = ()
 
     @property
     def free(self) -> bool:
@@ -223,6 +237,23 @@ class Certificate:
     def matches(self, curve: Curve, arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> bool:
         """Whether this certificate was made for exactly this curve, arm, scene and attached objects."""
         return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached)
+
+    def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
+        """What it was made with, for the file of the motion that it is of, between two times (s) of it."""
+        return MotionRecord(
+            name,
+            start,
+            end,
+            self.status.name,
+            self.clearance if math.isfinite(self.clearance) else None,
+            self.margin,
+            self.pairs,
+            self.curve,
+            self.setup,
+            {body.name: body_digest(body) for body in self.attached},
+            self.held,
+            self.obstacles,
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the proof to a ``.json`` or ``.json.gz`` file, for ``pinproof.verifier`` to re-check anywhere.
@@ -270,35 +301,72 @@ def curve_hash(curve: Curve) -> str:
 
 
 def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
-    """A hash of an arm (kinematics, held joints, collision geometry), what it carries, and a scene; meshes by file."""
-    digest = _hash_of(arm).copy()
+    """A hash of an arm (kinematics, held joints, collision geometry), what it carries, and a scene.
+
+    Meshes are part of it by their names and by what their files contain now.
+    """
+    meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in arm.robot.urdf.collisions]
+    digest = _hash_of(arm, tuple(map(_content_hash, meshes))).copy()
     digest.update(repr(scene.allowed).encode())
     for obstacle in (*attached, None, *scene.obstacles):
         if obstacle is None:  # what is carried ends, what stands around begins
             digest.update(b"scene")
             continue
         digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
+        if isinstance(obstacle.shape, Mesh):
+            digest.update(_content_hash(obstacle.shape.path).encode())
     return digest.hexdigest()
 
 
+def checked_hash(checker: CollisionChecker) -> str:
+    """:func:`setup_hash` of what a checker checks.
+
+    Where a mesh file was changed after the checker had read it, this is the hash of no setup.
+    """
+    digest = setup_hash(checker.arm, checker.scene, checker.attached)
+    changed = changed_files(checker)
+    return hashlib.sha256(repr((digest, changed)).encode()).hexdigest() if changed else digest
+
+
+def changed_files(checker: CollisionChecker) -> tuple[FileStamp, ...]:
+    """The mesh files that a checker read, and that are no longer as they were then."""
+    read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
+    return tuple(file for file in read if FileStamp.of(file.path) != file)
+
+
 @lru_cache(maxsize=ARMS_KEPT)
-def _hash_of(arm: Arm) -> Any:
+def _hash_of(arm: Arm, meshes: tuple[str, ...]) -> Any:
     digest = hashlib.sha256(repr((arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)).encode())
-    for geometry in arm.robot.urdf.collisions:
+    for geometry, content in zip(arm.robot.urdf.collisions, meshes, strict=True):
         mesh = None if geometry.mesh is None else geometry.mesh.uri
-        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh)).encode())
+        digest.update(repr((geometry.name, geometry.link, geometry.kind, geometry.size, mesh, content)).encode())
         digest.update(np.ascontiguousarray(geometry.origin).tobytes())
     return digest
 
 
-def free_sentence(proven: float, seen: float, pairs: int) -> str:
-    """What FREE says: the clearance (m) proven and seen, over how many pairs."""
+def _content_hash(path: str | Path | None) -> str:
+    """A hash of what a file contains now; empty where there is none."""
+    stamp = None if path is None else FileStamp.of(path)
+    return "" if stamp is None else _hash_of_file(stamp)
+
+
+@lru_cache(maxsize=FILES_KEPT)
+def _hash_of_file(stamp: FileStamp) -> str:
+    return hashlib.sha256(stamp.path.read_bytes()).hexdigest()
+
+
+def free_sentence(proven: float, seen: float, pairs: int, excluded: int) -> str:
+    """What FREE says: the clearance (m) proven and seen, over how many pairs, and how many are not checked."""
     nearest = f", seen {seen * 1e3:.1f} mm" if math.isfinite(seen) else ""
-    return f"no contact anywhere: clearance proven {proven_millimetres(proven)}{nearest}, over {pairs} pairs"
+    over = f"clearance proven {proven_millimetres(proven)}{nearest}, over {pairs} pairs"
+    if not excluded:
+        return f"no contact anywhere: {over}"
+    left_out = "1 pair is excluded" if excluded == 1 else f"{excluded} pairs are excluded"
+    return f"no contact between the pairs checked: {over}; {left_out}"
 
 
 def proven_millimetres(clearance: float) -> str:
     """A lower bound in mm, rounded down: no message promises more than was proven."""
     if clearance == math.inf:
-        return "unbounded (nothing to touch)"
+        return "unbounded (no pair is checked)"
     return f"{math.floor(clearance * 1e4) / 10:.1f} mm"

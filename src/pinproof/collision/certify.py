@@ -20,17 +20,18 @@ from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
-    Tube,
+    MotionTube,
     UndecidedSpan,
+    checked_hash,
     curve_hash,
     free_sentence,
-    setup_hash,
 )
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.contact import Contact
 from pinproof.collision.notes import notes_of
 from pinproof.collision.parting import prove_parting
 from pinproof.collision.placed import NEAREST
+from pinproof.collision.recorded import changes_since
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.motion.curve import read_only
@@ -49,6 +50,11 @@ LOOK_AHEAD = 200
 TOLERANCE = 1e-4
 """Metres: a hundredth of what a careful cell leaves between bodies; an interval in which they move less is not cut."""
 
+TOLERANCES = (TOLERANCE, 1e-5, 1e-6)
+"""Metres: what is UNDECIDED at one of them is proven again at the next. A path that a planner proved with little to
+spare may need it once it is timed, since its pieces are cut elsewhere then. Only spans that stay open cost more, a few
+halvings each; below 1e-6 m the slack of coal's distances, 2e-6 m, decides anyway."""
+
 QUICK_INTERVALS = 2000
 """Intervals after which a quick proof is given up: a hundred times those of a short piece in the open."""
 
@@ -64,7 +70,7 @@ def certify(
     curve: Curve,
     checker: CollisionChecker,
     *,
-    tolerance: float = TOLERANCE,
+    tolerance: float | None = None,
     max_intervals: int = 200_000,
     joint_tolerance: npt.ArrayLike = 0.0,
     obstacle_tolerance: float = 0.0,
@@ -76,14 +82,15 @@ def certify(
     Parameters
     ----------
     curve
-        A :class:`~pinproof.JointPath`, :class:`~pinproof.CubicPath` or :class:`~pinproof.Trajectory`.
+        A :class:`~pinproof.JointPath`, :class:`~pinproof.motion.CubicPath` or :class:`~pinproof.Trajectory`.
     checker
         Says which bodies are checked, and the margins that must stay between them.
     tolerance
         Metres. An interval in which no body moves farther than this towards another is not cut any further; a curve
-        that grazes by less may be UNDECIDED.
+        that grazes by less may be UNDECIDED. By default 1e-4, and where that leaves the verdict UNDECIDED, 1e-5 and
+        1e-6; :attr:`Certificate.tolerance` is the one that the verdict was reached with.
     max_intervals
-        The number of intervals after which the answer is UNDECIDED.
+        The number of intervals after which the answer is UNDECIDED, for each tolerance.
     joint_tolerance
         rad or m, one number or (n,): prove it for every configuration that differs from one of the curve by no more
         than this in each joint, what a controller may deviate.
@@ -112,7 +119,7 @@ def certify(
     """
     if tuple(curve.joint_names) != checker.arm.joint_names:
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm {checker.arm.joint_names}")
-    if not tolerance > 0 or max_intervals < 1:
+    if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
     n = checker.arm.dof
     each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
@@ -122,22 +129,32 @@ def certify(
             f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; they are 0 or more"
         )
 
-    def prove(part: Curve, judge: CollisionChecker) -> Certificate:
-        return _Proof(part, judge, tolerance, max_intervals, joints, float(obstacle_tolerance), record).run()
-
-    if not parting:
-        return prove(curve, checker)
-    if joints.any() or record:
+    if parting and (joints.any() or record):
         raise InputError("parting goes with no joint_tolerance, and cannot be recorded: it is proven of the bare curve")
-    return prove_parting(
-        curve,
-        checker,
-        parting,
-        prove,
-        tolerance=tolerance,
-        max_intervals=max_intervals,
-        obstacle_tolerance=float(obstacle_tolerance),
-    )
+
+    def at(each: float) -> Certificate:
+        def prove(part: Curve, judge: CollisionChecker) -> Certificate:
+            return _Proof(part, judge, each, max_intervals, joints, float(obstacle_tolerance), record).run()
+
+        if not parting:
+            return prove(curve, checker)
+        return prove_parting(
+            curve,
+            checker,
+            parting,
+            prove,
+            tolerance=each,
+            max_intervals=max_intervals,
+            obstacle_tolerance=float(obstacle_tolerance),
+        )
+
+    first, *finer = TOLERANCES if tolerance is None else (tolerance,)
+    certificate = at(first)
+    for each in finer:
+        if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= max_intervals:
+            break
+        certificate = at(each)
+    return certificate
 
 
 def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
@@ -294,7 +311,7 @@ class _Proof:
     def _free(self) -> Certificate:
         count, seen = len(self._checker.pairs), float(self._state[self._kernel.OBSERVED])
         proven = float(self._state[self._kernel.PROVEN])
-        message = free_sentence(proven, seen, count)
+        message = free_sentence(proven, seen, count, len(self._checker.excluded))
         if self._tolerances:
             message += f", {self._tolerances}"
         return self._certificate(CertificateStatus.FREE, message, clearance=proven)
@@ -339,6 +356,9 @@ class _Proof:
     ) -> Certificate:
         checker, k, state = self._checker, self._kernel, self._state
         free = status is CertificateStatus.FREE
+        curve, setup = curve_hash(self._curve), checked_hash(checker)
+        records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
+        changes = (f"the file of the motion states: {each}" for each in changes_since(records, checker, curve, setup))
         return Certificate(
             status=status,
             margin=checker.margin,
@@ -351,10 +371,10 @@ class _Proof:
             intervals=int(state[k.INTERVALS]),
             excluded=tuple(checker.excluded),
             tolerance=float(self._settings[k.TOLERANCE]),
-            curve=curve_hash(self._curve),
-            setup=setup_hash(checker.arm, checker.scene, checker.attached),
-            notes=notes_of(checker),
-            tube=Tube(
+            curve=curve,
+            setup=setup,
+            notes=(*notes_of(checker), *changes),
+            tube=MotionTube(
                 read_only(self._joints),
                 self._obstacles,
                 max(float(state[k.JOINT_TUBE]), 0.0) if free else np.nan,
@@ -362,4 +382,7 @@ class _Proof:
             ),
             evidence=read_only(self._log[: int(state[k.LOGGED])].copy()) if self._record else None,
             subject=(self._curve, self._checker) if self._record else None,
+            attached=checker.attached,
+            held=dict(checker.arm.held),
+            obstacles=checker.scene.names,
         )

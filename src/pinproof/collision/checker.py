@@ -12,13 +12,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.assembly import Assembly, Known, assemble, leave_out
+from pinproof.collision.assembly import Assembly, Known, add_obstacle_bodies, assemble, keep_pairs, leave_out
+from pinproof.collision.bodies import Body
 from pinproof.collision.by_coal import Distance, geometry_model
 from pinproof.collision.contact import CheckResult, Contact
 from pinproof.collision.finer import Levels, finer_levels
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
 from pinproof.collision.margins import Margins, checked_margin
-from pinproof.collision.pairs import Pairs, unexplained_pairs
+from pinproof.collision.overlaps import Overlaps
+from pinproof.collision.pairs import HOUSING_SHARE, PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, NOT_FINITE, Placed
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.still import Still, judge_still
@@ -69,8 +71,12 @@ class CollisionChecker:
     allowed
         Pairs of names (links, attached objects, obstacles) that may touch.
     trust_disabled
-        Leave out every pair that the SRDF or the scene's matrix disables, not only those that touch by build: what is
-        marked ``Never`` or has no reason was sampled at best, so this gives up the proof for it.
+        Leave out every pair that the SRDF or the scene's matrix disables. Without it these pairs are checked, unless
+        they touch in nearly all sampled configurations or no joint of the arm moves them against each other.
+    housing
+        Metres. Links on both sides of links without geometry are left out if they touch in nearly all sampled
+        configurations and the revolute joints between them lie along no more than this, summed from joint to joint: a
+        spherical wrist. By default 5 % of the robot's size (its largest sum of lengths from the root to a link).
 
     Raises
     ------
@@ -93,13 +99,18 @@ class CollisionChecker:
         attached: Sequence[Obstacle] = (),
         allowed: Iterable[Sequence[str]] = (),
         trust_disabled: bool = False,
+        housing: float | None = None,
     ) -> None:
         urdf = arm.robot.urdf
-        self.arm, self._shape = arm, (arm.dof,)
+        self._arm, self._shape = arm, (arm.dof,)
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
         unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
-        self._levels: Levels = dict.fromkeys(unexplained, DECOMPOSED)
-        self._trust_disabled = trust_disabled
+        length = HOUSING_SHARE * arm.robot.size if housing is None else checked_margin("housing", housing)
+        self._rules = PairRules(Overlaps(arm.robot, self._link_bodies), length, trust_disabled)
+        self._levels: Levels = {
+            **dict.fromkeys(unexplained, DECOMPOSED),
+            **overlap_levels(self._link_bodies.of({}), arm, self._rules),
+        }
         self._margins, self._moved = Margins(margin, margins or {}), 0.0
         self._still: Still | None = None
         self._geometry_model: Any = None
@@ -203,7 +214,7 @@ class CollisionChecker:
         if arm is self.arm:
             return self
         other = copy(self)
-        other.arm = arm
+        other._arm = arm
         other._assemble(self.scene, self.attached, self._allowed)
         return other
 
@@ -219,6 +230,29 @@ class CollisionChecker:
             return self._derived(self.scene, self.attached, (*self._allowed, *more))
         other = copy(self)
         other._take(made, self.scene, self.attached, (*self._allowed, *more))
+        return other
+
+    def without_pairs(self, pairs: Iterable[int]) -> CollisionChecker:
+        """The same, but the pairs of bodies with these indices in :attr:`pairs` are not checked.
+
+        Pairs of bodies, where :meth:`allowing` leaves out all pairs of two owners. It is meant for proofs that show the
+        omitted pairs apart by other means: :attr:`excluded` does not list them, and checkers derived from this one by a
+        new scene, attached object or allowed contact check them again.
+        """
+        dropped = set(pairs)
+        kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
+        other = copy(self)
+        other._take(keep_pairs(self._assembly, kept), self.scene, self.attached, self._allowed)
+        return other
+
+    def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
+        """The same with more bodies of obstacles of the scene, and more pairs of indices of bodies checked.
+
+        The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
+        """
+        other = copy(self)
+        made = add_obstacle_bodies(self.arm, self._assembly, bodies, list(pairs))
+        other._take(made, self.scene, self.attached, self._allowed)
         return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
@@ -258,6 +292,26 @@ class CollisionChecker:
     # -- what is known of it ------------------------------------------------------------------------------------------
 
     @property
+    def arm(self) -> Arm:
+        """The arm; :meth:`with_held` makes a checker in which its other joints are held elsewhere."""
+        return self._arm
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that is checked; :meth:`with_scene` makes a checker of another one."""
+        return self._scene
+
+    @property
+    def attached(self) -> tuple[Obstacle, ...]:
+        """The objects that move with the tcp; :meth:`with_attached` makes a checker with more of them."""
+        return self._attached
+
+    @property
+    def margin(self) -> float:
+        """The common margin (m); :meth:`with_margin` makes a checker with another one."""
+        return self._margins.common
+
+    @property
     def obstacles_and_links(self) -> tuple[str, ...]:
         """The owners of all bodies: links with geometry, attached objects, obstacles."""
         return tuple(dict.fromkeys(body.owner for body in self.bodies))
@@ -289,7 +343,7 @@ class CollisionChecker:
         """A hash of all that a verdict depends on: kinematics, held joints, geometry, placements, pairs, margins."""
         digest = hashlib.sha256()
         words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
-        digest.update(repr((words, self._trust_disabled, self._link_bodies, self.excluded, self.finer)).encode())
+        digest.update(repr((words, self._rules[1:], self._link_bodies, self.excluded, self.finer)).encode())
         digest.update(self.margins.tobytes() + repr(self.margin).encode())
         for body in self.bodies:
             digest.update(body.content())
@@ -321,23 +375,24 @@ class CollisionChecker:
     def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
         """Everything that follows from the links, the scene, what is attached, what is allowed, and the margins."""
         made = assemble(
-            self.arm, self._link_bodies.of(self._levels), scene, attached,
-            levels=self._levels, allowed=allowed, trust_disabled=self._trust_disabled, known=self._known,
+            self.arm, self._link_bodies.of(self._levels), scene, attached, self._rules,
+            levels=self._levels, allowed=allowed, known=self._known,
         )  # fmt: skip
         self._take(made, scene, attached, allowed)
 
     def _take(
         self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
     ) -> None:
-        self.scene, self.attached, self._allowed = scene, attached, allowed
-        self.bodies, (self.pairs, self.excluded, self.finer), self.rounding = made.bodies, made.pairs, made.rounding
+        self._scene, self._attached, self._allowed = scene, attached, allowed
+        self.bodies, self.pairs, self.rounding = made.bodies, tuple(made.pairs.checked), made.rounding
+        self.excluded, self.finer = tuple(made.pairs.excluded), tuple(made.pairs.finer)
         self._world, self.at, self.still_pairs, self.convex = made.world, made.at, made.still, made.convex
         self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
 
     @property
     def _assembly(self) -> Assembly:
-        pairs = Pairs(self.pairs, self.excluded, self.finer)
+        pairs = Pairs(list(self.pairs), list(self.excluded), list(self.finer))
         return Assembly(
             self.bodies, pairs, self.rounding, self._world, self.at, self.still_pairs, self.convex, self._known
         )
@@ -347,11 +402,12 @@ class CollisionChecker:
         from pinproof.collision.packed import with_margins
         from pinproof.kernels.world import flatten
 
-        self._margins, self.margin = margins, margins.common
+        self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
         self.margins = margins.of(owners, len(self.pairs), self.obstacles_and_links)
         if self._moved:
             self.margins += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
+        self.margins.setflags(write=False)
         self._margined = with_margins(self._world, self.margins)
         self.numbers, self.indices = flatten(self._margined)
         self._still = None

@@ -11,7 +11,7 @@ from typing import Literal, get_args
 import numpy as np
 import pinocchio as pin
 
-from pinproof.collision.bodies import MESHES_KEPT, Body, hull_body, shape_body
+from pinproof.collision.bodies import MESHES_KEPT, Body, FileStamp, hull_body, shape_body
 from pinproof.collision.decomposition import clusters
 from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Sphere
 from pinproof.collision.solid import Solid
@@ -78,7 +78,7 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
         return [shape_body(geometry.name, geometry.link, geometry.link, KINDS[geometry.kind](*geometry.size), at)]
     if geometry.mesh is None:
         raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} has no file")
-    shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size)  # type: ignore[arg-type]  # three factors
+    shape = Mesh(resolved(geometry.mesh, geometry.link), geometry.size, hull=True)  # type: ignore[arg-type]  # three
     if how == "hull":
         return [shape_body(geometry.name, geometry.link, geometry.link, shape, at)]
     file = _file(shape)
@@ -91,8 +91,16 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
         return [replace(body, remark=f"{shape.path.name} is not watertight: its hull is taken")]  # type: ignore[union-attr]
     if how == "mesh":
         return [shape_body(geometry.name, geometry.link, geometry.link, replace(shape, hull=False), at)]
+    read = FileStamp.of(shape.path)  # type: ignore[arg-type]  # meshes of links have one
     return [
-        replace(part, name=f"{geometry.name}_part_{i}", owner=geometry.link, link=geometry.link, link_from_body=at)
+        replace(
+            part,
+            name=f"{geometry.name}_part_{i}",
+            owner=geometry.link,
+            link=geometry.link,
+            link_from_body=at,
+            file=read,
+        )
         for i, part in enumerate(_parts(*file))
     ]
 
@@ -134,6 +142,24 @@ class LinkBodies:
             if (geometry.link, level) in wanted
             for body in self._more_finely(geometry, level)
         )
+
+    def on_level(self, link: str, level: int) -> tuple[Body, ...]:
+        """The bodies that judge a link on a level: as told where there are no closer ones."""
+        bodies: list[Body] = []
+        for geometry in self._geometries:
+            if geometry.link == link:
+                told = [body for body in self._told if body.source == geometry.name]
+                bodies += (level and self._more_finely(geometry, level)) or told
+        return tuple(bodies)
+
+    def meshes_of(self, link: str) -> LinkMeshes:
+        """How the meshes of a link are collided with."""
+        return self._meshes[link]
+
+    @property
+    def solid_links(self) -> frozenset[str]:
+        """The links that have collision geometry."""
+        return frozenset(geometry.link for geometry in self._geometries)
 
     def can_be_finer(self, owner: str) -> bool:
         """Whether it is a link with a mesh that is not met as its triangles already."""

@@ -4,7 +4,7 @@ What a message may hold is written by MoveIt as mappings (``position: {x: 0, y: 
 scenes of MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. So that nothing is dropped silently:
 
 - an object of several shapes becomes the obstacles NAME/1, NAME/2, ...; a plane becomes the half-space behind it;
-- a mesh is solid where it is watertight, else its hull is taken, and a note of the scene says so;
+- a watertight mesh is solid in its own shape; another one becomes its convex hull, and a note of the scene says so;
 - contacts that the matrix allows between a link and an object are allowed; pairs of links stand in
   :attr:`Scene.disabled <pinproof.Scene.disabled>`;
 - the frame of the objects must be the robot's root: given empty, as ``world``, as one of the file's own fixed frames,
@@ -30,7 +30,7 @@ from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shape_file import numbers_of
 from pinproof.collision.shapes import Box, Cone, Cylinder, HalfSpace, Mesh, Shape, Sphere
 from pinproof.collision.solid import Solid
-from pinproof.description.lined_yaml import LinedMapping, listed, refuse_unknown
+from pinproof.common.yaml_file import LinedMapping, listed, refuse_unknown
 from pinproof.description.packages import locate
 from pinproof.errors import InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
@@ -200,13 +200,13 @@ def _mesh(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) ->
             places = "\n  ".join(str(place) for place in found.looked_in)
             raise InputError(f"the mesh {found.uri} was not found; it was looked for in\n  {places}")
         scale = numbers_of("dimensions", stated.get("dimensions", [1.0, 1.0, 1.0]))
-        mesh = Mesh(found.path, tuple(scale) if isinstance(scale, list) else scale, hull=False)
+        mesh = Mesh(found.path, tuple(scale) if isinstance(scale, list) else scale)
     else:
         vertices = [_three(part) for part in stated.get("vertices") or []]
         triangles = [
             part["vertex_indices"] if isinstance(part, dict) else part for part in stated.get("triangles") or []
         ]
-        mesh = Mesh.from_arrays(vertices, triangles, hull=False)
+        mesh = Mesh.from_arrays(vertices, triangles)
     read = triangles_of(mesh)
     if Solid(read.vertices, read.triangles).watertight:
         return mesh

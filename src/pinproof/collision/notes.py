@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from pinproof.collision.certificate import changed_files
+
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
 
@@ -34,6 +36,8 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
         said.append("the robot has no collision geometry: its links touch nothing")
     elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
         said.append(f"{_some(drawn)}: drawn, but without collision geometry, so touching nothing")
+    if changed := [file.path.name for file in changed_files(checker)]:
+        said.append(f"{_some(changed)}: changed after the checker had read it; make a new checker")
     if arm.held:
         said.append(f"joints outside the arm stand still: {_some([f'{n} = {v:g}' for n, v in arm.held.items()])}")
     return tuple(dict.fromkeys(said))

@@ -24,10 +24,10 @@ from pinproof.collision.certificate import Certificate
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.evidence import settle
 from pinproof.collision.shapes import Mesh
-from pinproof.description.whole_file import write_bytes_whole
+from pinproof.common.files import write_bytes_whole
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
-from pinproof.model.packed import joint_axis
+from pinproof.model.arm import joint_axis
 from pinproof.motion import Curve
 from pinproof.verifier import FORMAT, VERSION, Proof, Refused, body_digest, verify
 

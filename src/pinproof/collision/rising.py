@@ -39,7 +39,7 @@ from pinproof.collision.bodies import Body
 from pinproof.collision.checker import CollisionChecker
 from pinproof.motion import bezier
 
-__all__ = ["Rise", "Rising"]
+__all__ = ["Hull", "Mover", "Rise", "Rising"]
 
 Array = npt.NDArray[np.float64]
 
@@ -61,50 +61,62 @@ class Rise(NamedTuple):
     """How many were looked at."""
 
 
-class Rising:
-    """The motion of a body of the robot, seen from an obstacle.
+class Mover:
+    """A body of the robot on its way: where it is at a configuration, and how far it reaches in a direction.
 
     Parameters
     ----------
     checker
         The checker.
-    pair
-        The index of the pair: a body of the robot first, an obstacle second.
-    q
-        (n,) where the two may touch.
-
-    Attributes
-    ----------
-    normal
-        (3,) the direction in the root frame: of those tried, the one along which the two are farthest apart at q.
+    body
+        The index of a body that moves with a link.
     """
 
-    def __init__(self, checker: CollisionChecker, pair: int, q: Array) -> None:
+    def __init__(self, checker: CollisionChecker, body: int) -> None:
         from pinproof.kernels.approach import way
         from pinproof.kernels.placing import place
         from pinproof.kernels.world import BALL, JOINT, world_of
 
         self._place = place
-        self._world = world_of(checker.numbers, checker.indices)
-        self._rounding = checker.rounding
-        self._at, self._axes = checker.at.copy(), np.empty((len(self._world.joints), 12))
-        self._a, self._b = checker.pairs[pair]
-        self._body, self._obstacle = checker.bodies[self._a], checker.bodies[self._b]
-        path = np.empty(len(self._world.joints), dtype=np.int64)
-        joint = int(self._world.bodies[self._a, JOINT])
-        self._chain = path[: way(self._world.joints, joint, -1, path)[0]][::-1]  # from the root outwards
-        self._ball = float(self._world.bodies[self._a, BALL])
-        self._move(q)
-        tried = self._directions(-checker.placed(q).measure(pair).normal)
-        ends = _reach(self._obstacle, self._at[self._b], tried)  # the obstacle never moves
-        gaps = -_reach(self._body, self._at[self._a], -tried) - ends
-        chosen = int(np.flatnonzero(gaps >= gaps.max() - self._rounding)[0])
-        self.normal, self._end = tried[chosen], float(ends[chosen])
+        self.world = world_of(checker.numbers, checker.indices)
+        self.rounding = checker.rounding
+        self._every, self.axes = checker.at.copy(), np.empty((len(self.world.joints), 12))
+        self.at = self._every[body]
+        self.shape = Hull.of(checker.bodies[body])
+        path = np.empty(len(self.world.joints), dtype=np.int64)
+        joint = int(self.world.bodies[body, JOINT])
+        self.chain = path[: way(self.world.joints, joint, -1, path)[0]][::-1]  # from the root outwards
+        self.ball = float(self.world.bodies[body, BALL])
+
+    def move(self, q: Array) -> None:
+        """Place it at q (n,)."""
+        self._place(self.world, np.ascontiguousarray(q), self.axes, self._every)
+
+    def reach(self, directions: Array) -> Array:
+        """(d,) the largest ``direction . y`` over its points y, for any directions (d, 3) in the root frame."""
+        return self.shape.reach(self.at, directions)
+
+
+class Rising:
+    """The motion of a body of the robot along one direction, away from something that does not move.
+
+    Parameters
+    ----------
+    mover
+        The body.
+    normal
+        (3,) the direction, of length 1, in the root frame.
+    level
+        How far (m) what it leaves reaches along the direction.
+    """
+
+    def __init__(self, mover: Mover, normal: Array, level: float) -> None:
+        self._mover, self.normal, self.level = mover, normal, level
 
     def gap(self, q: Array) -> float:
         """The gap (m) along :attr:`normal` at q (n,): a lower bound of the distance, below 0 where they overlap."""
-        self._move(q)
-        return -float(_reach(self._body, self._at[self._a], -self.normal[None])[0]) - self._end
+        self._mover.move(q)
+        return -float(self._mover.reach(-self.normal[None])[0]) - self.level
 
     def follow(self, knots: Array, control: Array, enough: float, tolerance: float, most: int) -> Rise:
         """Go along a curve for as long as the body is proven not to approach.
@@ -129,7 +141,7 @@ class Rising:
                 start, stop, part = stack.pop()
                 count += 1
                 falls, motion = self._falls(part)
-                if lost + falls <= self._rounding:
+                if lost + falls <= self._mover.rounding:
                     lost, end = lost + falls, stop
                     if until == np.inf and self.gap(part[-1]) > enough:
                         until = self._crossing(start, stop, part, enough)
@@ -154,49 +166,51 @@ class Rising:
         """By how much (m) the gap may fall over a piece (degree + 1, n), at most; and how far the body may move."""
         from pinproof.kernels.world import LEADER, MIDDLE, MULTIPLIER, SLIDES
 
-        middle = bezier.split(part)[0][-1]
-        self._move(middle)
-        joints, axes = self._world.joints[self._chain], self._axes[self._chain]
+        mover, middle = self._mover, bezier.split(part)[0][-1]
+        mover.move(middle)
+        joints, axes = mover.world.joints[mover.chain], mover.axes[mover.chain]
         leader, share, slides = joints[:, LEADER].astype(int), joints[:, MULTIPLIER], joints[:, SLIDES] != 0.0
         rates = share * np.diff(part, axis=0)[:, leader]  # (degree, k)
         delta = np.abs(share * np.abs(part - middle).max(axis=0)[leader])
         directions, points = axes[:, [2, 5, 8]], axes[:, 9:12]
-        arms = _cross(directions, self._at[self._a, MIDDLE : MIDDLE + 3] - points)
-        rho = np.where(slides, 1.0, np.sqrt((arms * arms).sum(axis=1)) + self._ball)
+        arms = _cross(directions, mover.at[MIDDLE : MIDDLE + 3] - points)
+        rho = np.where(slides, 1.0, np.sqrt((arms * arms).sum(axis=1)) + mover.ball)
         turns = np.where(slides, 0.0, 2.0 * np.sin(0.5 * np.minimum(delta, np.pi)))
         shifts = np.where(slides, delta, rho * turns)
         inner, outer = np.cumsum(turns), shifts.sum() - np.cumsum(shifts)
         spread = rho * inner + np.where(slides, 0.0, outer)
         turned = np.where(slides[:, None], 0.0, _cross(self.normal[None], directions))  # f_i = turned_i . (y - p_i)
         along = np.where(slides, directions @ self.normal, -(turned * points).sum(axis=1))
-        slowest = rates @ along - _reach(self._body, self._at[self._a], -(rates @ turned))
+        slowest = rates @ along - mover.reach(-(rates @ turned))
         falls = np.maximum(np.abs(rates) @ spread - slowest, 0.0).sum()
         return float(falls), float(shifts.sum())
 
-    def _directions(self, measured: Array) -> Array:
-        """(d, 3) ways it may leave, of length 1: the root's z, the obstacle's axes, that of the nearest points."""
-        if isinstance(self._obstacle.geometry, coal.Halfspace):
-            return np.array([self._at[self._b, [2, 5, 8]]])
-        own = self._at[self._b, :9].reshape(3, 3).T
-        found = [np.array([0.0, 0.0, 1.0]), *own, *-own]
-        return np.array([*found, measured] if np.isfinite(measured).all() and measured.any() else found)
 
-    def _move(self, q: Array) -> None:
-        self._place(self._world, np.ascontiguousarray(q), self._axes, self._at)
+class Hull(NamedTuple):
+    """The convex hull of a body, by how far it reaches; a half-space only along its own normal."""
+
+    points: Array | None
+    """(V, 3) the corners of an exact mesh; None for a body with a support function."""
+    body: Body
+
+    @classmethod
+    def of(cls, body: Body) -> Hull:
+        """That of a body of any kind."""
+        exact = body.support is None and not isinstance(body.geometry, coal.Halfspace)
+        return cls(np.array(body.geometry.vertices()) if exact else None, body)
+
+    def reach(self, at: Array, directions: Array) -> Array:
+        """(d,) the largest ``direction . x`` over the body placed at ``at`` (12 or more), for directions (d, 3)."""
+        origin = directions @ at[9:12]
+        if isinstance(self.body.geometry, coal.Halfspace):
+            return np.asarray(origin)
+        local = directions @ at[:9].reshape(3, 3)
+        if self.points is None and self.body.support is not None:
+            return np.asarray(origin + self.body.support.reach(local))
+        return np.asarray(origin + (local @ np.asarray(self.points).T).max(axis=1))
 
 
 def _cross(a: Array, b: Array) -> Array:
     """(k, 3) the products of rows, for few rows: numpy's own takes ten times as long over them."""
     x, y, z = b.T
     return np.stack([a[:, 1] * z - a[:, 2] * y, a[:, 2] * x - a[:, 0] * z, a[:, 0] * y - a[:, 1] * x], axis=1)
-
-
-def _reach(body: Body, at: Array, directions: Array) -> Array:
-    """(d,) the largest ``direction . x`` over a body that stands at ``at`` (12 or more), for any directions (d, 3)."""
-    origin = directions @ at[9:12]
-    if isinstance(body.geometry, coal.Halfspace):  # only ever asked along its own normal
-        return np.asarray(origin)
-    local = directions @ at[:9].reshape(3, 3)
-    if body.support is not None:
-        return np.asarray(origin + body.support.reach(local))
-    return np.asarray(origin + (local @ np.array(body.geometry.vertices()).T).max(axis=1))

@@ -14,7 +14,7 @@ import pinocchio as pin
 from pinproof.collision.shapes import Shape
 from pinproof.collision.sizes import LARGEST_SIZE
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.spatial import matrix, rigid
+from pinproof.spatial import frozen, matrix, rigid
 
 __all__ = ["ANYTHING", "Obstacle", "Scene"]
 
@@ -33,7 +33,8 @@ class Obstacle:
     shape
         What it is.
     pose
-        ``root_from_obstacle``: where its origin lies in the frame of the robot's root link. SE3 or (4, 4).
+        ``root_from_obstacle``: where its origin lies in the frame of the robot's root link. SE3 or (4, 4). Copied, and
+        read-only afterwards: :meth:`Scene.move` makes a scene in which the obstacle has another pose.
     rgba
         How it is drawn, 0 to 1.
     """
@@ -53,7 +54,7 @@ class Obstacle:
         if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
             where = placement.translation.tolist()
             raise InputError(f"obstacle {self.name!r} stands at {where}; places are within {LARGEST_SIZE:g} m")
-        object.__setattr__(self, "pose", placement)
+        object.__setattr__(self, "pose", frozen(placement))
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@
       - {name: ball, sphere: {radius: 0.1}}
       - {name: bolt, cylinder: {radius: 0.008, length: 0.04}}
       - {name: pipe, capsule: {radius: 0.02, length: 0.3}}
-      - {name: part, mesh: {path: part.stl, scale: 0.001, hull: true}}     # relative to the scene file
+      - {name: part, mesh: {path: part.stl, scale: 0.001}}                 # relative to the scene file
       - {name: floor, half_space: {}, xyz: [0, 0, -0.1]}                   # solid below its z = 0
     allowed_contacts:
       - [base_link, table]                 # a robot link and an obstacle that are meant to touch
@@ -39,13 +39,12 @@ import yaml
 from pinproof.collision.moveit_scene import is_moveit, moveit_scene
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shape_file import SHAPE_KEYS, numbers_of, pose_of, read_shape, stated_shape
-from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
-from pinproof.description.units import MOST_REACH
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
+from pinproof.common.yaml_file import MOST_REACH, YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import Array, finite
 
-__all__ = ["OBSTACLE_KEYS", "read_obstacle", "read_scene", "write_scene"]
+__all__ = ["OBSTACLE_KEYS", "pairs_of", "read_obstacle", "read_scene", "stated_obstacle", "stated_pose", "write_scene"]
 
 SCENE_KEYS = ("obstacles", "allowed_contacts", "disabled_pairs", "frame")
 OBSTACLE_KEYS = ("name", *SHAPE_KEYS, "xyz", "rpy", "quat_xyzw", "rgba")
@@ -79,7 +78,9 @@ def write_scene(scene: Scene, path: str | Path) -> None:
     path = Path(path)
     if path.suffix.lower() not in YAML_SUFFIXES:
         raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
-    content: dict[str, Any] = {"obstacles": [_stated(obstacle, path.resolve().parent) for obstacle in scene.obstacles]}
+    content: dict[str, Any] = {
+        "obstacles": [stated_obstacle(obstacle, path.resolve().parent) for obstacle in scene.obstacles]
+    }
     if scene.frame:
         content["frame"] = scene.frame
     if scene.allowed:
@@ -104,8 +105,8 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
         if any(obstacle.name == other.name for other in obstacles):
             raise SceneError(path, f"a second obstacle is named {obstacle.name!r}", f"line {stated.line}")
         obstacles.append(obstacle)
-    allowed = _pairs(path, content, "allowed_contacts", "[robot link, obstacle]")
-    disabled = _pairs(path, content, "disabled_pairs", "of robot links")
+    allowed = pairs_of(path, content, "allowed_contacts", "[robot link, obstacle]")
+    disabled = pairs_of(path, content, "disabled_pairs", "of robot links")
     frame = content.get("frame", "")
     if not isinstance(frame, str):
         raise SceneError(path, f"holds {frame!r}, not the name of a link", "key frame")
@@ -121,7 +122,8 @@ def _far(obstacles: list[Obstacle]) -> list[str]:
     return [f"obstacle {name!r} stands {off:g} m off; lengths are metres" for name, off in far if off > MOST_REACH]
 
 
-def _pairs(path: Path, content: LinedMapping, key: str, what: str) -> list[tuple[str, str]]:
+def pairs_of(path: Path, content: LinedMapping, key: str, what: str) -> list[tuple[str, str]]:
+    """The pairs of names that are listed under a key; SceneError for anything else."""
     pairs = listed(SceneError, path, key, content.get(key, []))
     for pair in pairs:
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
@@ -162,14 +164,19 @@ def _rgba(stated: object) -> tuple[float, float, float, float]:
     return r, g, b, a
 
 
-def _stated(obstacle: Obstacle, folder: Path) -> dict[str, Any]:
+def stated_obstacle(obstacle: Obstacle, folder: Path) -> dict[str, Any]:
     """An obstacle as a file states it."""
     kind, shape = stated_shape(obstacle.shape, folder)
-    stated: dict[str, Any] = {"name": obstacle.name, kind: shape}
-    stated["xyz"] = obstacle.pose.translation.tolist()
-    rotation: Array = obstacle.pose.rotation
-    if not np.array_equal(rotation, np.eye(3)):
-        stated["quat_xyzw"] = pin.Quaternion(rotation).coeffs().tolist()
+    stated: dict[str, Any] = {"name": obstacle.name, kind: shape, **stated_pose(obstacle.pose)}
     if obstacle.rgba is not None:
         stated["rgba"] = [float(value) for value in obstacle.rgba]
+    return stated
+
+
+def stated_pose(placement: pin.SE3) -> dict[str, Any]:
+    """The keys and values by which a file states a pose."""
+    stated = {"xyz": placement.translation.tolist()}
+    rotation: Array = placement.rotation
+    if not np.array_equal(rotation, np.eye(3)):
+        stated["quat_xyzw"] = pin.Quaternion(rotation).coeffs().tolist()
     return stated

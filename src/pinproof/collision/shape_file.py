@@ -10,7 +10,8 @@
     ellipsoid: {rx: 0.1, ry: 0.1, rz: 0.2}       # semi-axes
     half_space: {}                               # solid below z = 0
     convex_hull: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}
-    mesh: {path: part.stl, scale: 0.001, hull: false, hollow: false}     # the path from the file's folder
+    mesh: {path: part.stl, scale: 0.001}                                 # the path from the file's folder
+    mesh: {path: part.stl, hull: true}           # its convex hull; false: its triangles, also hollow: true
     mesh: {vertices: [[0, 0, 0], ...], triangles: [[0, 1, 2], ...], hull: true}
     point_cloud: {points: [[0, 0, 0], ...], resolution: 0.01}
     height_map: {heights: [[0, 0.1], [0, 0]], x: 2, y: 2, bottom: -0.1}
@@ -41,10 +42,9 @@ from pinproof.collision.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.description.dh_files import parse_number
-from pinproof.description.input_file import is_file
-from pinproof.description.lined_yaml import refuse_unknown
-from pinproof.description.units import refuse_degrees
+from pinproof.common.files import is_file
+from pinproof.common.yaml_file import refuse_degrees, refuse_unknown
+from pinproof.description.dh import parse_number
 from pinproof.errors import InputError, SceneError
 from pinproof.spatial import SE3, finite, pose
 
@@ -102,7 +102,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
     if isinstance(shape, Box):
         return "box", [shape.x, shape.y, shape.z]
     if isinstance(shape, Mesh):
-        how = {"hull": shape.hull, "hollow": shape.hollow}
+        how = {"hollow": shape.hollow} if shape.hull is None else {"hull": shape.hull, "hollow": shape.hollow}
         if shape.path is None:
             return "mesh", {"vertices": _listed(shape.vertices), "triangles": _listed(shape.triangles), **how}
         file = Path(shape.path).resolve()
@@ -113,7 +113,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
 
 
 def numbers_of(key: str, stated: object) -> Any:
-    """One number, or a list of them in any depth, each as :func:`~pinproof.description.dh_files.parse_number` reads it.
+    """One number, or a list of them in any depth, each as :func:`~pinproof.description.dh.parse_number` reads it.
 
     Raises
     ------
@@ -143,9 +143,8 @@ def pose_of(stated: Mapping[str, Any]) -> SE3:
 
 
 def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
-    hull, hollow = (
-        _truth(f"mesh.{key}", stated.get(key, default)) for key, default in (("hull", True), ("hollow", False))
-    )
+    hull = _truth("mesh.hull", stated["hull"]) if "hull" in stated else None
+    hollow = _truth("mesh.hollow", stated.get("hollow", False))
     if "path" not in stated and "vertices" in stated:
         if "scale" in stated:
             raise InputError("mesh.scale: a mesh whose vertices stand in the file has none")

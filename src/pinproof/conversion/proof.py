@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.dh_table import DhTable
+from pinproof.description.dh import DhTable
 from pinproof.errors import ConversionError, PinproofError
 from pinproof.model import Arm, load_robot_from_text
 

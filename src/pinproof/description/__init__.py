@@ -1,11 +1,10 @@
 """Robots on paper: DH tables, URDF, SRDF, the catalogue. Words and files, no kinematics."""
 
 from pinproof.description.catalogue import CatalogueEntry, catalogue_names, find_robot, robots_folder
-from pinproof.description.dh_table import DhRow, DhTable
-from pinproof.description.geometry import LinkGeometry
+from pinproof.description.dh import DhRow, DhTable
 from pinproof.description.sources import read_description
 from pinproof.description.srdf import Srdf, read_srdf
-from pinproof.description.urdf import Urdf, UrdfJoint, read_urdf, read_urdf_text
+from pinproof.description.urdf import LinkGeometry, Urdf, UrdfJoint, read_urdf, read_urdf_text
 
 __all__ = [
     "CatalogueEntry",

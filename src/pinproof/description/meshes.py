@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.input_file import read_bytes
+from pinproof.common.files import read_bytes
 from pinproof.description.packages import MeshFile
 from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError

@@ -1,4 +1,8 @@
-"""MJCF, as far as it describes a robot that stands somewhere: a tree of bodies with hinges and slides.
+"""What an MJCF element says once the file's compiler settings and default classes are counted in.
+
+The geoms of an MJCF body as the ``<collision>`` and ``<visual>`` elements of a URDF link.
+
+MJCF, as far as it describes a robot that stands somewhere: a tree of bodies with hinges and slides.
 
 The tree is rewritten as a URDF and then passes every check of one. What would be lost on the way (ball and free joints,
 closed loops, planes and height fields, attached files) is refused by its line. Left aside is what moves nothing:
@@ -17,17 +21,232 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.mjcf_defaults import Words
-from pinproof.description.mjcf_geoms import add_geom
 from pinproof.description.srdf import DisabledPair, GroupState, Srdf
 from pinproof.description.urdf import Urdf, urdf_of
 from pinproof.description.xml_reader import Element, numbers, place, required
-from pinproof.errors import UrdfError
+from pinproof.errors import UnknownNameError, UrdfError
 from pinproof.spatial import xyz_rpy
 
-__all__ = ["mjcf_of"]
+__all__ = ["Words", "add_geom", "mjcf_of"]
 
 Array = npt.NDArray[np.float64]
+Attributes = dict[str, dict[str, str]]
+
+LARGEST = 1e100
+"""Of any number: the squares of larger ones overflow."""
+
+ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
+
+
+@dataclass(frozen=True)
+class Words:
+    """The compiler settings and default classes of one MJCF file.
+
+    ``classes`` maps class to tag to attributes, with those of its parents; ``degrees`` says that angles are written in
+    degrees; ``auto_limits`` that a joint with a range is limited.
+    """
+
+    path: Path
+    classes: Mapping[str, Attributes]
+    degrees: bool
+    euler: str
+    auto_limits: bool
+    mesh_folder: Path
+
+    @classmethod
+    def of(cls, root: Element, path: Path) -> Words:
+        """Read them from the ``<mujoco>`` element."""
+        settings: dict[str, str] = {}
+        for compiler in root.findall("compiler"):
+            settings.update(compiler.attrib)
+        if settings.get("coordinate", "local") != "local":
+            raise UrdfError(path, "uses global coordinates, which MuJoCo itself has given up")
+        if settings.get("angle", "degree") not in ("degree", "radian"):
+            raise UrdfError(path, f"measures angles in {settings['angle']!r}; valid: degree, radian")
+        euler = settings.get("eulerseq", "xyz")
+        if len(euler) != 3 or not set(euler.lower()) <= set("xyz") or not (euler.islower() or euler.isupper()):
+            raise UrdfError(path, f"has the eulerseq {euler!r}, which is none of the kind 'xyz' or 'XYZ' that is read")
+        classes: dict[str, Attributes] = {"main": {}}
+        for default in root.findall("default"):
+            _read_class(default, "main", {}, classes, path)
+        folder = settings.get("meshdir", settings.get("assetdir", ""))
+        limits = settings.get("autolimits", "true") == "true"
+        return cls(
+            path, classes, settings.get("angle", "degree") == "degree", euler, limits, path.resolve().parent / folder
+        )
+
+    def attributes(self, element: Element, inherited: str | None) -> dict[str, str]:
+        """An element's own attributes over those of its class, or of the class its body hands down."""
+        name = element.get("class", inherited or "main")
+        if name not in self.classes:
+            raise UrdfError(self.path, str(UnknownNameError("default class", name, self.classes)), place(element))
+        return {**self.classes[name].get(str(element.tag), {}), **element.attrib}
+
+    def angle(self, value: float) -> float:
+        """Radians."""
+        return float(np.deg2rad(value)) if self.degrees else value
+
+    def numbers(self, element: Element, words: Mapping[str, str], name: str, count: int, default: str = "") -> Array:
+        """``count`` numbers of an attribute that may come from a class; errors name the element's line."""
+        stand_in = element.makeelement(element.tag, {name: words.get(name, default)})
+        stand_in.sourceline = element.sourceline
+        values = np.array(numbers(stand_in, name, count, self.path))
+        if np.abs(values).max(initial=0.0) > LARGEST:
+            raise UrdfError(self.path, f"<{element.tag} {name}> is beyond {LARGEST:g}", place(element))
+        return values
+
+    def pose(self, element: Element, words: Mapping[str, str]) -> Array:
+        """(4, 4) of ``pos`` (metres) and of whichever orientation is given."""
+        from scipy.spatial.transform import Rotation
+
+        out = np.eye(4)
+        out[:3, 3] = self.numbers(element, words, "pos", 3, "0 0 0")
+        given = [name for name in ORIENTATIONS if name in words]
+        if len(given) > 1:
+            raise UrdfError(self.path, f"<{element.tag}> has several orientations: {', '.join(given)}", place(element))
+        if not given:
+            return out
+        count = {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(given[0], 3)
+        values = self.numbers(element, words, given[0], count)
+        if given[0] == "euler":
+            # Lower case turns about the moving axes: the case that SciPy writes in capitals.
+            angles = np.deg2rad(values) if self.degrees else values
+            out[:3, :3] = Rotation.from_euler(self.euler.swapcase(), angles).as_matrix()
+            return out
+        if (np.linalg.norm(values[:3]) < 1e-9 and given[0] != "quat") or np.linalg.norm(values) < 1e-9:
+            raise UrdfError(
+                self.path, f"<{element.tag}> has the {given[0]} {list(values)}: no rotation", place(element)
+            )
+        if given[0] == "quat":
+            out[:3, :3] = Rotation.from_quat([*values[1:], values[0]]).as_matrix()
+        elif given[0] == "axisangle":
+            axis = values[:3] / np.linalg.norm(values[:3])
+            out[:3, :3] = Rotation.from_rotvec(axis * self.angle(values[3])).as_matrix()
+        elif given[0] == "zaxis":
+            out[:3, :3] = z_to(values)
+        else:
+            x = values[:3] / np.linalg.norm(values[:3])
+            y = values[3:] - (values[3:] @ x) * x
+            if np.linalg.norm(y) < 1e-9:
+                raise UrdfError(self.path, f"<{element.tag}> has parallel xyaxes", place(element))
+            y /= np.linalg.norm(y)
+            out[:3, :3] = np.column_stack([x, y, np.cross(x, y)])
+        return out
+
+
+def z_to(direction: Array) -> Array:
+    """The smallest rotation (3, 3) that turns z to a direction (3,)."""
+    from scipy.spatial.transform import Rotation
+
+    unit = direction / np.linalg.norm(direction)
+    across = np.cross([0.0, 0.0, 1.0], unit)
+    sine = float(np.linalg.norm(across))
+    axis = across / sine if sine > 1e-12 else np.array([1.0, 0.0, 0.0])
+    return np.asarray(Rotation.from_rotvec(axis * np.arctan2(sine, unit[2])).as_matrix())
+
+
+def _read_class(default: Element, name: str, above: Attributes, classes: dict[str, Attributes], path: Path) -> None:
+    """Enter a ``<default>`` and those inside it; each takes over its parent's attributes."""
+    own = {tag: dict(words) for tag, words in above.items()}
+    for element in default:
+        if element.tag != "default":
+            own.setdefault(str(element.tag), {}).update(element.attrib)
+    classes[name] = own
+    for inner in default.findall("default"):
+        _read_class(inner, required(inner, "class", path), own, classes, path)
+
+
+HIDDEN_GROUP = 3
+"""MuJoCo draws geoms of the groups 0 to 2; what only collides stands in a later one by custom."""
+
+SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
+
+
+def add_geom(words: Words, meshes: Mapping[str, Element], link: Element, geom: Element, inherited: str | None) -> None:
+    """Enter a geom into a link: as collision unless it can touch nothing, as visual where it is drawn.
+
+    Raises
+    ------
+    UrdfError
+        With the line, for a kind that has no counterpart: it would collide with nothing.
+    """
+    said = words.attributes(geom, inherited)
+    collides = said.get("contype", "1") != "0" or said.get("conaffinity", "1") != "0"
+    drawn = not collides or int(words.numbers(geom, said, "group", 1, "0")[0]) < HIDDEN_GROUP
+    kind = said.get("type", "sphere")
+    pose = words.pose(geom, said)
+    if kind == "mesh":
+        shape = {"tag": "mesh", **_mesh(words, meshes, said, geom)}
+    elif kind in SIZES and "mesh" not in said:
+        shape, pose = _primitive(words, said, geom, kind, pose)
+    else:
+        what = f"a {kind} fitted to a mesh" if "mesh" in said else f"a {kind}"
+        reason = f"holds {what}; read are {', '.join(SIZES)} and mesh: it would collide with nothing"
+        raise UrdfError(words.path, reason, place(geom))
+    for tag, wanted in (("collision", collides), ("visual", drawn)):
+        if wanted:
+            _add(link, tag, shape, pose, said.get("rgba"), geom)
+
+
+def _primitive(
+    words: Words, said: Mapping[str, str], geom: Element, kind: str, pose: Array
+) -> tuple[dict[str, str], Array]:
+    """Shape and pose; MuJoCo gives half sides and half lengths, and ``fromto`` gives the ends of the axis."""
+    count = SIZES[kind]
+    if "fromto" in said and kind != "sphere":
+        ends = words.numbers(geom, said, "fromto", 6)
+        along = ends[3:] - ends[:3]
+        length = float(np.linalg.norm(along))
+        if length < 1e-9:
+            raise UrdfError(words.path, "<geom fromto> has its two ends in one place", place(geom))
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = z_to(along), (ends[:3] + ends[3:]) / 2
+        # MuJoCo's z axis points from the second end to the first; no shape here can tell.
+        given = max(len(said.get("size", "").split()), 1)
+        half = [*words.numbers(geom, said, "size", given)[: count - 1], length / 2]
+        if kind == "box" and given < 2:
+            half = [half[0], half[0], length / 2]
+    else:
+        # More numbers than a kind needs are allowed, for classes that serve several kinds.
+        given = max(len(said.get("size", "").split()), count)
+        half = list(words.numbers(geom, said, "size", given)[:count])
+    full = [repr(2 * float(value)) for value in half]
+    if kind == "box":
+        return {"tag": "box", "size": " ".join(full)}, pose
+    if kind == "sphere":
+        return {"tag": "sphere", "radius": repr(float(half[0]))}, pose
+    return {"tag": kind, "radius": repr(float(half[0])), "length": full[1]}, pose
+
+
+def _mesh(words: Words, meshes: Mapping[str, Element], said: Mapping[str, str], geom: Element) -> dict[str, str]:
+    name = said.get("mesh", "")
+    if name not in meshes:
+        raise UrdfError(words.path, str(UnknownNameError("mesh", name, meshes, "a <geom>")), place(geom))
+    asset = words.attributes(meshes[name], None)
+    for odd in ("refpos", "refquat", "vertex", "builtin"):
+        if odd in asset:
+            raise UrdfError(words.path, f"mesh {name!r} has {odd}, which is not read", place(meshes[name]))
+    file = Path(required(meshes[name], "file", words.path))
+    return {"filename": str(words.mesh_folder / file), "scale": asset.get("scale", "1 1 1")}
+
+
+def _add(link: Element, tag: str, shape: Mapping[str, str], pose: Array, rgba: str | None, geom: Element) -> None:
+    made = [link.makeelement(tag)]
+    values = [repr(float(value)) for value in xyz_rpy(pose)]
+    made.append(link.makeelement("origin", {"xyz": " ".join(values[:3]), "rpy": " ".join(values[3:])}))
+    made.append(link.makeelement("geometry"))
+    made.append(link.makeelement(shape["tag"], {name: text for name, text in shape.items() if name != "tag"}))
+    made[0].extend(made[1:3])
+    made[2].append(made[3])
+    if rgba is not None:
+        made.append(link.makeelement("material"))
+        made.append(link.makeelement("color", {"rgba": rgba}))
+        made[0].append(made[4])
+        made[4].append(made[5])
+    for element in made:
+        element.sourceline = geom.sourceline
+    link.append(made[0])
+
 
 ROOT = "world"
 SECTIONS = (

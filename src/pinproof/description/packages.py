@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from pinproof.description.input_file import is_file
+from pinproof.common.files import is_file
 
 __all__ = ["MeshFile", "climbs_out", "example_robot_data", "find_package", "locate"]
 

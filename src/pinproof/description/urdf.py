@@ -1,4 +1,10 @@
-"""A URDF on paper: read, checked element by element, and handed on only when nothing in it would be dropped or misread.
+"""The geometry of a link on paper: what a URDF says is drawn, and what is to be collided with.
+
+The visual and collision elements of a URDF's links, each checked; unknown geometry is refused, never dropped.
+
+The joints of a URDF, each checked; what the file leaves open stays open, never the 0 of the URDF specification.
+
+A URDF on paper: read, checked element by element, and handed on only when nothing in it would be dropped or misread.
 
 The parsers behind Pinocchio take a zero axis, a negative radius, ``lower > upper`` and unknown geometry without an
 error; here each is refused with its line. What is kept is what the file says; kinematics begin in
@@ -7,20 +13,311 @@ error; here each is refused with its line. What is kept is what the file says; k
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal, cast, get_args
 
 import numpy as np
+import numpy.typing as npt
 
-from pinproof.description.geometry import LinkGeometry
-from pinproof.description.urdf_joints import JointType, Mimic, UrdfJoint, check_mimics, read_joint
-from pinproof.description.urdf_links import read_links
+from pinproof.description.packages import MeshFile, climbs_out, locate
 from pinproof.description.xacro_files import expand_xacro
-from pinproof.description.xml_reader import Element, number, numbers, parse_file, parse_text, place, required
-from pinproof.errors import InputError, UrdfError
+from pinproof.description.xml_reader import (
+    Element,
+    number,
+    numbers,
+    only,
+    parse_file,
+    parse_text,
+    place,
+    required,
+    spelt,
+    spelt_attributes,
+)
+from pinproof.errors import InputError, UnknownNameError, UrdfError
 
-__all__ = ["MAX_LINKS", "JointType", "Mimic", "Urdf", "UrdfJoint", "read_urdf", "read_urdf_text", "urdf_of"]
+__all__ = [
+    "MAX_LINKS",
+    "JointType",
+    "LinkGeometry",
+    "Mimic",
+    "Urdf",
+    "UrdfJoint",
+    "check_mimics",
+    "origin",
+    "read_joint",
+    "read_links",
+    "read_urdf",
+    "read_urdf_text",
+    "rpy_matrix",
+    "urdf_of",
+]
+
+
+@dataclass(frozen=True, eq=False)
+class LinkGeometry:
+    """One ``<visual>`` or ``<collision>`` element.
+
+    Parameters
+    ----------
+    name
+        Unique in the robot: ``LINK_0``, ``LINK_1``, ... in the file's order.
+    link
+        The link it belongs to.
+    kind
+        What it is; ``size`` holds, in metres: box (x, y, z) full sides; sphere (radius,); cylinder and capsule
+        (radius, length), along z, a capsule's length without its caps; mesh: the scale (x, y, z).
+    origin
+        (4, 4) link_from_geometry.
+    mesh
+        The file of a mesh.
+    rgba
+        The colour a URDF material gives, 0 to 1.
+    """
+
+    name: str
+    link: str
+    kind: Literal["box", "sphere", "cylinder", "capsule", "mesh"]
+    size: tuple[float, ...]
+    origin: npt.NDArray[np.float64]
+    mesh: MeshFile | None = None
+    rgba: tuple[float, float, float, float] | None = None
+
+
+FARTHEST = 1e4
+"""Metres. An origin or a size beyond this is a mistake of units; far beyond it, sums of squares overflow."""
+
+SHAPES = ("box", "capsule", "cylinder", "mesh", "sphere")
+
+
+def read_links(
+    root: Element, source: str | Path, folder: Path | None, package_dirs: Sequence[Path]
+) -> tuple[tuple[LinkGeometry, ...], tuple[LinkGeometry, ...]]:
+    """All visuals, then all collisions, of a ``<robot>``, in the file's order."""
+    colours = {m.get("name"): _rgba(m, source) for m in root.findall("material") if m.get("name")}
+    found: dict[str, list[LinkGeometry]] = {"visual": [], "collision": []}
+    for link in root.findall("link"):
+        spelt(link, ("collision", "inertial", "visual"), source)
+        for tag, collected in found.items():
+            for index, element in enumerate(link.findall(tag)):
+                name = f"{link.get('name').strip()}_{index}"
+                collected.append(_geometry(element, name, colours, source, folder, package_dirs))
+    return tuple(found["visual"]), tuple(found["collision"])
+
+
+def rpy_matrix(roll: float, pitch: float, yaw: float) -> npt.NDArray[np.float64]:
+    """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll), angles in radians about fixed axes."""
+    (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
+    return np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+
+
+def _geometry(
+    element: Element,
+    name: str,
+    colours: dict[str, tuple[float, float, float, float] | None],
+    source: str | Path,
+    folder: Path | None,
+    package_dirs: Sequence[Path],
+) -> LinkGeometry:
+    link = name.rpartition("_")[0]
+    spelt(element, ("geometry", "material", "name", "origin"), source)
+    shapes = [] if (geometry := element.find("geometry")) is None else list(geometry)
+    if len(shapes) != 1:
+        raise UrdfError(
+            source, f"a <{element.tag}> of link {link!r} must hold one shape, not {len(shapes)}", place(element)
+        )
+    shape = shapes[0]
+    kind, size = _shape(shape, link, source)
+    material = element.find("material")
+    rgba = None
+    if material is not None:
+        rgba = _rgba(material, source) or colours.get(material.get("name"))
+    mesh = None
+    if kind == "mesh":
+        uri = required(shape, "filename", source)
+        if climbs_out(uri):
+            raise UrdfError(source, f"{uri} climbs out of its package by way of '..'", place(shape))
+        mesh = locate(uri, folder, package_dirs)
+    placement = np.eye(4)
+    placement[:3, :3], placement[:3, 3] = origin(element, source)
+    placement.setflags(write=False)
+    return LinkGeometry(name, link, kind, size, placement, mesh, rgba)
+
+
+def _shape(
+    shape: Element, link: str, source: str | Path
+) -> tuple[Literal["box", "sphere", "cylinder", "capsule", "mesh"], tuple[float, ...]]:
+    tag = shape.tag
+    size: tuple[float, ...]
+    if tag == "mesh":
+        size = numbers(shape, "scale", 3, source, "1 1 1")
+        if 0.0 in size:
+            raise UrdfError(source, f"a mesh of link {link!r} is scaled to nothing: {list(size)}", place(shape))
+        return "mesh", size
+    if tag == "box":
+        kind: Literal["box", "sphere", "cylinder", "capsule"] = "box"
+        size = numbers(shape, "size", 3, source)
+    elif tag == "sphere":
+        kind, size = "sphere", (number(shape, "radius", source),)
+    elif tag in ("cylinder", "capsule"):
+        kind = "cylinder" if tag == "cylinder" else "capsule"
+        size = (number(shape, "radius", source), number(shape, "length", source))
+    else:
+        raise UrdfError(source, str(UnknownNameError("geometry", tag, SHAPES, f"link {link!r}")), place(shape))
+    if min(size) <= 0 or max(size) > FARTHEST:
+        raise UrdfError(
+            source,
+            f"a {tag} of link {link!r} has the size {list(size)}; sizes are above 0 and at most {FARTHEST:g} m",
+            place(shape),
+        )
+    return kind, size
+
+
+def origin(element: Element, source: str | Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+    """The rotation (3, 3) and the translation (3,) in metres of an element's ``<origin>``."""
+    found = element.find("origin")
+    if found is None:
+        return np.eye(3), np.zeros(3)
+    only(found, ("xyz", "rpy"), source)
+    xyz = np.array(numbers(found, "xyz", 3, source, "0 0 0"))
+    if np.abs(xyz).max() > FARTHEST:
+        raise UrdfError(source, f"<origin xyz={found.get('xyz')!r}> is more than {FARTHEST:g} m away", place(found))
+    return rpy_matrix(*numbers(found, "rpy", 3, source, "0 0 0")), xyz
+
+
+def _rgba(material: Element, source: str | Path) -> tuple[float, float, float, float] | None:
+    colour = material.find("color")
+    if colour is None:
+        return None
+    r, g, b, a = (min(max(v, 0.0), 1.0) for v in numbers(colour, "rgba", 4, source))
+    return (r, g, b, a) if math.isfinite(a) else None
+
+
+SMALLEST_AXIS = 1e-6
+"""An axis vector whose entries are all below this has no direction worth the name."""
+
+UNBOUNDED = 1e4
+"""Rad or m. A limit beyond this, such as the 1e16 that simulators write for a wheel, is none."""
+
+JOINT_PARTS = ("axis", "calibration", "child", "dynamics", "limit", "mimic", "origin", "parent", "safety_controller")
+
+JointType = Literal["revolute", "continuous", "prismatic", "fixed", "floating", "planar"]
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A follower's rule: q = multiplier * q_leader + offset."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint as the file states it; None where the file states nothing usable.
+
+    So it is with a limit beyond :data:`UNBOUNDED`, and with a velocity of 0: no joint with a use has that limit, it
+    means "not known".
+    """
+
+    name: str
+    type: JointType
+    parent: str
+    child: str
+    lower: float | None
+    upper: float | None
+    velocity: float | None
+    mimic: Mimic | None
+
+
+def read_joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
+    """A ``<joint>`` element; ``links`` are the names it may join."""
+    name, kind = required(element, "name", source), required(element, "type", source)
+    where = place(element)
+    if kind not in get_args(JointType):
+        raise UrdfError(
+            source, str(UnknownNameError("joint type", kind, get_args(JointType), f"joint {name!r}")), where
+        )
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.find(tag)
+        if end is None:
+            raise UrdfError(source, f"joint {name!r} has no <{tag}>", where)
+        link = required(end, "link", source)
+        if link not in links:
+            raise UrdfError(source, str(UnknownNameError("link", link, links, f"joint {name!r}")), place(end))
+        ends.append(link)
+    spelt(element, JOINT_PARTS, source)
+    origin(element, source)
+    axis = element.find("axis")
+    if axis is not None and kind != "fixed":
+        only(axis, ("xyz",), source)
+        vector = numbers(axis, "xyz", 3, source)
+        if np.abs(vector).max() < SMALLEST_AXIS:
+            raise UrdfError(source, f"joint {name!r} has the axis {list(vector)}, which has no direction", place(axis))
+    lower, upper, velocity = _limits(element, name, kind, source)
+    mimic = element.find("mimic")
+    rule = None
+    if mimic is not None and kind != "fixed":
+        leader = required(mimic, "joint", source)
+        rule = Mimic(leader, number(mimic, "multiplier", source, "1"), number(mimic, "offset", source, "0"))
+        if max(abs(rule.multiplier), abs(rule.offset)) > FARTHEST:
+            what = f"joint {name!r} mimics with multiplier {rule.multiplier:g} and offset {rule.offset:g}"
+            raise UrdfError(source, f"{what}; at most {FARTHEST:g} makes sense", place(mimic))
+    return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule)
+
+
+def _limits(
+    element: Element, name: str, kind: str, source: str | Path
+) -> tuple[float | None, float | None, float | None]:
+    """Lower, upper, velocity; a bound that is not written is None, never the 0 that the URDF specification fills in."""
+    limit = element.find("limit")
+    if limit is None or kind == "fixed":
+        return None, None, None
+    spelt_attributes(limit, ("lower", "upper", "velocity", "effort"), source)
+    lower = number(limit, "lower", source) if limit.get("lower") is not None else None
+    upper = number(limit, "upper", source) if limit.get("upper") is not None else None
+    if lower is not None and upper is not None and lower > upper:
+        raise UrdfError(source, f"joint {name!r} has lower = {lower} above upper = {upper}", place(limit))
+    velocity = number(limit, "velocity", source) if limit.get("velocity") is not None else None
+    if velocity is not None and velocity < 0:
+        raise UrdfError(source, f"joint {name!r} has the negative velocity limit {velocity}", place(limit))
+    if kind == "continuous":
+        lower = upper = None
+    return _usable(lower), _usable(upper), _usable(velocity) or None
+
+
+def _usable(bound: float | None) -> float | None:
+    return None if bound is None or abs(bound) > UNBOUNDED else bound
+
+
+def check_mimics(joints: Mapping[str, UrdfJoint], source: str | Path) -> None:
+    """Refuse followers of a joint that is not there, or that does not move by itself."""
+    for joint in joints.values():
+        if joint.mimic is None:
+            continue
+        if joint.type in ("floating", "planar"):
+            raise UrdfError(source, f"joint {joint.name!r} mimics another, which a {joint.type} joint cannot")
+        leader = joints.get(joint.mimic.leader)
+        if leader is None:
+            raise UrdfError(
+                source, str(UnknownNameError("joint", joint.mimic.leader, joints, f"mimic of {joint.name!r}"))
+            )
+        if leader.mimic is not None or leader.type not in ("revolute", "continuous", "prismatic"):
+            what = "itself mimics" if leader.mimic is not None else f"is {leader.type}"
+            raise UrdfError(
+                source, f"joint {joint.name!r} mimics {leader.name!r}, which {what}; it must move by itself"
+            )
+
 
 MAX_LINKS = 1000
 """Longer robots are refused: urdfdom recurses once a link and ends the interpreter at about 5,000."""

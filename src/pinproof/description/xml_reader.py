@@ -9,7 +9,7 @@ from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-from pinproof.description.input_file import read_bytes
+from pinproof.common.files import read_bytes
 from pinproof.errors import FileError, UrdfError
 
 __all__ = [

@@ -4,14 +4,12 @@ from pinproof.ik.analytic import AnalyticIk, IkBranches, IkBranchesBatch, IkFami
 from pinproof.ik.clik import Clik
 from pinproof.ik.damped_least_squares import DampedLeastSquares
 from pinproof.ik.fabrik import Fabrik
-from pinproof.ik.goal import IkGoal
 from pinproof.ik.loop import Here, IkStep, StepRule
 from pinproof.ik.pseudo_inverse import PseudoInverse
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.solver import IterativeIk
-from pinproof.ik.task import IkTask
-from pinproof.ik.track_result import Track
-from pinproof.ik.tracking import Tracker, track
+from pinproof.ik.task import IkGoal, IkTask
+from pinproof.ik.tracking import Tracker, TrackResult, track
 
 __all__ = [
     "AnalyticIk",
@@ -32,7 +30,7 @@ __all__ = [
     "IterativeIk",
     "PseudoInverse",
     "StepRule",
-    "Track",
+    "TrackResult",
     "Tracker",
     "track",
 ]

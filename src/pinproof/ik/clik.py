@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import positive
 from pinproof.ik.loop import Here, StepRule
-from pinproof.ik.settings import positive
 from pinproof.ik.solver import IterativeIk, KernelRule
 
 __all__ = ["Clik"]

@@ -11,10 +11,9 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik.clik import Clik
-from pinproof.ik.goal import GoalName, IkGoal
 from pinproof.ik.loop import Here, Stall, StepRule
 from pinproof.ik.solver import IterativeIk, KernelRule
-from pinproof.ik.task import Task
+from pinproof.ik.task import GoalName, IkGoal, Task
 from pinproof.ik.windings import TURN, turning
 from pinproof.model import Arm
 from pinproof.spatial import matrix

@@ -1,4 +1,9 @@
-"""What a solver answers: a status, the configuration, and errors measured on it by forward kinematics."""
+"""Answers in words; a "no" names what stood in the way and what to do.
+
+The judge of every answer: errors measured by forward kinematics, apart from the loop that claims to have arrived.
+
+What a solver answers: a status, the configuration, and errors measured on it by forward kinematics.
+"""
 
 from __future__ import annotations
 
@@ -10,12 +15,119 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import IkFailed
-from pinproof.ik.messages import found, not_found
+from pinproof.ik.task import Task
+from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 
-__all__ = ["IkBatch", "IkResult", "IkSolutions", "IkStatus"]
+__all__ = [
+    "Candidate",
+    "IkBatch",
+    "IkResult",
+    "IkSolutions",
+    "IkStatus",
+    "found",
+    "judge",
+    "judge_many",
+    "not_found",
+    "refused",
+    "sampled",
+]
+
+Errors = tuple[float, float]
+
+AT_LIMIT = 1e-6
+"""A joint this near a limit (rad or m) is named as standing at it."""
+
+
+def found(errors: Errors, iterations: int, attempt: int) -> str:
+    """A solution."""
+    return f"found in {_count(iterations, 'step')} and {_count(attempt, 'restart')}, {_off(errors)}"
+
+
+def not_found(arm: Arm, q: npt.NDArray[np.float64], errors: Errors, iterations: int, attempts: int) -> str:
+    """Nothing within the budget; q is the nearest miss."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    at_limit = [
+        name
+        for name, value, low, high in zip(arm.joint_names, q, lower, upper, strict=True)
+        if min(value - low, high - value) <= AT_LIMIT
+    ]
+    limits = f" with {', '.join(at_limit)} at the limit" if at_limit else ""
+    return (
+        f"not found in {_count(attempts, 'attempt')} ({_count(iterations, 'step')}); "
+        f"the nearest is {_off(errors)}{limits}. "
+        "A miss this size at every restart means out of reach: move the target or the base, check the tcp "
+        f"({arm.tcp}, in {arm.base}), or ask for task='position'; a small miss: raise restarts or the tolerances"
+    )
+
+
+def refused(refusals: int, attempts: int) -> str:
+    """Solutions, but accept took none."""
+    return (
+        f"reached {_count(refusals, 'time')} in {_count(attempts, 'attempt')}, but accept refused each solution; "
+        "see what it objects to at q (a collision?), raise restarts, or move the target"
+    )
+
+
+def sampled(solutions: int, attempts: int, refusals: int) -> str:
+    """A sample of solutions."""
+    taken = f", {_count(refusals, 'solution')} refused by accept" if refusals else ""
+    remedy = "" if solutions else "; raise attempts, or ask solve() how far the nearest miss is"
+    return (
+        f"{_count(solutions, 'different solution')} from {_count(attempts, 'attempt')}{taken}: a sample, "
+        f"there may be others{remedy}"
+    )
+
+
+def _off(errors: Errors) -> str:
+    return f"{errors[0]:.3g} m and {errors[1]:.3g} rad off"
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A configuration (n,) with its errors in m and rad, and whether it fulfils the task inside the limits."""
+
+    q: Array
+    errors: tuple[float, float]
+    fulfils: bool
+
+
+def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Candidate:
+    """What q (n,) is worth for the target (4, 4), with the whole turns nearest to ``reference`` (n,), by Pinocchio."""
+    q = nearest_winding(arm, q, reference)
+    base_from_tcp, _ = arm.local_jacobian(q)  # q is ours: the way that does not check it again
+    errors = _measured(target[None], base_from_tcp.homogeneous[None], task)
+    fulfils = bool(task.fulfilled(errors)[0]) and arm.limits.contains(q)
+    return Candidate(q, (float(errors[0, 0]), float(errors[0, 1])), fulfils)
+
+
+def judge_many(
+    arm: Arm, targets: Array, task: Task, Q: Array, references: Array
+) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
+    """The same for targets (N, 4, 4) by the compiled chain: Q, errors (N, 2), and which fulfil the task."""
+    from pinproof.kernels.chain import forward_many
+
+    Q = np.ascontiguousarray(nearest_winding(arm, Q, references))
+    poses = np.empty((len(Q), 4, 4))
+    forward_many(arm.packed, Q, poses)
+    errors = _measured(targets, poses, task)
+    inside = ((arm.limits.lower <= Q) & (arm.limits.upper >= Q)).all(axis=1)
+    return Q, errors, task.fulfilled(errors) & inside
+
+
+def _measured(targets: Array, poses: Array, task: Task) -> Array:
+    from pinproof.kernels.task import measure_many
+
+    errors = np.empty((len(targets), 2))
+    measure_many(np.ascontiguousarray(targets), np.ascontiguousarray(poses), task.asked, errors)
+    return errors
 
 
 class IkStatus(Enum):

@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik.settings import Rng, random_generator
+from pinproof.common.validation import Rng, random_generator
 from pinproof.model import Arm
 
 __all__ = ["Seeds", "seeds_of"]

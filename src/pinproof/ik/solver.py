@@ -12,16 +12,25 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import Rng, positive, whole
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.ik.engines import CompiledEngine, KernelRule, OnStep, PinocchioEngine, Query, box_of
-from pinproof.ik.goal import GoalName, IkGoal, packed_goal
-from pinproof.ik.loop import Stall, StepRule
-from pinproof.ik.messages import found, not_found, refused, sampled
-from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkSolutions, IkStatus
+from pinproof.ik.loop import CompiledEngine, KernelRule, OnStep, PinocchioEngine, Query, Stall, StepRule, box_of
+from pinproof.ik.result import (
+    STATUSES,
+    Candidate,
+    IkBatch,
+    IkResult,
+    IkSolutions,
+    IkStatus,
+    found,
+    judge,
+    judge_many,
+    not_found,
+    refused,
+    sampled,
+)
 from pinproof.ik.seeds import seeds_of
-from pinproof.ik.settings import Rng, positive, whole
-from pinproof.ik.task import IkTask, Task, TaskName, make_task
-from pinproof.ik.verdict import Candidate, judge, judge_many
+from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_task, packed_goal
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
@@ -316,14 +325,14 @@ def _accepts(accept: Accept | None, candidate: Candidate) -> bool:
 
 
 def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:
-    return arm.home if q0 is None else arm.configuration(q0, "q0")
+    return arm.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
 
 
 def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> Array:
     """A start (count, n) for each target: one for all, or a row each."""
     if q0 is None or np.ndim(q0) <= 1:
         return np.tile(_start(arm, q0), (count, 1))
-    return finite("q0", q0, (count, arm.dof))
+    return arm.limits.snap(finite("q0", q0, (count, arm.dof)))
 
 
 def _same(arm: Arm, a: Array, b: Array) -> bool:

@@ -26,22 +26,39 @@ from pinproof.kernels.compiled import compiled, inlined
 from pinproof.kernels.lanes import ANGLE, DISTANCE, LANES, ROOM, TURN, lane_errors, wind
 from pinproof.kernels.refinement import AT_LIMIT, refined
 from pinproof.kernels.trigonometry import sincos
-from pinproof.kernels.triple import triple
+from pinproof.kernels.triple import STATES, triple
 from pinproof.kernels.twins import WAYS, weakest_motion
-from pinproof.kernels.two_curves import BY_QUARTIC, CANDIDATES, REFERENCE, two_curves
+from pinproof.kernels.two_curves import (
+    BY_QUARTIC,
+    CANDIDATES,
+    COLUMNS,
+    DOUBTFUL,
+    FREED,
+    NEAR,
+    REFERENCE,
+    UNDECIDED,
+    WHICH,
+    two_curves,
+)
 from pinproof.kernels.vectors import SLIDING, direction, dot, place, turned
 
-__all__ = ["BAD_TARGET", "ELSEWHERE", "branches_of_many", "branches_of_one"]
+__all__ = ["BAD_TARGET", "ELSEWHERE", "ROWS", "branches_of_many", "branches_of_one"]
 
 # Row 0 of a plan. COUNT: n. FIRST_OF_TRIPLE: 0 to 3. NORMAL: the line of the triple that turns. LOCKED: a line, or -1.
 COUNT, FIRST_OF_TRIPLE, PLANAR, REVERSED, NORMAL, LOCKED, SIZE = range(7)
-BORDER, SPREAD, POSITION_TOLERANCE, ORIENTATION_TOLERANCE, MADE_UP_TOLERANCE = range(7, 12)
+BORDER, SPREAD, POSITION_TOLERANCE, ORIENTATION_TOLERANCE, MADE_UP_TOLERANCE, TOLERANCE, ROUNDING = range(7, 14)
 OWN, LOWER, UPPER = 8, 9, 10
 SOURCE = 8
 
 # Behind the n numbers of q in a row of answers, and in the row behind the last answer
 POSITION_ERROR, ORIENTATION_ERROR, FREE_JOINTS, SIGNATURE = range(4)
-ALL_FREE_JOINTS, FAILED, OUTSIDE, QUARTIC = range(4)
+ALL_FREE_JOINTS, FAILED, OUTSIDE, QUARTIC, IN_DOUBT = range(5)
+# The last of these: 1 if something was left out; above, bits for solutions of which a joint is free, and that are not
+# among the answers for the value given to that joint (see family.py for the order of the bits).
+
+ROWS = 24
+"""For answers to one pose. Most have up to 8; where rounding leaves it open whether a joint is free, both cases are
+among them."""
 
 RIGID = 1e-6
 """As :data:`pinproof.spatial.RIGID_TOLERANCE`."""
@@ -68,7 +85,8 @@ ASTRAY = 0.05
 BAD_TARGET = -1
 
 ELSEWHERE = -2
-"""In place of a count of none: joints are free at this target, and there may be branches at other values of theirs."""
+"""In place of a count of none: joints are free at this target, and there may be branches at other values of theirs; or
+of more than there is room for."""
 
 
 @inlined
@@ -78,7 +96,7 @@ def workroom() -> Any:
     Lines, places where the curves meet, states; a lane for each branch, of q, of scratch and of errors; the target.
     """
     return (
-        np.empty((6, 9)), np.empty((CANDIDATES, 8)), np.zeros((14, LANES)), np.zeros((7, LANES)),
+        np.empty((6, 9)), np.zeros((CANDIDATES + 1, COLUMNS)), np.zeros((STATES, LANES)), np.zeros((7, LANES)),
         np.zeros((3, LANES)), np.zeros(ROOM), np.empty((3, 4)),
     )  # fmt: skip
 
@@ -193,95 +211,167 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
     p, n1 = (dot(C0, v), dot(C1, v), dot(C2, v)), (dot(C0, normal), dot(C1, normal), dot(C2, normal))
 
     border, spread = plan[0, BORDER], plan[0, SPREAD]
-    curves = two_curves(lines, planar, p, p0, normal, n1, border, spread, chosen)
-    by_quartic = curves >= BY_QUARTIC
-    curves %= BY_QUARTIC
-    count = curves - curves  # typed as a number, not as the literal 0: the triple is compiled once
-    freed = 0
-    for i in range(curves):
-        freed |= int(chosen[i, 6])
-        count = triple(lines, planar, normal, reverse, (G0, G1, G2), shift, chosen, i, border, spread, states, count)
+    kept = failed = outside = freed = by_quartic = doubtful = free_ones = with_members = 0
+    # First without, then, where rounding leaves open whether joints are free, with them free (bit 0: outside the
+    # triple, bit 1: inside). Those count as answers only where forward kinematics confirms it.
+    undecided = 0
+    for attempt in range(5):
+        snap = 0
+        if attempt > 0:
+            if undecided == 0:
+                break
+            snap = 4 - attempt
+            if (
+                (snap == 3 and undecided & 1 == 0)
+                or (snap == 2 and undecided & 2 == 0)
+                or (snap == 1 and undecided & 3 != 3)
+            ):
+                continue
+            if undecided & 8 == 0:  # the families come first: the rest may be members of them
+                undecided |= 8
+                kept = 0
+        curves = two_curves(
+            lines, planar, p, p0, normal, n1, border, spread, plan[0, ROUNDING], plan[0, TOLERANCE], snap & 1, chosen
+        )
+        if curves >= BY_QUARTIC:
+            by_quartic = 1
+        curves %= BY_QUARTIC
+        count = curves - curves  # typed as a number, not as the literal 0: the triple is compiled once
+        for i in range(curves):
+            freed |= int(chosen[i, FREED])
+            if count > LANES - 2:
+                doubtful = 1
+                break
+            before = count
+            count = triple(
+                lines,
+                planar,
+                normal,
+                reverse,
+                (G0, G1, G2),
+                shift,
+                chosen,
+                i,
+                border,
+                spread,
+                snap >> 1 & 1,
+                states,
+                count,
+            )
+            if count == before and chosen[i, FREED] != 0.0:
+                free_ones |= 3 << _number(2.0 * chosen[i, WHICH])
+        undecided |= int(chosen[CANDIDATES, UNDECIDED])
+        if chosen[CANDIDATES, DOUBTFUL] != 0.0:
+            doubtful = 1
 
-    # States to values, one solution a lane.
-    width = 8 if count <= 8 else LANES
-    for b in range(width):
-        scratch[1, b] = 1.0 if b < count else 0.0
-        scratch[2, b] = 0.0
-    for row in range(6):
-        line = int(lines[row, SOURCE])
-        own, lower, upper = int(plan[line, OWN]), plan[line, LOWER], plan[line, UPPER]
-        if lines[row, SLIDING] != 0.0:
-            for b in range(width):
-                scratch[0, b] = size * states[2 * row, b]
-        else:
-            for b in range(width):
-                scratch[0, b] = angle_of(states[2 * row + 1, b], states[2 * row, b])
+        # States to values, one solution a lane.
+        width = 8 if count <= 8 else LANES
+        for b in range(width):
+            scratch[1, b] = 1.0 if b < count else 0.0
+            scratch[2, b] = 0.0
+        for row in range(6):
+            line = int(lines[row, SOURCE])
+            own, lower, upper = int(plan[line, OWN]), plan[line, LOWER], plan[line, UPPER]
+            if lines[row, SLIDING] != 0.0:
+                for b in range(width):
+                    scratch[0, b] = size * states[2 * row, b]
+            else:
+                for b in range(width):
+                    scratch[0, b] = angle_of(states[2 * row + 1, b], states[2 * row, b])
+                if own >= 0:
+                    for b in range(width):
+                        scratch[0, b] = wind(scratch[0, b], lower, upper, LIMIT_SLACK, reference[own])
             if own >= 0:
                 for b in range(width):
-                    scratch[0, b] = wind(scratch[0, b], lower, upper, LIMIT_SLACK, reference[own])
-        if own >= 0:
+                    Q[own, b] = scratch[0, b]
+                    scratch[2, b] = max(scratch[2, b], max(lower - scratch[0, b], scratch[0, b] - upper))
+            else:
+                for b in range(width):
+                    if not abs(scratch[0, b]) <= plan[0, MADE_UP_TOLERANCE] + NEAR * states[15, b]:
+                        scratch[1, b] = 0.0
+        if locked >= 0:
+            own = int(plan[top + locked, OWN])
+            outside_by = max(plan[top + locked, LOWER] - locked_at, locked_at - plan[top + locked, UPPER])
             for b in range(width):
-                Q[own, b] = scratch[0, b]
-                scratch[2, b] = max(scratch[2, b], max(lower - scratch[0, b], scratch[0, b] - upper))
-        else:
-            for b in range(width):
-                if not abs(scratch[0, b]) <= plan[0, MADE_UP_TOLERANCE]:
-                    scratch[1, b] = 0.0
-    if locked >= 0:
-        own = int(plan[top + locked, OWN])
-        outside_by = max(plan[top + locked, LOWER] - locked_at, locked_at - plan[top + locked, UPPER])
-        for b in range(width):
-            Q[own, b] = locked_at
-            scratch[2, b] = max(scratch[2, b], outside_by)
-    lane_errors(plan, 1, n, pose, Q, width, lanes)
+                Q[own, b] = locked_at
+                scratch[2, b] = max(scratch[2, b], outside_by)
+        lane_errors(plan, 1, n, pose, Q, width, lanes)
 
-    near_limits = NEAR_LIMITS if spread > 0.0 else AT_LIMIT
-    kept = failed = outside = 0
-    for b in range(count):
-        for row in range(6):
-            if int(states[12, b]) & 1 << row:
-                freed |= 1 << row
-        if scratch[1, b] == 0.0:
-            continue
-        beyond = scratch[2, b]
-        if beyond > near_limits:
-            outside += 1
-            continue
-        distance, angle = lanes[DISTANCE + b], lanes[ANGLE + b]
-        if distance > GOOD_ENOUGH or angle > GOOD_ENOUGH or not beyond <= 0.0:
-            distance, angle, beyond = refined(plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK)
-        mask = 0
-        for row in range(6):
-            own = int(plan[int(lines[row, SOURCE]), OWN])
-            if int(states[12, b]) & 1 << row and own >= 0:
-                mask |= 1 << own
-        before = kept
-        if beyond > 0.0:
-            outside += 1
-        elif not (distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]):
-            failed += 1
-        else:
-            kept = _keep(Q, b, n, distance, angle, mask, states[13, b], out, kept)
-        if spread > 0.0 and locked < 0 and (kept > before or beyond > 0.0 or distance < ASTRAY):
-            kept = _twins(plan, n, top, locked, pose, reference, Q, b, states[13, b], out, kept)
+        failed_here = outside_here = 0
+        for b in range(count):
+            mask = still = 0
+            for row in range(6):
+                if int(states[12, b]) & 1 << row:
+                    freed |= 1 << row
+                    own = int(plan[int(lines[row, SOURCE]), OWN])
+                    if own >= 0:
+                        mask |= 1 << own
+                        if int(states[14, b]) & 1 << row:
+                            still |= 1 << own
+            if int(states[12, b]) != 0:
+                free_ones |= 1 << _number(states[13, b])
+            if mask & (mask - 1) != 0:
+                doubtful = 1  # a family of two parameters; those that are reported have one
+            if scratch[1, b] == 0.0:
+                continue
+            beyond = scratch[2, b]
+            at_limit = min(max(AT_LIMIT, NEAR * states[15, b] * max(size, 1.0)), NEAR_LIMITS)
+            near_limits = NEAR_LIMITS if spread > 0.0 else at_limit
+            if beyond > near_limits:
+                outside_here += 1
+                continue
+            distance, angle = lanes[DISTANCE + b], lanes[ANGLE + b]
+            if distance > GOOD_ENOUGH or angle > GOOD_ENOUGH or not beyond <= 0.0:
+                distance, angle, beyond = refined(
+                    plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK, at_limit, still
+                )
+            before = kept
+            if beyond > 0.0:
+                if beyond <= at_limit:
+                    failed_here += 1  # so near to its limits that a configuration within the tolerances may be inside
+                else:
+                    outside_here += 1
+            elif not (distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]):
+                failed_here += 1
+            elif still == 0 or max(distance, angle) <= GOOD_ENOUGH:
+                kept = _keep(Q, b, n, distance, angle, mask, states[13, b], out, kept)
+                if kept < 0:
+                    kept, doubtful = out.shape[0] - 1, 1
+                elif mask != 0:
+                    with_members |= 1 << _number(states[13, b])
+            if spread > 0.0 and locked < 0 and (kept > before or beyond > 0.0 or distance < ASTRAY):
+                kept = _twins(plan, n, top, locked, pose, reference, Q, b, states[13, b], out, kept)
+        if snap == 0:
+            failed = failed_here
+        outside = max(outside, outside_here)
     mask = 0
     for row in range(6):
         own = int(plan[int(lines[row, SOURCE]), OWN])
         if freed & 1 << row and own >= 0:
             mask |= 1 << own
     last = out.shape[0] - 1
-    out[last, ALL_FREE_JOINTS], out[last, FAILED], out[last, OUTSIDE], out[last, QUARTIC] = (
+    out[last, ALL_FREE_JOINTS], out[last, FAILED], out[last, OUTSIDE], out[last, QUARTIC], out[last, IN_DOUBT] = (
         mask,
         failed,
         outside,
         by_quartic,
+        doubtful + 2 * (free_ones & ~with_members),
     )
     return kept
 
 
 @inlined
+def _number(name: float) -> int:
+    """The bit of a solution in IN_DOUBT, by its name."""
+    return int(name) % 1000 % 200 + (16 if name >= 200.0 else 0)
+
+
+@inlined
 def _keep(Q: Any, b: int, n: int, distance: float, angle: float, mask: int, which: float, out: Any, kept: int) -> int:
-    """Column b of Q as a row of ``out`` behind the ``kept`` ones, unless it is one of them; how many then."""
+    """Column b of Q as a row of ``out`` behind the ``kept`` ones, unless it is one of them.
+
+    How many then; -1 where there is no room.
+    """
     for i in range(kept):
         same = True
         for j in range(n):
@@ -292,7 +382,7 @@ def _keep(Q: Any, b: int, n: int, distance: float, angle: float, mask: int, whic
         if same:
             return kept
     if kept == out.shape[0] - 1:
-        return kept
+        return -1
     for j in range(n):
         out[kept, j] = Q[j, b]
     out[kept, n], out[kept, n + 1], out[kept, n + 2], out[kept, n + 3] = distance, angle, mask, which
@@ -314,9 +404,11 @@ def _twins(
     for way in WAYS:
         for j in range(n):
             Q[j, b] = q[j] + way * motion[j]
-        distance, angle, beyond = refined(plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK)
+        distance, angle, beyond = refined(plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK, AT_LIMIT, 0)
         if beyond <= 0.0 and distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]:
-            kept = _keep(Q, b, n, distance, angle, 0, which, out, kept)
+            more = _keep(Q, b, n, distance, angle, 0, which, out, kept)
+            if more > kept:  # completeness is not claimed of arms that need this
+                kept = more
     return kept
 
 
@@ -330,24 +422,29 @@ def branches_of_one(plan: Any, target: Any, reference: Any, locked_at: float, ou
 @compiled
 def branches_of_many(
     plan: Any, targets: Any, references: Any, values: Any, start: int, stop: int,
-    q: Any, errors: Any, counts: Any, outside: Any,
+    q: Any, errors: Any, counts: Any, outside: Any, known: Any,
 ) -> None:  # fmt: skip
     """The branches for the targets (N, 4, 4), with the locked joint at each of its values, into the rows of the others.
 
     Row ``i * v + j`` is of target i and value j, for the rows from ``start`` to ``stop``. ``references`` (1, n) or
     (N, n); ``values`` (1, v) or (N, v), of which v = 1 is not looked at where no joint is locked; ``q`` (N v, k, n) and
     ``errors`` (N v, k, 2), NaN behind the last branch; ``counts`` (N v,), BAD_TARGET where the target is none, or
-    ELSEWHERE; ``outside`` (N v,) branches that only the limits rule out.
+    ELSEWHERE; ``outside`` (N v,) branches that only the limits rule out; ``known`` (N v,) whether nothing was left in
+    doubt, and no joint is free.
     """
     n, v = q.shape[2], values.shape[1]
-    room, out = workroom(), np.empty((q.shape[1] + 1, n + 4))
+    room, out = workroom(), np.empty((ROWS + 1, n + 4))
     last = out.shape[0] - 1
     for row in range(start, stop):
         i = row // v
         reference, value = references[i if references.shape[0] > 1 else 0], values[i if values.shape[0] > 1 else 0]
         count = branches_of_pose(plan, targets[i], reference, value[row - i * v], room, out)
-        counts[row] = ELSEWHERE if count == 0 and out[last, ALL_FREE_JOINTS] != 0.0 else count
+        doubts = out[last, ALL_FREE_JOINTS] + out[last, FAILED] + out[last, IN_DOUBT] if count >= 0 else 0.0
+        known[row] = doubts == 0.0
         outside[row] = 0 if count < 0 else int(out[last, OUTSIDE])
+        if count > q.shape[1]:
+            count = q.shape[1] if plan[0, LOCKED] >= 0 else ELSEWHERE
+        counts[row] = ELSEWHERE if count == 0 and out[last, ALL_FREE_JOINTS] != 0.0 else count
         for b in range(q.shape[1]):
             for j in range(n):
                 q[row, b, j] = out[b, j] if b < count else math.nan

@@ -40,12 +40,16 @@ LONGEST = 0.3
 
 
 @compiled
-def refined(plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any, Q: Any, b: int, slack: float) -> Any:
+def refined(
+    plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any, Q: Any, b: int, slack: float, at_limit: float,
+    still: int,
+) -> Any:  # fmt: skip
     """Refine column b of Q (n, lanes) in place: distance (m), angle (rad) left, and how far outside limits it is.
 
     Steps are J^T (J J^T + damping)^-1 of what is left, seen from the target, kept while they help. A joint that then
-    stands beyond a limit by less than ``slack`` is put onto it; by less than AT_LIMIT, the others are asked to do
-    without it: at a singular target that is where rounding has put a joint that stands at its limit.
+    stands beyond a limit by less than ``slack`` is put onto it; by less than ``at_limit``, the others are asked to do
+    without it: at a singular target that is where rounding has put a joint that stands at its limit. Joints whose bit
+    is set in ``still`` keep their values.
     """
     chain = plan[1 : n + 2]
     turns, axes, end = np.zeros((3, whole_vectors(n))), np.empty((n, 6)), np.empty((3, 4))
@@ -61,6 +65,8 @@ def refined(plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any,
         held[fixed] = 1.0
     for j in range(n):
         q[j] = best[j] = Q[j, b]
+        if still >> j & 1:
+            held[j] = 1.0
 
     # What is off an ideal arm is rounding: a step or two mend it, or nothing does.
     patience = PATIENCE if plan[0, SPREAD] > 0.0 else 0
@@ -121,12 +127,12 @@ def refined(plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any,
             inside = min(max(value, low), high)
             if abs(value - inside) > slack:
                 beyond = max(beyond, abs(value - inside))
-                if again == 0 and held[own] == 0.0 and abs(value - inside) <= AT_LIMIT:
+                if again == 0 and held[own] == 0.0 and abs(value - inside) <= at_limit:
                     held[own] = 1.0
                     retry = True
             clipped = clipped or inside != value
             Q[own, b] = q[own] = inside
-        if not retry or beyond > AT_LIMIT:
+        if not retry or beyond > at_limit:
             break
     if clipped:
         walk(chain, start, q, turns, axes, end)

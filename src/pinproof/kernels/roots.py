@@ -16,11 +16,18 @@ from typing import Any
 
 from pinproof.kernels.compiled import compiled, inlined
 
-__all__ = ["FREE", "linear_roots", "quartic_roots"]
+__all__ = ["FREE", "ROUNDING", "UNCERTAIN", "linear_roots", "quartic_roots", "root_errors"]
 
 FREE = 1e-10
 """What is smaller (in lengths of the arm) does not decide about a joint's value: the joint is free. A branch whose free
 joint is set to any value is then wrong by less than this."""
+
+ROUNDING = 1e-15
+"""The error of an equation's coefficients before any joint is known, in lengths of the arm."""
+
+UNCERTAIN = 100.0
+"""A vector shorter than this multiple of its own error has no certain direction: the joint that depends on the
+direction may be free. Otherwise that joint is known to about 0.01 rad."""
 
 NEARLY_REAL = 1e-3
 """A root of a quartic whose imaginary part is smaller may be real: rounding (1e-16) takes double roots apart by its
@@ -31,15 +38,39 @@ SETTLED = 1e-15
 
 
 @inlined
-def linear_roots(slides: Any, A: float, B: float, C: float, square: float, border: float, spread: float) -> Any:
+def root_errors(slides: Any, A: float, B: float, state: Any, rounding: float, tolerance: float) -> Any:
+    """How far off the root ``state`` of A b_1 + B b_2 + C = 0 is, if C is off by ``rounding``, or by ``tolerance``.
+
+    An error d of an equation with slope s and curvature k moves a simple root by d / s, a double root by sqrt(d / k).
+    An error of 1 or more says that nothing is known about the joint.
+    """
+    if slides:
+        slope, curvature = abs(A + 2.0 * B * state[0]), abs(B)
+    else:
+        slope, curvature = abs(B * state[0] - A * state[1]), math.sqrt(A * A + B * B)
+    if slope * slope >= tolerance * curvature and slope > tolerance >= rounding:
+        inverse = 1.0 / slope
+        return rounding * inverse, tolerance * inverse
+    return (
+        rounding / max(max(slope, math.sqrt(rounding * curvature)), rounding),
+        tolerance / max(max(slope, math.sqrt(tolerance * curvature)), tolerance),
+    )
+
+
+@inlined
+def linear_roots(
+    slides: Any, A: float, B: float, C: float, square: float, border: float, spread: float, free: float
+) -> Any:
     """The roots of A b_1 + B b_2 + C = 0: how many, and two states. A count of -1: every value is a root.
+
+    Every value is one where A and B are smaller than ``free``.
 
     ``square`` is w^2, where the caller knows it better than from A, B and C; else NaN. Within ``border`` of a root the
     nearest is taken for one; there two are told, a way ``spread`` (in w^2) apart, for those who refine them.
     """
     if slides:
         if abs(B) < FREE:
-            if abs(A) < FREE:
+            if abs(A) < free:
                 return (-1 if abs(C) <= border else 0), (0.0, 0.0), (0.0, 0.0)
             t = -C / A
             return 1, (t, t * t), (t, t * t)
@@ -52,8 +83,8 @@ def linear_roots(slides: Any, A: float, B: float, C: float, square: float, borde
         return (1 if beyond == 0.0 else 2), (t, t * t), (r, r * r)
     rho2 = A * A + B * B
     rho = math.sqrt(rho2)
-    if rho < FREE:
-        return (-1 if abs(C) <= border + FREE else 0), (1.0, 0.0), (1.0, 0.0)
+    if rho < free:
+        return (-1 if abs(C) <= border + free else 0), (1.0, 0.0), (1.0, 0.0)
     w2 = rho2 - C * C
     if not math.isnan(square):
         w2 = square

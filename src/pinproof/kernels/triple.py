@@ -20,8 +20,21 @@ import math
 from typing import Any
 
 from pinproof.kernels.compiled import compiled
-from pinproof.kernels.roots import FREE, linear_roots
-from pinproof.kernels.two_curves import FREED, WHICH, aligned, gram, reference_state
+from pinproof.kernels.roots import FREE, ROUNDING, UNCERTAIN, linear_roots, root_errors
+from pinproof.kernels.two_curves import (
+    CANDIDATES,
+    DOUBTFUL,
+    FREED,
+    NEAR,
+    ROUNDING_ERROR,
+    SNAPPED,
+    TOLERANCE_ERROR,
+    UNDECIDED,
+    WHICH,
+    aligned,
+    gram,
+    reference_state,
+)
 from pinproof.kernels.vectors import (
     SLIDING,
     across,
@@ -37,7 +50,14 @@ from pinproof.kernels.vectors import (
     unturned,
 )
 
-__all__ = ["triple"]
+__all__ = ["STATES", "triple"]
+
+STATES = 16
+"""The entries of a solution: six states, the free joints, its name, the free joints that are SNAPPED (see
+:mod:`pinproof.kernels.two_curves`), and how far (rad, or lengths of the arm) the tolerances let its joints be off."""
+
+OF_A_SNAPPED_JOINT = 1000
+"""Added to the name of a solution with a joint of the triple that is SNAPPED."""
 
 
 @compiled
@@ -52,13 +72,15 @@ def triple(
     row: int,
     border: float,
     spread: float,
+    snap: Any,
     out: Any,
     count: int,
 ) -> int:
     """Whole solutions that belong to row ``row`` of ``chosen`` into ``out`` from ``count`` on; how many then.
 
-    ``rotation`` (three rows) and ``shift`` are G; a column of ``out`` (14, k) gets the six states in the order of
+    ``rotation`` (three rows) and ``shift`` are G; a column of ``out`` (STATES, k) gets the six states in the order of
     ``lines``, then the free joints (bits of rows) and which solution it is. A reversed triple's lines stand reversed.
+    With ``snap``, joints that depend on the direction of an UNCERTAIN vector are free.
     """
     x, y, z = (chosen[row, 0], chosen[row, 1]), (chosen[row, 2], chosen[row, 3]), (chosen[row, 4], chosen[row, 5])
     ha, hb, hc = direction(lines, 3), direction(lines, 4), direction(lines, 5)
@@ -93,48 +115,64 @@ def triple(
             top = unturned(hc, sc, x, -1.0, unturned(hb, sb, z, -1.0, unturned(ha, sa, y, -1.0, top)))
             top = (dot(R0, top), dot(R1, top), dot(R2, top))
 
-    freed, which = int(chosen[row, FREED]), 2.0 * chosen[row, WHICH]
+    freed, which, snapped = int(chosen[row, FREED]), 2.0 * chosen[row, WHICH], int(chosen[row, SNAPPED])
+    rounding, tolerance = chosen[row, ROUNDING_ERROR], chosen[row, TOLERANCE_ERROR]
+    # The equation of the middle joint, A b_1 + B b_2 + C = 0 with the error of C, and the length that decides whether
+    # the first joint is free.
+    A, B, length = 0.0, 0.0, 1.0
+    rounding_g = tolerance_g = 0.0
     if not planar:
         alpha, beta = dot(hf, hg), dot(hl, hg)
         off = across(top, hf)
         square = gram(alpha, beta, dot(hf, top), dot(off, off))
-        found, g1, g2 = linear_roots(
-            False,
-            dot(hf, hl) - alpha * beta,
-            dot(hf, cross(hg, hl)),
-            alpha * beta - dot(hf, top),
-            square,
-            border,
-            spread,
-        )
+        length = math.sqrt(dot(off, off))
+        tilt = abs(abs(alpha) - abs(beta))
+        rounding_g = ROUNDING * tilt + (length + rounding) * rounding
+        tolerance_g = ROUNDING * tilt + (length + tolerance) * tolerance
+        A, B = dot(hf, hl) - alpha * beta, dot(hf, cross(hg, hl))
+        near = max(border, NEAR * tolerance_g)
+        found, g1, g2 = linear_roots(False, A, B, alpha * beta - dot(hf, top), square, near, spread, FREE)
     elif between:
         c, s, _ = aligned(hg, e, seen)
         found, g1, g2 = 1, (c, s), (c, s)
     else:
-        A, u, w = curve(hg, og, sg, 1.0, ol)
+        centre, u, w = curve(hg, og, sg, 1.0, ol)
         if sf:
             d = cross(normal, hf)
-            found, g1, g2 = linear_roots(sg, dot(d, u), dot(d, w), dot(d, minus(A, goal)), math.nan, border, spread)
+            A, B, C = dot(d, u), dot(d, w), dot(d, minus(centre, goal))
+            rounding_g, tolerance_g = ROUNDING + rounding, ROUNDING + tolerance
         else:
-            near, far = across(minus(A, of), normal), across(minus(goal, of), normal)
-            rest = dot(near, near) - dot(far, far)
-            if sg:
-                found, g1, g2 = linear_roots(True, 2.0 * dot(near, u), 1.0, rest, math.nan, border, spread)
-            else:
-                found, g1, g2 = linear_roots(
-                    False, 2.0 * dot(near, u), 2.0 * dot(near, w), rest + dot(u, u), math.nan, border, spread
-                )
+            near_axis, far = across(minus(centre, of), normal), across(minus(goal, of), normal)
+            A, C = 2.0 * dot(near_axis, u), dot(near_axis, near_axis) - dot(far, far)
+            B = 1.0 if sg else 2.0 * dot(near_axis, w)
+            C += 0.0 if sg else dot(u, u)
+            length = math.sqrt(dot(far, far))
+            rounding_g = ROUNDING + (2.0 * length + rounding) * rounding
+            tolerance_g = ROUNDING + (2.0 * length + tolerance) * tolerance
+        free = FREE
+        if max(abs(A), abs(B)) < UNCERTAIN * rounding_g and max(abs(A), abs(B)) >= 0.7 * FREE:
+            chosen[CANDIDATES, UNDECIDED] = float(int(chosen[CANDIDATES, UNDECIDED]) | 2)
+            free = 2.0 * UNCERTAIN * rounding_g if snap else FREE
+        found, g1, g2 = linear_roots(sg, A, B, C, math.nan, max(border, NEAR * tolerance_g), spread, free)
+        if found < 0 and free != FREE:
+            snapped |= 2
     if found < 0:
         g1, found, freed = reference_state(lines, 1), 1, freed | 2
     for i in range(found):
         g = g1 if i == 0 else g2
-        also = freed
+        also, snapped_too = freed, snapped
+        known_g, tolerated_g = 0.0, 0.0
+        if not between and not freed & 2:
+            known_g, tolerated_g = root_errors(sg and planar, A, B, g, rounding_g, tolerance_g)
+        off_by = tolerance + tolerated_g
         if between:
             # W o_g - o_g = q_f d_f + q_l R_g d_l, in the plane
             way, last = minus(goal, og), turned(hg, g[0], g[1], hl)
             det = dot(normal, cross(hf, last))
-            if abs(det) < FREE:
+            if abs(det) < max(FREE, UNCERTAIN * rounding):
+                chosen[CANDIDATES, DOUBTFUL] = 1.0  # both slide in one direction: free, which is not covered
                 continue
+            off_by /= min(1.0, abs(det))
             f0, l0 = dot(normal, cross(way, last)) / det, dot(normal, cross(hf, way)) / det
             f1, l1 = f0 * f0, l0 * l0
         else:
@@ -147,12 +185,24 @@ def triple(
                     f0, f1, size = aligned(hf, minus(r, of), minus(goal, of))
                 else:
                     f0, f1, size = aligned(hf, r, top)
+                uncertain = UNCERTAIN * ((rounding + known_g) if planar else rounding)
                 if size < FREE * FREE or (not planar and dot(off, off) < FREE * FREE):
                     (f0, f1), also = reference_state(lines, 0), also | 1
+                elif min(size, length * length) < uncertain * uncertain:
+                    chosen[CANDIDATES, UNDECIDED] = float(int(chosen[CANDIDATES, UNDECIDED]) | 2)
+                    off_by = 1.0
+                    if snap:
+                        (f0, f1), also, snapped_too = reference_state(lines, 0), also | 1, snapped_too | 1
+                else:
+                    off_by += off_by / min(1.0, length)
             left = unturned(hg, sg, g, -1.0, unturned(hf, sf, (f0, f1), -1.0, seen))
             l0, l1, _ = aligned(hl, e, left)
-        states = (f0, f1, g[0], g[1], l0, l1, y[0], y[1], z[0], z[1], x[0], x[1], float(also), which + i)
-        for entry in range(14):
+        name = which + i + (OF_A_SNAPPED_JOINT if snapped_too != int(chosen[row, SNAPPED]) else 0)
+        states = (
+            f0, f1, g[0], g[1], l0, l1, y[0], y[1], z[0], z[1], x[0], x[1], float(also), name, float(snapped_too),
+            off_by,
+        )  # fmt: skip
+        for entry in range(STATES):
             out[entry, count] = states[entry]
         count += 1
     return count

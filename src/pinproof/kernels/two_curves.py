@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 
 from pinproof.kernels.compiled import compiled, inlined
-from pinproof.kernels.roots import FREE, linear_roots, quartic_roots
+from pinproof.kernels.roots import FREE, UNCERTAIN, linear_roots, quartic_roots, root_errors
 from pinproof.kernels.trigonometry import sincos
 from pinproof.kernels.vectors import (
     SLIDING,
@@ -50,7 +50,25 @@ from pinproof.kernels.vectors import (
     turning_curve,
 )
 
-__all__ = ["BY_QUARTIC", "CANDIDATES", "FIRST", "REFERENCE", "aligned", "gram", "reference_state", "two_curves"]
+__all__ = [
+    "BY_QUARTIC",
+    "CANDIDATES",
+    "COLUMNS",
+    "DOUBTFUL",
+    "FIRST",
+    "FREED",
+    "NEAR",
+    "REFERENCE",
+    "ROUNDING_ERROR",
+    "SNAPPED",
+    "TOLERANCE_ERROR",
+    "UNDECIDED",
+    "WHICH",
+    "aligned",
+    "gram",
+    "reference_state",
+    "two_curves",
+]
 
 FIRST = 3
 """The row of joint a in an array of lines; b and c follow, the triple stands before."""
@@ -74,8 +92,22 @@ SAME_DIRECTION = 1e-4
 EXACT = 1e-14
 REFINEMENTS = 4
 
-# The entries of a candidate: states of c, a and b, which joints were free (bits of the rows of their lines), its name
-X, Y, Z, FREED, WHICH = 0, 2, 4, 6, 7
+NEAR = 4.0
+"""An equation without a root is tried as if it had a double one, if it fails by less than this multiple of what the
+tolerances may change it by."""
+
+# The entries of a candidate: states of c, a and b, which joints were free (bits of the rows of their lines), its name;
+# how far the rotation about all three joints may be off by rounding, and by the tolerances; which joints are free
+# only because an uncertain vector was taken for one of no length.
+X, Y, Z, FREED, WHICH, ROUNDING_ERROR, TOLERANCE_ERROR, SNAPPED = 0, 2, 4, 6, 7, 8, 9, 10
+COLUMNS = 11
+
+# The entries of the row behind the last candidate: decisions about free joints that rounding may have turned; and
+# cases that were left out, or are not covered.
+UNDECIDED, DOUBTFUL = 0, 1
+
+OF_A_SNAPPED_JOINT = 100
+"""Added to the name of a candidate with a joint that is SNAPPED."""
 
 
 @inlined
@@ -117,11 +149,14 @@ def reference_state(lines: Any, i: int) -> Any:
 
 @compiled
 def two_curves(
-    lines: Any, planar: Any, p: Any, p0: Any, n: Any, n1: Any, border: float, spread: float, out: Any
-) -> int:
-    """Solutions (x, y, z) of joints c, a, b into ``out`` (CANDIDATES, 8); how many (plus BY_QUARTIC).
+    lines: Any, planar: Any, p: Any, p0: Any, n: Any, n1: Any, border: float, spread: float, rounding: float,
+    tolerance: float, snap: Any, out: Any,
+) -> int:  # fmt: skip
+    """Solutions (x, y, z) of joints c, a, b into ``out`` (CANDIDATES + 1, COLUMNS); how many (plus BY_QUARTIC).
 
-    ``p`` and ``n1`` are O (or a point of the plane) and n behind G^-1, ``p0`` and ``n`` before it.
+    ``p`` and ``n1`` are O (or a point of the plane) and n behind G^-1, ``p0`` and ``n`` before it. Rounding changes an
+    equation by ``rounding`` at most, the tolerances of the answer by ``tolerance``. With ``snap``, joints that depend
+    on the direction of a vector that is UNCERTAIN are free; else only those of a vector of no length.
     """
     ha, hb, hc = direction(lines, FIRST), direction(lines, FIRST + 1), direction(lines, FIRST + 2)
     oa, ob, oc = place(lines, FIRST), place(lines, FIRST + 1), place(lines, FIRST + 2)
@@ -181,6 +216,7 @@ def two_curves(
     first, second = (FIRST, FIRST + 2) if swap else (FIRST + 2, FIRST)
 
     count = 0
+    undecided = doubtful = 0.0
     if ratioG < SEPARABLE:
         # (v0, v1) G = 0: that combination of the two equations holds the first unknown alone.
         if sizeG > FREE * FREE:
@@ -192,15 +228,24 @@ def two_curves(
         size = math.sqrt(u0 * u0 + u1 * u1)
         u0, u1 = (u0 / size, u1 / size) if size > 0.0 else (1.0, 0.0)
         v0, v1 = -u1, u0
-        found, x1, x2 = linear_roots(
-            first_slides, v0 * F00 + v1 * F10, v0 * F01 + v1 * F11, v0 * k0 + v1 * k1, math.nan, border, spread
-        )
+        A, B = v0 * F00 + v1 * F10, v0 * F01 + v1 * F11
+        left_out = ratioG * math.sqrt(sizeG)  # the other unknown's part, if the matrix is not quite singular
+        near = max(border, NEAR * (tolerance + left_out))
+        found, x1, x2 = linear_roots(first_slides, A, B, v0 * k0 + v1 * k1, math.nan, near, spread, FREE)
         freed = 0
         if found < 0:
             x1, found, freed = reference_state(lines, first), 1, 1 << first
         for i in range(found):
             x = x1 if i == 0 else x2
+            rounding_x, tolerance_x = 0.0, 0.0
+            if freed == 0:
+                rounding_x, tolerance_x = root_errors(first_slides, A, B, x, rounding, tolerance)
             height = u0 * (F00 * x[0] + F01 * x[1] + k0) + u1 * (F10 * x[0] + F11 * x[1] + k1)
+            dx0, dx1 = (1.0, 2.0 * x[0]) if first_slides else (-x[1], x[0])
+            growth = abs(u0 * (F00 * dx0 + F01 * dx1) + u1 * (F10 * dx0 + F11 * dx1))
+            rounding_y = rounding + (growth + rounding_x) * rounding_x
+            tolerance_y = tolerance + (growth + tolerance_x) * tolerance_x
+            near = max(border, NEAR * (tolerance_y + left_out))
             square = math.nan
             if planar and not sb and not second_slides and abs(u1) < 1e-9:
                 # Then the equation is h_b . k = h_b . m alone.
@@ -212,9 +257,16 @@ def two_curves(
                     alpha = dot(hb, ha)
                 off = across(other, hb)
                 square = gram(alpha, beta, dot(hb, other), dot(off, off))
-            more, y1, y2 = linear_roots(
-                second_slides, u0 * G00 + u1 * G10, u0 * G01 + u1 * G11, height, square, border, spread
-            )
+                part, tilt = math.sqrt(dot(off, off)), abs(abs(alpha) - abs(beta))
+                rounding_y = rounding * tilt + (part + rounding + rounding_x) * (rounding + rounding_x)
+                tolerance_y = tolerance * tilt + (part + tolerance + tolerance_x) * (tolerance + tolerance_x)
+            A2, B2, free = u0 * G00 + u1 * G10, u0 * G01 + u1 * G11, FREE
+            unsure = UNCERTAIN * (rounding + growth * rounding_x + rounding_x * rounding_x)
+            if unsure > FREE and max(abs(A2), abs(B2)) < unsure and max(abs(A2), abs(B2)) >= 0.7 * FREE:
+                undecided = 1.0
+                if snap:
+                    free = 2.0 * unsure
+            more, y1, y2 = linear_roots(second_slides, A2, B2, height, square, near, spread, free)
             also = freed
             if more < 0:
                 y1, more, also = reference_state(lines, second), 1, freed | 1 << second
@@ -222,30 +274,56 @@ def two_curves(
                 y = y1 if j == 0 else y2
                 out[count, 0], out[count, 1], out[count, 2], out[count, 3] = x[0], x[1], y[0], y[1]
                 out[count, FREED], out[count, WHICH] = also, 2 * i + j
+                out[count, SNAPPED] = also if also != freed and free != FREE else 0
+                # For now, of each of the two unknowns; of their rotations in the end.
+                out[count, 4], out[count, 5] = rounding_x, tolerance_x
+                out[count, ROUNDING_ERROR] = out[count, TOLERANCE_ERROR] = 0.0
+                if also == freed:
+                    out[count, ROUNDING_ERROR], out[count, TOLERANCE_ERROR] = root_errors(
+                        second_slides, A2, B2, y, rounding_y, tolerance_y
+                    )
                 count += 1
         exact = ratioG < EXACT
     else:
         count = _by_quartic(
-            F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, detG, first_slides, second_slides, spread, out
-        )
+            F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, detG, first_slides, second_slides,
+            max(spread, NEAR * tolerance), out,
+        )  # fmt: skip
+        if count < 0:
+            count, doubtful = 0, 1.0
         exact = False
     if not exact:
         for i in range(count):
-            _refine(F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, first_slides, second_slides, out, i)
+            if out[i, SNAPPED] == 0.0:
+                _refine(F00, F01, F10, F11, G00, G01, G10, G11, k0, k1, first_slides, second_slides, out, i)
+    if ratioG >= SEPARABLE:
+        for i in range(count):
+            _errors_of_both(
+                F00, F01, F10, F11, G00, G01, G10, G11, first_slides, second_slides, rounding, tolerance, out, i
+            )
 
     kept = 0
     for i in range(count):
         x, y = (out[i, 0], out[i, 1]), (out[i, 2], out[i, 3])
+        rounding_x, tolerance_x = out[i, 4], out[i, 5]
+        rounding_y, tolerance_y = out[i, ROUNDING_ERROR], out[i, TOLERANCE_ERROR]
         if swap:
             x, y = y, x
+            rounding_x, tolerance_x, rounding_y, tolerance_y = rounding_y, tolerance_y, rounding_x, tolerance_x
         m, k = along(along(Am, x[0], um), x[1], wm), along(along(An, y[0], un), y[1], wn)
-        freed = int(out[i, FREED])
+        freed, snapped = int(out[i, FREED]), int(out[i, SNAPPED])
         z0, z1 = 1.0, 0.0
+        rounding_z = tolerance_z = 0.0
         if sb and planar:
             gap = minus(m, k)
             tilt = dot(k, hb)
-            if dot(gap, gap) > SAME_DIRECTION * SAME_DIRECTION or abs(tilt) < FREE:
+            same = max(SAME_DIRECTION, NEAR * (tolerance + tolerance_x + tolerance_y))
+            if dot(gap, gap) > same * same:
                 continue
+            if abs(tilt) < max(FREE, UNCERTAIN * (rounding_x + rounding_y)):
+                doubtful = 1.0  # the slide moves in the plane of the triple: free, which is not covered
+                continue
+            rounding_z, tolerance_z = (rounding_x + rounding_y) / abs(tilt), (tolerance_x + tolerance_y) / abs(tilt)
             height = dot(n, minus(oa, p0)) - dot(k, oa) + dot(m, oc) + dot(n1, minus(p, oc))
             z0 = -height / tilt
             z1 = z0 * z0
@@ -254,15 +332,30 @@ def two_curves(
             z1 = z0 * z0
         else:
             z0, z1, size = aligned(hb, m, k)
-            if (
-                size < FREE * FREE
-                or min(dot(across(m, hb), across(m, hb)), dot(across(k, hb), across(k, hb))) < FREE * FREE
-            ):
+            short2 = min(dot(across(m, hb), across(m, hb)), dot(across(k, hb), across(k, hb)))
+            away_m, away_k = math.sqrt(dot(um, um)), math.sqrt(dot(un, un))
+            off = rounding + away_m * rounding_x + away_k * rounding_y
+            if size < FREE * FREE or short2 < FREE * FREE:
                 (z0, z1), freed = reference_state(lines, FIRST + 1), freed | 1 << (FIRST + 1)
-        which = out[i, WHICH]
+            elif short2 < (UNCERTAIN * off) * (UNCERTAIN * off):
+                undecided = 1.0
+                rounding_z = tolerance_z = 1.0
+                if snap:
+                    (z0, z1), freed = reference_state(lines, FIRST + 1), freed | 1 << (FIRST + 1)
+                    snapped |= 1 << (FIRST + 1)
+                    rounding_z = tolerance_z = 0.0
+            else:
+                inverse = 1.0 / math.sqrt(short2)
+                rounding_z = off * inverse
+                tolerance_z = min(1.0, (tolerance + away_m * tolerance_x + away_k * tolerance_y) * inverse)
+        which = out[i, WHICH] + (OF_A_SNAPPED_JOINT if snapped else 0)
         out[kept, 0], out[kept, 1], out[kept, 2], out[kept, 3] = x[0], x[1], y[0], y[1]
         out[kept, 4], out[kept, 5], out[kept, FREED], out[kept, WHICH] = z0, z1, freed, which
+        out[kept, SNAPPED] = snapped
+        out[kept, ROUNDING_ERROR] = rounding + rounding_x + rounding_y + rounding_z
+        out[kept, TOLERANCE_ERROR] = tolerance + tolerance_x + tolerance_y + tolerance_z
         kept += 1
+    out[CANDIDATES, UNDECIDED], out[CANDIDATES, DOUBTFUL] = undecided, doubtful
     return kept if ratioG < SEPARABLE else kept + BY_QUARTIC
 
 
@@ -272,6 +365,8 @@ def _by_quartic(
     k0: float, k1: float, det: float, first_slides: Any, second_slides: Any, spread: float, out: Any,
 ) -> int:  # fmt: skip
     """Solutions (x, y) into ``out``, where G can be inverted: det(G) b(y) = -(P, Q), both linear in b(x).
+
+    How many; -1 where the quartic vanishes, so that every value is a root.
 
     As forms of degree 2 in (t, w), b(x) = (w^2 - t^2, 2 t w) / (w^2 + t^2) or (t w, t^2) / w^2. The forms are turned so
     that no root is near infinity: to where, of a few places, the quartic is largest.
@@ -309,7 +404,7 @@ def _by_quartic(
             else:
                 a[i + j] += P + form[1, i] * form[1, j] - d * d * form[2, i] * form[2, j]
     if best < 1e-30:
-        return 0
+        return -1
     found = quartic_roots(a, math.sqrt(spread), roots)
     roots[:found].sort()
     count = 0
@@ -330,7 +425,7 @@ def _by_quartic(
             size = math.sqrt(y0 * y0 + y1 * y1)
             y0, y1 = (y0 / size, y1 / size) if size > 0.0 else (1.0, 0.0)
         out[count, 0], out[count, 1], out[count, 2], out[count, 3] = x0, x1, y0, y1
-        out[count, FREED], out[count, WHICH] = 0, count
+        out[count, FREED], out[count, WHICH], out[count, SNAPPED] = 0, count, 0
         count += 1
     return count
 
@@ -373,3 +468,26 @@ def _refine(
         else:
             s, c = sincos(dy)
             y0, y1 = y0 * c - y1 * s, y0 * s + y1 * c
+
+
+@compiled
+def _errors_of_both(
+    F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
+    first_slides: Any, second_slides: Any, rounding: float, tolerance: float, out: Any, row: int,
+) -> None:  # fmt: skip
+    """How far x and y of a row may be off by ``rounding`` and by ``tolerance``, where the equations hold both.
+
+    From the inverse of the equations' Jacobian; up to four roots may meet, which an error d moves by d^(1/4).
+    """
+    x0, x1, y0, y1 = out[row, 0], out[row, 1], out[row, 2], out[row, 3]
+    dx0, dx1 = (1.0, 2.0 * x0) if first_slides else (-x1, x0)
+    dy0, dy1 = (1.0, 2.0 * y0) if second_slides else (-y1, y0)
+    a, b = F00 * dx0 + F01 * dx1, G00 * dy0 + G01 * dy1
+    c, d = F10 * dx0 + F11 * dx1, G10 * dy0 + G11 * dy1
+    det = abs(a * d - b * c)
+    of_x, of_y = abs(b) + abs(d), abs(a) + abs(c)
+    least_rounding, least_tolerance = rounding**0.75, tolerance**0.75
+    out[row, 4] = min(1.0, of_x * rounding / max(det, least_rounding))
+    out[row, 5] = min(1.0, of_x * tolerance / max(det, least_tolerance))
+    out[row, ROUNDING_ERROR] = min(1.0, of_y * rounding / max(det, least_rounding))
+    out[row, TOLERANCE_ERROR] = min(1.0, of_y * tolerance / max(det, least_tolerance))

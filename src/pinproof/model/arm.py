@@ -1,4 +1,11 @@
-"""An arm: the chain from a base link to a tcp frame, with its kinematics from Pinocchio."""
+"""An arm's chain as one array, for compiled loops.
+
+Every joint is turned so that it moves about, or along, its own z: with a rotation A_k that takes z to the axis of joint
+k, the chain base_from_tcp = C_1 X_1(q) C_2 X_2(q) ... C_m X_m(q) C_tool has X_k = Rz or Tz and constant C_k, into which
+the A_k went. See :mod:`pinproof.kernels.chain` for the layout.
+
+An arm: the chain from a base link to a tcp frame, with its kinematics from Pinocchio.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +13,7 @@ import threading
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -15,16 +22,56 @@ import pinocchio as pin
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import Chain, affine, periodic
 from pinproof.model.limits import JointLimits
-from pinproof.model.packed import pack_chain
-from pinproof.spatial import finite
+from pinproof.spatial import finite, frozen
 
 if TYPE_CHECKING:
     from pinproof.description import UrdfJoint
     from pinproof.model.robot import Robot
 
-__all__ = ["Arm", "Reference", "Singularity"]
+__all__ = ["Arm", "Reference", "Singularity", "joint_axis", "pack_chain"]
 
 Array = npt.NDArray[np.float64]
+
+
+def pack_chain(arm: Arm) -> Array:
+    """The (m + 1, 16) array of the m joints between base and tcp, followers included, and of the tool."""
+    model = arm.model
+    tcp = model.frames[model.getFrameId(arm.tcp, pin.FrameType.BODY)]
+    joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
+    rows = np.zeros((len(joints) + 1, 16))
+    behind = arm.root_from_base.inverse()  # what stands before the next joint
+    for row, joint in zip(rows, joints, strict=False):
+        axis, slides = joint_axis(model, joint)
+        aligned = _from_z(axis)
+        row[:12] = (behind * model.jointPlacements[joint] * aligned).homogeneous[:3].ravel()
+        leader = int(np.abs(arm.scale[joint - 1]).argmax())
+        row[12:] = slides, leader, arm.scale[joint - 1, leader], arm.offset[joint - 1]
+        behind = aligned.inverse()
+    rows[-1, :12] = (behind * tcp.placement).homogeneous[:3].ravel()
+    return rows
+
+
+def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
+    """The unit axis (3,) of a joint in its own frame, and whether it slides."""
+    kind = model.joints[joint]
+    data = kind.createData()
+    kind.calc(data, np.zeros(kind.nq))
+    subspace = np.asarray(data.S, dtype=float).ravel()
+    if kind.nq != 1 or subspace.shape != (6,):
+        raise InputError(f"joint {model.names[joint]!r} is a {kind.shortname()}: a chain is made of single axes")
+    slides = not subspace[3:].any()
+    return (subspace[:3] if slides else subspace[3:]), slides
+
+
+def _from_z(axis: Array) -> pin.SE3:
+    """A rotation that takes z to the unit vector ``axis``; exact for an axis of the frame."""
+    helper = np.zeros(3)
+    helper[int(np.abs(axis).argmin())] = 1.0
+    x = np.cross(helper, axis)
+    x /= np.linalg.norm(x)
+    return pin.SE3(np.column_stack([x, np.cross(axis, x), axis]), np.zeros(3))
+
+
 Reference = Literal["LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD"]
 REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
 
@@ -48,6 +95,20 @@ class Singularity:
     singular_values: Array
 
 
+class _Held(dict[str, float]):
+    """The values of the joints outside an arm, which cannot be changed in place: the model was built with them."""
+
+    def _refuse(self, *_args: object, **_named: object) -> NoReturn:
+        raise TypeError(
+            "the held joints of an arm are read-only; arm.with_held({name: value}) makes an arm with others"
+        )
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _Held, (dict(self),)
+
+
 class Arm:
     """The joints between a base link and a tcp frame; made by :meth:`pinproof.Robot.arm`.
 
@@ -65,7 +126,7 @@ class Arm:
     limits
         Of its joints, in their order.
     held
-        Values (rad or m) of the robot's other joints by name.
+        Values (rad or m) of the robot's other joints by name; :meth:`with_held` makes an arm with other values.
     angular
         (n,) True where a joint turns, False where it slides.
     periodic
@@ -79,11 +140,13 @@ class Arm:
         self, robot: Robot, base: str, tcp: str, chain: Chain, limits: JointLimits, held: Mapping[str, float]
     ) -> None:
         self.robot, self.base, self.tcp = robot, base, tcp
-        self.limits, self.held = limits, dict(held)
+        self.limits, self.held = limits, _Held(held)
         self.joint_names, self.angular = chain.joint_names, chain.angular
         self.followers = chain.followers
         self.model = _reduced(robot, {*chain.joint_names, *chain.followers}, held)
         self.scale, self.offset = affine(robot.urdf, chain, tuple(self.model.names)[1:])
+        for array in (self.scale, self.offset):
+            array.setflags(write=False)
         self.periodic = periodic(robot.urdf, chain)
         self._tcp_id = self._frame_id(tcp)
         self._threads = threading.local()
@@ -92,7 +155,7 @@ class Arm:
             raise InputError(
                 f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another"
             )
-        self.root_from_base: pin.SE3 = base_frame.placement.copy()
+        self.root_from_base: pin.SE3 = frozen(base_frame.placement)
         self.packed: Array = pack_chain(self)
 
     @property
@@ -232,6 +295,8 @@ class Arm:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
+        for array in (self.scale, self.offset):
+            array.setflags(write=False)  # pickle forgets it
         self._threads = threading.local()
 
     def _placement(self, q: Array, frame_id: int) -> pin.SE3:

@@ -6,19 +6,21 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pinocchio as pin
 
 from pinproof.description import CatalogueEntry, Srdf, Urdf, find_robot, read_description, read_srdf, read_urdf_text
-from pinproof.description.notes import notes
+from pinproof.description.sources import notes
 from pinproof.description.srdf import DisabledPair
 from pinproof.errors import FileError, InputError, UnknownNameError, UrdfError
 from pinproof.model.arm import Arm
-from pinproof.model.chain import find_chain, held_values, link_path
-from pinproof.model.groups import group_ends
-from pinproof.model.limits import JointLimits
-from pinproof.model.limits_file import LimitsFile
+from pinproof.model.chain import find_chain, group_ends, held_values, link_path
+from pinproof.model.limits import JointLimits, LimitsFile
+
+if TYPE_CHECKING:
+    from pinproof.model.info import RobotInfo
 
 __all__ = ["Robot", "load_robot", "load_robot_from_text"]
 
@@ -53,6 +55,19 @@ class Robot:
     default_base: str | None = None
 
     @property
+    def size(self) -> float:
+        """Metres: the largest length of a line of joints and links from the root to a link.
+
+        How far the robot reaches when it is stretched, without the travel of joints that slide.
+        """
+        model = self.model
+        reach = np.zeros(model.njoints)
+        for joint in range(1, model.njoints):
+            step = np.linalg.norm(model.jointPlacements[joint].translation)
+            reach[joint] = reach[model.parents[joint]] + step
+        return float(max(reach[f.parentJoint] + np.linalg.norm(f.placement.translation) for f in model.frames))
+
+    @property
     def notes(self) -> tuple[str, ...]:
         """What is odd about the description, in sentences: meshes not found, names in the SRDF that do not exist."""
         return notes(self.urdf, self.srdf)
@@ -61,6 +76,18 @@ class Robot:
     def name(self) -> str:
         """The robot's name in its URDF."""
         return self.urdf.name
+
+    def info(self, arm: Arm | None = None) -> RobotInfo:
+        """The properties of the robot and of one of its arms, by default of :meth:`arm` without arguments.
+
+        Raises
+        ------
+        InputError
+            If no arm is given and the robot declares no tcp.
+        """
+        from pinproof.model.info import robot_info
+
+        return robot_info(self, self.arm() if arm is None else arm)
 
     def arm(
         self,
@@ -84,8 +111,8 @@ class Robot:
         group
             A group of the SRDF, which names base and tcp.
         limits
-            New limits of all joints, those of a file (:func:`~pinproof.load_limits`), or new (lower, upper) by joint
-            name, to tighten or extend those of the URDF.
+            New limits of all joints, those of a file (:meth:`JointLimits.load`), or new (lower, upper) by joint name,
+            to tighten or extend those of the URDF.
         held
             Values (rad or m) of joints outside the arm; by default those of :attr:`home`, else 0 or the bound nearest
             to it. A floating or planar joint stands at its neutral place.

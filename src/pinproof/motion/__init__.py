@@ -4,7 +4,17 @@ from pinproof.motion.blended_path import BlendedPath
 from pinproof.motion.cubic_path import CubicPath
 from pinproof.motion.curve import Curve
 from pinproof.motion.joint_path import JointPath
+from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.timing import MotionLimits, time_parametrise
 from pinproof.motion.trajectory import Trajectory
 
-__all__ = ["BlendedPath", "CubicPath", "Curve", "JointPath", "MotionLimits", "Trajectory", "time_parametrise"]
+__all__ = [
+    "BlendedPath",
+    "CubicPath",
+    "Curve",
+    "JointPath",
+    "MotionLimits",
+    "MotionRecord",
+    "Trajectory",
+    "time_parametrise",
+]

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
-from pinproof.motion.clock import LONGEST, seconds, whole_nanoseconds
 from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
+from pinproof.motion.motion_record import Certified, MotionRecord, records_of
+from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
 from pinproof.spatial import finite
+from pinproof.verifier import curve_digest
 
 __all__ = ["Trajectory"]
 
@@ -45,6 +48,8 @@ class Trajectory:
         Where the limits it was timed for come from, in words.
     accelerations
         (m, n) accelerations in rad/s^2 or m/s^2 of a quintic, or None for a cubic, whose accelerations may jump.
+    certified
+        What the motion, part by part in time, was certified with, as its file records it; empty if nothing is known.
 
     Raises
     ------
@@ -59,6 +64,7 @@ class Trajectory:
     joint_names: tuple[str, ...]
     limits_note: str = ""
     accelerations: Array | None = None
+    certified: tuple[MotionRecord, ...] = ()
 
     def __init__(
         self,
@@ -69,6 +75,7 @@ class Trajectory:
         limits_note: str = "",
         *,
         accelerations: npt.ArrayLike | None = None,
+        certified: Iterable[MotionRecord] = (),
     ) -> None:
         names = checked_joint_names(joint_names)
         positions = finite("q", q, (None, len(names)))
@@ -86,6 +93,7 @@ class Trajectory:
         object.__setattr__(self, "joint_names", names)
         object.__setattr__(self, "limits_note", str(limits_note))
         object.__setattr__(self, "accelerations", None if second is None else read_only(second))
+        object.__setattr__(self, "certified", tuple(certified))
 
     @classmethod
     def join(cls, *parts: Trajectory) -> Trajectory:
@@ -189,20 +197,32 @@ class Trajectory:
             if np.ptp(record.q[:, j]) or any(rates[:, j].any() for rates in record.rates):
                 raise TrajectoryError(path, f"joint {name!r} moves; it cannot be left out", "joint_names")
         order = [names.index(name) for name in wanted]
-        rates = [values[:, order] for values in record.rates]
         try:
-            return cls(
-                seconds(record.nanoseconds),
-                record.q[:, order],
-                rates[0],
-                wanted,
-                record.limits_note,
-                accelerations=rates[1] if len(rates) > 1 else None,
-            )
+            whole = cls._of(record, names, list(range(len(names))))
+            return whole if wanted == names else whole._in_order(cls._of(record, wanted, order))
         except InputError as error:
             raise TrajectoryError(path, str(error)) from error
 
-    def save(self, path: str | Path) -> None:
+    @classmethod
+    def _of(cls, record: trajectory_files.Record, names: tuple[str, ...], columns: list[int]) -> Trajectory:
+        """Columns of a file, as the joints that are named."""
+        rates = [values[:, columns] for values in record.rates]
+        return cls(
+            seconds(record.nanoseconds),
+            record.q[:, columns],
+            rates[0],
+            names,
+            record.limits_note,
+            accelerations=rates[1] if len(rates) > 1 else None,
+            certified=record.certified,
+        )
+
+    def _in_order(self, other: Trajectory) -> Trajectory:
+        """The same motion with its joints in another order; records of this one become records of that one."""
+        told = {self.digest(): other.digest()}
+        return other.with_records(replace(each, curve=told.get(each.curve, each.curve)) for each in self.certified)
+
+    def save(self, path: str | Path, *, certificate: Certified | None = None) -> None:
         """Write the trajectory, whole or not at all; every number comes back bit for bit.
 
         A name ending in .json is written in the shape of trajectory_msgs/JointTrajectory plus one key ``pinproof``
@@ -210,11 +230,23 @@ class Trajectory:
         accelerations on purpose: a controller that finds them rebuilds a quintic, which is not the curve that was
         checked.
 
+        Parameters
+        ----------
+        path
+            The file.
+        certificate
+            The certificate of exactly this trajectory. The file then records what the motion was certified with: the
+            attached bodies, the held joints, the obstacles and the margin. Without it, the file records
+            :attr:`certified`.
+
         Raises
         ------
         TrajectoryError
             For another ending, or a place that cannot be written to.
+        InputError
+            If the certificate is of another motion.
         """
+        certified = self.certified if certificate is None else records_of(certificate, self.digest(), self.duration)
         trajectory_files.write(
             path,
             trajectory_files.Record(
@@ -224,8 +256,18 @@ class Trajectory:
                 self.velocities,
                 self.accelerations,
                 self.limits_note,
+                certified,
             ),
         )
+
+    def digest(self) -> str:
+        """A hash of joints, knots and polynomial pieces to the last bit, as certificates state it."""
+        return curve_digest(self.joint_names, *self.bezier())
+
+    def with_records(self, certified: Iterable[MotionRecord]) -> Trajectory:
+        """The same motion with other records of what it was certified with."""
+        make, points = self.__reduce__()
+        return make(*points, certified=certified)
 
     def __call__(self, t: npt.ArrayLike) -> Array:
         """The configuration (n,) at time ``t`` in [0, duration], or (N, n) at (N,) of them; InputError outside."""
@@ -328,18 +370,14 @@ class Trajectory:
     def _jerk_control(self) -> Array:
         return read_only(bezier.derivative(self._knots, self._derivatives[2]))
 
-    def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
-        return _again, (self.times, self.q, self.velocities, self.joint_names, self.limits_note, self.accelerations)
+    def __reduce__(self) -> tuple[Callable[..., Trajectory], tuple[Any, ...]]:
+        # pickling would hand back writable arrays
+        again = partial(Trajectory, accelerations=self.accelerations, certified=self.certified)
+        return again, (self.times, self.q, self.velocities, self.joint_names, self.limits_note)
 
     def __repr__(self) -> str:
         points = f"{len(self.times)} points, {self.interpolant}"
         return f"Trajectory({self.duration:.6g} s, {points}, {len(self.joint_names)} joints)"
-
-
-def _again(
-    times: Array, q: Array, velocities: Array, names: tuple[str, ...], note: str, accelerations: Array | None
-) -> Trajectory:
-    return Trajectory(times, q, velocities, names, note, accelerations=accelerations)
 
 
 def _one_after_another(parts: list[Array]) -> Array:

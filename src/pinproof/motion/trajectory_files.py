@@ -1,4 +1,14 @@
-"""Trajectories on disk: JSON and YAML in the shape of trajectory_msgs/JointTrajectory, and CSV.
+"""Time in whole nanoseconds, as trajectory messages count it.
+
+What every trajectory file must hold, whatever its format; each refusal names the file and the place.
+
+trajectory_msgs/JointTrajectory as text: JSON, and YAML as ``ros2 topic echo`` and ``rostopic echo`` print it.
+
+Times are read as ROS 2 spells them, {sec, nanosec}, as ROS 1 does, {secs, nsecs}, and as a number of seconds.
+
+Trajectories as CSV: a first line that names the curve, a header with joint names, a row a point.
+
+Trajectories on disk: JSON and YAML in the shape of trajectory_msgs/JointTrajectory, and CSV.
 
 Numbers are written by ``repr``, the shortest text that reads back to the same double; times as integers of
 nanoseconds. So a file holds the very curve that was in memory.
@@ -6,19 +16,353 @@ nanoseconds. So a file holds the very curve that was in memory.
 
 from __future__ import annotations
 
+import csv
+import io
+import json
+import re
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, NoReturn, TypeVar
 
-from pinproof.description.input_file import read_text
-from pinproof.description.lined_yaml import YAML_SUFFIXES
-from pinproof.errors import TrajectoryError
-from pinproof.motion.trajectory_csv import from_csv, to_csv
-from pinproof.motion.trajectory_message import from_json, from_yaml, to_json
-from pinproof.motion.trajectory_reader import Reader, Record
+import numpy as np
+import numpy.typing as npt
 
-__all__ = ["Record", "read", "write"]
+from pinproof.common.files import read_text
+from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
+from pinproof.errors import InputError, TrajectoryError
+from pinproof.motion.motion_record import MotionRecord, read_records
+
+__all__ = [
+    "INTERPOLANTS",
+    "LONGEST",
+    "NANO",
+    "UNITS",
+    "Points",
+    "Reader",
+    "Record",
+    "from_csv",
+    "from_json",
+    "from_yaml",
+    "read",
+    "seconds",
+    "to_csv",
+    "to_json",
+    "whole_nanoseconds",
+    "write",
+]
+
+Array = npt.NDArray[np.float64]
+
+NANO = 1_000_000_000
+"""Nanoseconds in a second."""
+
+LONGEST = 2.0**50 / NANO
+"""Seconds (13 days) up to which ``whole_nanoseconds(seconds(k)) == k``: k / NANO and its product with NANO are each off
+by half a unit of a 53-bit mantissa at most, together less than half a nanosecond."""
+
+
+def whole_nanoseconds(times: Array) -> npt.NDArray[np.int64]:
+    """The nearest count of nanoseconds to each time in seconds."""
+    return np.rint(times * NANO).astype(np.int64)
+
+
+def seconds(nanoseconds: npt.NDArray[np.int64] | Array) -> Array:
+    """The double nearest to each count of nanoseconds, in seconds."""
+    result: Array = nanoseconds / NANO
+    return result
+
+
+INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
+"""How our own files name the curve that their points stand for."""
+
+UNITS = {"positions": "rad or m", "velocities": "rad/s or m/s", "time_from_start": "s and ns"}
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What a file holds: names (n,), times (m,) in nanoseconds, the rest (m, n); a quintic has accelerations."""
+
+    joint_names: tuple[str, ...]
+    nanoseconds: npt.NDArray[np.int64]
+    q: Array
+    velocities: Array
+    accelerations: Array | None
+    limits_note: str
+    certified: tuple[MotionRecord, ...] = ()
+
+    @property
+    def rates(self) -> tuple[Array, ...]:
+        """What stands beside the positions: velocities, and accelerations if there are any."""
+        return (self.velocities,) if self.accelerations is None else (self.velocities, self.accelerations)
+
+    def meta(self) -> dict[str, object]:
+        """What our own header says."""
+        units, kind = dict(UNITS), "cubic"
+        if self.accelerations is not None:
+            units["accelerations"], kind = "rad/s^2 or m/s^2", "quintic"
+        said = {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
+        return {**said, "certified": [each.to_dict() for each in self.certified]} if self.certified else said
+
+
+class Points:
+    """The points of a file as they are read, each with its place for what is found wrong later."""
+
+    def __init__(self) -> None:
+        self.places: list[str] = []
+        self.clock: list[int] = []
+        self.q: list[list[float]] = []
+        self.velocities: list[list[float]] = []
+        self.accelerations: list[list[float]] = []
+
+
+class Reader:
+    """Checks on what a file says."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def fail(self, reason: str, place: str = "") -> NoReturn:
+        """Refuse the file."""
+        raise TrajectoryError(self.path, reason, place)
+
+    def not_finite(self, token: str) -> NoReturn:
+        """Refuse what JSON calls NaN or Infinity."""
+        self.fail(f"holds {token}; only finite numbers make a motion")
+
+    def known_keys(self, data: dict[str, Any], known: set[str], required: set[str], place: str) -> None:
+        """Check that all required keys are there, and no unknown ones."""
+        if missing := sorted(required - data.keys()):
+            self.fail(f"lacks {', '.join(missing)}", place)
+        if unknown := sorted(map(str, data.keys() - known)):
+            self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(sorted(known))}", place)
+
+    def number(self, cell: str, place: str) -> float:
+        """The number a text states."""
+        try:
+            return float(cell)
+        except ValueError:
+            self.fail(f"{cell!r} is no number", place)
+
+    def numbers(self, values: Any, count: int, place: str) -> list[float]:
+        """Finite numbers, ``count`` of them."""
+        if not isinstance(values, list) or len(values) != count:
+            found = f"{len(values)} values" if isinstance(values, list) else repr(values)
+            self.fail(f"must be a list of {count} numbers, one a joint; found {found}", place)
+        for value in values:
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                self.fail(f"{value!r} is no number", place)
+            if not abs(value) < np.inf:  # NaN too
+                self.fail(f"holds {value}; only finite numbers make a motion", place)
+        try:
+            return [float(value) for value in values]
+        except OverflowError:
+            self.fail("holds an integer too large for a double", place)
+
+    def nanoseconds(self, sec: int, nanosec: int, place: str) -> int:
+        """Whole nanoseconds, as long as doubles can count them."""
+        if not 0 <= sec <= LONGEST or not 0 <= nanosec < NANO:
+            self.fail(
+                f"{sec} s and {nanosec} ns: sec must lie in 0 to {LONGEST:.0f} and nanosec in 0 to {NANO - 1}", place
+            )
+        return sec * NANO + nanosec
+
+    def record(self, names: list[str], points: Points, meta: Any, meta_place: str, time: str = "") -> Record:
+        """Make a record, if the points are in order and stand for the curve that our own header (if any) names.
+
+        ``time`` is where in a point its time stands.
+        """
+        if points.clock[0] != 0:
+            self.fail("the first point must be at time 0", points.places[0] + time)
+        for i in range(1, len(points.clock)):
+            if points.clock[i] <= points.clock[i - 1]:
+                self.fail("times must increase strictly", points.places[i] + time)
+        shape = len(points.clock), len(names)
+        record = Record(
+            tuple(names),
+            np.array(points.clock, np.int64),
+            np.reshape(points.q, shape),
+            np.reshape(points.velocities, shape),
+            np.reshape(points.accelerations, shape) if points.accelerations else None,
+            self._note(meta, meta_place),
+            self._certified(meta, meta_place),
+        )
+        for key, ours in record.meta().items() if meta is not None else ():
+            if key not in ("limits_note", "certified") and meta.get(key) != ours:
+                self.fail(f"{key} must be {ours!r}, not {meta.get(key)!r}", meta_place)
+        return record
+
+    def _note(self, meta: Any, place: str) -> str:
+        if meta is None:
+            return ""
+        if not isinstance(meta, dict):
+            self.fail("must be an object", place)
+        note = meta.get("limits_note", "")
+        if not isinstance(note, str):
+            self.fail("limits_note must be a text", place)
+        return note
+
+    def _certified(self, meta: Any, place: str) -> tuple[MotionRecord, ...]:
+        try:
+            return () if meta is None else read_records(meta.get("certified", []))
+        except InputError as error:
+            self.fail(str(error), place)
+
+
+_TOP_KEYS = {"header", "joint_names", "points", "pinproof"}
+_RATES = ("velocities", "accelerations")
+_POINT_KEYS = {"positions", *_RATES, "effort", "time_from_start"}
+_TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
+
+
+def to_json(record: Record) -> str:
+    """The message with one key more, ``pinproof``, and one point a line: readable diffs."""
+    points = []
+    for t, q, *rates in zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True):
+        time = {"sec": t // NANO, "nanosec": t % NANO}
+        points.append({"positions": q, **dict(zip(_RATES, rates, strict=False)), "time_from_start": time})
+    lines = ",\n  ".join(json.dumps(point, allow_nan=False) for point in points)
+    return (
+        f'{{"pinproof": {json.dumps(record.meta())},\n "joint_names": {json.dumps(list(record.joint_names))},\n'
+        f' "points": [\n  {lines}\n ]}}\n'
+    )
+
+
+def from_json(reader: Reader, text: str) -> Record:
+    """Read what :func:`to_json` wrote, or a message without our key."""
+
+    def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        keys = [key for key, _ in pairs]
+        if twice := next((key for key in keys if keys.count(key) > 1), None):  # JSON would keep the last
+            reader.fail(f"gives the key {twice!r} twice")
+        return dict(pairs)
+
+    try:
+        data = json.loads(text, parse_constant=reader.not_finite, object_pairs_hook=object_of)
+    except (ValueError, RecursionError) as error:
+        reader.fail(f"is no JSON: {error}")
+    return _from_message(reader, data)
+
+
+def from_yaml(reader: Reader, _text: str) -> Record:
+    """Read a message in YAML."""
+    return _from_message(reader, read_yaml(reader.path, sorted(_TOP_KEYS), TrajectoryError))
+
+
+def _from_message(reader: Reader, data: Any) -> Record:
+    if not isinstance(data, dict):
+        reader.fail("must be an object with joint_names and points")
+    reader.known_keys(data, _TOP_KEYS, required={"joint_names", "points"}, place="")
+    names = data["joint_names"]
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        reader.fail("must be a list of texts", "joint_names")
+    stated = data["points"]
+    if not isinstance(stated, list) or not stated:
+        reader.fail("must be a list of at least one point", "points")
+    points = Points()
+    for i, point in enumerate(stated):
+        _read_point(reader, point, f"points[{i}]", len(names), points)
+    if points.accelerations and len(points.accelerations) != len(stated):
+        reader.fail(
+            "some points bear accelerations and some none; a controller would mix quintics and cubics", "points"
+        )
+    return reader.record(names, points, data.get("pinproof"), "pinproof", ".time_from_start")
+
+
+def _read_point(reader: Reader, point: Any, place: str, count: int, points: Points) -> None:
+    if not isinstance(point, dict):
+        reader.fail("must be an object", place)
+    reader.known_keys(point, _POINT_KEYS, required={"positions", "time_from_start"}, place=place)
+    if not point.get("velocities"):
+        reader.fail(
+            "lacks velocities: through positions alone a controller goes in straight lines, with a jump of the speed "
+            "at every point; make a JointPath of them and time it with time_parametrise",
+            place,
+        )
+    if point.get("effort"):
+        reader.fail("efforts are not kept; remove them", f"{place}.effort")
+    points.places.append(place)
+    points.clock.append(_time(reader, point["time_from_start"], f"{place}.time_from_start"))
+    points.q.append(reader.numbers(point["positions"], count, f"{place}.positions"))
+    points.velocities.append(reader.numbers(point["velocities"], count, f"{place}.velocities"))
+    if point.get("accelerations"):
+        points.accelerations.append(reader.numbers(point["accelerations"], count, f"{place}.accelerations"))
+
+
+def _time(reader: Reader, value: Any, place: str) -> int:
+    """Whole nanoseconds; a number of seconds is rounded to them."""
+    if type(value) in (int, float) and 0 <= value <= LONGEST:  # not isinstance: true is no second
+        return round(value * NANO)
+    for sec, nanosec in _TIME_KEYS:
+        known = isinstance(value, dict) and value.keys() == {sec, nanosec}
+        if known and type(value[sec]) is int and type(value[nanosec]) is int:
+            return reader.nanoseconds(value[sec], value[nanosec], place)
+    reader.fail('must be {"sec": integer, "nanosec": integer}, or a number of seconds from 0 on', place)
+
+
+_MARK = "# pinproof: "
+_KINDS = ("position", "velocity", "acceleration")
+_TIME = re.compile(r"(\d{1,10})\.(\d{9})", re.ASCII)
+
+
+def to_csv(record: Record) -> str:
+    """The text of a file."""
+    out = io.StringIO()
+    out.write(f"{_MARK}{json.dumps(record.meta())}\n")
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(_columns(record.joint_names, 1 + len(record.rates)))
+    for t, *rows in zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True):
+        writer.writerow([f"{t // NANO}.{t % NANO:09d}", *(repr(value) for row in rows for value in row)])
+    return out.getvalue()
+
+
+def _columns(names: Sequence[str], kinds: int) -> list[str]:
+    return ["time_from_start", *(f"{kind} {name}" for kind in _KINDS[:kinds] for name in names)]
+
+
+def from_csv(reader: Reader, text: str) -> Record:
+    """Read what :func:`to_csv` wrote."""
+    first, _, body = text.partition("\n")
+    if not first.startswith(_MARK):
+        reader.fail(f"must start with '{_MARK}{{...}}', the line that names the interpolant", "line 1")
+    try:
+        meta = json.loads(first[len(_MARK) :], parse_constant=reader.not_finite)
+    except (ValueError, RecursionError) as error:
+        reader.fail(f"is no JSON: {error}", "line 1")
+    rows = csv.reader(io.StringIO(body, newline=""), strict=True)
+    points = Points()
+    try:
+        header = next(rows, [])
+        kinds = 3 if header and header[-1].startswith(f"{_KINDS[2]} ") else 2
+        n = len(header) // kinds
+        names = [column[len(_KINDS[0]) + 1 :] for column in header[1 : 1 + n]]
+        if not names or header != _columns(names, kinds):
+            reader.fail(
+                "columns must be time_from_start, then 'position <joint>', then 'velocity <joint>', and for a quintic "
+                "'acceleration <joint>'",
+                "line 2",
+            )
+        for row in rows:
+            place = f"line {rows.line_num + 1}"
+            if len(row) != len(header):
+                reader.fail(f"has {len(row)} cells, the header has {len(header)}", place)
+            time = _TIME.fullmatch(row[0])
+            if time is None:
+                reader.fail(f"time_from_start must read like 0.125000000, not {row[0]!r}", place)
+            numbers = reader.numbers([reader.number(cell, place) for cell in row[1:]], kinds * n, place)
+            points.places.append(place)
+            points.clock.append(reader.nanoseconds(int(time[1]), int(time[2]), place))
+            points.q.append(numbers[:n])
+            points.velocities.append(numbers[n : 2 * n])
+            if kinds == 3:
+                points.accelerations.append(numbers[2 * n :])
+    except csv.Error as error:
+        reader.fail(f"is no CSV: {error}", f"line {rows.line_num + 1}")
+    if not points.clock:
+        reader.fail("has no point", "line 3")
+    return reader.record(names, points, meta, "line 1")
+
 
 Codec = TypeVar("Codec")
 

@@ -1,16 +1,17 @@
 """Picks: what to grasp, the stages of a pick, verdicts with reasons, reports, campaigns, reach maps."""
 
 from pinproof.picks.campaign import Campaign, CampaignResult
-from pinproof.picks.family import Spin, Tolerance
+from pinproof.picks.family import GraspSpin, GraspTolerance
 from pinproof.picks.frames import NamedFrame
-from pinproof.picks.gripper import Fingers
-from pinproof.picks.pick import Pick, PickProblem, Picks, Place
+from pinproof.picks.grip import FingerContact, GripResult
+from pinproof.picks.gripper import GripperFingers
+from pinproof.picks.pick import Pick, PickProblem, Picks, PlaceTarget
 from pinproof.picks.picks_file import open_picks, read_picks
 from pinproof.picks.reach import (
-    PickScreen,
-    ReachChange,
+    ReachComparison,
     ReachMap,
-    Region,
+    ReachRegion,
+    ScreenResult,
     ScreenStatus,
     approach_directions,
     reach_map,
@@ -18,9 +19,10 @@ from pinproof.picks.reach import (
     tool_orientations,
 )
 from pinproof.picks.report import PickReport, write_report_page
-from pinproof.picks.settings import PickBudget, PickWeights
+from pinproof.picks.settings import GripLimits, PickBudget, PickWeights
 from pinproof.picks.setup import PickSetup
 from pinproof.picks.source import PickGrid, PickList, PickSource
+from pinproof.picks.suggestion import apply_suggestion
 from pinproof.picks.table import PickTable
 from pinproof.picks.validate import validate_picks
 from pinproof.picks.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
@@ -28,7 +30,12 @@ from pinproof.picks.verdict import PickMotion, PickStatus, PickVerdict, Stage, S
 __all__ = [
     "Campaign",
     "CampaignResult",
-    "Fingers",
+    "FingerContact",
+    "GraspSpin",
+    "GraspTolerance",
+    "GripLimits",
+    "GripResult",
+    "GripperFingers",
     "NamedFrame",
     "Pick",
     "PickBudget",
@@ -37,7 +44,6 @@ __all__ = [
     "PickMotion",
     "PickProblem",
     "PickReport",
-    "PickScreen",
     "PickSetup",
     "PickSource",
     "PickStatus",
@@ -45,15 +51,15 @@ __all__ = [
     "PickVerdict",
     "PickWeights",
     "Picks",
-    "Place",
-    "ReachChange",
+    "PlaceTarget",
+    "ReachComparison",
     "ReachMap",
-    "Region",
+    "ReachRegion",
+    "ScreenResult",
     "ScreenStatus",
-    "Spin",
     "Stage",
     "StageResult",
-    "Tolerance",
+    "apply_suggestion",
     "approach_directions",
     "open_picks",
     "reach_map",

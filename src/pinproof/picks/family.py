@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.spatial import SE3, finite, pose
 
-__all__ = ["Member", "Spin", "Tolerance", "family"]
+__all__ = ["GraspSpin", "GraspTolerance", "Member", "family", "rotation_about"]
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +26,7 @@ SHARES = (0.5, 1.0)
 
 
 @dataclass(frozen=True)
-class Spin:
+class GraspSpin:
     """Turns (rad) of a grasp about the direction of its approach.
 
     Parameters
@@ -47,12 +47,12 @@ class Spin:
         object.__setattr__(self, "angles", tuple(angles.tolist()))
 
     @classmethod
-    def free(cls, steps: int = STEPS) -> Spin:
+    def free(cls, steps: int = STEPS) -> GraspSpin:
         """Any turn at all."""
         return cls(tuple(sorted((2 * np.pi * k / steps for k in _outwards(steps)), key=abs)), sampled=True)
 
     @classmethod
-    def between(cls, first: float, last: float, steps: int = STEPS) -> Spin:
+    def between(cls, first: float, last: float, steps: int = STEPS) -> GraspSpin:
         """Turns from ``first`` to ``last``, the smallest first."""
         if not last >= first or not 1 <= steps <= MOST_STEPS:
             raise InputError(f"spin from {first} to {last} in {steps} steps; it goes upwards in 1 to {MOST_STEPS}")
@@ -60,7 +60,7 @@ class Spin:
 
 
 @dataclass(frozen=True)
-class Tolerance:
+class GraspTolerance:
     """How far a grasp may be moved in the tip's own axes: tried half way and at the end, one axis at a time.
 
     Parameters
@@ -108,7 +108,7 @@ class Member:
     words: str = ""
 
 
-def family(spin: Spin, tolerance: Tolerance, axis: Array) -> Iterator[list[Member]]:
+def family(spin: GraspSpin, tolerance: GraspTolerance, axis: Array) -> Iterator[list[Member]]:
     """The members ring by ring, the nominal grasp and its turns first.
 
     Parameters
@@ -120,7 +120,9 @@ def family(spin: Spin, tolerance: Tolerance, axis: Array) -> Iterator[list[Membe
     """
     for ring in tolerance.rings():
         yield [
-            Member(SE3(_about(axis, angle), np.zeros(3)) * shift, ", ".join(filter(None, [_spun(angle), words])))
+            Member(
+                SE3(rotation_about(axis, angle), np.zeros(3)) * shift, ", ".join(filter(None, [_spun(angle), words]))
+            )
             for words, shift in ring
             for angle in spin.angles
         ]
@@ -130,7 +132,7 @@ def _spun(angle: float) -> str:
     return f"spun by {np.degrees(angle):+.0f} deg" if angle else ""
 
 
-def _about(axis: Array, angle: float) -> Array:
+def rotation_about(axis: Array, angle: float) -> Array:
     """The rotation (3, 3) about an axis by an angle (Rodrigues' formula)."""
     if angle == 0.0:
         return np.eye(3)

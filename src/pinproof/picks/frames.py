@@ -9,7 +9,7 @@ from pinproof.collision import Scene
 from pinproof.description import Urdf
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
-from pinproof.spatial import SE3, rigid
+from pinproof.spatial import SE3, frozen, rigid
 
 __all__ = ["NamedFrame", "moved_by", "root_from_frame"]
 
@@ -22,7 +22,7 @@ class NamedFrame:
     frame: str = ""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", rigid("pose of a frame", self.pose))
+        object.__setattr__(self, "pose", frozen(rigid("pose of a frame", self.pose)))
 
 
 def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, arm: Arm) -> SE3:

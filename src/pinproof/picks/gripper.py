@@ -10,11 +10,11 @@ from pinproof.collision import Obstacle
 from pinproof.errors import InputError
 from pinproof.spatial import SE3, finite
 
-__all__ = ["Fingers"]
+__all__ = ["GripperFingers"]
 
 
 @dataclass(frozen=True, eq=False)
-class Fingers:
+class GripperFingers:
     """Two fingers of a parallel gripper.
 
     Parameters

@@ -21,7 +21,7 @@ from pinproof.picks.stages.grasp import screen
 from pinproof.picks.stages.impossible import refuted_by_name, unreached
 from pinproof.picks.stages.lines import Way
 from pinproof.picks.stages.reach import Reached, every_branch_is_known, reach
-from pinproof.picks.stages.remedy import remedy
+from pinproof.picks.stages.suggest import suggest
 from pinproof.picks.stages.task import Task
 from pinproof.picks.stages.timing import Timed, time_whole
 from pinproof.picks.verdict import PickStatus, PickVerdict, Stage, StageResult
@@ -48,7 +48,10 @@ def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
     rng
         Where random choices come from.
     """
-    seeds = rng.integers(2**31, size=4).tolist()
+    return _judge(pick, cell, rng.integers(2**31, size=4).tolist())
+
+
+def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
     try:
         task = Task(pick, cell)
     except InputError as error:
@@ -60,25 +63,21 @@ def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
         tried, members = tried + verdict.configurations, members + len(ring)
         if verdict.ok:
             return replace(verdict, pick=pick, configurations=tried)
-    return replace(_no(task, judged, tried, members, seeds[3]), pick=pick)
+    verdict, way = _no(task, judged, tried, members)
+    suggestions = suggest(task, pick, verdict.stages[-1], way, lambda other: _judge(other, cell.for_trials, seeds))
+    return replace(verdict, pick=pick, suggestions=suggestions)
 
 
-def _no(task: Task, rings: list[_Ring], tried: int, members: int, seed: int) -> PickVerdict:
-    """The verdict on a pick of which no ring is good: that of the ring that came farthest, and what would work."""
+def _no(task: Task, rings: list[_Ring], tried: int, members: int) -> tuple[PickVerdict, Way | None]:
+    """The verdict on a pick of which no ring is good: that of the ring that came farthest, and its way."""
     farthest, way = max(rings, key=lambda ring: len(ring.verdict.stages))
     status, stages = farthest.status, farthest.stages
     # of a range of turns or a tolerance only some places were tried: the grasps between them are not refuted
     if task.sampled:
         status = PickStatus.NOT_FOUND
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
-    return replace(
-        farthest,
-        status=status,
-        stages=stages,
-        configurations=tried,
-        refuted=farthest.refuted if status is PickStatus.IMPOSSIBLE else (),
-        remedy=remedy(task, farthest.stages[-1], way, seed),
-    )
+    refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
+    return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), way
 
 
 def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
@@ -94,7 +93,9 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
     screened = screen(task, ring, reached)
     stages = (*stages, *screened.stages)
     if not screened.candidates:
-        if (finer := _finer(task, reached)) is not None:
+        if screened.not_held:
+            return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
+        if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
             return _ring(finer, ring, seeds)
         known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in ring])
         if known:
@@ -113,7 +114,7 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
     if search.failed:
         return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried))
     best = max(search.ways, key=lambda way: (len(way.stages), way.fraction))
-    refuted = refuted_by_name(task, ring, seeds[0])
+    refuted = () if task.cell.trial else refuted_by_name(task, ring, seeds[0])
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
     last = best.stages[-1]
     if not refuted:
@@ -164,4 +165,5 @@ def _good(task: Task, whole: Whole, stages: tuple[StageResult, ...], timed: Time
         timed.release_time,
         member=whole.way.candidate.member.words,
         score=whole.parts,
+        grip=None if task.name is None else task.grip(whole.way.candidate.member),
     )

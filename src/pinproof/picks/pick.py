@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,12 +12,13 @@ import numpy.typing as npt
 
 from pinproof.collision import Obstacle
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.picks.family import Spin, Tolerance
+from pinproof.picks.family import GraspSpin, GraspTolerance
 from pinproof.picks.frames import NamedFrame
-from pinproof.picks.gripper import Fingers
-from pinproof.spatial import SE3, finite, rigid
+from pinproof.picks.gripper import GripperFingers
+from pinproof.picks.settings import GripLimits
+from pinproof.spatial import SE3, finite, frozen, rigid
 
-__all__ = ["Pick", "PickProblem", "Picks", "Place", "moved"]
+__all__ = ["Pick", "PickProblem", "Picks", "PlaceTarget", "moved", "support_names"]
 
 Direction = tuple[float, float, float]
 
@@ -31,7 +32,7 @@ LONGEST_WAY = 20.0
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class PlaceTarget:
     """Where what was grasped is put down.
 
     Parameters
@@ -46,7 +47,8 @@ class Place:
     retreat, retreat_direction, retreat_frame
         The same of the empty tool's way off.
     support
-        What the object is put onto; by default what lies within 1 mm below it there.
+        The obstacle that the object is put onto, or several; by default what lies within 1 mm below it there. Kept as
+        a tuple of names.
     """
 
     pose: SE3
@@ -57,10 +59,11 @@ class Place:
     retreat: float = 0.1
     retreat_direction: Direction = (0.0, 0.0, -1.0)
     retreat_frame: str = TIP
-    support: str | None = None
+    support: str | Sequence[str] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "pose", rigid("pose of place", self.pose))
+        object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
+        object.__setattr__(self, "support", support_names(self.support, "place"))
         for way in WAYS:
             _check_way(self, way, "place")
 
@@ -97,7 +100,8 @@ class Pick:
         ``tip_from_object``. It is carried from the grasp on. None: the way from the grasp on is judged for the empty
         tool, and whatever stands in the scene stays there.
     support
-        What the object stands on, which it may touch until it has risen; by default what lies within 1 mm below it.
+        The obstacle that the object stands on, or several, which it may touch until it has left them; by default what
+        lies within 1 mm below it. Kept as a tuple of names.
     place
         Where it is put; None to end with the retreat.
     """
@@ -111,16 +115,17 @@ class Pick:
     approach_frame: str = TIP
     retreat_frame: str = ROOT
     frame: str = ""
-    spin: Spin = field(default_factory=Spin)
-    tolerance: Tolerance = field(default_factory=Tolerance)
+    spin: GraspSpin = field(default_factory=GraspSpin)
+    tolerance: GraspTolerance = field(default_factory=GraspTolerance)
     carried: Obstacle | str | None = None
-    support: str | None = None
-    place: Place | None = None
+    support: str | Sequence[str] | None = None
+    place: PlaceTarget | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
             raise InputError(f"a pick needs a name, not {self.name!r}")
-        object.__setattr__(self, "pose", rigid(f"pose of pick {self.name!r}", self.pose))
+        object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
+        object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
         for way in WAYS:
             _check_way(self, way, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
@@ -141,7 +146,26 @@ def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
     return SE3(pose.rotation, pose.translation + distance * (pose.rotation @ along if frame == TIP else along))
 
 
-def _check_way(thing: Pick | Place, way: str, of: str) -> None:
+def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
+    """The names of the obstacles that support an object: one name or several; None to find them.
+
+    Raises
+    ------
+    InputError
+        If they are no names, none at all, or one is repeated.
+    """
+    if stated is None:
+        return None
+    names = (stated,) if isinstance(stated, str) else tuple(stated) if isinstance(stated, (list, tuple)) else ()
+    where = f" of {of}" if of else ""
+    if not names or not all(isinstance(name, str) and name for name in names):
+        raise InputError(f"support{where} is {stated!r}; it is the name of an obstacle, or a list of names")
+    if len(set(names)) < len(names):
+        raise InputError(f"support{where} names an obstacle twice: {', '.join(names)}")
+    return names
+
+
+def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
     """Approach or retreat: a distance, a direction of length 1, and whose axes it is in."""
     value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
     if not 0 <= value <= LONGEST_WAY:
@@ -189,6 +213,8 @@ class Picks:
     grip
         Those of them that stand elsewhere while an object is held, from the grasp to where it is let go. The links that
         they move may touch what is grasped, as ``gripper`` may.
+    grip_limits
+        What counts as holding a part.
     frames
         Frames by name that picks may be given in.
     margin
@@ -204,10 +230,11 @@ class Picks:
     problems: tuple[PickProblem, ...] = ()
     tip: SE3 = field(default_factory=SE3.Identity)
     tool: tuple[Obstacle, ...] = ()
-    fingers: Fingers | None = None
+    fingers: GripperFingers | None = None
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)
+    grip_limits: GripLimits = field(default_factory=GripLimits)
     frames: Mapping[str, NamedFrame] = field(default_factory=dict)
     margin: float = 0.0
     robot: str | None = None
@@ -223,7 +250,7 @@ class Picks:
         doubled = sorted(name for name, count in names.items() if count > 1)
         if doubled:
             raise InputError(f"the names of picks must differ; {', '.join(doubled)} stand more than once")
-        object.__setattr__(self, "tip", rigid("tip", self.tip))
+        object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
 
     def __len__(self) -> int:
         return len(self.picks)

@@ -14,11 +14,10 @@ import numpy as np
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import read_obstacle
 from pinproof.collision.shape_file import numbers_of, pose_of
-from pinproof.description.lined_yaml import LinedMapping
-from pinproof.description.units import refuse_millimetres
+from pinproof.common.yaml_file import LinedMapping, refuse_millimetres
 from pinproof.errors import FileError, InputError, UnknownNameError
-from pinproof.picks.family import STEPS, Spin, Tolerance
-from pinproof.picks.pick import Pick, Place
+from pinproof.picks.family import STEPS, GraspSpin, GraspTolerance
+from pinproof.picks.pick import Pick, PlaceTarget, support_names
 from pinproof.spatial import SE3, finite
 
 __all__ = ["DEFAULT_KEYS", "PICK_KEYS", "POSE_KEYS", "is_turned", "make_pick", "mapping_of", "picks_of_row"]
@@ -30,7 +29,7 @@ PICK_KEYS = ("name", *DEFAULT_KEYS, "pattern")
 PLACE_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "support")
 
 LARGEST_PATTERN = 100_000
-"""Picks of one row. More are no list for a file: :class:`pinproof.PickGrid` makes them where they are looked at."""
+"""Picks of one row. For more, :class:`pinproof.picks.PickGrid` generates them on demand."""
 
 
 def picks_of_row(name: str, row: Mapping[str, Any], defaults: Mapping[str, Any], path: Path) -> list[Pick]:
@@ -65,7 +64,7 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "spin": _spin,
         "tolerance": _tolerance,
         "object": lambda value: _object(value, path),
-        "support": lambda value: _text("support", value),
+        "support": _support,
         "place": _place,
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
@@ -93,23 +92,23 @@ def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
     return {"pose": placed, **settings}
 
 
-def _spin(stated: object) -> Spin:
+def _spin(stated: object) -> GraspSpin:
     """``free``, one turn, a list of turns, or ``{range: [first, last], steps: n}``."""
     if stated == "free":
-        return Spin.free()
+        return GraspSpin.free()
     if isinstance(stated, dict):
         told = mapping_of("spin", stated, ("range", "steps"))
         if "range" not in told:
             raise InputError("spin does not state its range: [first, last]")
         first, last = finite("spin.range", numbers_of("spin.range", told["range"]), (2,)).tolist()
-        return Spin.between(first, last, _count("spin.steps", told.get("steps", STEPS)))
+        return GraspSpin.between(first, last, _count("spin.steps", told.get("steps", STEPS)))
     angles = numbers_of("spin", stated)
-    return Spin(tuple(angles) if isinstance(angles, list) else (angles,))
+    return GraspSpin(tuple(angles) if isinstance(angles, list) else (angles,))
 
 
-def _tolerance(stated: object) -> Tolerance:
+def _tolerance(stated: object) -> GraspTolerance:
     told = mapping_of("tolerance", stated, ("position", "tilt"))
-    return Tolerance(**{key: numbers_of(f"tolerance.{key}", value) for key, value in told.items()})
+    return GraspTolerance(**{key: numbers_of(f"tolerance.{key}", value) for key, value in told.items()})
 
 
 def _object(stated: object, path: Path) -> Obstacle | str:
@@ -124,12 +123,16 @@ def _object(stated: object, path: Path) -> Obstacle | str:
         raise InputError(f"object: {error.reason}") from error
 
 
-def _place(stated: object) -> Place:
+def _place(stated: object) -> PlaceTarget:
     told = mapping_of("place", stated, PLACE_KEYS)
     if "xyz" not in told or not is_turned(told):
         raise InputError("place does not state its xyz and rpy or quat_xyzw")
-    support = _text("place.support", told["support"]) if "support" in told else None
-    return Place(**_way(told), support=support)
+    return PlaceTarget(**_way(told), support=_support(told["support"], "place") if "support" in told else None)
+
+
+def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
+    """One name or several; an empty value is no name."""
+    return support_names("" if stated is None else stated, of)
 
 
 def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:

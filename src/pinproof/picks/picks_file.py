@@ -14,6 +14,7 @@
     fingers:                               # two more, as they stand when closed; the first opens along the axis
       {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
     gripper: [panda_hand, ...]             # more links of the robot that may touch what is grasped
+    grip_limits: {area: 4.0e-6, tip: 0.005}  # optional: what counts as holding a part, see :class:`GripLimits`
     frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
     defaults: {rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
     picks:
@@ -26,7 +27,7 @@
         approach_direction: [0, 0, 1]      # in the axes of approach_frame: tip (or root)
         retreat_frame: root                # whose axes retreat_direction is in
         object: part_{i}_{j}               # an obstacle of the scene; or a shape, its pose tip_from_object
-        support: tray_floor                # by default what lies within 1 mm below the object
+        support: tray_floor                # or a list of names; by default what lies within 1 mm below the object
         place: {frame: tray, xyz: [0, 0.3, 0.02], rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
         pattern: {grid: {counts: [4, 3, 1], step: [0.05, 0.05, 0]}}    # part[0,0], part[0,1], ...
 
@@ -35,7 +36,7 @@ there until it is let go; the links they move may touch what is grasped, and fin
 
     held: {panda_finger_joint1: {open: 0.04, grip: 0.02}}
 
-Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); what its keys mean stands at :class:`Pick` and :class:`Place`.
+Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); see :class:`Pick` and :class:`PlaceTarget` for the keys.
 ``defaults`` fill in what a pick does not state; where a pick states neither orientation, nothing is guessed. A row that
 makes no sense is reported and the others are kept; what all rows share must make sense. In place of the list,
 ``picks: many.csv`` names a table (:mod:`pinproof.picks.table`) beside this file, of any length.
@@ -44,19 +45,20 @@ makes no sense is reported and the others are kept; what all rows share must mak
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import read_obstacle
 from pinproof.collision.shape_file import numbers_of, pose_of
-from pinproof.description.lined_yaml import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
+from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.picks.frames import NamedFrame
-from pinproof.picks.gripper import Fingers
+from pinproof.picks.gripper import GripperFingers
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.pick_row import DEFAULT_KEYS, PICK_KEYS, POSE_KEYS, is_turned, make_pick, mapping_of, picks_of_row
+from pinproof.picks.settings import GripLimits
 from pinproof.picks.source import PickList, PickSource
 from pinproof.picks.table import TABLE_SUFFIX, PickTable
 from pinproof.spatial import SE3, finite
@@ -66,8 +68,8 @@ __all__ = ["open_picks", "read_picks"]
 Value = TypeVar("Value")
 
 FILE_KEYS = (
-    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "frames", "defaults",
-    "picks",
+    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "grip_limits",
+    "frames", "defaults", "picks",
 )  # fmt: skip
 HELD_KEYS = ("open", "grip")
 FINGER_KEYS = ("opening", "grip", "axis", "bodies")
@@ -122,6 +124,7 @@ def open_picks(path: str | Path) -> PickSource:
         gripper=tuple(_names(path, content, "gripper")),
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
+        grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
@@ -198,7 +201,7 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
     return found
 
 
-def _fingers(path: Path, content: LinedMapping) -> Fingers | None:
+def _fingers(path: Path, content: LinedMapping) -> GripperFingers | None:
     if "fingers" not in content:
         return None
     told = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGER_KEYS))
@@ -208,8 +211,8 @@ def _fingers(path: Path, content: LinedMapping) -> Fingers | None:
     bodies = _bodies(path, told, "bodies")
     numbers = {key: value for key, value in told.items() if key != "bodies"}
 
-    def made(_: object) -> Fingers:
-        return Fingers(bodies, **{key: numbers_of(key, value) for key, value in numbers.items()})  # type: ignore[arg-type]
+    def made(_: object) -> GripperFingers:
+        return GripperFingers(bodies, **{key: numbers_of(key, value) for key, value in numbers.items()})  # type: ignore[arg-type]
 
     return _shared(path, content, "fingers", {}, made)
 
@@ -220,6 +223,11 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
         if not isinstance(name, str):
             raise PicksError(path, f"{name!r} is no name", f"key {key}")
     return names
+
+
+def _grip_limits(stated: object) -> GripLimits:
+    told = mapping_of("", stated, tuple(each.name for each in fields(GripLimits)))
+    return GripLimits(**{key: _number(key, value) for key, value in told.items()})
 
 
 def _tip(stated: object) -> SE3:

@@ -19,7 +19,7 @@ from pinproof.errors import InputError
 from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.stages.grasp import Candidate, limit_margin
 from pinproof.picks.stages.lines import Way, along
-from pinproof.picks.stages.place import Placer, Placing
+from pinproof.picks.stages.place import Placer, Placing, Release
 from pinproof.picks.stages.score import Scoring
 from pinproof.picks.stages.seconds import at_full_speed
 from pinproof.picks.stages.task import Task
@@ -197,7 +197,9 @@ class BestFirst:
         way, path = crossing.way, crossing.path
         if way is None or path is None:
             return
-        placed, placing = self._placer.place(way, self._seeds)
+        placed, placing = self._placer.place(
+            way, self._seeds, lambda placing, seconds: self._parts(crossing, placing, seconds)["score"]
+        )
         told = (*way.stages, crossing.result, placed)
         if not placed.ok:
             self._stop(key, told)
@@ -227,19 +229,25 @@ class BestFirst:
         """Seconds that it takes at least from the end of the retreat on."""
         return float(self._placer.rest(way.candidate.member, way.exit[None])[0])
 
-    def _parts(self, crossing: Crossing, placing: Placing | None) -> dict[str, float]:
-        """The parts of the score of a whole pick; where it is still to be put down, what they are at most."""
+    def _parts(self, crossing: Crossing, placing: Placing | Release | None, more: float = 0.0) -> dict[str, float]:
+        """The parts of the score of a whole pick; of one without a placing, or with a release alone, upper bounds.
+
+        ``more`` are seconds to add: the least that the transfer to the release takes.
+        """
         way, arm = crossing.way, self._task.arm
         if way is None:
             raise InputError("a transit that leads nowhere has no score")
         curves: list[CubicPath | JointPath | None] = [crossing.path, way.line_in(), way.line_out()]
         clearances = [way.candidate.clearance, way.clearance, crossing.clearance]
-        seconds = 0.0
-        if placing is not None:
+        seconds = more
+        if isinstance(placing, Placing):
             curves += [placing.transfer, placing.lift, placing.leave]
+        elif placing is not None:
+            seconds += sum(at_full_speed(arm, each) for each in _points([placing.lift, placing.leave], arm.dof))
+        if placing is not None:
             clearances.append(placing.clearance)
         else:
-            seconds = self._rest(way)
+            seconds += self._rest(way)
         points = [way.q[None], *_points(curves, arm.dof)]
         every = np.vstack(points)
         seconds += sum(at_full_speed(arm, each) for each in points)

@@ -11,11 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
+from pinproof.common.content_hash import digest
+from pinproof.common.validation import Rng, seed_sequence
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
 from pinproof.picks.frames import moved_by
-from pinproof.picks.identity import digest
 from pinproof.picks.judge import judge
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.settings import PickBudget, PickWeights
@@ -79,7 +79,8 @@ class PickSetup:
         _refuse_untimed(arm)
         refuse_another_hand(arm, picks)
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
-        start = arm.configuration(picks.home_configuration(arm.joint_names, arm.home) if home is None else home, "home")
+        stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
+        start = arm.limits.snap(arm.configuration(stated, "home"))
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
         if trouble:
             raise InputError(f"home cannot be a start: {'; '.join(trouble)}")
@@ -116,11 +117,18 @@ class PickSetup:
         urdf = checker.arm.robot.urdf
         solid = {geometry.link for geometry in urdf.collisions}
         ghosts = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
-        notes = [
+        carried = (
             "what is picked is not carried where a pick names no object: from the grasp on the empty tool is judged"
-        ]
-        if self.shared.fingers is not None or self.shared.grip:
-            notes.append("how the fingers close and open: they are judged as they stand before and after")
+        )
+        fingers = (
+            "how hard the fingers close, and whether the part slips or turns between them: that they touch it on "
+            "opposite sides is judged, where a pick names its object"
+        )
+        tip = (
+            "the grip of a tool without fingers: where a pick names its object, only that the tip is within "
+            f"{self.shared.grip_limits.tip * 1e3:g} mm of its surface is judged"
+        )
+        notes = [carried, fingers if self.cell.fingers else tip]
         if not solid:
             notes.append("the robot has no collision geometry: its links touch nothing whatever they meet")
         elif ghosts:
@@ -148,7 +156,7 @@ class PickSetup:
             "collision checks": self.checker.fingerprint()[:16],
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
-            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip)),
+            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip, self.shared.grip_limits)),
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field, replace
 from math import prod
 from typing import Protocol
 
+from pinproof.common.content_hash import digest, digest_many
 from pinproof.errors import InputError
-from pinproof.picks.identity import digest, digest_many
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.spatial import SE3, finite
 

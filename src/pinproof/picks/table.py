@@ -9,9 +9,9 @@
 One line a pick; a cell that is empty, and a column that is not there, are as if not stated. Lines that are empty or
 start with ``#`` are skipped. An orientation is either ``roll,pitch,yaw`` or ``qx,qy,qz,qw``; directions are
 ``approach_x,approach_y,approach_z`` and ``retreat_x,...``. Further columns: ``frame``, ``approach_frame``,
-``retreat_frame``, ``spin`` (``free`` or an angle), ``object`` and ``support`` (names), and of a place ``place_x``, ...,
-``place_yaw``, ``place_frame``, ``place_approach``, ``place_retreat``, ``place_support``. A pick without a name is
-called after its row.
+``retreat_frame``, ``spin`` (``free`` or an angle), ``object`` (a name), ``support`` (a name, or several with ``;``
+between them), and of a place ``place_x``, ..., ``place_yaw``, ``place_frame``, ``place_approach``, ``place_retreat``,
+``place_support``. A pick without a name is called after its row.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ from typing import Any
 
 import numpy as np
 
-from pinproof.description.dh_files import other_separator
-from pinproof.description.input_file import refuse_unreadable
+from pinproof.common.content_hash import digest
+from pinproof.common.files import refuse_unreadable
+from pinproof.description.dh import other_separator
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.picks.identity import digest
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.pick_row import picks_of_row
 from pinproof.picks.source import PickSource
@@ -41,6 +41,9 @@ TABLE_SUFFIX = ".csv"
 
 LONGEST_LINE = 2**20
 """Bytes: a file without line ends is not taken into memory to be refused."""
+
+SEPARATOR = ";"
+"""Between the names in a cell that holds several."""
 
 KEYS = {
     "name": ("name",),
@@ -238,12 +241,14 @@ def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dic
         raise InputError(f"has {len(cells)} cells under {width} columns{more}")
     stated: dict[str, Any] = {}
     for key, places in where.items():
-        values = [cells[place].strip() for place in places]
+        values: list[Any] = [cells[place].strip() for place in places]
         if key == "name" or not any(values):
             continue
         if not all(values):
             raise InputError(f"states only a part of {', '.join(KEYS[key])}")
         into, _, own = key.rpartition(".")
+        if own == "support" and SEPARATOR in values[0]:
+            values = [[name.strip() for name in values[0].split(SEPARATOR)]]
         (stated.setdefault(into, {}) if into else stated)[own] = values if len(values) > 1 else values[0]
     return stated
 

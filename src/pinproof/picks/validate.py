@@ -9,10 +9,10 @@ from typing import Any
 import numpy.typing as npt
 
 from pinproof.collision import Scene
+from pinproof.common.validation import Rng, seed_sequence
 from pinproof.errors import CampaignError
-from pinproof.ik.settings import Rng, seed_sequence
 from pinproof.model import Arm
-from pinproof.picks.campaign.crew import IN_FLIGHT, Workers, do_chunks
+from pinproof.picks.campaign.worker_pool import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.pick import Pick, Picks
 from pinproof.picks.report.report import PickReport
 from pinproof.picks.settings import PickBudget, PickWeights

@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Obstacle, Scene
-from pinproof.motion import Trajectory
+from pinproof.errors import InputError
+from pinproof.motion import MotionRecord, Trajectory
+from pinproof.picks.grip import GripResult
 from pinproof.picks.pick import Pick
 
 __all__ = ["PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
@@ -24,6 +27,7 @@ class Stage(Enum):
     LIMITS = "limits"
     SELF = "self-collision"
     GRASP = "grasp"
+    GRIP = "grip"
     APPROACH = "approach"
     RETREAT = "retreat"
     TRANSIT = "transit"
@@ -37,7 +41,8 @@ class PickStatus(Enum):
     GOOD = "good"
     """It carries certified, timed motions."""
     IMPOSSIBLE = "impossible"
-    """Every configuration of every grasp asked for was enumerated in closed form, and each is refuted by name."""
+    """Every configuration of every grasp asked for is refuted by name: all were enumerated in closed form, or no grasp
+    holds the part, which does not depend on the configuration."""
     NOT_FOUND = "not found"
     """No way was found within the budget that the reason names; there may be one."""
     UNREADABLE = "unreadable"
@@ -113,12 +118,16 @@ class PickVerdict:
         The parts in order; none unless GOOD.
     release_time
         Seconds to where the object is let go; None without a place.
-    remedy
-        The nearest change that was found to pass the stage that failed, in words; empty if none was.
+    suggestions
+        Changes that help, one line for each kind, each the smallest of those tried. The pick was judged again with each
+        of them exactly as printed: it is then good, or the line states at which later stage it fails. Apply one with
+        :func:`pinproof.picks.apply_suggestion`.
     refuted
         Why each configuration is out, if the pick is IMPOSSIBLE: one line each.
     member
         How the grasp differs from the nominal one of its family, in words.
+    grip
+        How the part is held, of a good pick that names an object.
     score
         The parts by which it was ranked and their weighted sum, of a good pick.
     """
@@ -133,10 +142,11 @@ class PickVerdict:
     certificate: Certificate | None = None
     motions: tuple[PickMotion, ...] = ()
     release_time: float | None = None
-    remedy: str = ""
+    suggestions: tuple[str, ...] = ()
     refuted: tuple[str, ...] = ()
     member: str = ""
     score: Mapping[str, float] = field(default_factory=dict)
+    grip: GripResult | None = None
 
     def __post_init__(self) -> None:
         if self.q_grasp is not None:
@@ -158,6 +168,32 @@ class PickVerdict:
     def reason(self) -> str:
         """The message of the last stage judged."""
         return self.stages[-1].message
+
+    def save_motion(self, path: str | Path) -> None:
+        """Write the trajectory of a good pick, with a record of what each part of it was certified with.
+
+        The formats are those of :meth:`pinproof.Trajectory.save`.
+
+        Raises
+        ------
+        InputError
+            If the pick is not good, so that there is no motion.
+        TrajectoryError
+            If the file cannot be written.
+        """
+        if self.trajectory is None:
+            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion to write")
+        records: list[MotionRecord] = []
+        for part in self.motions:
+            start = records[-1].end if records else 0.0
+            name = part.name if len(self.motions) > 1 else "motion"
+            records.append(part.certificate.motion_record(name, start, start + part.trajectory.duration))
+        self.trajectory.with_records(records).save(path)
+
+    @property
+    def remedy(self) -> str:
+        """All suggestions in one line; empty if there are none."""
+        return "; or ".join(self.suggestions)
 
     @property
     def clearance(self) -> float:

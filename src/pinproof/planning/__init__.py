@@ -1,25 +1,29 @@
 """Planning: RRT-Connect, shortcuts and straight lines; every answer carries its certificate."""
 
 from pinproof.planning.blend import blend
-from pinproof.planning.linear import plan_linear
-from pinproof.planning.linear_move import LinearMove, LinearStatus, PosesMove
+from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
-from pinproof.planning.poses import plan_poses
-from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus
+from pinproof.planning.result import (
+    LinearPlanResult,
+    LinearStatus,
+    PlanProgress,
+    PlanResult,
+    PlanStatus,
+    PosesPlanResult,
+)
 from pinproof.planning.rrt_connect import RrtConnect
-from pinproof.planning.shortcut import shortcut
-from pinproof.planning.simplify import Simplified, simplify
+from pinproof.planning.simplify import SimplifyResult, shortcut, simplify
 
 __all__ = [
-    "LinearMove",
+    "LinearPlanResult",
     "LinearStatus",
     "OmplPlanner",
     "PlanProgress",
     "PlanResult",
     "PlanStatus",
-    "PosesMove",
+    "PosesPlanResult",
     "RrtConnect",
-    "Simplified",
+    "SimplifyResult",
     "blend",
     "ompl_planners",
     "plan_linear",

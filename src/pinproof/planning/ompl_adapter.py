@@ -23,7 +23,7 @@ from pinproof.motion import JointPath
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus
-from pinproof.planning.search import PAD, sampling_box
+from pinproof.planning.rrt_connect import PAD, sampling_box
 
 __all__ = ["OmplPlanner", "ompl_planners"]
 

@@ -1,7 +1,7 @@
 """What is seen: a self-contained page of arm, scene, motion and certificate, the same page live, and as a still."""
 
-from pinproof.viewer.cloud import ColouredPoints
 from pinproof.viewer.live import LiveView, show
+from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.page import write_html
 from pinproof.viewer.png import write_png
 

@@ -21,7 +21,7 @@ from pinproof.errors import ViewerError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
-from pinproof.viewer.cloud import ColouredPoints
+from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.page import NO_FRAMES, Page, render_page
 from pinproof.viewer.picture import Picture
 from pinproof.viewer.wire import node_path, transform_command

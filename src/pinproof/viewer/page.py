@@ -11,13 +11,13 @@ from types import MappingProxyType
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, ViewerError
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
 from pinproof.viewer.assembly import assemble, fill, part
-from pinproof.viewer.cloud import ColouredPoints
+from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.picture import Picture
 from pinproof.viewer.stage import Stage
 

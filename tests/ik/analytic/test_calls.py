@@ -117,12 +117,12 @@ def test_accept_free_and_or_raise(ur5):
     refused = pp.AnalyticIk().solve(ur5, target, accept=lambda q: False)
     assert refused.status is IkStatus.REFUSED
     assert_reaches(ur5, refused.q, target.homogeneous)
-    with pytest.raises(pp.IkFailed):
+    with pytest.raises(pp.errors.IkFailed):
         found.free(lambda q: False).or_raise()
     far = pp.AnalyticIk().solve_all(ur5, pp.pose((9.0, 0, 0)))
-    with pytest.raises(pp.IkFailed, match="out of reach"):
+    with pytest.raises(pp.errors.IkFailed, match="out of reach"):
         far.or_raise()
-    with pytest.raises(pp.IkFailed):
+    with pytest.raises(pp.errors.IkFailed):
         far.nearest(np.zeros(6))
     assert len(far) == 0
     assert far.q.shape == (0, 6)

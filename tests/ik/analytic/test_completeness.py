@@ -71,6 +71,7 @@ def test_hostile_angles(name):
             assert_reaches(arm, answer, target)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=250, suppress_health_check=[HealthCheck.too_slow])
 @given(made=six_axes())
 def test_any_six_joints_with_a_triple(made):
@@ -138,6 +139,7 @@ def test_three_parallel_and_spherical_agree_on_the_textbook_arm(generic):
             assert (apart(generic, one[:, None], sets[0][None]).min(axis=0) < SAME).all()
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
 @given(
     seed=st.integers(0, 2**32 - 1),

@@ -44,7 +44,8 @@ class IkBranches:
         (n,) q0.
     out, count
         (c + 1, n + 4) as the kernel wrote it: ``count`` rows of q, distance (m), angle (rad), free joints (bits) and
-        which solution; in the last row free joints, branches that failed the check, branches outside the limits.
+        which solution; in the last row free joints, branches that failed the check, branches outside the limits,
+        whether a quartic was solved, and what was left in doubt.
     grid, intervals
         Of seven joints: the values that the redundant one was given, and where it has how many branches.
     """
@@ -111,11 +112,17 @@ class IkBranches:
         return np.stack([self.position_error, self.orientation_error], axis=1)
 
     @cached_property
+    def _families(self) -> tuple[tuple[IkFamily, ...], bool]:
+        """The families, and whether each solution with a free joint belongs to one of them."""
+        if self._plan.redundant is not None or not self._tail[0]:
+            return (), True
+        found, all_met = families_of(self.arm, self._plan, self.target, self.reference, self.rows, self._tail)
+        return tuple(found), all_met
+
+    @property
     def families(self) -> tuple[IkFamily, ...]:
         """The motions that leave the pose, of a target at which some joints are free; most targets have none."""
-        if self._plan.redundant is not None or not self._tail[0]:
-            return ()
-        return tuple(families_of(self.arm, self._plan, self.target, self.reference, self.rows, self._tail))
+        return self._families[0]
 
     @property
     def ok(self) -> bool:
@@ -126,11 +133,13 @@ class IkBranches:
     def complete(self) -> bool:
         """Whether these are proven to be all.
 
-        So it is for six joints and fewer of exact geometry, unless a branch that may exist by a hair failed its check,
-        or joints are free at the target and only some of their values were looked at, in vain.
+        So it is for six joints and fewer of exact geometry, with these exceptions: a branch that may exist by a hair
+        failed its check; joints are free at the target, and no member of their family was found, or two joints are
+        free independently of each other.
         """
-        exact = self._plan.redundant is None and self._plan.miss == 0.0
-        return exact and self._tail[1] == 0.0 and (self.ok or self._tail[0] == 0.0)
+        if self._plan.redundant is not None or self._plan.miss > 0.0 or self._tail[1] or int(self._tail[4]) & 1:
+            return False
+        return not self._tail[0] or (self.ok and self._families[1])
 
     @property
     def redundant_joint(self) -> str | None:
@@ -226,6 +235,9 @@ class IkBranchesBatch:
         (N, k) in m and rad, by forward kinematics; NaN likewise.
     outside
         (N,) how many more there would be if limits were left aside; of a swept joint, at the values swept.
+    complete
+        (N,) whether these are proven to be all the configurations of the target. Not where joints are free at it:
+        :attr:`IkBranches.families` has the others.
     """
 
     q: Array
@@ -233,6 +245,7 @@ class IkBranchesBatch:
     position_error: Array
     orientation_error: Array
     outside: npt.NDArray[np.int64]
+    complete: npt.NDArray[np.bool_]
 
     @property
     def ok(self) -> npt.NDArray[np.bool_]:

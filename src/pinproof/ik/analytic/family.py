@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik.analytic.plan import Plan
-from pinproof.ik.windings import difference
+from pinproof.ik.windings import TURN, difference
 from pinproof.model import Arm
 
 __all__ = ["IkFamily", "branches_elsewhere", "families_of"]
@@ -22,8 +22,17 @@ SCAN = 72
 END = 1e-9
 """Rad or m: how closely ends are told."""
 
+FINE_SCAN = 720
+"""The same where families are known to exist, of which the first values have no member."""
+
 COARSE_SCAN = 24
 """The same for each of two joints that are both free."""
+
+DOUBLY_SINGULAR = 1e-6
+"""Of the second smallest singular value of the Jacobian: below, its null space has more motions than the family's."""
+
+STEP = 1e-4
+"""Rad or m: the step of the difference quotient that the family's motion is then taken from."""
 
 MOVES = 1e-6
 """A joint whose part of the unit direction is larger moves along the family."""
@@ -67,7 +76,13 @@ class IkFamily:
         """The family of a branch (a kernel's row) of which joint number ``joint`` is free."""
         n = plan.dof
         q = row[:n].copy()
-        direction = np.linalg.svd(arm.jacobian(q))[2][-1]
+        _, values, motions = np.linalg.svd(arm.jacobian(q))
+        direction = motions[-1]
+        if (
+            n >= 2 and len(values) >= n and values[-2] < DOUBLY_SINGULAR
+        ):  # the Jacobian loses two: which is the family's?
+            family = cls(arm.joint_names[joint], (), q, direction, 0.0, 0.0, arm, plan, target, float(row[n + 3]))
+            direction = family._tangent(float(q[joint]), direction)
         direction = direction * (1.0 if direction[joint] >= 0 else -1.0)
         moving = tuple(name for name, part in zip(arm.joint_names, direction, strict=True) if abs(part) > MOVES)
         lower, upper = arm.limits.sampling_range()
@@ -120,6 +135,15 @@ class IkFamily:
         member = self._member(value)
         return member is not None and bool(np.abs(difference(self._arm, member, row[: self._plan.dof])).max() < SAME)
 
+    def _tangent(self, value: float, otherwise: Array) -> Array:
+        """(n,) the unit motion of the members at a value of the parameter; ``otherwise`` if none is beside it."""
+        for step in (STEP, -STEP):
+            member = self._member(value + step)
+            if member is not None:
+                motion = difference(self._arm, member, self.q) / step
+                return np.asarray(motion / np.linalg.norm(motion))
+        return otherwise
+
     def _end(self, inside: float, bound: float) -> float:
         """How far the family goes from ``inside`` towards ``bound``."""
         values = np.linspace(inside, bound, SCAN + 1)
@@ -153,10 +177,20 @@ def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array, ou
     """What the kernel wrote, and its count, at other values of the free joints: at the nearest that has branches.
 
     For targets at which joints are free, and have no branch inside the limits at their values in ``reference``. Looks
-    at SCAN values of one joint, at COARSE_SCAN of two.
+    at SCAN values of one joint, then at FINE_SCAN; at COARSE_SCAN of two.
     """
     joints = _free(out)[:2]
-    many = SCAN if len(joints) == 1 else COARSE_SCAN
+    for many in (SCAN, FINE_SCAN) if len(joints) == 1 else (COARSE_SCAN,):
+        found, count = _nearest_with_branches(arm, plan, target, reference, joints, many)
+        if count:
+            return found, count
+    return out, 0
+
+
+def _nearest_with_branches(
+    arm: Arm, plan: Plan, target: Array, reference: Array, joints: list[int], many: int
+) -> tuple[Array, int]:
+    """What the kernel wrote, and its count, at the nearest of ``many`` values of each joint that has branches."""
     lower, upper = arm.limits.sampling_range()
     values = [np.linspace(lower[joint], upper[joint], many + 1) for joint in joints]
     grid = np.stack([one.ravel() for one in np.meshgrid(*values, indexing="ij")], axis=1)
@@ -167,27 +201,93 @@ def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array, ou
         count = plan.kernel(plan.array, target, moved, 0.0, found)
         if count:
             return found, count
-    return out, 0
+    return found, 0
 
 
-def families_of(arm: Arm, plan: Plan, target: Array, reference: Array, rows: Array, tail: Array) -> list[IkFamily]:
+def families_of(
+    arm: Arm, plan: Plan, target: Array, reference: Array, rows: Array, tail: Array
+) -> tuple[list[IkFamily], bool]:
     """Those that the kernel's ``rows`` belong to, and those that have no member at q0's value of their parameter.
 
-    Each joint that ``tail`` says is free is looked at SCAN values of its range, with the others at q0's.
+    Each joint that ``tail`` says is free is looked at SCAN values of its range, with the others at q0's; at FINE_SCAN
+    values, if solutions that the kernel knows to have a free joint were not met. The second value is whether all of
+    them were met in the end: else there may be families in narrower ranges.
     """
     lower, upper = arm.limits.sampling_range()
     found: list[IkFamily] = []
+    missing, n = int(tail[4]) >> 1, plan.dof
+    for scan in (SCAN, FINE_SCAN):
+        if scan == FINE_SCAN:
+            missing &= ~_outside_everywhere(arm, plan, target, reference, tail)
+            if not missing:
+                break
+        for joint in _free(tail[None]):
+            name = arm.joint_names[joint]
+            here = [row for row in rows if int(row[n + 2]) >> joint & 1] if scan == SCAN else []
+            before = [one for one in found if one.parameter == name]
+            more = [IkFamily.at_branch(arm, plan, target, row, joint) for row in here]
+            out, moved = np.empty(plan.shape), reference.copy()
+            for value in np.linspace(lower[joint], upper[joint], scan + 1).tolist():
+                moved[joint] = value
+                count = plan.kernel(plan.array, target, moved, 0.0, out)
+                missing &= int(out[-1, 4]) >> 1
+                for row in out[:count].copy():
+                    if int(row[n + 2]) >> joint & 1 and not any(one.holds(row) for one in (*before, *more)):
+                        more.append(IkFamily.at_branch(arm, plan, target, row, joint))
+            found += more
+            if scan == FINE_SCAN and not missing:
+                break
+    return found, not missing
+
+
+def _outside_everywhere(arm: Arm, plan: Plan, target: Array, reference: Array, tail: Array) -> int:
+    """Of the solutions that ``tail`` has in doubt, those that some joint keeps outside its limits, whatever is free.
+
+    That is taken for proven where at all of SCAN values one joint is further outside than it moves between neighbours.
+    """
+    wide, n = plan.without_limits(), plan.dof
+    lower, upper = arm.limits.sampling_range()
+    outside = -1
     for joint in _free(tail[None]):
-        here = [row for row in rows if int(row[plan.dof + 2]) >> joint & 1]
-        mine = [IkFamily.at_branch(arm, plan, target, row, joint) for row in here]
-        out, moved = np.empty(plan.shape), reference.copy()
+        met: dict[int, list[Array]] = {}
+        out, moved, unmet = np.empty(wide.shape), reference.copy(), 0
         for value in np.linspace(lower[joint], upper[joint], SCAN + 1).tolist():
             moved[joint] = value
-            for row in out[: plan.kernel(plan.array, target, moved, 0.0, out)].copy():
-                if int(row[plan.dof + 2]) >> joint & 1 and not any(one.holds(row) for one in mine):
-                    mine.append(IkFamily.at_branch(arm, plan, target, row, joint))
-        found += mine
-    return found
+            count = wide.kernel(wide.array, target, moved, 0.0, out)
+            unmet |= int(out[-1, 4]) >> 1
+            for row in out[:count]:
+                if int(row[n + 2]) >> joint & 1:
+                    met.setdefault(_number(row[n + 3]), []).append(row[:n].copy())
+        proven = 0
+        for number, members in met.items():
+            q = np.array(members)
+            away = _away(arm, q)
+            steps = np.abs(difference(arm, q[1:], q[:-1])).max(axis=0, initial=0.0)
+            if len(q) > SCAN and (away.min(axis=0) > steps + MOVES).any():
+                proven |= 1 << number
+                other = number ^ 1  # the second root of the middle joint, which is left out where both are one
+                if other not in met and not unmet >> other & 1:
+                    proven |= 1 << other
+        outside &= proven
+    return outside
+
+
+def _away(arm: Arm, q: Array) -> Array:
+    """(k, n) how far each joint of q (k, n) is outside its limits, with the whole turns that bring it nearest."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    below, above = lower - q, q - upper
+    away = np.maximum(np.maximum(below, above), 0.0)
+    turns = np.where(below > 0.0, np.ceil(below / TURN), np.where(above > 0.0, -np.ceil(above / TURN), 0.0))
+    for turn in (turns, turns - np.sign(turns)):
+        other = q + turn * TURN
+        nearer = np.maximum(np.maximum(lower - other, other - upper), 0.0)
+        away = np.where(arm.periodic, np.minimum(away, nearer), away)
+    return np.asarray(away)
+
+
+def _number(name: float) -> int:
+    """The bit of a solution among those in doubt, by its name: as in :mod:`pinproof.kernels.branches`."""
+    return int(name) % 1000 % 200 + (16 if name >= 200.0 else 0)
 
 
 def _free(out: Array) -> list[int]:

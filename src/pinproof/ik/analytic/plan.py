@@ -61,7 +61,7 @@ class Plan:
     angular
         (n,) which joints turn.
     capacity
-        Rows for branches.
+        Rows for branches in a batch.
     kernel
         :func:`pinproof.kernels.branches.branches_of_one`, which is imported late.
     """
@@ -81,14 +81,27 @@ class Plan:
     @cached_property
     def shape(self) -> tuple[int, int]:
         """Of what the kernel writes into: the branches and one row more, by q and four entries more."""
-        return self.capacity + 1, self.dof + 4
+        from pinproof.kernels.branches import ROWS
+
+        return ROWS + 1, self.dof + 4
 
     def with_tolerances(self, position: float, orientation: float) -> Plan:
         """The same for tolerances in m and rad."""
+        from pinproof.kernels.roots import ROUNDING
+
         array = self.array.copy()
         array[0, 7] = max(array[0, 7], 4.0 * max(position / array[0, 6], orientation))
         array[0, 9], array[0, 10] = position, orientation
+        array[0, 12] = max(4.0 * max(position / array[0, 6], orientation), ROUNDING)
         array[0, 11] = max(MADE_UP_TOLERANCE, 100.0 * self.miss, 100.0 * max(position, orientation))
+        return replace(self, array=array)
+
+    def without_limits(self) -> Plan:
+        """The same for joints without limits."""
+        array = self.array.copy()
+        lines = array[self.dof + 3 :]
+        lines[:, 9] = np.where(lines[:, 8] >= 0, -np.inf, lines[:, 9])
+        lines[:, 10] = np.where(lines[:, 8] >= 0, np.inf, lines[:, 10])
         return replace(self, array=array)
 
 
@@ -145,7 +158,7 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
     lower, upper = arm.limits.sampling_range()
     tried = plan.with_tolerances(1e-9, 1e-9)
     found, quartic, telling = 0, False, 0.0
-    out = np.empty((plan.capacity + 1, plan.dof + 4))
+    out = np.empty(plan.shape)
     for q in rng.uniform(lower, upper, (TRIALS, plan.dof)):
         target = np.array(arm.forward_kinematics(q).homogeneous)
         value = 0.0 if plan.redundant is None else float(q[plan.redundant])
@@ -162,6 +175,7 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
 
 def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, tool: Array, size: float) -> Plan:
     from pinproof.kernels.branches import branches_of_one
+    from pinproof.kernels.roots import ROUNDING
 
     six = [i for i in range(len(order)) if i != locked]
     ideal = list(order)
@@ -176,6 +190,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, t
     array = np.zeros((n + 3 + len(order), 16))
     array[0, :7] = n, triple.first, triple.planar, reverse, turning, -1 if locked is None else locked, size
     array[0, 7], array[0, 8] = max(BORDER, 20.0 * miss), 20.0 * miss
+    array[0, 13] = ROUNDING if miss else max(ROUNDING, 4.0 * triple.miss)
     array[1 : n + 2] = arm.packed
     scaled = tool.copy()
     scaled[:3, 3] /= size

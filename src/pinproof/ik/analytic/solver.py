@@ -12,16 +12,15 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import Rng, positive, random_generator, whole
 from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
 from pinproof.ik.analytic.sweep import sweep, sweep_many
-from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus
-from pinproof.ik.settings import Rng, positive, random_generator, whole
+from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
 from pinproof.ik.solver import Accept, TaskLike
 from pinproof.ik.task import Task, make_task
-from pinproof.ik.verdict import judge
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
 from pinproof.spatial import SE3, finite, rigid, rigid_many
@@ -152,10 +151,11 @@ class AnalyticIk:
         q = np.empty((len(many), plan.capacity, plan.dof))
         errors = np.empty((len(many), plan.capacity, 2))
         counts, outside = np.empty((2, len(many)), dtype=np.int64)
+        known = np.empty(len(many), dtype=np.bool_)
         no_value = np.zeros((1, 1))
 
         def share(start: int, stop: int) -> None:
-            branches_of_many(plan.array, many, references, no_value, start, stop, q, errors, counts, outside)
+            branches_of_many(plan.array, many, references, no_value, start, stop, q, errors, counts, outside, known)
 
         if threads == 1:
             share(0, len(many))
@@ -169,9 +169,13 @@ class AnalyticIk:
             for row in np.flatnonzero(counts == ELSEWHERE):
                 rows = self.solve_all(arm, many[row], references[row if len(references) > 1 else 0]).rows
                 counts[row] = len(rows)
+                if len(rows) > q.shape[1]:
+                    more = ((0, 0), (0, len(rows) - q.shape[1]), (0, 0))
+                    q, errors = np.pad(q, more, constant_values=np.nan), np.pad(errors, more, constant_values=np.nan)
                 q[row, : len(rows)], errors[row, : len(rows)] = rows[:, : arm.dof], rows[:, arm.dof : arm.dof + 2]
         k = max(int(counts.max(initial=0)), 1)
-        return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside)
+        complete = known & (plan.miss == 0.0)
+        return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside, complete)
 
     def solve(
         self,
@@ -294,8 +298,9 @@ class AnalyticIk:
         padded = np.full((len(many), max(int(counts.max(initial=0)), 1), arm.dof + 2), np.nan)
         padded[row, place, : arm.dof], padded[row, place, arm.dof :] = found[order], missed[order]
         return IkBranchesBatch(
-            padded[:, :, : arm.dof], counts, padded[:, :, arm.dof], padded[:, :, arm.dof + 1], outside.sum(axis=1)
-        )
+            padded[:, :, : arm.dof], counts, padded[:, :, arm.dof], padded[:, :, arm.dof + 1], outside.sum(axis=1),
+            np.zeros(len(many), dtype=bool),
+        )  # fmt: skip
 
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
         """The joint of an arm of seven that is swept, and its values (v,) (rad or m); None for other arms.

@@ -64,6 +64,7 @@ def sweep_many(
 
     v = values.shape[1]
     counts, outside = np.zeros((2, len(targets) * v), dtype=np.int64)
+    known = np.empty(BLOCK * v, dtype=np.bool_)
     found, missed = [np.empty((0, plan.dof))], [np.empty((0, 2))]
     for first in range(0, len(targets), BLOCK):
         rows = slice(first, first + BLOCK)
@@ -71,7 +72,7 @@ def sweep_many(
         q = np.empty((len(some) * v, plan.capacity, plan.dof))
         errors = np.empty((len(some) * v, plan.capacity, 2))
         own = [each if len(each) == 1 else each[rows] for each in (references, values)]
-        branches_of_many(plan.array, some, *own, 0, len(q), q, errors, counts[here], outside[here])
+        branches_of_many(plan.array, some, *own, 0, len(q), q, errors, counts[here], outside[here], known)
         np.maximum(counts[here], 0, out=counts[here])  # other values of what is free there are other values swept
         there = np.arange(plan.capacity) < counts[here, None]
         found.append(q[there])

@@ -1,6 +1,5 @@
 """Campaigns: many picks, many workers, rows on disk."""
 
-from pinproof.picks.campaign.campaign import Campaign
-from pinproof.picks.campaign.result import CampaignResult
+from pinproof.picks.campaign.campaign import Campaign, CampaignResult
 
 __all__ = ["Campaign", "CampaignResult"]

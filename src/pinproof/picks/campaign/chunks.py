@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["DEADLY", "Chunk", "Outcome", "Supply"]
+__all__ = ["MAX_DEATHS", "Chunk", "ChunkQueue", "Outcome"]
 
-DEADLY = 3
+MAX_DEATHS = 3
 """How many workers must die of a chunk before it is halved, and of a single pick before it is said to kill them: one
 death may come from outside, such as memory that others used up."""
 
@@ -44,7 +44,7 @@ class Chunk:
         middle = (self.start + self.stop + 1) // 2
         halves = [Chunk(self.start, middle), Chunk(middle, self.stop)]
         for half in halves:
-            half.deaths = DEADLY - 1 if len(half) > 1 else 0
+            half.deaths = MAX_DEATHS - 1 if len(half) > 1 else 0
         return halves
 
 
@@ -63,7 +63,7 @@ class Outcome:
     worker: str = ""
 
 
-class Supply:
+class ChunkQueue:
     """Cuts what is to be done into chunks of about :data:`CHUNK_SECONDS`.
 
     How picks are cut never shows in a result: each is judged by itself.

@@ -1,26 +1,79 @@
-"""The task of a campaign: a chunk of picks is judged, and becomes lines of JSON."""
+"""What a worker computes: the rows of a chunk of picks as lines of JSON; and the version of the code that does so."""
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import pickle
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 from typing import Any
 
+from pinproof import __version__
+from pinproof.common.content_hash import LENGTH, digest
 from pinproof.errors import CampaignError
-from pinproof.picks.campaign.code import code_here
-from pinproof.picks.campaign.journal import to_line
+from pinproof.picks.campaign.journal import CRASHED, RETRY, to_line
 from pinproof.picks.pick import Pick, PickProblem
 from pinproof.picks.report.rows import problem_row, verdict_row
 from pinproof.picks.setup import PickSetup
 
-__all__ = ["CRASHED", "Judge", "RowTask", "crashed_row", "judge_row"]
+__all__ = [
+    "Judge",
+    "RowTask",
+    "code_here",
+    "crashed_row",
+    "judge_row",
+    "judge_words",
+]
+
+PACKAGE = Path(__file__).parents[2]
+
+BESIDE_IT = ("benchmarks", "cli", "viewer")
+"""Rooms that no verdict comes from: a folder is not to be refused for a word of help that was mended."""
+
+LIBRARIES = ("pin", "coal", "numpy", "numba")
+"""The libraries whose numbers stand in verdicts."""
+
+
+@cache
+def code_here() -> str:
+    """The code of this process in a line: version and hash of pinproof's own source, and the libraries beneath it.
+
+    A version is not enough: it stays the same in a checkout that is worked on.
+    """
+    into = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
+        name = path.relative_to(PACKAGE)
+        if name.parts[0] not in BESIDE_IT:
+            content = path.read_bytes()
+            into.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+    libraries = ", ".join(f"{name} {_version(name)}" for name in LIBRARIES)
+    return f"{__version__} {into.hexdigest()[:LENGTH]} on {libraries}"
+
+
+def judge_words(judge: Callable[..., Any]) -> str:
+    """A judge by its name and, if it is not one of pinproof's own, a hash of its source."""
+    name = f"{judge.__module__}.{judge.__qualname__}"
+    if judge.__module__.partition(".")[0] == PACKAGE.name:
+        return name
+    try:
+        return f"{name} {digest(inspect.getsource(judge))}"
+    except (OSError, TypeError):  # without a source file it goes by its name
+        return name
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
+
 
 Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
 """Judges the pick at a place, to a row of plain values with a ``verdict``. Importable, as it is sent by name."""
-
-CRASHED = "crashed"
-"""The verdict on a pick that could not be judged: the judge failed, or the process died."""
 
 
 def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
@@ -51,7 +104,8 @@ class RowTask:
             row = self.judge(self.setup, index, item)
             return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})
         except Exception as error:  # noqa: BLE001  # one pick that cannot be judged never stops the others
-            return crashed_row(index, item.name, f"the judge failed: {type(error).__name__}: {error}")
+            reason = f"the judge failed: {type(error).__name__}: {error}"
+            return crashed_row(index, item.name, reason, retry=isinstance(error, MemoryError))
 
 
 def _unpacked(code: str, packed: bytes) -> RowTask:
@@ -64,6 +118,7 @@ def _unpacked(code: str, packed: bytes) -> RowTask:
     return RowTask(*pickle.loads(packed))
 
 
-def crashed_row(index: int, name: str, reason: str) -> bytes:
-    """The row of a pick that could not be judged."""
-    return to_line({"index": index, "name": name, "verdict": CRASHED, "failed_at": None, "reason": reason})
+def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
+    """The row of a pick that could not be judged; if ``retry``, the next run of the campaign judges it again."""
+    row = {"index": index, "name": name, "verdict": CRASHED, "failed_at": None, "reason": reason}
+    return to_line({**row, RETRY: True} if retry else row)

@@ -11,11 +11,11 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.picks.reach.reach_map import ReachMap
 
-__all__ = ["ReachChange"]
+__all__ = ["ReachComparison"]
 
 
 @dataclass(frozen=True, eq=False)
-class ReachChange:
+class ReachComparison:
     """What a change of the set-up won and lost.
 
     Parameters

@@ -9,10 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
+from pinproof.common.validation import whole
 from pinproof.errors import InputError
-from pinproof.ik.settings import whole
 from pinproof.picks.reach.reach_map import ReachMap
-from pinproof.picks.reach.region import Region
+from pinproof.picks.reach.region import ReachRegion
 from pinproof.picks.reach.screening import Screening, ScreenStatus, code_of
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
 
@@ -26,7 +26,7 @@ CHUNK = 4096
 
 def reach_map(
     checker: CollisionChecker,
-    region: Region,
+    region: ReachRegion,
     orientations: npt.ArrayLike,
     *,
     tip: SE3 | npt.ArrayLike | None = None,
@@ -47,7 +47,7 @@ def reach_map(
     checker
         The arm in its scene, with its tool attached.
     region
-        Where; see :meth:`Region.box`.
+        Where; see :meth:`ReachRegion.box`.
     orientations
         (m, 3, 3) ``root_from_tip`` rotations, as :func:`tool_orientations` makes them.
     tip

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import whole
 from pinproof.errors import InputError
-from pinproof.ik.settings import whole
 from pinproof.spatial import finite
 
 __all__ = ["approach_directions", "tool_orientations"]

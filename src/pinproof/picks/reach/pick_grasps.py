@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
-from pinproof.picks.family import Spin, Tolerance, family
+from pinproof.picks.family import GraspSpin, GraspTolerance, family
 from pinproof.picks.pick import TIP, Pick, PickProblem
 from pinproof.picks.reach.screening import Looked, Screening, ScreenStatus, code_of
 from pinproof.picks.stages.cell import Cell
@@ -143,7 +143,7 @@ class GraspScreening:
 
 
 @lru_cache(maxsize=64)
-def _rings(spin: Spin, tolerance: Tolerance, axis: tuple[float, float, float]) -> tuple[Array, ...]:
+def _rings(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float, float]) -> tuple[Array, ...]:
     """``nominal_from_tip`` (m, 4, 4) ring by ring; the first grasp, which mostly is free, stands alone."""
     rings = [np.array([matrix(each.nominal_from_tip) for each in r]) for r in family(spin, tolerance, np.array(axis))]
     return tuple(ring for ring in (rings[0][:1], rings[0][1:], *rings[1:]) if len(ring))

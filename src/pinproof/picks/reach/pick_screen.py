@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError
 from pinproof.picks.reach.screening import CODES, ScreenStatus, code_of
 
-__all__ = ["PickScreen"]
+__all__ = ["ScreenResult"]
 
 Array = npt.NDArray[np.float64]
 
@@ -23,7 +23,7 @@ FIGURES = ("limit_margin", "manipulability", "clearance")
 
 
 @dataclass(frozen=True, eq=False)
-class PickScreen:
+class ScreenResult:
     """What became of N picks, or poses, at the grasp alone.
 
     FREE says that the grasp is reached, inside the limits and free of contact; nothing is said of the ways to it and

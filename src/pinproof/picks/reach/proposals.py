@@ -53,17 +53,20 @@ class Proposed:
         (k, n) configurations that reach them, inside the limits.
     outside
         (N,) whether limits alone were seen to rule one out, by target.
+    complete
+        (N,) whether these are proven to be all configurations of a target.
     """
 
     row: Indices
     q: Array
     outside: Mask
+    complete: Mask
 
 
 class Proposals:
     """Configurations for poses of an arm.
 
-    ``complete``: those of the first round are all that there are.
+    ``complete``: those of the first round are all that there are, but at singular targets (:class:`Proposed`).
     """
 
     complete = False
@@ -100,7 +103,7 @@ class _Closed(Proposals):
         del number
         found = AnalyticIk().solve_all_batch(self._arm, targets, self._home)
         row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
-        return Proposed(row, found.q[row, column], found.outside > 0)
+        return Proposed(row, found.q[row, column], found.outside > 0, found.complete)
 
 
 class _Swept(Proposals):
@@ -130,7 +133,7 @@ class _Swept(Proposals):
         values = self._groups[number] if number < self._search else self._beyond
         found = SWEEP.solve_all_batch(self._arm, targets, self._home, redundant_values=values)
         row, column = np.nonzero(np.arange(found.q.shape[1]) < found.count[:, None])
-        return Proposed(row, found.q[row, column], found.outside > 0)
+        return Proposed(row, found.q[row, column], found.outside > 0, found.complete)
 
 
 class _Searched(Proposals):
@@ -156,13 +159,14 @@ class _Searched(Proposals):
         q, limits, outside = turned_inside(self._arm, wide.q), self._arm.limits, wide.outside
         inside = ((q >= limits.lower) & (q <= limits.upper)).all(axis=1)
         outside[wide.row[~inside]] = True
-        return Proposed(wide.row[inside], np.ascontiguousarray(q[inside]), outside)
+        return Proposed(wide.row[inside], np.ascontiguousarray(q[inside]), outside, np.zeros(len(targets), dtype=bool))
 
 
 def _searched(arm: Arm, targets: Array, start: Array, rng: int, span: Span) -> Proposed:
     near = np.flatnonzero(span.may_reach(targets))
     found = Clik(restarts=RESTARTS).solve_batch(arm, targets[near], start, rng=rng)
-    return Proposed(near[found.ok], np.ascontiguousarray(found.q[found.ok]), np.zeros(len(targets), dtype=bool))
+    none = np.zeros(len(targets), dtype=bool)
+    return Proposed(near[found.ok], np.ascontiguousarray(found.q[found.ok]), none, none.copy())
 
 
 def _reversed_bits(k: int) -> int:

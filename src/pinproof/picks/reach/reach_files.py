@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.description.whole_file import write_bytes_whole, write_text_whole
+from pinproof.common.files import write_bytes_whole, write_text_whole
 from pinproof.errors import FileError, InputError
-from pinproof.picks.reach.change import ReachChange
+from pinproof.picks.reach.change import ReachComparison
 from pinproof.picks.reach.reach_map import ReachMap
-from pinproof.picks.reach.region import Region
+from pinproof.picks.reach.region import ReachRegion
 from pinproof.picks.reach.slices import WON_AND_LOST, slices
 
 __all__ = ["read", "write", "write_change"]
@@ -43,7 +43,7 @@ def write(path: str | Path, reach: ReachMap) -> None:
         write_bytes_whole(path, out.getvalue())
 
 
-def write_change(path: str | Path, change: ReachChange) -> None:
+def write_change(path: str | Path, change: ReachComparison) -> None:
     """Write a comparison as the file's ending says."""
     points, won, lost = change.before.region.points, change.won.mean(axis=1), change.lost.mean(axis=1)
     if _kind(path, (".csv", ".png")) == ".csv":
@@ -62,9 +62,9 @@ def read(path: str | Path) -> ReachMap:
         with np.load(path, allow_pickle=False) as content:
             if str(content["schema"]) != SCHEMA:
                 raise FileError(path, f"holds {str(content['schema'])!r}, not a reach map ({SCHEMA!r})")
-            axes = Region.along([content[name] for name in "xyz"]) if "x" in content else None
+            axes = ReachRegion.along([content[name] for name in "xyz"]) if "x" in content else None
             return ReachMap(
-                Region(content["points"], axes),
+                ReachRegion(content["points"], axes),
                 **{name: content[name] for name in ARRAYS},
                 complete=bool(content["complete"]),
                 title=str(content["title"]),

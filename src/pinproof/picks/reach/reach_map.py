@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.picks.reach.region import Region
+from pinproof.picks.reach.region import ReachRegion
 
 __all__ = ["ReachMap"]
 
@@ -43,7 +43,7 @@ class ReachMap:
         What was looked at: robot, tool and scene, in words.
     """
 
-    region: Region
+    region: ReachRegion
     orientations: Array
     reachable: Mask
     free: Mask

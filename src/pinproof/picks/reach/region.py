@@ -11,7 +11,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.spatial import finite
 
-__all__ = ["MOST_POINTS", "Region"]
+__all__ = ["MOST_POINTS", "ReachRegion"]
 
 Array = npt.NDArray[np.float64]
 
@@ -20,7 +20,7 @@ MOST_POINTS = 5_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class ReachRegion:
     """Points in the frame of the robot's root link.
 
     Parameters
@@ -47,7 +47,7 @@ class Region:
         object.__setattr__(self, "points", points)
 
     @classmethod
-    def box(cls, lower: npt.ArrayLike, upper: npt.ArrayLike, step: float) -> Region:
+    def box(cls, lower: npt.ArrayLike, upper: npt.ArrayLike, step: float) -> ReachRegion:
         """A grid over the box from ``lower`` to ``upper`` (3,), both included.
 
         Equal coordinates make it a surface, a line or a point. The points are evenly spread, ``step`` (m) apart at
@@ -80,7 +80,7 @@ class Region:
         """The numbers of points along x, y and z of a grid; (N,) of single points."""
         return (len(self.points),) if self.axes is None else tuple(len(axis) for axis in self.axes)
 
-    def equals(self, other: Region) -> bool:
+    def equals(self, other: ReachRegion) -> bool:
         """Whether both hold the same points in the same order."""
         return bool(np.array_equal(self.points, other.points))
 

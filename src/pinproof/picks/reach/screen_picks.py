@@ -10,13 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle, Scene
+from pinproof.common.validation import whole
 from pinproof.errors import InputError
-from pinproof.ik.settings import whole
 from pinproof.model import Arm
 from pinproof.picks.configurations import limit_margins
 from pinproof.picks.pick import Pick, PickProblem, Picks
 from pinproof.picks.reach.pick_grasps import GraspScreening, LookedPicks
-from pinproof.picks.reach.pick_screen import PickScreen
+from pinproof.picks.reach.pick_screen import ScreenResult
 from pinproof.picks.reach.screening import ScreenStatus, code_of
 from pinproof.picks.setup import refuse_another_hand
 from pinproof.picks.source import PickSource, as_source
@@ -48,7 +48,7 @@ def screen_picks(
     rng: int = 0,
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> PickScreen:
+) -> ScreenResult:
     """Tell of very many picks, or poses, which can be grasped: reached inside the limits, free of contact.
 
     The stages reach, limits, self-collision and collision at the grasp of :func:`pinproof.validate_picks` alone, with
@@ -117,7 +117,7 @@ def screen_picks(
     looked, free = found.looked, found.looked.codes == code_of(ScreenStatus.FREE)
     margins = np.full(total, np.nan)
     margins[free] = np.clip(limit_margins(arm, looked.q[free]), 0.0, 1.0)
-    return PickScreen(
+    return ScreenResult(
         source.names if isinstance(source, _Poses) else found.names,
         arm.joint_names,
         looked.codes,

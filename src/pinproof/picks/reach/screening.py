@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.ik.settings import whole
+from pinproof.common.validation import whole
 from pinproof.picks.configurations import manipulability
 from pinproof.picks.reach.proposals import Wanted, proposals_for
 from pinproof.picks.verdict import Stage
@@ -131,13 +131,17 @@ class Screening:
         whole("rng", rng, 0)
         self._checker, self._arm = checker, checker.arm
         self._why, self._clearance = why, clearance
+        self._known = True
         self._proposals = proposals_for(checker.arm, home, attempts=attempts, rng=rng)
         self._own = checker.with_scene(Scene()) if why and checker.scene.obstacles else checker
 
     @property
     def complete(self) -> bool:
-        """Whether every configuration of a pose is looked at, so that what is not free cannot be."""
-        return self._proposals.complete
+        """Whether every configuration was checked of each pose that is not free, so that it cannot be free.
+
+        Changes to False with the first pose of which this is not so: a singular one with a continuum of configurations.
+        """
+        return self._proposals.complete and self._known
 
     def look(self, targets: Array) -> Looked:
         """What becomes of targets (N, 4, 4), ``base_from_tcp``.
@@ -146,7 +150,7 @@ class Screening:
         """
         count = len(targets)
         q, volume = np.full((count, self._arm.dof), np.nan), np.full(count, np.nan)
-        reached, free, own, outside = np.zeros((4, count), dtype=bool)
+        reached, free, own, outside, known = np.zeros((5, count), dtype=bool)
         for wanted, number in self._proposals.rounds(why=self._why):
             left = ~free
             if wanted is not Wanted.OPEN:
@@ -156,12 +160,15 @@ class Screening:
                 continue
             found = self._proposals.propose(number, targets if len(rows) == count else targets[rows])
             outside[rows] |= found.outside
+            known[rows] |= found.complete
             if len(found.q):
                 self._judge(rows[found.row], found.q, reached, free, own, q, volume)
         codes = np.where(outside, code_of(ScreenStatus.LIMITS), code_of(ScreenStatus.REACH))
         contact = np.where(own, code_of(ScreenStatus.CONTACT), code_of(ScreenStatus.SELF))
         codes = np.where(reached, contact if self._why else code_of(ScreenStatus.CONTACT), codes)
         codes[free] = code_of(ScreenStatus.FREE)
+        if not (free | known).all():
+            self._known = False
         clearance = np.full(count, np.nan)
         if self._clearance and free.any():
             clearance[free] = self._checker.clearance_batch(q[free])

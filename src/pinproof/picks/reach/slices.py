@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.picks.reach.region import Region
+from pinproof.picks.reach.region import ReachRegion
 
 __all__ = ["SHARE", "WON_AND_LOST", "slices"]
 
@@ -21,7 +21,7 @@ WON_AND_LOST = ("RdBu", -1.0, 1.0)
 
 
 def slices(
-    region: Region,
+    region: ReachRegion,
     values: npt.NDArray[np.float64],
     title: str,
     label: str,

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.viewer.camera import View, choose_view
-from pinproof.viewer.markers import LONGEST, arrow
+from pinproof.viewer.overlays import LONGEST, arrow
 from pinproof.viewer.stage import DrawnLink, Stage
 from pinproof.viewer.surfaces import merge_by_colour
 

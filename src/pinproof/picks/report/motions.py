@@ -13,9 +13,8 @@ from pinproof.collision import Obstacle, Scene
 from pinproof.errors import MeshError
 from pinproof.picks.verdict import PickVerdict
 from pinproof.viewer.animation import Film, Phase, film, tracks
-from pinproof.viewer.appearance import obstacle_surfaces
 from pinproof.viewer.stage import Stage
-from pinproof.viewer.surfaces import Surface
+from pinproof.viewer.surfaces import Surface, obstacle_surfaces
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
 __all__ = ["Reel", "surfaces_of"]

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Scene
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, ViewerError
 from pinproof.model import Arm
 from pinproof.picks.frames import root_from_frame
@@ -32,13 +32,13 @@ from pinproof.picks.verdict import PickVerdict
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import still
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
-from pinproof.viewer.markers import PoseMarkers
+from pinproof.viewer.overlays import PoseMarkers
 from pinproof.viewer.picture import stage_commands
 from pinproof.viewer.stage import Stage, set_stage
 from pinproof.viewer.wire import Commands, node_path
 
 if TYPE_CHECKING:
-    from pinproof.picks.campaign.result import CampaignResult
+    from pinproof.picks.campaign import CampaignResult
 
 __all__ = ["MOST_ROWS", "write_report_page"]
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pinproof.collision.certificate import proven_millimetres
-from pinproof.description.whole_file import write_text_whole
+from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.report.rows import problem_row, proofs, verdict_row

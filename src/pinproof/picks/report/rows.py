@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from pinproof.collision import Certificate
+from pinproof.picks.grip import GripResult
 from pinproof.picks.pick import PickProblem
 from pinproof.picks.verdict import PickMotion, PickVerdict, StageResult
 from pinproof.spatial import xyz_rpy
@@ -39,6 +40,7 @@ def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
         "rpy": placed[3:],
         "member": verdict.member,
         "configurations_tried": verdict.configurations,
+        "grip": None if verdict.grip is None else _grip(verdict.grip),
         "stages": [_stage(stage) for stage in verdict.stages],
         "refuted": list(verdict.refuted),
         "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
@@ -62,6 +64,23 @@ def problem_row(problem: PickProblem) -> dict[str, Any]:
 def _stage(result: StageResult) -> dict[str, Any]:
     figures = {name: _finite(float(value)) for name, value in result.figures.items()}
     return {"stage": result.stage.value, "ok": result.ok, "message": result.message, "figures": figures}
+
+
+def _grip(grip: GripResult) -> dict[str, Any]:
+    """How a part is held; lengths in metres, areas in square metres."""
+    contacts = [
+        {
+            "finger": each.finger,
+            "closing_direction": list(each.closing_direction),
+            "contact_area": each.contact_area,
+            "overlap": each.overlap,
+            "gap": _finite(each.gap),
+            "open_distance": each.open_distance,
+            "closed_distance": each.closed_distance,
+        }
+        for each in grip.contacts
+    ]
+    return {"contacts": contacts, "tip_distance": grip.tip_distance}
 
 
 def _motion(motion: PickMotion) -> dict[str, Any]:

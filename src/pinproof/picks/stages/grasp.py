@@ -1,4 +1,4 @@
-"""Self-collision and collision at the grasp: every configuration is looked at, those that are free are ranked."""
+"""Self-collision, collision and grip at the grasp: every configuration is judged, those that pass are ranked."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pinproof.collision.contact import CheckResult, Contact
 from pinproof.picks.configurations import manipulability
 from pinproof.picks.family import Member
 from pinproof.picks.settings import PickWeights
+from pinproof.picks.stages.grip import grip_holds, judge_grip, not_held_words
 from pinproof.picks.stages.reach import Reached
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
@@ -42,11 +43,16 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """Those that are free, the best first, and what is to be said of the two stages."""
+    """Those that are free and hold the object, the best first, and what is to be said of the stages.
+
+    ``refuted``, where there are none: why each configuration is out. ``not_held``: whether no grasp holds the object,
+    so that no other configuration would.
+    """
 
     candidates: tuple[Candidate, ...]
     stages: tuple[StageResult, ...]
     refuted: tuple[str, ...] = ()
+    not_held: bool = False
 
 
 def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
@@ -55,15 +61,21 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
     free = checker.is_free_batch(reached.q)
     if not free.any():
         return _none(checker, members, reached)
-    candidates = rank(task, reached.q[free], [members[i] for i in reached.member[free]])
+    q, of_member = reached.q[free], reached.member[free]
+    gripped = judge_grip(task, members, q, of_member)
     of = f"{int(free.sum())} of {len(free)} configurations" if len(free) > 1 else "it"
+    own = StageResult(Stage.SELF, True, "the arm is free of itself")
+    if not gripped.kept.any():
+        stages = (own, StageResult(Stage.GRASP, True, f"{of} free", {"free": float(free.sum())}), gripped.result)
+        if not any(grip_holds(task, member) for member in members):
+            return Screened((), stages, tuple(not_held_words(task, member) for member in members), True)
+        touching = _refuted([checker.check(each) for each in reached.q[~free]], members, reached.member[~free])
+        return Screened((), stages, (*gripped.refuted, *touching))
+    kept = np.flatnonzero(gripped.kept)
+    candidates = rank(task, q[kept], [members[i] for i in of_member[kept]])
     said = f"{of} free, up to {max(c.clearance for c in candidates) * 1e3:.1f} mm clearance"
     figures = {"free": float(free.sum()), "clearance": max(c.clearance for c in candidates)}
-    stages = (
-        StageResult(Stage.SELF, True, "the arm is free of itself"),
-        StageResult(Stage.GRASP, True, said, figures),
-    )
-    return Screened(tuple(candidates), stages)
+    return Screened(tuple(candidates), (own, StageResult(Stage.GRASP, True, said, figures), gripped.result))
 
 
 def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
@@ -111,10 +123,7 @@ def _none(checker: CollisionChecker, members: list[Member], reached: Reached) ->
     """No configuration is free: the one with the least contact speaks for all."""
     found = [checker.check(q) for q in reached.q]
     own = [[c for c in each.contacts if not _with_obstacle(c, checker)] for each in found]
-    refuted = tuple(
-        f"{members[i].words + ': ' if members[i].words else ''}{'; '.join(contact_words(each))}"
-        for i, each in zip(reached.member, found, strict=True)
-    )
+    refuted = _refuted(found, members, reached.member)
     stage = Stage.SELF if all(own) else Stage.GRASP
     # where some are free of themselves, one of these is told of
     told = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
@@ -129,6 +138,14 @@ def _none(checker: CollisionChecker, members: list[Member], reached: Reached) ->
         return Screened((), (failed,), refuted)
     passed = StageResult(Stage.SELF, True, f"{len(told)} of {len(found)} configurations free of the arm itself")
     return Screened((), (passed, failed), refuted)
+
+
+def _refuted(found: list[CheckResult], members: list[Member], of: npt.NDArray[np.int64]) -> tuple[str, ...]:
+    """What each configuration touches, and which grasp it is of."""
+    return tuple(
+        f"{members[i].words + ': ' if members[i].words else ''}{'; '.join(contact_words(each))}"
+        for i, each in zip(of, found, strict=True)
+    )
 
 
 def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:

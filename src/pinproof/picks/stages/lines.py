@@ -8,16 +8,16 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker
+from pinproof.collision import CollisionChecker, certify
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.motion import CubicPath
 from pinproof.picks.stages.grasp import Candidate
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
-from pinproof.planning import LinearMove, plan_linear
+from pinproof.planning import LinearPlanResult, plan_linear
 from pinproof.spatial import SE3
 
-__all__ = ["Line", "Pairs", "Way", "along", "line", "line_in", "line_out", "shifted", "span"]
+__all__ = ["Line", "Pairs", "Way", "along", "line", "line_in", "line_out", "passing", "passing_at", "shifted", "span"]
 
 Array = npt.NDArray[np.float64]
 Pairs = tuple[tuple[str, str], ...]
@@ -107,8 +107,25 @@ def along(task: Task, candidate: Candidate) -> Way:
 
 def line_in(task: Task, candidate: Candidate) -> Line:
     """The approach, planned from the grasp outwards: so both moves share its configuration to the last bit."""
-    end = task.approach_end(task.grasp(candidate.member))
-    return line(Stage.APPROACH, task, task.at_grasp, candidate.q, end, task.pick.approach)
+    end, q = task.approach_end(task.grasp(candidate.member)), candidate.q
+    into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
+    return passing(into, task.passing, q)
+
+
+def passing(found: Line, checker: CollisionChecker | None, q: Array) -> Line:
+    """A line that begins at q (n,), if the open fingers pass the object by along it: judged by ``checker``, if any."""
+    if checker is None or found.path is None:
+        return found
+    proof = certify(found.path, passing_at(checker, q))
+    if proof.free:
+        return found
+    said = f"the open fingers meet the object: {proof.message}"
+    return Line(StageResult(found.result.stage, False, said, dict(found.result.figures)), fraction=0.0)
+
+
+def passing_at(checker: CollisionChecker, q: Array) -> CollisionChecker:
+    """The checker, with closer bodies where at q (n,) a finger touches the object by its hull alone."""
+    return checker if checker.is_free(q) else checker.finer_at(q)
 
 
 def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
@@ -152,8 +169,9 @@ def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:
     return any(set(pair) == set(each) for each in owners)
 
 
-def _proven(move: LinearMove) -> str:
+def _proven(move: LinearPlanResult) -> str:
     if move.certificate is None:
         return ""
-    parted = "".join(f", {parting.bodies[0]} off {parting.bodies[1]}" for parting in move.certificate.partings)
+    pairs = dict.fromkeys(parting.bodies for parting in move.certificate.partings)  # a mesh is left facet by facet
+    parted = "".join(f", {leaving} off {left}" for leaving, left in pairs)
     return f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,19 +12,24 @@ from pinproof.ik import Clik
 from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.configurations import configurations
 from pinproof.picks.family import Member
-from pinproof.picks.pick import Place, moved
+from pinproof.picks.pick import PlaceTarget, moved
 from pinproof.picks.stages.grasp import contact_words
-from pinproof.picks.stages.lines import Pairs, Way, line, shifted, span
+from pinproof.picks.stages.grip import closing_words
+from pinproof.picks.stages.lines import Pairs, Way, line, passing, shifted, span
 from pinproof.picks.stages.reach import every_branch
 from pinproof.picks.stages.seconds import least_seconds
 from pinproof.picks.stages.task import Task
 from pinproof.picks.stages.transit import planner, shortened
 from pinproof.picks.verdict import Stage, StageResult
-from pinproof.planning.goals import with_turns
+from pinproof.planning.ends import with_turns
 
-__all__ = ["Placer", "Placing"]
+__all__ = ["Placer", "Placing", "Release"]
 
 Array = npt.NDArray[np.float64]
+
+Score = Callable[["Placing | Release", float], float]
+"""The score of a whole pick with a placing; of one with a release, to which a transfer takes some seconds at least, an
+upper bound of the score."""
 
 DOWN, OFF, TRANSFER = 1, 2, 3
 """How many parts of a place were possible where one of them was not."""
@@ -41,8 +47,11 @@ class Placing:
 
 
 @dataclass(frozen=True, eq=False)
-class _Down:
-    """The straight lines from a release q (n,); without them, how many parts were possible, and why not more."""
+class Release:
+    """The straight lines from a release q (n,); without them, how many parts were possible, and why not more.
+
+    The transfer to it is not planned, so the full rotations at which the lines are taken are not known.
+    """
 
     q: Array
     passed: int = TRANSFER
@@ -73,7 +82,7 @@ class Placer:
     def __init__(self, task: Task, seed: int) -> None:
         self._task, self._seed = task, seed
         self._releases: dict[str, Array] = {}
-        self._downs: dict[tuple[str, int], _Down] = {}
+        self._downs: dict[tuple[str, int], Release] = {}
         self._tails: dict[tuple[str, bool], tuple[Array, Array]] = {}
 
     def releases(self, member: Member) -> Array:
@@ -114,8 +123,19 @@ class Placer:
             return before, (least_seconds(arm, before, here) + seconds).min(axis=1)
         return here, seconds
 
-    def place(self, way: Way, seeds: list[int]) -> tuple[StageResult, Placing | None]:
-        """Put down what a way has grasped: at the first release that works, the nearest in time first."""
+    def place(self, way: Way, seeds: list[int], score: Score) -> tuple[StageResult, Placing | None]:
+        """Put down what a way has grasped, at the release that gives the best whole pick.
+
+        Parameters
+        ----------
+        way
+            From home to the end of the retreat.
+        seeds
+            Of plans, and of what shortens them.
+        score
+            The score of the whole pick, or its upper bound: releases whose bound is not above the best score are not
+            planned.
+        """
         task, member = self._task, way.candidate.member
         if task.place is None:
             return StageResult(Stage.PLACE, True, "none asked for"), None
@@ -123,18 +143,32 @@ class Placer:
         if not len(many):
             return self._out_of_reach(member), None
         nearest = np.argsort(least_seconds(task.arm, way.exit[None], many)[0], kind="stable")
-        best = StageResult(Stage.PLACE, False, "")
-        for index in nearest[: task.cell.budget.configurations].tolist():
+        tried = nearest[: task.cell.budget.configurations].tolist()
+        failed: list[StageResult] = []
+        open_ones: list[tuple[float, int, Release]] = []
+        for order, index in enumerate(tried):
             down = self._down(task.place, member, index)
-            result, found = self._transfer(task.place, way, down, seeds) if not down.why else (_no(down), None)
-            if found is not None:
-                return result, found
-            if not best.message or result.figures["passed"] > best.figures["passed"]:
-                best = result
+            if down.why:
+                failed.append(_no(down))
+                continue
+            left = float(least_seconds(task.arm, way.exit[None], down.entrance[None])[0, 0])
+            open_ones.append((-score(down, left), order, down))
+        best: tuple[float, StageResult, Placing] | None = None
+        for bound, _, down in sorted(open_ones, key=lambda each: each[:2]):
+            if best is not None and -bound <= best[0]:
+                break
+            result, placing = self._transfer(task.place, way, down, seeds)
+            if placing is None:
+                failed.append(result)
+            elif best is None or score(placing, 0.0) > best[0]:
+                best = score(placing, 0.0), result, placing
+        if best is not None:
+            return best[1], best[2]
+        farthest = max(failed, key=lambda result: result.figures["passed"])
         if len(many) > 1:
-            tried = min(len(many), task.cell.budget.configurations)
-            best = replace(best, message=f"{best.message}; {tried} of {len(many)} configurations there were tried")
-        return best, None
+            said = f"{farthest.message}; {len(tried)} of {len(many)} configurations there were tried"
+            farthest = replace(farthest, message=said)
+        return farthest, None
 
     def _out_of_reach(self, member: Member) -> StageResult:
         task = self._task
@@ -144,14 +178,16 @@ class Placer:
         figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
         return StageResult(Stage.PLACE, False, said, figures)
 
-    def _down(self, asked: Place, member: Member, index: int) -> _Down:
+    def _down(self, asked: PlaceTarget, member: Member, index: int) -> Release:
         """The lines of one of the releases."""
         key = member.words, index
         if key not in self._downs:
             self._downs[key] = _down(self._task, asked, member, self.releases(member)[index])
         return self._downs[key]
 
-    def _transfer(self, asked: Place, way: Way, down: _Down, seeds: list[int]) -> tuple[StageResult, Placing | None]:
+    def _transfer(
+        self, asked: PlaceTarget, way: Way, down: Release, seeds: list[int]
+    ) -> tuple[StageResult, Placing | None]:
         """From the end of the retreat to where the way down begins, whole turns away if limits and lines allow."""
         task, arm = self._task, self._task.arm
         carrying, limits = task.carrying(way.candidate.member), arm.limits
@@ -177,25 +213,28 @@ class Placer:
         )
 
 
-def _no(down: _Down) -> StageResult:
+def _no(down: Release) -> StageResult:
     return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
 
 
-def _down(task: Task, asked: Place, member: Member, q: Array) -> _Down:
+def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
     """The lines down to a release q (n,), and off it with the empty hand."""
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)
     if not free_hand.is_free(q):
-        return _Down(q, 0, f"when the object is let go: {'; '.join(contact_words(free_hand.check(q)))}")
+        return Release(q, 0, f"when the object is let go: {'; '.join(contact_words(free_hand.check(q)))}")
     parting = task.supports(carrying, q, asked.support)
     above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
     down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting)
     if not down.result.ok:
-        return _Down(q, DOWN, f"way down, {down.result.message}")
+        return Release(q, DOWN, f"way down, {down.result.message}")
+    if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
+        return Release(q, OFF, f"when the object is let go: {closing_words(task, opening.check(q))}")
     off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
     leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat)
+    leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:
-        return _Down(q, OFF, f"way off: {leave.result.message}")
+        return Release(q, OFF, f"way off: {leave.result.message}")
     proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))
     clearance = min(down.clearance, leave.clearance)
-    return _Down(q, TRANSFER, "", down.path, leave.path, parting, proven, clearance)
+    return Release(q, TRANSFER, "", down.path, leave.path, parting, proven, clearance)

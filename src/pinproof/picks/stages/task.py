@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -10,10 +10,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle
+from pinproof.collision.contact_facets import directions_to_facets
+from pinproof.collision.line_surface import LineSurface
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.picks.family import Member, family
 from pinproof.picks.frames import root_from_frame
-from pinproof.picks.pick import TIP, Pick, Place, moved
+from pinproof.picks.grip import GripResult, HeldPart, grip_by_fingers, grip_by_tip
+from pinproof.picks.pick import TIP, Pick, PlaceTarget, moved, support_names
 from pinproof.picks.stages.cell import Cell
 from pinproof.spatial import SE3, matrix
 
@@ -47,7 +50,7 @@ class Task:
     def __init__(self, pick: Pick, cell: Cell) -> None:
         self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
-        self.place: Place | None = None
+        self.place: PlaceTarget | None = None
         if pick.place is not None:
             self.place = replace(pick.place, pose=self._in_root(pick.place.pose, pick.place.frame), frame="")
         carried, names = pick.carried, self.scene.names
@@ -56,12 +59,16 @@ class Task:
             raise UnknownNameError("object", carried, names, self.scene.where)
         if not isinstance(carried, str) and carried is not None and carried.name in cell.checker.obstacles_and_links:
             raise InputError(f"the object's name {carried.name!r} is taken; name an obstacle by its name alone")
-        for support in (pick.support, None if pick.place is None else pick.place.support):
-            if support is not None and support not in names:
-                raise UnknownNameError("support", support, names, self.scene.where)
+        for stated in (pick.support, None if pick.place is None else pick.place.support):
+            for support in support_names(stated) or ():
+                if support not in names:
+                    raise UnknownNameError("support", support, names, self.scene.where)
         self.name = carried.name if isinstance(carried, Obstacle) else carried
         self._carrying: dict[str, CollisionChecker] = {}
         self._letting_go: dict[str, CollisionChecker] = {}
+        self._opening: dict[str, CollisionChecker] = {}
+        self._passing_off: dict[str, CollisionChecker] = {}
+        self._grips: dict[str, GripResult] = {}
 
     @property
     def sampled(self) -> bool:
@@ -117,8 +124,47 @@ class Task:
 
     @cached_property
     def at_grasp(self) -> CollisionChecker:
-        """From the approach on: the hand may touch the object."""
+        """At the grasp: the hand may touch the object. How the fingers do is judged by :meth:`grip`."""
         return self.outside.allowing(*self._touching(self.outside)) if self.from_scene else self.outside
+
+    @cached_property
+    def passing(self) -> CollisionChecker | None:
+        """Around nothing but the object, which the open fingers must pass by; None without fingers or such an object.
+
+        On the approach the hand may touch the object, as :attr:`at_grasp` says, but its open fingers may not.
+        """
+        if not self.from_scene or not self.cell.fingers:
+            return None
+        return self._passing(self.scene[str(self.name)])
+
+    @cached_property
+    def closing(self) -> CollisionChecker:
+        """While the fingers close: the hand may touch the object."""
+        closing = self.cell.closing_hand
+        return closing.allowing(*self._touching(closing)) if self.from_scene else closing
+
+    # -- the grip -----------------------------------------------------------------------------------------------------
+
+    def grip(self, member: Member) -> GripResult:
+        """How the closed hand holds the object; it does not depend on the configuration of the arm."""
+        if member.words not in self._grips:
+            part = HeldPart(self._surface, self.holding(member).pose)
+            limits, tip = self.cell.shared.grip_limits, self.cell.shared.tip
+            if self.cell.fingers:
+                along = np.array(self.pick.approach_direction)
+                if self.pick.approach_frame != TIP:
+                    along = self.grasp(member).rotation.T @ along
+                self._grips[member.words] = grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
+            else:
+                self._grips[member.words] = grip_by_tip(tip, part, limits)
+        return self._grips[member.words]
+
+    @cached_property
+    def _surface(self) -> LineSurface:
+        carried = self.pick.carried
+        if carried is None:
+            raise InputError(f"pick {self.pick.name!r} names no object to hold")
+        return LineSurface.of_obstacle(self.scene[carried] if isinstance(carried, str) else carried)
 
     def holding(self, member: Member) -> Obstacle:
         """The object as it is held: its pose is ``tcp_from_object``."""
@@ -155,24 +201,59 @@ class Task:
             self._letting_go[member.words] = there.allowing(*self._touching(there))
         return self._letting_go[member.words]
 
-    def supports(self, checker: CollisionChecker, q: Array, stated: str | None) -> tuple[tuple[str, str], ...]:
+    def passing_off(self, member: Member) -> CollisionChecker | None:
+        """As :attr:`passing`, of the object where it was put."""
+        if not self.cell.fingers:
+            return None
+        if member.words not in self._passing_off:
+            self._passing_off[member.words] = self._passing(self.letting_go(member).scene[str(self.name)])
+        return self._passing_off[member.words]
+
+    def opening(self, member: Member) -> CollisionChecker:
+        """While the fingers open where the object was put."""
+        if member.words not in self._opening:
+            there = self.cell.closing_hand.with_scene(self.letting_go(member).scene)
+            self._opening[member.words] = there.allowing(*self._touching(there))
+        return self._opening[member.words]
+
+    def supports(
+        self, checker: CollisionChecker, q: Array, stated: str | Sequence[str] | None
+    ) -> tuple[tuple[str, str], ...]:
         """The pairs of the object and what it stands on, held at q (n,)."""
         if self.name is None:
             return ()
         if stated is not None:
-            return ((self.name, stated),)
+            return tuple((self.name, name) for name in support_names(stated) or ())
         found = []
         for contact in checker.with_margin(max(SUPPORT_GAP, checker.margin)).check(q).contacts:
             if self.name in contact.bodies and contact.distance <= SUPPORT_GAP:
                 first = contact.bodies[0] == self.name
                 other = contact.bodies[1] if first else contact.bodies[0]
-                if other in checker.scene.names and (1 if first else -1) * contact.normal[2] < DOWN:
+                # The nearest facet of a bin may be one of its wall while the object stands on its floor.
+                below = (1 if first else -1) * contact.normal[2] < DOWN
+                if other in checker.scene.names and (below or self._has_facets_below(checker, q, other)):
                     found.append((self.name, other))
         return tuple(dict.fromkeys(found))
 
+    def _has_facets_below(self, checker: CollisionChecker, q: Array, obstacle: str) -> bool:
+        """Whether the object, held at q (n,), is near facets of an exact mesh that are below it."""
+        directions = [
+            directions_to_facets(checker, pair, q, SUPPORT_GAP)
+            for pair, (i, j) in enumerate(checker.pairs)
+            if (checker.bodies[i].owner, checker.bodies[j].owner) == (self.name, obstacle)
+        ]
+        return any((found[:, 2] < DOWN).any() for found in directions)
+
     def _touching(self, checker: CollisionChecker) -> list[tuple[str, str]]:
         """The pairs of the object and the hand."""
-        return [(each, str(self.name)) for each in self.cell.hand if each in checker.obstacles_and_links]
+        swept = (body.name for bodies in self.cell.swept.values() for body in bodies)
+        return [(each, str(self.name)) for each in (*self.cell.hand, *swept) if each in checker.obstacles_and_links]
+
+    def _passing(self, part: Obstacle) -> CollisionChecker:
+        checker = self.outside.with_scene(replace(self.scene, obstacles=(part,), allowed=(), disabled=()))
+        there = checker.obstacles_and_links
+        palm = ((name, part.name) for name in self.cell.palm if name in there)
+        return checker.with_margin(0.0).allowing(*palm)
 
     def _in_root(self, pose: SE3, frame: str) -> SE3:
         if not frame:

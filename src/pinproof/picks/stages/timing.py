@@ -10,7 +10,7 @@ from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.collision.certificate import curve_hash
 from pinproof.errors import TimingError
 from pinproof.motion import CubicPath, JointPath, Trajectory, time_parametrise
-from pinproof.picks.stages.lines import Pairs, Way
+from pinproof.picks.stages.lines import Pairs, Way, passing_at
 from pinproof.picks.stages.place import Placing
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import PickMotion, Stage, StageResult
@@ -37,6 +37,7 @@ class _Part:
     checker: CollisionChecker
     parting: Pairs = ()
     backwards: bool = False
+    passing: CollisionChecker | None = None
 
 
 def time_whole(task: Task, way: Way, path: JointPath, placing: Placing | None) -> tuple[StageResult, Timed | None]:
@@ -53,6 +54,11 @@ def time_whole(task: Task, way: Way, path: JointPath, placing: Placing | None) -
             if not certificate.free:
                 said = f"{part.name}: {certificate.message}"
                 return StageResult(Stage.TIMING, False, said), None
+            if part.passing is not None:
+                passed = certify(trajectory, passing_at(part.passing, way.q))
+                if not passed.free:
+                    said = f"{part.name}: the open fingers meet the object: {passed.message}"
+                    return StageResult(Stage.TIMING, False, said), None
             around = part.checker
             motions.append(
                 PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
@@ -87,7 +93,7 @@ def _parts(task: Task, way: Way, path: JointPath, placing: Placing | None) -> li
     member = way.candidate.member
     carrying = task.carrying(member)
     parts = [_Part("transit", (path,), task.outside)]
-    parts += [_Part("approach", into, task.at_grasp)] if into else []
+    parts += [_Part("approach", into, task.at_grasp, passing=task.passing)] if into else []
     parts += [_Part("retreat", out, carrying, way.parting)] if out else []
     if placing is None:
         return parts
@@ -95,7 +101,7 @@ def _parts(task: Task, way: Way, path: JointPath, placing: Placing | None) -> li
     if placing.lift is not None:
         parts.append(_Part("place", (placing.lift.reversed(),), carrying, placing.parting, backwards=True))
     if placing.leave is not None:
-        parts.append(_Part("leave", (placing.leave,), task.letting_go(member)))
+        parts.append(_Part("leave", (placing.leave,), task.letting_go(member), passing=task.passing_off(member)))
     return parts
 
 

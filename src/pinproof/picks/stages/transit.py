@@ -16,7 +16,7 @@ from pinproof.picks.stages.lines import Way
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult
 from pinproof.planning import PlanResult, RrtConnect, shortcut
-from pinproof.planning.goals import with_turns
+from pinproof.planning.ends import with_turns
 
 __all__ = ["Crossing", "planner", "shortened", "transit", "whole_turns"]
 

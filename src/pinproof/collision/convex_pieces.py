@@ -1,0 +1,344 @@
+"""Watertight meshes as a few convex pieces that together hold all of them and reach hardly beyond them.
+
+Space is cut into convex cells C by planes through the faces at the mesh's reflex edges: the inner walls of a bin, the
+shoulder of a bracket. The solid S is covered, cell by cell, by the hull of the surface triangles cut to C and of the
+corners of C next to which C is filled by S.
+
+Proof. Let K be the closure of the common interior of S and C, and x an extreme point of K (K lies in the hull of these;
+Rockafellar, 1970, "Convex analysis", corollary 18.5.1). If surface comes arbitrarily near to x within C, a triangle cut
+to C holds x. If not, C is filled by S next to x, so x is extreme in C too, and such a corner is taken. Planes are
+:data:`SNAP` thick, so a gap of that width may remain uncovered inside S between two pieces; every triangle of the
+surface is covered. So what touches S touches the cover, unless it is thinner than that gap and wholly inside S.
+
+Cutting through faces gives the exact pieces of a body with flat faces (B. Chazelle, 1984, "Convex partitions of
+polyhedra", section 3: each reflex edge is removed by one cut). :mod:`pinproof.collision.decomposition` cuts across the
+axes only and serves the links of robots, which are round.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import combinations
+
+import coal
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision.cuts import split_cell, split_edges, split_triangles
+from pinproof.collision.hulls import bvh
+
+__all__ = ["SAMPLES", "ConvexPieces", "convex_pieces"]
+
+Array = npt.NDArray[np.float64]
+
+SNAP = 2e-7
+"""Share of the mesh's diagonal within which a point lies in a plane: files such as STL hold single precision."""
+
+NUDGE = 1e-6
+"""Share of the mesh's diagonal by which a corner is moved into its cell to see whether the cell is filled there."""
+
+REFLEX = 1e-3
+"""An edge is reflex where the sine of the angle between its faces is larger than this (0.06 degrees)."""
+
+PLANES_TRIED = 8
+"""Planes through faces that are tried for each cut: those with the longest reflex edges."""
+
+AT = (
+    np.array([(1, 1, 1), (18, 1, 1), (1, 18, 1), (1, 1, 18), (9, 9, 2), (9, 2, 9), (2, 9, 9)])
+    / np.array([3, 20, 20, 20, 20, 20, 20])[:, None]
+)
+"""(7, 3) Where the samples of a triangle lie, as shares of its corners."""
+
+Samples = tuple[Array, Array]
+"""Points (N, 3) of a surface and the outward unit normals (N, 3) there."""
+
+SAMPLES = 4000
+"""Points on the surface of the cover at which its excess is measured."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConvexPieces:
+    """A cover of a mesh.
+
+    Parameters
+    ----------
+    points
+        The points (V_i, 3) of each piece.
+    excess
+        Metres: how far the cover reaches beyond the mesh, at the worst of about :data:`SAMPLES` points of its surface.
+    """
+
+    points: tuple[Array, ...]
+    excess: float
+
+
+def convex_pieces(
+    corners: Array, contains: Callable[[Array], bool], *, most: int, tolerance: float
+) -> ConvexPieces | None:
+    """Cover a watertight mesh by at most ``most`` convex pieces.
+
+    None for a mesh with more faces at reflex edges than 1.5 times that: a bowl, say, would need many more pieces.
+
+    Parameters
+    ----------
+    corners
+        (F, 3, 3) the triangles, solid parts turned outwards.
+    contains
+        Whether any of the points (N, 3) lies inside.
+    most
+        Pieces at most.
+    tolerance
+        Metres. A cell is not cut any more where no more space than this is between the surface and the hull.
+    """
+    size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
+    space = _Space(contains, SNAP * size, NUDGE * size, size)
+    whole = _Cell(space, corners, _box(corners), *_reflex_edges(corners, SNAP * size))
+    if len(whole.reflex_planes()) > 1.5 * most and whole.deepest > tolerance:
+        return None
+    hulls = _joined(_cells(whole, most, tolerance), tolerance)
+    return ConvexPieces(tuple(hull.points for hull in hulls), _excess(hulls, corners, contains))
+
+
+@dataclass(frozen=True, eq=False)
+class _Space:
+    contains: Callable[[Array], bool]
+    snap: float
+    nudge: float
+    size: float
+
+
+class _Hull:
+    """A convex hull: the points on it (V, 3), its faces as planes (E, 4) and triangles, its volume; 0 if flat."""
+
+    def __init__(self, points: Array) -> None:
+        from scipy.spatial import ConvexHull, QhullError
+
+        self.points, self.planes, self.volume = points, np.empty((0, 4)), 0.0
+        self.triangles = np.empty((0, 3, 3))
+        if len(points) > 3:
+            with suppress(QhullError):
+                hull = ConvexHull(points)
+                self.points, self.planes, self.volume = points[hull.vertices], hull.equations, float(hull.volume)
+                self.triangles = points[hull.simplices]
+
+    def space(self, points: Array, normals: Array) -> Array:
+        """How far (m) it is from points (N, 3) in it along unit normals (N, 3) to its surface."""
+        if len(self.planes) == 0 or len(points) == 0:
+            return np.zeros(len(points))
+        height = np.maximum(-(points @ self.planes[:, :3].T + self.planes[:, 3]), 0.0)
+        slope = normals @ self.planes[:, :3].T
+        return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
+
+
+def _cells(whole: _Cell, most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
+    """The hulls of the cells, each with samples of the surface in it, the worst cell cut first."""
+    number = 0
+    queue = [(-whole.cost, number, whole)]
+    done: list[_Cell] = []
+    while queue:
+        cell = heapq.heappop(queue)[2]
+        if cell.deepest <= tolerance:
+            done.append(cell)
+            continue
+        if len(queue) + len(done) + 1 >= most:
+            done += [cell, *(other for _, _, other in queue)]
+            break
+        for half in cell.best_cut():
+            if not half.empty:
+                number += 1
+                heapq.heappush(queue, (-half.cost, number, half))
+    return [(cell.hull, cell.samples) for cell in done]
+
+
+def _joined(cells: list[tuple[_Hull, Samples]], tolerance: float) -> list[_Hull]:
+    """Fewer pieces: two are joined where their common hull leaves no more space above the surface than is tolerated."""
+    alive = dict(enumerate(cells))
+    number = len(cells)
+    tried: set[tuple[int, int]] = set()
+    while True:
+        best: tuple[float, int, int, _Hull] | None = None
+        for i, j in combinations(alive, 2):
+            if (i, j) in tried:
+                continue
+            (one, samples_one), (other, samples_other) = alive[i], alive[j]
+            hull = _Hull(np.concatenate([one.points, other.points]))
+            more = hull.volume - one.volume - other.volume
+            area = max(float(np.prod(np.ptp(hull.points, axis=0))) ** (2 / 3), 1e-12)
+            deep = max(float(hull.space(*samples).max(initial=0.0)) for samples in (samples_one, samples_other))
+            # Two flat pieces apart may have no surface between them, so the volume has to agree as well.
+            if deep > tolerance or more > tolerance * area:
+                tried.add((i, j))
+            elif best is None or more < best[0]:
+                best = more, i, j, hull
+        if best is None:
+            return [hull for hull, _ in alive.values()]
+        _, i, j, hull = best
+        (points, normals), (more_points, more_normals) = alive.pop(i)[1], alive.pop(j)[1]
+        number += 1
+        alive[number] = hull, (np.concatenate([points, more_points]), np.concatenate([normals, more_normals]))
+
+
+@dataclass(eq=False)
+class _Cell:
+    """A convex cell, the triangles (F, 3, 3) cut to it, and the reflex edges (E, 2, 3) in it."""
+
+    space: _Space = field(repr=False)
+    corners: Array
+    faces: list[Array]
+    edges: Array
+    planes: Array
+    """(E, 2, 4) those of the faces at the reflex edges."""
+
+    @cached_property
+    def filled(self) -> Array:
+        """The corners of the cell next to which it is filled."""
+        corners = np.unique(np.concatenate([np.empty((0, 3)), *self.faces]), axis=0)
+        inward = corners.mean(axis=0) - corners
+        lengths = np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-300)
+        nudged = corners + inward / lengths * np.minimum(self.space.nudge, lengths / 2)
+        kept = [corner for corner, near in zip(corners, nudged, strict=True) if self.space.contains(near[None])]
+        return np.array(kept).reshape(-1, 3)
+
+    @property
+    def empty(self) -> bool:
+        return len(self.corners) == 0 and len(self.filled) == 0
+
+    @cached_property
+    def hull(self) -> _Hull:
+        return _Hull(np.unique(np.concatenate([self.corners.reshape(-1, 3), self.filled]), axis=0))
+
+    @cached_property
+    def samples(self) -> Samples:
+        """Points of the surface, seven a triangle, and the outward normals there."""
+        across = np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0])
+        twice = np.linalg.norm(across, axis=1)
+        some = twice > 0
+        points = np.einsum("ks,fsx->kfx", AT, self.corners[some])
+        normals = across[some] / twice[some, None]
+        return points.reshape(-1, 3), np.tile(normals, (len(AT), 1))
+
+    @cached_property
+    def _space(self) -> Array:
+        return self.hull.space(*self.samples)
+
+    @cached_property
+    def deepest(self) -> float:
+        """The largest space (m) between surface and hull."""
+        return float(self._space.max(initial=0.0))
+
+    @cached_property
+    def cost(self) -> float:
+        """The space between surface and hull, summed over the surface: m^3."""
+        areas = np.linalg.norm(
+            np.cross(self.corners[:, 1] - self.corners[:, 0], self.corners[:, 2] - self.corners[:, 0]), axis=1
+        )
+        areas = np.tile(areas[areas > 0] / 2, len(AT)) / len(AT)
+        return float(areas @ np.minimum(self._space, self.space.size))
+
+    def best_cut(self) -> tuple[_Cell, _Cell]:
+        """The two halves that the cut leaves that leaves least cost."""
+        best: tuple[float, tuple[_Cell, _Cell]] | None = None
+        for plane in self.reflex_planes()[:PLANES_TRIED] or self._middles():
+            halves = self._cut(plane)
+            if any(half.hull.volume >= self.hull.volume * (1 - 1e-9) for half in halves):
+                continue  # nothing is cut off
+            cost = sum(half.cost for half in halves)
+            if best is None or cost < best[0]:
+                best = cost, halves
+        return best[1] if best is not None else self._cut(self._middles()[0])
+
+    def reflex_planes(self) -> list[Array]:
+        """The planes of the faces at reflex edges, those with the longest first."""
+        if len(self.edges) == 0:
+            return []
+        lengths = np.linalg.norm(self.edges[:, 1] - self.edges[:, 0], axis=1)
+        planes, weights = self.planes.reshape(-1, 4), np.repeat(lengths, 2)
+        scale = np.array([1e3, 1e3, 1e3, 1e5])
+        _, first, group = np.unique(np.round(planes * scale), axis=0, return_index=True, return_inverse=True)
+        order = np.argsort(-np.bincount(group.ravel(), weights), kind="stable")
+        return [planes[first[k]] for k in order]
+
+    def _middles(self) -> list[Array]:
+        """Planes across the axes through the middle of what is there."""
+        low, high = self.hull.points.min(axis=0), self.hull.points.max(axis=0)
+        made = []
+        for axis in np.argsort(low - high):
+            normal = np.zeros(3)
+            normal[axis] = 1.0
+            made.append(np.append(normal, -(low[axis] + high[axis]) / 2))
+        return made
+
+    def _cut(self, plane: Array) -> tuple[_Cell, _Cell]:
+        """The cells on both sides of a plane, the one against its normal first."""
+        snap = self.space.snap
+        lower, upper = split_triangles(self.corners, plane, snap)
+        faces = split_cell(self.faces, plane, snap)
+        edges = split_edges(self.edges, self.planes, plane, snap)
+        return _Cell(self.space, lower, faces[0], *edges[0]), _Cell(self.space, upper, faces[1], *edges[1])
+
+
+def _box(corners: Array) -> list[Array]:
+    """The faces of the box around triangles, as polygons."""
+    low, high = corners.reshape(-1, 3).min(axis=0), corners.reshape(-1, 3).max(axis=0)
+    faces = []
+    for axis in range(3):
+        a, b = (axis + 1) % 3, (axis + 2) % 3
+        for end in (low, high):
+            square = np.empty((4, 3))
+            square[:, axis] = end[axis]
+            square[:, a], square[:, b] = (low[a], high[a], high[a], low[a]), (low[b], low[b], high[b], high[b])
+            faces.append(square)
+    return faces
+
+
+def _reflex_edges(corners: Array, snap: float) -> tuple[Array, Array]:
+    """The edges (E, 2, 3) at which the surface is not convex, and the planes (E, 2, 4) of their faces."""
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    twice = np.linalg.norm(across, axis=1)
+    corners, normals = corners[twice > 0], across[twice > 0] / twice[twice > 0, None]
+    planes = np.column_stack([normals, -np.einsum("fi,fi->f", normals, corners[:, 0])])
+    _, index = np.unique(corners.reshape(-1, 3), axis=0, return_inverse=True)
+    index = index.reshape(-1, 3)
+    there = {
+        (a, b): (f, k)
+        for f, row in enumerate(index.tolist())
+        for k, (a, b) in enumerate(zip(row, row[1:] + row[:1], strict=True))
+    }
+    edges, sides = [], []
+    for (a, b), (f, k) in there.items():
+        if a < b and (back := there.get((b, a))) is not None:
+            g, m = back
+            far = corners[g, (m + 2) % 3]
+            base = np.linalg.norm(corners[f, (k + 1) % 3] - corners[f, k])
+            sine = float(normals[g] @ np.cross(normals[f], corners[f, (k + 1) % 3] - corners[f, k])) / base
+            if sine > REFLEX and float(planes[f] @ np.append(far, 1.0)) > snap:
+                edges.append([corners[f, k], corners[f, (k + 1) % 3]])
+                sides.append([planes[f], planes[g]])
+    return np.array(edges).reshape(-1, 2, 3), np.array(sides).reshape(-1, 2, 4)
+
+
+def _excess(hulls: list[_Hull], corners: Array, contains: Callable[[Array], bool]) -> float:
+    """How far (m) the hulls reach beyond the mesh, at points spread evenly over their surfaces."""
+    triangles = np.concatenate([np.empty((0, 3, 3)), *(hull.triangles for hull in hulls)])
+    if len(triangles) == 0:
+        return 0.0
+    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(triangles), SAMPLES, p=areas / areas.sum())
+    shares = rng.dirichlet(np.ones(3), SAMPLES)
+    points = np.concatenate([np.einsum("nk,nkd->nd", shares, triangles[chosen]), triangles.mean(axis=1)])
+    surface = bvh(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
+    point, here = coal.Sphere(1e-9), coal.Transform3s.Identity()
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    distances = np.zeros(len(points))
+    for i, at in enumerate(points):
+        result.clear()
+        distances[i] = coal.distance(point, coal.Transform3s(np.eye(3), at), surface, here, request, result)
+    for i in np.argsort(-distances):
+        if distances[i] <= 1e-6 or not contains(points[i][None]):
+            return max(float(distances[i]), 0.0)
+    return 0.0

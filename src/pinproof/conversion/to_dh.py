@@ -1,0 +1,326 @@
+"""Denavit-Hartenberg frames along given joint axes.
+
+Row k leads from a frame on axis k-1 to one on axis k, and its four numbers can say it only if one of the two frames has
+its x on the common normal of the two axes (Denavit and Hartenberg 1955). Standard rows put x_k there, modified rows
+x_(k-1). A modified table is therefore the standard table of the chain walked backwards with the sign of every number
+changed (the inverse of Rx(alpha) Tx(a) Rz(theta) Tz(d) is Tz(-d) Rz(-theta) Tx(-a) Rx(-alpha)), and one walk serves
+both.
+
+Where the axes leave a choice, it is made so that rows are short and plain:
+
+- x or -x along the normal: the one that turns less against the x before it (|theta| <= pi/2); at a quarter turn the
+  one with a > 0, else theta = pi/2.
+- Parallel axes: the normal through the frame that stands already, so d = 0. The first pair of the walk takes the second
+  axis' own point (where the URDF puts its joint), since d there is the height of the first column.
+- Coincident axes: the x before, so theta = a = 0.
+- The ends, which belong to no joint: see :func:`frames_along`.
+
+URDF -> DH table, for any serial chain of turning and sliding joints.
+
+Everything is read off the zero configuration: an axis for each joint, its direction from Pinocchio's Jacobian, its
+point from the joint's own frame; :mod:`pinproof.conversion.to_dh` lays the DH frames along them. A chain of n
+joints has n axes and a table n rows, each of which spans two axes, so one row has an axis too few: the last (standard)
+or the first (modified). It follows the z axis of the tool or of the base instead, and what then is left over is the
+table's tool and base.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.conversion.proof import prove_table_equals_arm
+from pinproof.description.dh import CONVENTIONS, DhRow, DhTable
+from pinproof.errors import ConversionError, UnknownNameError
+from pinproof.model import Arm
+from pinproof.model.chain import link_path
+
+__all__ = ["COINCIDENT", "FARTHEST", "PARALLEL", "Axis", "frame_on", "frames_along", "row_numbers", "urdf_to_dh"]
+
+Array = npt.NDArray[np.float64]
+
+PARALLEL = 1e-10
+"""Radians. Axes whose directions differ by less are taken as parallel: it moves a tool 3 m away by 3e-10 m, less than
+the 1e-9 m that the table must hold, and files that mean parallel are off by their roundings (Kinova's by 2e-13)."""
+COINCIDENT = 1e-10
+"""Metres. Parallel axes nearer than this are taken as one line, by the same reasoning."""
+FARTHEST = 1e5
+"""Metres. Nearly parallel axes have their common normal far away, at about (their distance) / (their angle): d runs off
+and theta becomes noise (Hayati and Mirmirani 1985, who add a fifth parameter for it). A double resolves 1.5e-11 m at
+this distance, so some rows together still hold 1e-9 m; farther out they are refused. Axes half a metre apart meet it at
+5e-6 rad; a calibrated arm (1e-3 to 1e-4 rad) stays well below."""
+END_TILT = 1e-2
+"""Radians. The base's or tool's own z is followed by a row only where it is tilted by more than this against its joint
+(or not at all); a small tilt stays in the table's base or tool, which can say it with small numbers."""
+TIE = 1e-9
+"""Metres, and cosine of an angle: below, a quarter turn or a length of zero that was only rounded."""
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """A directed line: the unit ``direction`` (3,) through ``point`` (3,), in the base frame at q = 0, in metres.
+
+    ``is_joint`` is False for the z axis of the base or the tool frame, which a table may follow but need not.
+    """
+
+    name: str
+    point: Array
+    direction: Array
+    is_joint: bool = True
+
+
+def frame_on(axis: Axis, like: Array) -> Array:
+    """A frame (4, 4) on an axis, as near as can be to the frame ``like`` (4, 4).
+
+    Its origin is the point of the axis nearest to that of ``like``, its x that of ``like`` made square to the axis (or
+    the y of ``like``, where the axis runs along its x).
+    """
+    z = axis.direction
+    x = like[:3, 0] if abs(z @ like[:3, 0]) < 0.9 else like[:3, 1]
+    return _frame(axis.point + ((like[:3, 3] - axis.point) @ z) * z, x, z)
+
+
+def frames_along(first: Array, axes: Sequence[Axis], end: Array, *, backwards: bool = False) -> list[Array]:
+    """The frames (4, 4) of a walk along axes, one on each, with every x_k (k > 0) on the common normal before it.
+
+    Parameters
+    ----------
+    first
+        The frame on the first axis.
+    axes
+        The axes in the order of the walk. The last is the z axis of ``end``; where it is parallel to the joint before
+        it the frame stands at the origin of ``end``, and where it is coincident takes its x, so that nothing is left
+        over. Where it is tilted a little (:data:`END_TILT`) it is replaced by a parallel of that joint.
+    end
+        The frame (4, 4) behind the last joint.
+    backwards
+        Whether the walk runs from tool to base (modified rows); it decides what "a > 0" means.
+
+    Raises
+    ------
+    ConversionError
+        Naming two axes that are too near parallel (:data:`FARTHEST`).
+    """
+    frames = [first]
+    for k, (before, after) in enumerate(pairwise(axes)):
+        last = k == len(axes) - 2
+        x_if_free = end[:3, 0] if last else None
+        frames.append(
+            _next(
+                frames[-1],
+                before,
+                after,
+                at_own_point=k == 0 or last,
+                x_if_free=x_if_free,
+                sense=-1.0 if backwards else 1.0,
+            )
+        )
+    return frames
+
+
+def row_numbers(before: Array, after: Array, convention: str) -> tuple[float, float, float, float]:
+    """theta, d, a, alpha of the row that leads from one frame (4, 4) to the next."""
+    step = after[:3, 3] - before[:3, 3]
+    # Rz and Tz act about the z that the row starts (standard) or ends with (modified), Rx and Tx about the other's x.
+    turning, normal = (before, after) if convention == "standard" else (after, before)
+    z, x = turning[:3, 2], normal[:3, 0]
+    theta = _angle(before[:3, 0], after[:3, 0], z)
+    alpha = _angle(before[:3, 2], after[:3, 2], x)
+    return theta, float(step @ z), float(step @ x), alpha
+
+
+def _next(
+    frame: Array, before: Axis, after: Axis, *, at_own_point: bool, x_if_free: Array | None, sense: float
+) -> Array:
+    """The frame on the axis ``after`` whose x lies on its common normal with ``before``, the axis of ``frame``."""
+    origin, z = frame[:3, 3], before.direction
+    # z x z' is written as z x (z' -+ z): the difference of nearly equal vectors is exact, their cross product is not.
+    same = 1.0 if z @ after.direction >= 0 else -1.0
+    normal = np.cross(z, after.direction - same * z)
+    sine = float(np.linalg.norm(normal))
+    if not after.is_joint and PARALLEL < sine < END_TILT:
+        after, sine = replace(after, direction=same * z), 0.0
+
+    if sine > PARALLEL:
+        apart = after.point - before.point
+        on_before = float(np.cross(apart, after.direction) @ normal) / sine**2
+        on_after = float(np.cross(apart, z) @ normal) / sine**2
+        away = max(abs(on_before), abs(on_after))
+        if not away <= FARTHEST:  # NaN is refused too
+            first, second = (before.name, after.name) if sense > 0 else (after.name, before.name)
+            raise ConversionError(
+                f"the axes of {first} and {second} are {sine:.2g} rad off parallel: too near for a Denavit-Hartenberg "
+                f"row, for their common normal lies {away:.2g} m away (at most {FARTHEST:g} m). Make them exactly "
+                f"parallel in the URDF, or keep to the URDF"
+            )
+        found = after.point + on_after * after.direction
+        return _frame(found, _directed(normal / sine, frame, z, found, sense), after.direction)
+
+    found = after.point
+    if not at_own_point:
+        found = found + ((origin - found) @ after.direction) * after.direction
+    across = found - origin - ((found - origin) @ z) * z
+    distance = float(np.linalg.norm(across))
+    if distance > COINCIDENT:
+        return _frame(found, _directed(across / distance, frame, z, found, sense), after.direction)
+    return _frame(found, frame[:3, 0] if x_if_free is None else x_if_free, after.direction)
+
+
+def _directed(normal: Array, frame: Array, z: Array, found: Array, sense: float) -> Array:
+    """``normal`` or its opposite, by the rule of the module's first lines."""
+    cosine = float(normal @ frame[:3, 0])
+    length = sense * float((found - frame[:3, 3]) @ normal)
+    turn = sense * float(np.cross(frame[:3, 0], normal) @ z)
+    decisive = cosine if abs(cosine) > TIE else length if abs(length) > TIE else turn
+    return normal if decisive >= 0 else -normal
+
+
+def _frame(origin: Array, x: Array, z: Array) -> Array:
+    """A right-handed frame at ``origin`` with the given z, and x made square to it."""
+    x = x - (x @ z) * z
+    x = x / np.linalg.norm(x)
+    frame = np.eye(4)
+    frame[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    frame[:3, 3] = origin
+    return frame
+
+
+def _angle(start: Array, end: Array, about: Array) -> float:
+    return float(np.arctan2(np.cross(start, end) @ about, start @ end))
+
+
+PLAIN_ANGLE = math.pi / 12
+PLAIN_ANGLE_NOISE = 1e-14
+"""Radians: an angle this near to a multiple of 15 degrees is that multiple, off by what the arithmetic added."""
+PLAIN_LENGTH_NOISE = 1e-14
+"""Metres: a length this near to 12 decimals has those decimals; 0.1 + 0.2 is 0.3."""
+
+
+def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = None) -> DhTable:
+    """A DH table of an arm, proven equal to it.
+
+    Parameters
+    ----------
+    arm
+        Any chain of revolute, continuous and prismatic joints: skew, parallel, intersecting and coincident axes.
+        The table's base is the arm's base link, its tool the arm's tcp.
+    convention
+        ``"standard"`` or ``"modified"``.
+    name
+        Name of the table; by default the robot's.
+
+    Returns
+    -------
+    DhTable
+        Joint names, kinds, limits and velocities are the arm's (a joint whose velocity limit is unknown gets
+        :class:`~pinproof.description.DhRow`'s default, one that states no finite limits becomes continuous). Rows are
+        not unique where axes are parallel or coincident, and an x axis may point either way;
+        :mod:`pinproof.conversion.to_dh` says what is chosen. A table written by
+        :func:`~pinproof.conversion.dh_to_urdf` comes back row by row where it was made by the same choices.
+
+    Raises
+    ------
+    ConversionError
+        If a joint of the chain follows another one (mimic), if two neighbouring axes are too near parallel (they are
+        named), or unless forward kinematics of the table equals the arm's to 1e-9 m and 1e-9 rad.
+    InputError
+        For an unknown convention (:class:`~pinproof.errors.UnknownNameError`), or a limit that no row can hold.
+    """
+    if convention not in CONVENTIONS:
+        raise UnknownNameError("DH convention", convention, CONVENTIONS)
+    path = [joint for joint in link_path(arm.robot.urdf, arm.base, arm.tcp) if joint.type != "fixed"]
+    for joint in path:
+        if joint.mimic is not None:
+            raise ConversionError(
+                f"joint {joint.name!r} follows {joint.mimic.leader!r} (mimic): a Denavit-Hartenberg row has a joint of "
+                f"its own, so this chain has no table"
+            )
+    axes = _axes(arm, [joint.child for joint in path])
+    base = np.eye(4)
+    tool = np.array(arm.forward_kinematics(np.zeros(arm.dof)).homogeneous)
+    if convention == "standard":
+        frames = frames_along(frame_on(axes[0], base), [*axes, _own_axis("the tool", tool)], tool)
+    else:
+        walk = [*reversed(axes), _own_axis("the base", base)]
+        frames = frames_along(frame_on(axes[-1], tool), walk, base, backwards=True)[::-1]
+    numbers = (row_numbers(*pair, convention) for pair in pairwise(frames))
+    table = DhTable(
+        tuple(_row(arm, i, joint.type, *row) for i, (joint, row) in enumerate(zip(path, numbers, strict=True))),
+        convention=convention,
+        name=arm.robot.name if name is None else name,
+        base=_plain_transform(frames[0]),
+        tool=_plain_transform(_inverse(frames[-1]) @ tool),
+    )
+    prove_table_equals_arm(table, arm)
+    return table
+
+
+def _axes(arm: Arm, links: list[str]) -> list[Axis]:
+    """The axis of each joint, whose child links are given, in the arm's base frame at q = 0."""
+    zero = np.zeros(arm.dof)
+    twists = arm.jacobian(zero, reference="WORLD")
+    axes = []
+    for name, turns, twist, link in zip(arm.joint_names, arm.angular, twists.T, links, strict=True):
+        direction = twist[3:] if turns else twist[:3]
+        point = np.array(arm.frame_placement(zero, link).translation)
+        axes.append(Axis(f"joint {name!r}", point, direction / np.linalg.norm(direction)))
+    return axes
+
+
+def _own_axis(name: str, frame: Array) -> Axis:
+    return Axis(name, frame[:3, 3], frame[:3, 2], is_joint=False)
+
+
+def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, alpha: float) -> DhRow:
+    lower, upper, velocity = (float(x[i]) for x in (arm.limits.lower, arm.limits.upper, arm.limits.velocity))
+    limited = math.isfinite(lower) and math.isfinite(upper)
+    if joint_type != "prismatic":
+        joint_type = "revolute" if limited else "continuous"
+    elif not limited:
+        raise ConversionError(
+            f"prismatic joint {arm.joint_names[i]!r} has no finite limits, which a Denavit-Hartenberg row must state; "
+            f"pass limits= to robot.arm(...)"
+        )
+    return DhRow(
+        arm.joint_names[i],
+        _plain_angle(theta),
+        _plain_length(d),
+        _plain_length(a),
+        _plain_angle(alpha),
+        joint_type,
+        **({"lower": lower, "upper": upper} if limited else {}),
+        **({"velocity": velocity} if math.isfinite(velocity) else {}),
+    )
+
+
+def _plain_angle(angle: float) -> float:
+    plain = round(angle / PLAIN_ANGLE) * PLAIN_ANGLE
+    if abs(angle - plain) > PLAIN_ANGLE_NOISE:
+        return angle
+    return abs(plain) if abs(plain) == math.pi else plain + 0.0  # one name for the half turn, none for -0.0
+
+
+def _plain_length(length: float) -> float:
+    plain = round(length, 12)
+    return plain + 0.0 if abs(length - plain) <= PLAIN_LENGTH_NOISE else length
+
+
+def _plain_transform(transform: Array) -> Array:
+    """A transform (4, 4) freed of the noise of arithmetic where a number is plain without it."""
+    plain: Array = transform.copy()
+    near = np.round(plain[:3, :3])
+    plain[:3, :3] = np.where(np.abs(plain[:3, :3] - near) <= PLAIN_LENGTH_NOISE, near, plain[:3, :3]) + 0.0
+    plain[:3, 3] = [_plain_length(float(length)) for length in plain[:3, 3]]
+    return plain
+
+
+def _inverse(frame: Array) -> Array:
+    inverse = np.eye(4)
+    inverse[:3, :3] = frame[:3, :3].T
+    inverse[:3, 3] = -frame[:3, :3].T @ frame[:3, 3]
+    return inverse

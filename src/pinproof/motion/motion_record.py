@@ -1,0 +1,150 @@
+"""What a motion was certified with, as its file records it."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Protocol
+
+from pinproof.errors import InputError
+
+__all__ = ["Certified", "MotionRecord", "read_records", "records_of"]
+
+
+@dataclass(frozen=True)
+class MotionRecord:
+    """What one motion, or one part of a motion, was certified with.
+
+    The record is a statement and no proof: it exists so that whoever certifies the motion again notices what is
+    missing. A proof that others can check is written by :meth:`pinproof.Certificate.save`.
+
+    Parameters
+    ----------
+    name
+        The name of the part, such as ``"transit"``; ``"motion"`` if there is only one.
+    start, end
+        Seconds from the start of the trajectory between which the part lies.
+    status
+        The status of the certificate: ``"FREE"``, ``"COLLIDING"`` or ``"UNDECIDED"``.
+    clearance
+        Metres: the clearance that was proven; None if none was proven, or if there was nothing to touch.
+    margin
+        Metres that had to stay between any two bodies.
+    pairs
+        How many pairs of bodies were checked.
+    curve, setup
+        Hashes of the certified curve, and of the arm, the scene and the attached bodies.
+    attached
+        The bodies that moved with the tcp: their names, and a hash of shape and pose each.
+    held
+        Values (rad or m) of the joints outside the arm, by name.
+    obstacles
+        The names of the obstacles of the scene.
+    """
+
+    name: str
+    start: float
+    end: float
+    status: str
+    clearance: float | None
+    margin: float
+    pairs: int
+    curve: str
+    setup: str
+    attached: Mapping[str, str] = field(default_factory=dict)
+    held: Mapping[str, float] = field(default_factory=dict)
+    obstacles: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key in ("attached", "held"):
+            object.__setattr__(self, key, dict(getattr(self, key)))
+        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+
+    def to_dict(self) -> dict[str, Any]:
+        """The record as plain values for JSON."""
+        return {**asdict(self), "obstacles": list(self.obstacles)}
+
+    def same_setup(self, other: MotionRecord) -> bool:
+        """Whether both were made with the same attached bodies, held joints, scene and margin."""
+        return (self.setup, self.attached, self.held, self.margin) == (
+            other.setup,
+            other.attached,
+            other.held,
+            other.margin,
+        )
+
+
+KEYS = frozenset(MotionRecord.__dataclass_fields__)
+
+
+class Certified(Protocol):
+    """What :meth:`pinproof.Trajectory.save` asks of a certificate."""
+
+    @property
+    def curve(self) -> str:
+        """The hash of the curve that it is of."""
+
+    def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
+        """What it was made with."""
+
+
+def read_records(stated: object) -> tuple[MotionRecord, ...]:
+    """The records of a motion file.
+
+    Raises
+    ------
+    InputError
+        If they are no list of records, or a value is missing, unknown or of the wrong type.
+    """
+    if not isinstance(stated, list):
+        raise InputError(f"certified must be a list of records, not {type(stated).__name__}")
+    return tuple(_record(number, each) for number, each in enumerate(stated))
+
+
+def _record(number: int, stated: object) -> MotionRecord:
+    where = f"certified[{number}]"
+    if not isinstance(stated, dict):
+        raise InputError(f"{where} must be an object, not {type(stated).__name__}")
+    if missing := sorted(KEYS - stated.keys()):
+        raise InputError(f"{where} lacks {', '.join(missing)}")
+    if unknown := sorted(map(str, stated.keys() - KEYS)):
+        raise InputError(f"{where} has unknown keys {', '.join(unknown)}; valid: {', '.join(sorted(KEYS))}")
+    for key, kind in (("name", str), ("status", str), ("curve", str), ("setup", str), ("pairs", int)):
+        if type(stated[key]) is not kind:
+            raise InputError(f"{where}.{key} is {stated[key]!r}; it must be {'text' if kind is str else 'an integer'}")
+    for key in ("start", "end", "margin"):
+        _number(f"{where}.{key}", stated[key])
+    if stated["clearance"] is not None:
+        _number(f"{where}.clearance", stated["clearance"])
+    for key in ("attached", "held"):
+        if not isinstance(stated[key], dict):
+            raise InputError(f"{where}.{key} must be an object, not {type(stated[key]).__name__}")
+    for name, value in stated["held"].items():
+        _number(f"{where}.held.{name}", value)
+    texts = [*stated["attached"], *stated["attached"].values(), *stated["held"]]
+    if not isinstance(stated["obstacles"], list):
+        raise InputError(f"{where}.obstacles must be a list, not {type(stated['obstacles']).__name__}")
+    for text in (*texts, *stated["obstacles"]):
+        if not isinstance(text, str):
+            raise InputError(f"{where}: {text!r} is no name")
+    return MotionRecord(**stated)
+
+
+def _number(where: str, stated: object) -> None:
+    # an integer beyond all doubles is less than infinity
+    if isinstance(stated, bool) or not isinstance(stated, (int, float)) or not abs(stated) <= sys.float_info.max:
+        raise InputError(f"{where} is {stated!r}; it must be a finite number")
+
+
+def records_of(certificate: Certified, curve: str, duration: float) -> tuple[MotionRecord, ...]:
+    """The record of a certificate of a whole curve with this hash.
+
+    Raises
+    ------
+    InputError
+        If the certificate is of another curve.
+    """
+    if certificate.curve != curve:
+        raise InputError("the certificate is of another motion; save the motion that was certified")
+    return (certificate.motion_record(end=duration),)

@@ -1,0 +1,101 @@
+"""What a verdict depends on cannot be changed after the checker was made."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+import trimesh
+
+from pinproof import Box, CollisionChecker, JointPath, Mesh, Obstacle, Scene, Sphere, certify, pose
+
+
+def test_what_a_checker_was_made_of_cannot_be_changed_behind_it(panda):
+    post = Obstacle("post", Box(0.1, 0.1, 0.1), pose((1.0, 0.0, 1.5)))
+    tool = Obstacle("tool", Sphere(0.01), pose((0.0, 0.0, 0.12)))
+    scene = Scene([post])
+    checker = CollisionChecker(panda, scene, attached=[tool])
+    for what in (scene["post"].pose, checker.attached[0].pose, checker.bodies[0].link_from_body, panda.root_from_base):
+        with pytest.raises(ValueError, match="read-only"):
+            what.translation[2] -= 1.0
+        with pytest.raises(ValueError, match="read-only"):
+            what.rotation[0, 0] = 0.0
+        with pytest.raises(AttributeError, match="read-only"):
+            what.translation = np.zeros(3)
+        with pytest.raises(AttributeError, match="read-only"):
+            what.rotation = np.eye(3)
+        with pytest.raises(AttributeError, match="read-only"):
+            what.setIdentity()
+        with pytest.raises(AttributeError, match="read-only"):
+            what.setRandom()
+    for array in (checker.margins, checker.bodies[0].box, checker.bodies[0].support.points, panda.scale, panda.offset):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0.0
+    for name in ("arm", "scene", "attached", "margin"):
+        with pytest.raises(AttributeError):
+            setattr(checker, name, None)
+    for listed in (checker.pairs, checker.excluded, checker.finer, checker.bodies):
+        assert isinstance(listed, tuple)
+
+
+def test_the_held_joints_of_an_arm_cannot_be_changed_in_place(panda):
+    before = dict(panda.held)
+    for change in (
+        lambda held: held.__setitem__("panda_finger_joint1", 0.04),
+        lambda held: held.update(panda_finger_joint1=0.04),
+        lambda held: held.pop("panda_finger_joint1"),
+        lambda held: held.clear(),
+    ):
+        with pytest.raises(TypeError, match="with_held"):
+            change(panda.held)
+    assert panda.held == before
+    again = pickle.loads(pickle.dumps(panda))
+    assert again.held == before
+    with pytest.raises(TypeError, match="with_held"):
+        again.held["panda_finger_joint1"] = 0.04
+
+
+def test_a_pose_given_to_an_obstacle_is_copied():
+    given = pose((1.0, 0.0, 0.5))
+    post = Obstacle("post", Box(0.1, 0.1, 0.1), given)
+    given.translation[2] = 9.0
+    assert post.pose.translation[2] == 0.5
+    copied = post.pose.copy()
+    copied.translation[2] = 9.0
+    assert post.pose.translation[2] == 0.5
+    assert (post.pose * pose((0.0, 0.0, 1.0))).translation[2] == 1.5
+    again = pickle.loads(pickle.dumps(post))
+    assert again.pose == post.pose
+    with pytest.raises(ValueError, match="read-only"):
+        again.pose.translation[2] = 9.0
+
+
+def test_an_obstacle_changed_in_place_never_leaves_a_certificate_that_matches(panda):
+    scene = Scene([Obstacle("post", Box(0.1, 0.1, 1.0), pose((0.3, 0.0, 2.5)))])
+    checker = CollisionChecker(panda, scene)
+    move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
+    with pytest.raises(ValueError, match="read-only"):
+        scene["post"].pose.translation[2] -= 2.0
+    assert certify(move, checker).matches(move, panda, scene)
+    lowered = scene.move("post", pose((0.3, 0.0, 0.5)))
+    assert not certify(move, checker).matches(move, panda, lowered)
+    assert certify(move, checker.with_scene(lowered)).status.name == "COLLIDING"
+
+
+def test_a_mesh_file_changed_later_matches_no_certificate(panda, tmp_path):
+    file = tmp_path / "post.stl"
+    trimesh.creation.box((0.1, 0.1, 0.1)).export(file)
+    scene = Scene([Obstacle("post", Mesh(file), pose((0.3, 0.0, 2.5)))])
+    checker = CollisionChecker(panda, scene)
+    move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
+    before = certify(move, checker)
+    assert before.matches(move, panda, scene)
+    trimesh.creation.box((0.1, 0.1, 4.5)).export(file)
+    assert not before.matches(move, panda, scene)
+    stale = certify(move, checker)  # of the box that was read
+    assert not stale.matches(move, panda, scene)
+    assert any("post.stl" in note for note in stale.notes)
+    again = certify(move, CollisionChecker(panda, scene))
+    assert again.status.name == "COLLIDING"
+    assert again.matches(move, panda, scene)

@@ -1,0 +1,282 @@
+"""Which pairs of links are left out, and that none is left out that could touch in only some configurations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from pinproof import CollisionChecker, JointPath, Obstacle, Sphere, certify, load_robot, pose
+from pinproof.description.meshes import read_mesh, resolved
+from pinproof.description.srdf import DisabledPair, Srdf
+from pinproof.errors import InputError
+
+BAR = '<box size="0.2 0.02 0.02"/>'
+CUBE = '<box size="0.04 0.04 0.04"/>'
+
+
+def reasons(checker):
+    return {frozenset(pair.owners): pair.reason for pair in checker.excluded}
+
+
+def checked(checker):
+    return {frozenset(checker.bodies[i].owner for i in pair) for pair in checker.pairs}
+
+
+@pytest.fixture(scope="module")
+def chain(arm_from_links):
+    """Builds a chain of revolute joints about y, at equal steps (m) along x, without geometry but at both ends."""
+
+    def build(joints: int, step: float, geometry: str = CUBE):
+        links = {"base": geometry, **{f"empty_{i}": "" for i in range(1, joints)}, "last": geometry, "tip": ""}
+        names = list(links)
+        line = [
+            (f"j{i}", "revolute", names[i], names[i + 1], f"{step if i else 0.03} 0 0", "0 1 0") for i in range(joints)
+        ]
+        return arm_from_links(links, [*line, ("end", "fixed", "last", "tip", "0.02 0 0", "1 0 0")]).arm(tcp="tip")
+
+    return build
+
+
+def boxes_apart(arm, q):
+    """Metres between the boxes of base and last link, by coal on boxes placed by Pinocchio."""
+    placed = [arm.frame_placement(q, link) for link in ("base", "last")]
+    at = [coal.Transform3s(each.rotation, each.translation) for each in placed]
+    box = coal.Box(0.04, 0.04, 0.04)
+    return coal.distance(box, at[0], box, at[1], coal.DistanceRequest(), coal.DistanceResult())
+
+
+def test_many_short_steps_between_joints_are_no_housing(chain):
+    arm = chain(8, 0.05)
+    curled = np.full(8, 0.864)
+    assert boxes_apart(arm, curled) < -0.005
+    checker = CollisionChecker(arm)
+    assert checked(checker) == {frozenset(("base", "last"))}
+    assert not checker.is_free(curled)
+    certificate = certify(JointPath(np.array([np.zeros(8), curled]), arm.joint_names), checker)
+    assert certificate.status.name == "COLLIDING"
+    assert certificate.first_contact.bodies == ("base", "last")
+
+
+@pytest.mark.parametrize(("reach", "left_out"), [(0.05, False), (0.03, False), (0.0, True)])
+def test_links_in_one_housing_are_left_out_only_if_they_touch_in_nearly_all_configurations(
+    arm_from_links, reach, left_out
+):
+    """A bar that starts at the wrist, and one that starts ``reach`` before it and meets the first when folded."""
+    pair = frozenset(("fore", "hand"))
+    arm = arm_from_links(
+        {"fore": f"{BAR}@-0.1 0 0", "empty": "", "hand": f"{BAR}@{0.1 + reach} 0 0", "tip": ""},
+        [
+            ("j1", "revolute", "fore", "empty", "0.001 0 0", "0 1 0"),
+            ("j2", "revolute", "empty", "hand", "0.001 0 0", "0 0 1"),
+            ("end", "fixed", "hand", "tip", "1 0 0", "1 0 0"),
+        ],
+    ).arm(tcp="tip")
+    checker = CollisionChecker(arm)
+    bar, met = coal.Box(0.2, 0.02, 0.02), []
+    for q in np.random.default_rng(0).uniform(-7.0, 7.0, size=(300, 2)):
+        placed = [arm.frame_placement(q, link) for link in ("fore", "hand")]
+        placed = [placed[0] * pose((-0.1, 0, 0)), placed[1] * pose((0.1 + reach, 0, 0))]
+        at = [coal.Transform3s(each.rotation, each.translation) for each in placed]
+        met.append(coal.collide(bar, at[0], bar, at[1], coal.CollisionRequest(), coal.CollisionResult()) > 0)
+        assert left_out or not (met[-1] and checker.is_free(q))
+    assert (pair in reasons(checker)) == left_out == (np.mean(met) > 0.95)
+    assert left_out or 0.02 < np.mean(met) < 0.9
+
+
+def test_the_housing_is_a_setting_that_the_certificate_states(chain):
+    arm = chain(2, 0.004, '<sphere radius="0.05"/>')
+    assert arm.robot.size == pytest.approx(0.03 + 0.004 + 0.02)
+    pair = frozenset(("base", "last"))
+    assert checked(CollisionChecker(arm)) == {pair}  # 5 % of 54 mm are less than 4 mm
+    checker = CollisionChecker(arm, housing=0.005)
+    stay = JointPath(np.zeros((2, 2)), arm.joint_names)
+    (left_out,) = (each for each in certify(stay, checker).excluded if frozenset(each.owners) == pair)
+    assert left_out.reason == (
+        "adjacent: across empty_1 without geometry, within 4 mm of joints (housing 5 mm); in contact in 100% of "
+        "sampled configurations"
+    )
+    assert CollisionChecker(arm, housing=0.0).fingerprint() != checker.fingerprint()
+    for wrong in (-0.1, np.nan):
+        with pytest.raises(InputError, match="housing"):
+            CollisionChecker(arm, housing=wrong)
+
+
+def test_an_object_attached_behind_links_without_geometry_is_checked(arm_from_links):
+    """A robot whose wrist has no geometry: what it holds can reach the forearm."""
+    arm = arm_from_links(
+        {"root": '<box size="0.02 0.02 0.02"/>@-1 0 0', "fore": '<box size="0.4 0.04 0.04"/>@-0.2 0 0', "wrist": "",
+         "flange": ""},
+        [
+            ("j1", "revolute", "root", "fore", "0.5 0 0", "0 0 1"),
+            ("j2", "revolute", "fore", "wrist", "0 0 0", "0 1 0"),
+            ("j3", "revolute", "wrist", "flange", "0 0 0", "1 0 0"),
+        ],
+    ).arm(tcp="flange")  # fmt: skip
+    ball = Obstacle("ball", Sphere(0.03), pose((0.15, 0, 0)))
+    checker = CollisionChecker(arm, attached=[ball])
+    assert frozenset(("fore", "ball")) in checked(checker)
+    assert checker.is_free([0.0, 0.0, 0.0])
+    assert not checker.is_free([0.0, np.pi, 0.0])
+
+
+def disabled(arm, *pairs):
+    robot = replace(arm.robot, srdf=Srdf(disabled=tuple(DisabledPair(links, reason) for *links, reason in pairs)))
+    return robot.arm(tcp=arm.tcp)
+
+
+@pytest.mark.parametrize("reason", ["Default", "Adjacent", "Always", "User"])
+def test_a_pair_that_an_srdf_disables_is_checked_where_it_touches_only_at_times(planar_2r, reason):
+    arm = disabled(planar_2r, ("base", "fore", reason))
+    rising = arm.robot
+    checker = CollisionChecker(arm)
+    assert frozenset(("base", "fore")) in checked(checker)
+    assert rising.srdf.disabled[0].reason == reason
+    trusting = CollisionChecker(arm, trust_disabled=True)
+    assert reasons(trusting)[frozenset(("base", "fore"))] == f"SRDF: {reason}"
+
+
+def test_a_disabled_pair_that_always_overlaps_is_left_out_with_its_share(arm_from_links):
+    ball = '<sphere radius="0.1"/>'
+    arm = arm_from_links(
+        {"a": ball, "b": ball, "c": ball, "tip": ""},
+        [
+            ("j1", "revolute", "a", "b", "0 0 0.05", "1 0 0"),
+            ("j2", "revolute", "b", "c", "0 0 0.05", "0 1 0"),
+            ("end", "fixed", "c", "tip", "0 0 0", "1 0 0"),
+        ],
+    ).arm(tcp="tip")
+    assert checked(CollisionChecker(arm)) == {frozenset("ac")}
+    checker = CollisionChecker(disabled(arm, ("a", "c", "Default")))
+    assert reasons(checker)[frozenset("ac")] == "SRDF: Default; in contact in 100% of sampled configurations"
+
+
+# -- the shipped Panda ------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def panda_meshes(panda):
+    """The collision geometry of each link, meshes as all of their triangles."""
+    shapes = {}
+    for each in panda.robot.urdf.collisions:
+        if each.kind == "mesh":
+            mesh = read_mesh(resolved(each.mesh, each.link), each.size)
+            shape = coal.BVHModelOBBRSS()
+            shape.beginModel(len(mesh.triangles), len(mesh.vertices))
+            shape.addVertices(np.asarray(mesh.vertices, dtype=float))
+            shape.addTriangles(np.asarray(mesh.triangles, dtype=np.int64))
+            shape.endModel()
+        else:
+            shape = {"box": coal.Box, "sphere": coal.Sphere, "cylinder": coal.Cylinder}[each.kind](*each.size)
+        shapes.setdefault(each.link, []).append((shape, pin.SE3(np.array(each.origin))))
+    return shapes
+
+
+def meshes_meet(panda, meshes, q):
+    """The pairs of links of which exact meshes meet at q, by coal, but those that a joint joins or none moves."""
+    joints = panda.robot.urdf.joints.values()
+    joined = {frozenset((joint.parent, joint.child)) for joint in joints}
+    rigid = [{"panda_link7", "panda_hand"}, {"panda_leftfinger", "panda_rightfinger"}]
+    links, placed = sorted(meshes), {}
+    for link in links:
+        at = panda.frame_placement(q, link)
+        placed[link] = [
+            (shape, coal.Transform3s((at * own).rotation, (at * own).translation)) for shape, own in meshes[link]
+        ]
+    meet = set()
+    for k, a in enumerate(links):
+        for b in links[k + 1 :]:
+            if frozenset((a, b)) in joined or {a, b} in rigid:
+                continue
+            if any(
+                coal.collide(*one, *other, coal.CollisionRequest(), coal.CollisionResult())
+                for one in placed[a]
+                for other in placed[b]
+            ):
+                meet.add((a, b))
+    return meet
+
+
+def test_exact_meshes_of_the_panda_meet_nowhere_where_it_is_free(panda, panda_meshes):
+    checker = CollisionChecker(panda)
+    Q = np.random.default_rng(7).uniform(panda.limits.lower, panda.limits.upper, size=(400, 7))
+    free = checker.is_free_batch(Q)
+    met = [bool(meshes_meet(panda, panda_meshes, q)) for q in Q]
+    assert not (free & met).any()
+    assert np.mean(met) > 0.05  # so that the comparison says something
+    assert np.mean(free) > 0.7
+
+
+def test_the_default_pairs_of_the_panda_are_checked_except_its_fingers(panda):
+    checker = CollisionChecker(panda)
+    assert {frozenset(("panda_link5", "panda_link7")), frozenset(("panda_link5", "panda_hand"))} <= checked(checker)
+    fingers = reasons(checker)[frozenset(("panda_leftfinger", "panda_rightfinger"))]
+    assert fingers == "SRDF: Default; no joint of the arm moves them against each other"
+    assert checker.is_free(panda.home)
+
+
+def test_a_motion_of_the_panda_into_its_own_hand_is_not_free(panda, panda_meshes):
+    checker = CollisionChecker(panda)
+    rng, goal = np.random.default_rng(1), None
+    for q in rng.uniform(panda.limits.lower, panda.limits.upper, size=(500, 7)):
+        if meshes_meet(panda, panda_meshes, q) == {("panda_hand", "panda_link5")}:
+            goal = q
+            break
+    certificate = certify(JointPath(np.array([panda.home, goal]), panda.joint_names), checker)
+    assert certificate.status.name == "COLLIDING"
+
+
+def test_free_is_never_said_of_pairs_that_are_excluded(panda, slider):
+    stay = certify(JointPath(np.array([panda.home, panda.home]), panda.joint_names), CollisionChecker(panda))
+    assert stay.free
+    assert "anywhere" not in stay.message
+    assert f"{len(stay.excluded)} pairs are excluded" in stay.message
+    alone = certify(JointPath(np.array([[0.0], [1.0]]), slider.joint_names), CollisionChecker(slider))
+    assert alone.excluded == ()
+    assert "no contact anywhere" in alone.message
+
+
+# -- hulls that are too coarse ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["pr2_left", "baxter_left", "romeo_left"])
+def test_a_pair_is_left_out_only_if_it_touches_in_nearly_all_configurations(name):
+    """The pairs that an SRDF or the catalogue names, against shares counted here by coal with other samples."""
+    arm = load_robot(name).arm()
+    checker = CollisionChecker(arm)
+    assert checker.is_free(arm.home)
+    sampled = [pair for pair in checker.excluded if "in contact in" in pair.reason]
+    assert sampled
+    by_owner = {}
+    for body in CollisionChecker(arm, link_meshes="mesh").bodies:
+        by_owner.setdefault(body.owner, []).append(body)
+    Q = np.random.default_rng(11).uniform(*arm.limits.sampling_range(), size=(60, arm.dof))
+    request = coal.CollisionRequest()
+    request.security_margin = 0.0025 * arm.robot.size
+    for pair in sampled:
+        near = 0
+        for q in Q:
+            placed = [
+                (body.geometry, arm.frame_placement(q, owner) * body.link_from_body)
+                for owner in pair.owners
+                for body in by_owner[owner]
+            ]
+            own = len(by_owner[pair.owners[0]])
+            near += any(
+                coal.collide(
+                    one, coal.Transform3s(at.rotation, at.translation), other,
+                    coal.Transform3s(to.rotation, to.translation), request, coal.CollisionResult(),
+                ) > 0
+                for one, at in placed[:own] for other, to in placed[own:]
+            )  # fmt: skip
+        assert near >= 0.9 * len(Q), pair
+
+
+def test_links_whose_hulls_overlap_and_whose_meshes_do_not_are_checked_by_their_meshes():
+    arm = load_robot("pr2_left").arm()
+    finer = {frozenset(pair.owners): pair.by for pair in CollisionChecker(arm).finer}
+    assert finer[frozenset(("l_forearm_link", "l_gripper_palm_link"))] == "exact meshes"
+    assert finer[frozenset(("l_upper_arm_link", "l_forearm_roll_link"))] == "several hulls"

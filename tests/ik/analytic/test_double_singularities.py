@@ -1,0 +1,168 @@
+"""Targets at and near several singularities at once: what is claimed of them has to hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.ik import IkStatus
+
+from .arms import TURN, apart, assert_reaches, misses
+
+ARMS = ["kinova", "stanford", "generic_6dof", "irb120", "puma560", "ur5", "z1"]
+
+REPRESENTED = 0.02
+"""Rad or m. Near two singularities at once, rounding of the target (1e-16) moves a joint by about this."""
+
+
+def arm_named(name, limits=None):
+    robot = pp.load_robot(name)
+    return robot.arm(tcp="tool0" if name == "ur5" else None, limits=limits)
+
+
+def special_configurations(arm, count, seed):
+    """(count, n): one to three joints at 0, +-pi/2, +-pi or a limit, or beside it by 1e-12 to 1e-6."""
+    rng = np.random.default_rng(seed)
+    lower, upper = arm.limits.sampling_range()
+    q = rng.uniform(lower, upper, (count, arm.dof))
+    chosen = rng.random(q.shape).argsort(axis=1) < rng.integers(1, 4, count)[:, None]
+    value = rng.choice([0.0, np.pi / 2, -np.pi / 2, np.pi, -np.pi], q.shape)
+    value = np.where(rng.random(q.shape) < 0.12, np.where(rng.random(q.shape) < 0.5, lower, upper), value)
+    value += rng.choice([0.0, 0.0, 1.0, -1.0], q.shape) * 10.0 ** rng.uniform(-12, -6, q.shape)
+    return np.where(chosen, value, q).clip(lower, upper)
+
+
+def distance_from_families(arm, families, q):
+    """The largest joint difference between q and the nearest member that was tried, of any family."""
+    least = np.inf
+    for family in families:
+        joint = arm.joint_names.index(family.parameter)
+        values = [value for value in q[joint] + TURN * np.arange(-2, 3) if family.lower <= value <= family.upper]
+        values.append(np.clip(q[joint], family.lower, family.upper))
+        for value in values:
+            try:
+                least = min(least, float(apart(arm, family.at(value), q)))
+            except pp.InputError:
+                continue
+        if least > REPRESENTED:
+            least = min(least, float(apart(arm, family.nearest(q), q)))
+    return least
+
+
+def assert_claims_hold(arm, q):
+    """No target made by a row of q is called impossible, and each row is found where completeness is claimed."""
+    solver = pp.AnalyticIk()
+    targets = arm.forward_kinematics_batch(q)
+    found = solver.solve_all_batch(arm, targets)
+    missed = misses(arm, found.q, q) > REPRESENTED
+    assert not (missed & found.complete).any()
+    for i in np.flatnonzero(missed):
+        branches = solver.solve_all(arm, targets[i])
+        if not branches.ok:
+            assert solver.solve(arm, targets[i]).status is not IkStatus.IMPOSSIBLE, q[i]
+        if branches.complete and apart(arm, branches.branches, q[i]).min() > REPRESENTED:
+            assert distance_from_families(arm, branches.families, q[i]) < REPRESENTED, q[i]
+    return found
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_what_is_claimed_at_special_angles_holds(name):
+    arm = arm_named(name)
+    found = assert_claims_hold(arm, special_configurations(arm, 1500, seed=11))
+    assert found.ok.mean() > 0.99
+
+
+@pytest.mark.parametrize(
+    ("name", "fixed"), [("stanford", {1: 0.0, 4: 0.0}), ("generic_6dof", {1: np.pi / 2, 2: 0.0, 4: 0.0})]
+)
+def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
+    """The elbow is known to 1e-8 only, so the wrist's direction is not known at all, and joint 4 is limited."""
+    whole = arm_named(name)
+    arm = arm_named(name, limits={whole.joint_names[3]: (-1.0, 1.0)})
+    rng = np.random.default_rng(0)
+    q = rng.uniform(*arm.limits.sampling_range(), (300, 6))
+    q[:, list(fixed)] = list(fixed.values())
+    targets = arm.forward_kinematics_batch(q)
+    found = pp.AnalyticIk().solve_batch(arm, targets)
+    assert found.ok.all()
+    for target, one in zip(targets, found.q, strict=True):
+        assert_reaches(arm, one, target)
+    assert_claims_hold(arm, q[:60])
+
+
+@pytest.mark.parametrize("name", ["stanford", "generic_6dof"])
+def test_limited_wrists_at_special_angles(name):
+    arm = arm_named(name, limits={arm_named(name).joint_names[3]: (-1.0, 1.0)})
+    assert_claims_hold(arm, special_configurations(arm, 800, seed=12))
+
+
+@pytest.mark.parametrize("name", ["panda", "iiwa14"])
+def test_nothing_is_claimed_of_seven_joints(name):
+    arm = arm_named(name)
+    q = special_configurations(arm, 40, seed=13)
+    targets = arm.forward_kinematics_batch(q)
+    solver = pp.AnalyticIk(redundant_steps=8)
+    found = solver.solve_all_batch(arm, targets)
+    assert not found.complete.any()
+    assert IkStatus.IMPOSSIBLE not in solver.solve_batch(arm, targets).status
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_ordinary_targets_keep_the_claim(name):
+    arm = arm_named(name)
+    q = np.random.default_rng(14).uniform(*arm.limits.sampling_range(), (20000, 6))
+    found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
+    assert found.ok.all()
+    assert found.complete.mean() > 0.999
+
+
+def test_batches_claim_what_single_calls_claim():
+    arm = arm_named("puma560")
+    q = special_configurations(arm, 200, seed=15)
+    targets = arm.forward_kinematics_batch(q)
+    targets[::7, :3, 3] *= 1.5
+    batch = pp.AnalyticIk().solve_all_batch(arm, targets)
+    for target, claimed in zip(targets, batch.complete, strict=True):
+        single = pp.AnalyticIk().solve_all(arm, target)
+        assert claimed == (single.complete and not single.families)
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-7, 1e-6])
+def test_the_tolerance_is_part_of_the_claim(ur5, tolerance):
+    """Just beyond a straight elbow: impossible is not said of what a search reaches within the same tolerance."""
+    tolerances = {"position_tolerance": tolerance, "orientation_tolerance": tolerance}
+    closed, search = pp.AnalyticIk(**tolerances), pp.Clik(**tolerances)
+    rng = np.random.default_rng(0)
+    searched = solved = 0
+    for _ in range(400):
+        q = rng.uniform(-3.0, 3.0, 6)
+        q[2] = 0.0
+        target = np.array(ur5.forward_kinematics(q).homogeneous)
+        way = rng.normal(size=3)
+        target[:3, 3] += way / np.linalg.norm(way) * tolerance * rng.uniform(0.0, 1.5)
+        answer = closed.solve(ur5, target)
+        if search.solve(ur5, target, q).ok:
+            searched += 1
+            solved += answer.ok
+            assert answer.status is not IkStatus.IMPOSSIBLE
+        if answer.ok:
+            assert_reaches(ur5, answer.q, target, 1.000001 * tolerance)
+    assert searched > 200
+    assert solved >= 0.99 * searched
+
+
+@pytest.mark.parametrize("name", ["stanford", "irb120", "z1", "ur5"])
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-6])
+def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, tolerance):
+    """A configuration at special angles or limits reaches them within the tolerance."""
+    arm = arm_named(name)
+    rng = np.random.default_rng(21)
+    targets = arm.forward_kinematics_batch(special_configurations(arm, 1500, seed=16))
+    way = rng.normal(size=(len(targets), 3))
+    targets[:, :3, 3] += way / np.linalg.norm(way, axis=1)[:, None] * 0.95 * tolerance * rng.random((len(way), 1))
+    solver = pp.AnalyticIk(position_tolerance=tolerance, orientation_tolerance=tolerance)
+    found = solver.solve_all_batch(arm, targets)
+    assert found.ok.mean() > 0.9
+    for target in targets[~found.ok]:
+        assert solver.solve(arm, target).status is IkStatus.NOT_FOUND

@@ -1,0 +1,103 @@
+"""The closing motion of fingers in the frame of the tcp: its direction, and bodies that hold all of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import Delaunay
+
+import pinproof as pp
+from pinproof.model import load_robot_from_text
+from pinproof.picks.hand import SAGITTA, fingers_of
+
+FINGER = """
+<link name="{side}_knuckle"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.012 0.06"/></geometry>
+</collision></link>
+<joint name="{side}_joint" type="revolute"><parent link="hand"/><child link="{side}_knuckle"/>
+<origin xyz="0 {y} 0.02"/><axis xyz="{sign} 0 0"/><limit lower="0" upper="1.2" velocity="1" effort="1"/>{mimic}</joint>
+<link name="{side}_pad"><collision><origin xyz="0 0 0.02"/><geometry><cylinder radius="0.006" length="0.04"/></geometry>
+</collision></link>
+<joint name="{side}_tip_joint" type="revolute"><parent link="{side}_knuckle"/><child link="{side}_pad"/>
+<origin xyz="0 0 0.06"/><axis xyz="-{sign} 0 0"/><limit lower="0" upper="1.2" velocity="1" effort="1"/>
+<mimic joint="left_joint" multiplier="0.9"/></joint>"""
+
+ROBOT = (
+    '<robot name="pincer"><link name="base"/><link name="hand"/>'
+    '<joint name="lift" type="prismatic"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>'
+    '<limit lower="0" upper="1" velocity="1" effort="1"/></joint>'
+    + FINGER.format(side="left", y=0.03, sign="1", mimic="")
+    + FINGER.format(side="right", y=-0.03, sign="-1", mimic='<mimic joint="left_joint"/>').replace("--", "")
+    + "</robot>"
+)
+OPEN, CLOSED = 0.1, 0.9
+PADS = ("left_pad", "right_pad")
+
+
+@pytest.fixture(scope="module")
+def arm() -> pp.Arm:
+    return load_robot_from_text(ROBOT).arm(tcp="hand", held={"left_joint": OPEN})
+
+
+def bodies(arm: pp.Arm, value: float) -> dict[str, pp.SE3]:
+    there = arm.with_held({"left_joint": value})
+    hand = there.forward_kinematics(there.home)
+    return {name: hand.actInv(there.frame_placement(there.home, name)) for name in ("left_knuckle", *PADS)}
+
+
+def test_swept_bodies_hold_every_point_of_rotating_fingers(arm) -> None:
+    found = {finger.name: finger for finger in fingers_of(arm, None, {"left_joint": CLOSED})}
+    assert set(found) == {"left_knuckle", "right_knuckle", *PADS}
+    turns = np.linspace(0, 2 * np.pi, 40)
+    rim = np.column_stack([0.006 * np.cos(turns), 0.006 * np.sin(turns), np.zeros(40)])
+    own = {
+        "left_pad": np.concatenate([rim, rim + np.array([0, 0, 0.04])]),
+        "left_knuckle": np.array(np.meshgrid((-0.005, 0.005), (-0.006, 0.006), (0.0, 0.06))).reshape(3, 8).T,
+    }
+    for name, points in own.items():
+        hulls = [Delaunay(each.shape.points) for each in found[name].swept()]
+        for value in np.linspace(OPEN, CLOSED, 301):
+            at = bodies(arm, float(value))[name]
+            placed = points @ at.rotation.T + at.translation
+            inside = np.any([hull.find_simplex(placed, tol=1e-9) >= 0 for hull in hulls], axis=0)
+            assert inside.all(), (name, value)
+
+
+def test_swept_bodies_are_not_much_larger_than_the_motion(arm) -> None:
+    finger = next(each for each in fingers_of(arm, None, {"left_joint": CLOSED}) if each.name == "left_knuckle")
+    assert 0 < finger.sagitta <= SAGITTA
+    points = np.concatenate([each.shape.points for each in finger.swept()])
+    corners = np.array(np.meshgrid((-0.005, 0.005), (-0.006, 0.006), (0.0, 0.06))).reshape(3, 8).T
+    reached = [
+        corners @ at.rotation.T + at.translation
+        for at in (bodies(arm, float(value))["left_knuckle"] for value in np.linspace(OPEN, CLOSED, 300))
+    ]
+    reached = np.concatenate(reached)
+    assert (points.min(axis=0) >= reached.min(axis=0) - 2 * SAGITTA - 1e-6).all()
+    assert (points.max(axis=0) <= reached.max(axis=0) + 2 * SAGITTA + 1e-6).all()
+
+
+def test_the_closing_direction_is_that_of_the_end_of_the_motion(arm) -> None:
+    for finger in fingers_of(arm, None, {"left_joint": CLOSED}):
+        if finger.name not in ("left_knuckle", *PADS):
+            continue
+        middle = np.array([0, 0, 0.03 if finger.name == "left_knuckle" else 0.02])
+        ends = [bodies(arm, value)[finger.name].act(middle) for value in (CLOSED - 1e-6, CLOSED)]
+        along = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
+        np.testing.assert_allclose(finger.direction, along, atol=1e-3)
+
+
+def test_rotating_fingers_hold_a_part_between_their_pads(arm) -> None:
+    """The pads are nearly parallel cylinders; a block as wide as they leave is held, others are not."""
+    from pinproof.collision.line_surface import LineSurface
+    from pinproof.picks.grip import HeldPart, grip_by_fingers
+
+    closed = 0.25
+    found = fingers_of(arm, None, {"left_joint": closed})
+    left = bodies(arm, closed)["left_pad"]
+    height = float(left.act(np.array([0, 0, 0.02]))[2])
+    inner = float(left.act(np.array([0, 0, 0.02]))[1]) - 0.006
+    for width, held in ((2 * inner, True), (2 * inner + 0.008, False), (2 * inner - 0.008, False)):
+        block = LineSurface.of_obstacle(pp.Obstacle("block", pp.Box(0.03, width, 0.02)))
+        part = HeldPart(block, pp.pose((0, 0, height)))
+        result = grip_by_fingers(found, part, np.array([0.0, 0.0, 1.0]), pp.picks.GripLimits())
+        assert result.held is held, result.message

@@ -1,0 +1,227 @@
+"""Suggestions: applied exactly as printed they help, and they are the smallest of those tried."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.description import robots_folder
+from pinproof.errors import InputError
+from pinproof.picks import NamedFrame, Stage, apply_suggestion
+from pinproof.picks.stages.changes import DIRECTIONS, DISTANCES
+from pinproof.picks.suggestion import move_words, shorten_words, turn_words
+from pinproof.spatial import SE3
+
+DOWN = (np.pi, 0, 0)
+PICK = pp.Pick("part", pp.pose((0.45, 0.1, 0.2), DOWN), approach=0.05, retreat=0.05)
+TURNED = NamedFrame(pp.pose((0.1, -0.1, 0.0), (0, 0, 0.7)))
+
+
+@pytest.fixture(scope="module")
+def arm(arms) -> pp.Arm:
+    return arms["ur5"]
+
+
+def judge(arm: pp.Arm, pick: pp.Pick, *obstacles: pp.Obstacle, remedies: int = 0, **shared) -> pp.PickVerdict:
+    picks = pp.Picks((pick,), margin=0.002, **shared)
+    budget = pp.picks.PickBudget(compared=1, remedies=remedies)
+    return pp.validate_picks(arm, pp.Scene(obstacles), picks, budget=budget).verdicts[0]
+
+
+def vector(text: str) -> np.ndarray:
+    """The vector (mm) that is printed, read independently of the library."""
+    if found := re.search(r"([\d.]+) mm along ([-+])([xyz])", text):
+        return float(found[1]) * (1 if found[2] == "+" else -1) * np.eye(3)["xyz".index(found[3])]
+    return np.array([float(each) for each in re.search(r"by \(([^)]*)\) mm", text)[1].split(",")])
+
+
+def shifted(pick: pp.Pick, millimetres: np.ndarray) -> pp.Pick:
+    return replace(pick, pose=SE3(pick.pose.rotation, pick.pose.translation + millimetres / 1e3))
+
+
+def shift_of(verdict: pp.PickVerdict) -> str:
+    return next(each for each in verdict.suggestions if each.startswith("move the pick"))
+
+
+@pytest.mark.parametrize("gap", [0.0215, 0.0235, 0.0252, 0.031])
+def test_the_smallest_shift_of_all_candidates_is_suggested(arm, gap) -> None:
+    stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.45, 0.1 + gap, 0.2)))
+    near = pp.Obstacle("other", pp.Sphere(0.02), pp.pose((0.45 - 0.001, 0.1 - 0.12, 0.2)))
+    rod = {"tool": (pp.Obstacle("rod", pp.Cylinder(radius=0.012, length=0.1), pp.pose((0, 0, 0.05))),)}
+    rod["tip"] = pp.pose((0, 0, 0.1))
+    verdict = judge(arm, PICK, stone, near, remedies=500, **rod)
+    assert verdict.failed is Stage.GRASP
+    by = vector(shift_of(verdict))
+    assert judge(arm, shifted(PICK, by), stone, near, **rod).ok
+    smaller = 0
+    for distance in DISTANCES:
+        for direction in DIRECTIONS:
+            other = np.array(direction) * max(1.0, np.round(distance / np.linalg.norm(direction)))
+            if np.linalg.norm(other) < np.linalg.norm(by) - 1e-9:
+                smaller += 1
+                assert not judge(arm, shifted(PICK, other), stone, near, **rod).ok, other
+    assert smaller > 20
+
+
+def test_a_shift_of_a_few_millimetres_is_found_with_the_default_budget(arm) -> None:
+    # The post and the rod would overlap by 1 mm in the grasp; with the margin of 2 mm, more than 3 mm are needed.
+    rod = {"tool": (pp.Obstacle("rod", pp.Cylinder(radius=0.012, length=0.1), pp.pose((0, 0, 0.05))),)}
+    rod["tip"] = pp.pose((0, 0, 0.1))
+    for side, axis in ((1, "-"), (-1, "+")):
+        post = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, 0.1 + side * 0.021, 0.23)))
+        verdict = judge(arm, PICK, post, remedies=pp.picks.PickBudget().remedies, **rod)
+        assert shift_of(verdict) == f"move the pick 4 mm along {axis}y (base frame)"
+
+
+def test_every_suggestion_for_random_failed_picks_does_what_it_states(arm) -> None:
+    rng, checked, kinds = np.random.default_rng(3), 0, set()
+    wall = pp.Obstacle("wall", pp.Box(0.02, 0.6, 0.3), pp.pose((0.6, 0.0, 0.15)))
+    post = pp.Obstacle("post", pp.Box(0.1, 0.1, 0.3), pp.pose((0.4, -0.2, 0.15)))
+    while checked < 25:
+        xyz, rpy = rng.uniform((0.25, -0.4, 0.05), (1.0, 0.4, 0.35)), rng.normal((np.pi, 0, 0), (0.2, 0.2, 2))
+        frame = str(rng.choice(["", "turned"]))
+        pose = TURNED.pose.inverse() * pp.pose(xyz, rpy) if frame else pp.pose(xyz, rpy)
+        away = (0, 0, 1) if rng.random() < 0.5 else tuple(rng.normal(size=3))
+        lengths = {key: float(rng.choice([0.05, 0.1, 0.4])) for key in ("approach", "retreat")}
+        pick = pp.Pick("part", pose, frame=frame, retreat_direction=away, **lengths)
+        verdict = judge(arm, pick, wall, post, remedies=4, frames={"turned": TURNED})
+        for text in verdict.suggestions:
+            there = judge(arm, apply_suggestion(pick, text), wall, post, frames={"turned": TURNED})
+            later = re.search(r"fails at the (\S+) stage", text)
+            assert there.ok if later is None else there.failed.value == later[1], text
+            checked += 1
+            kinds.add(text.split()[0])
+    assert {"move", "turn"} <= kinds
+
+
+def test_a_pick_out_of_reach_is_moved_by_the_printed_vector_into_reach(arm) -> None:
+    rng = np.random.default_rng(8)
+    for _ in range(10):
+        angle, far = rng.uniform(-1, 1), rng.uniform(0.9, 1.3)
+        pick = pp.Pick("p", pp.pose((far * np.cos(angle), far * np.sin(angle), rng.uniform(0, 0.3)), DOWN))
+        verdict = judge(arm, pick, remedies=4)
+        assert verdict.failed is Stage.REACH
+        text = shift_of(verdict)
+        by = vector(text)
+        assert (by == np.round(by)).all()
+        there = judge(arm, shifted(pick, by))
+        assert there.ok or there.failed.value in text
+
+
+@pytest.fixture(scope="module")
+def cell(arms) -> tuple[pp.Arm, pp.Scene, pp.Picks]:
+    picks = pp.read_picks(robots_folder() / "ur5" / "carry.yaml")
+    return pp.load_robot("ur5").arm(tcp=picks.tcp), pp.Scene.load(picks.scene), picks
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.5])
+def test_grasp_and_place_move_together_so_that_the_object_is_placed_where_it_was_to_be(cell, turn) -> None:
+    arm, scene, picks = cell
+    bolt = next(pick for pick in picks if pick.name == "over_the_wall")
+    drop = replace(bolt.place, pose=bolt.place.pose * pp.pose(rpy=(0, 0, turn)))
+    bolt = replace(bolt, place=drop)
+    post = pp.Obstacle("post", pp.Box(0.02, 0.02, 0.02), pp.pose((0.46, 0.15 + 0.029, 0.08)))
+    scene = scene.add(post)
+
+    def of(pick: pp.Pick, remedies: int) -> pp.PickVerdict:
+        budget = pp.picks.PickBudget(remedies=remedies, compared=1)
+        return pp.validate_picks(arm, scene, replace(picks, picks=(pick,)), budget=budget).verdicts[0]
+
+    verdict = of(bolt, 12)
+    assert verdict.failed is Stage.GRASP
+    text = shift_of(verdict)
+    pick_part, place_part = text.split(" and the place ")
+    assert pick_part.endswith("(base frame)")
+    assert place_part.endswith("(frame 'drop')")
+    there = apply_suggestion(bolt, text)
+    np.testing.assert_allclose((there.pose.translation - bolt.pose.translation) * 1e3, vector(pick_part), atol=1e-9)
+    moved = there.place.pose.translation - bolt.place.pose.translation
+    np.testing.assert_allclose(moved * 1e3, vector(place_part), atol=1e-9)
+    # root_from_object at the release, from the tip's pose there and the grasp
+    released, wanted = (each.place.pose * each.pose.inverse() for each in (there, bolt))
+    stands = scene["bolt_1"].pose
+    np.testing.assert_allclose((released * stands).translation, (wanted * stands).translation, atol=2e-5)
+    np.testing.assert_allclose(released.rotation, wanted.rotation, atol=1e-12)
+    assert of(there, 0).ok
+
+
+def test_a_vector_is_in_the_frame_of_the_pick(arm) -> None:
+    pick = pp.Pick("p", TURNED.pose.inverse() * pp.pose((1.0, 0.0, 0.2), DOWN), frame="turned")
+    verdict = judge(arm, pick, remedies=4, frames={"turned": TURNED})
+    text = shift_of(verdict)
+    assert "(frame 'turned')" in text
+    assert judge(arm, shifted(pick, vector(text)), frames={"turned": TURNED}).ok or "; it then" in text
+    with pytest.raises(InputError, match="its pick is stated in the base frame"):
+        apply_suggestion(PICK, text)
+
+
+numbers = st.integers(-200_000, 200_000).map(lambda value: value / 100)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.tuples(numbers, numbers, numbers).filter(any))
+def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
+    text = move_words(PICK, np.array(by))
+    np.testing.assert_allclose(vector(text), by, atol=1e-9)
+    moved = apply_suggestion(PICK, text).pose.translation - PICK.pose.translation
+    np.testing.assert_allclose(moved * 1e3, by, atol=1e-9)
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    st.integers(-180, 180).filter(bool),
+    st.tuples(numbers, numbers, numbers).filter(lambda axis: max(map(abs, axis)) > 1),
+)
+def test_a_printed_turn_is_the_turn_that_is_applied(degrees, axis) -> None:
+    axis = np.array(axis) / np.linalg.norm(axis)
+    turned = apply_suggestion(PICK, turn_words(degrees, axis, with_place=False))
+    turn = PICK.pose.actInv(turned.pose)
+    np.testing.assert_allclose(turn.rotation @ axis, axis, atol=2e-6)
+    cosine = (np.trace(turn.rotation) - 1) / 2
+    assert cosine == pytest.approx(np.cos(np.radians(degrees)), abs=1e-9)
+    np.testing.assert_array_equal(turned.pose.translation, PICK.pose.translation)
+
+
+def test_suggestions_read_as_documented() -> None:
+    at_place = replace(PICK, carried="bolt", place=pp.picks.PlaceTarget(pp.pose(), frame="bin"))
+    assert move_words(PICK, np.array([-20.0, 0, 0])) == "move the pick 20 mm along -x (base frame)"
+    assert (
+        move_words(at_place, np.array([3.0, 0, -3.0]), np.array([3.0, 1.23, 0]))
+        == "move the pick by (+3, 0, -3) mm (base frame) and the place by (+3, +1.23, 0) mm (frame 'bin')"
+    )
+    assert (
+        turn_words(30.0, np.array([0, 0, -1.0]), with_place=True)
+        == "turn the pick and the place by -30 deg about the z axis of the tip"
+    )
+    assert shorten_words("approach", 0.3, 0.222) == "shorten the approach from 300 mm to 222 mm"
+    assert (
+        apply_suggestion(PICK, "shorten the approach from 50 mm to 20 mm; it then passes the approach stage").approach
+        == 0.02
+    )
+    up = apply_suggestion(replace(PICK, retreat_direction=(1, 0, 0)), "retreat straight up, along +z (base frame)")
+    assert up.retreat_direction == (0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "good luck", "move the pick 20 mm", "move the pick 20 mm along -x (frame 'bin')",
+        "move the place 20 mm along -x (base frame)", "move the pick by (1, 2) mm (base frame)",
+        "shorten the approach from 70 mm to 20 mm",
+        "turn the pick and the place by +30 deg about the z axis of the tip",
+        "move the pick 20 mm along -x (base frame) and more",
+    ],
+)  # fmt: skip
+def test_text_that_does_not_fit_the_pick_is_refused(text) -> None:
+    with pytest.raises(InputError, match=r"no suggestion that can be applied|does not fit pick 'part'"):
+        apply_suggestion(PICK, text)
+
+
+def test_no_suggestion_is_made_without_a_budget(arm) -> None:
+    assert judge(arm, pp.Pick("p", pp.pose((3.0, 0.0, 0.2), DOWN)), remedies=0).suggestions == ()

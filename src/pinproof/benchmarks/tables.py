@@ -127,7 +127,7 @@ def _json(value: Any) -> str:
 def provenance(seed: int) -> dict[str, Any]:
     """Return versions, machine, commit, date and seed as plain values for JSON.
 
-    ``commit`` is None outside a git checkout of this project and ends in ``+`` if tracked files were changed. ``load``
+    ``commit`` ends in ``+`` if tracked files were changed; outside a git checkout it equals None. ``load``
     is the load average of the last minute; call this before the benchmark starts.
     """
     return {

@@ -1,65 +1,51 @@
 #!/usr/bin/env python3
-"""The table of inverse kinematics, and the big check.
+"""Benchmark of inverse kinematics.
 
 python scripts/benchmark_ik.py ur5 panda --points 10000    prints the table, as `pinproof bench ik` does
-python scripts/benchmark_ik.py --success 100000            prints the big check: success and batch time on every arm
-python scripts/benchmark_ik.py --docs                      runs both; rewrites docs/benchmarks/
-python scripts/benchmark_ik.py --render                    rewrites the pages from docs/benchmarks/ik.json alone
+python scripts/benchmark_ik.py --success 100000            prints success rates and batch times on every arm
+python scripts/benchmark_ik.py --docs                      runs both and rewrites docs/benchmarks/ik.*
+python scripts/benchmark_ik.py --render                    rewrites the page and the plots from docs/benchmarks/ik.json
 """
 
 from __future__ import annotations
 
 import argparse
 import sys
-from dataclasses import replace
+from dataclasses import fields
 from pathlib import Path
 
-from pinproof.benchmarks import (
-    IkTable,
-    ik_benchmark,
-    ik_markdown,
-    success_markdown,
-    success_rates,
-    write_ik_table,
-)
+from ik_success import DocsIkTable, success_markdown, success_rates
 
-ROOT = Path(__file__).resolve().parents[1]
-FOLDER = ROOT / "docs" / "benchmarks"
+from pinproof.benchmarks import ik_benchmark, ik_markdown, write_ik_table
+
+FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 DOCS_ROBOTS = ("ur5", "panda", "puma560")
 
 
-def tell(text: str) -> None:
-    """What is being run, to stderr."""
-    print(text, file=sys.stderr)
-
-
 def main() -> None:
-    """Run what is asked for."""
+    """Run the command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("robots", nargs="*", metavar="ROBOT")
     parser.add_argument("--points", type=int, default=10_000)
-    parser.add_argument(
-        "--success", type=int, metavar="SAMPLES", help="only the big check, with so many targets an arm"
-    )
-    parser.add_argument("--no-peers", action="store_true")
-    parser.add_argument("--own-limits", action="store_true", help="do not narrow ranges of more than one turn")
-    parser.add_argument("--docs", action="store_true")
-    parser.add_argument("--render", action="store_true")
-    told = parser.parse_args()
-    how = {"limits_pi": not told.own_limits, "on_progress": tell}
-    if told.success:
-        print(success_markdown(success_rates(told.robots or None, samples=told.success, **how)))
+    parser.add_argument("--success", type=int, metavar="SAMPLES", help="success rates only; targets per arm")
+    parser.add_argument("--no-peers", action="store_true", help="leave out other libraries")
+    parser.add_argument("--own-limits", action="store_true", help="keep ranges wider than one full rotation")
+    parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/ik.*")
+    parser.add_argument("--render", action="store_true", help="rewrite the page and the plots from ik.json")
+    options = parser.parse_args()
+    common = {"limits_pi": not options.own_limits, "on_progress": lambda text: print(text, file=sys.stderr)}
+    if options.success:
+        print(success_markdown(success_rates(options.robots or None, samples=options.success, **common)))
         return
-    if told.render:
-        table = IkTable.load(FOLDER / "ik.json")
+    if options.render:
+        table = DocsIkTable.load(FOLDER / "ik.json")
     else:
-        robots = told.robots or (DOCS_ROBOTS if told.docs else ("ur5",))
-        table = ik_benchmark(robots, points=told.points, peers=not told.no_peers, **how)
-    if told.docs:
-        table = replace(table, success=success_rates(**how))
-    if told.docs or told.render:
-        FOLDER.mkdir(parents=True, exist_ok=True)
-        write_ik_table(table, FOLDER)
+        robots = options.robots or (DOCS_ROBOTS if options.docs else ("ur5",))
+        measured = ik_benchmark(robots, points=options.points, peers=not options.no_peers, **common)
+        values = {field.name: getattr(measured, field.name) for field in fields(measured)}
+        table = DocsIkTable(**values, success=success_rates(**common) if options.docs else ())
+    if options.docs or options.render:
+        write_ik_table(table, FOLDER, appendix=success_markdown(table.success))
     else:
         print(ik_markdown(table))
 

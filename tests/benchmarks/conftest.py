@@ -1,12 +1,16 @@
-"""A tiny data set in both layouts of MotionBenchMaker, written by the tests themselves."""
+"""A small data set in both layouts of MotionBenchMaker, and access to the scripts of the repository."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 import yaml
+
+# The collision and picks benchmarks are scripts; worker processes of campaigns inherit this path.
+sys.path.append(str(Path(__file__).resolve().parents[2] / "scripts"))
 
 ARM = [f"panda_joint{k}" for k in range(1, 8)]
 FINGERS = ["panda_finger_joint1", "panda_finger_joint2"]
@@ -23,8 +27,8 @@ def scene(box_at: list[float]) -> dict:
     }
 
 
-def asked(start: list[float] = START, goal: list[float] = GOAL, finger: float = 0.03) -> dict:
-    """A request; the goal's joints stand in another order than the start's."""
+def request_data(start: list[float] = START, goal: list[float] = GOAL, finger: float = 0.03) -> dict:
+    """A request whose goal lists the joints in another order than its start."""
     constraints = [{"joint_name": name, "position": value} for name, value in zip(ARM, goal, strict=True)]
     return {
         "group_name": "panda_arm",
@@ -33,9 +37,9 @@ def asked(start: list[float] = START, goal: list[float] = GOAL, finger: float = 
     }
 
 
-def write_problem(folder: Path, number: int, words: dict, box_at: list[float]) -> None:
+def write_problem(folder: Path, number: int, request: dict, box_at: list[float]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
-    for kind, content in (("scene", scene(box_at)), ("request", words)):
+    for kind, content in (("scene", scene(box_at)), ("request", request)):
         (folder / f"{kind}{number:04d}.yaml").write_text(yaml.safe_dump(content), encoding="utf-8")
 
 
@@ -43,9 +47,9 @@ def write_problem(folder: Path, number: int, words: dict, box_at: list[float]) -
 def mbm(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     """A folder with one set of two problems, the second of which ends in the box."""
     folder = tmp_path / "data" / request.param
-    write_problem(folder, 1, asked(), [0.45, 0.2, 0.1])
-    write_problem(folder, 2, asked(), [0.3, 0.26, 0.51])
-    if request.param == "box_panda":  # what else the makers put there
+    write_problem(folder, 1, request_data(), [0.45, 0.2, 0.1])
+    write_problem(folder, 2, request_data(), [0.3, 0.26, 0.51])
+    if request.param == "box_panda":  # other files of the original data
         (folder / "scene_sensed0001.yaml").write_text("world: {}\n", encoding="utf-8")
         (folder / "path0001.yaml").write_text("joint_trajectory: {}\n", encoding="utf-8")
         (folder / "config.yaml").write_text("planning_group: panda_arm\n", encoding="utf-8")
@@ -54,5 +58,5 @@ def mbm(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
 
 @pytest.fixture
 def mbm_files() -> SimpleNamespace:
-    """What writes such files: ``asked(...)`` is a request, ``scene(box_at)`` a scene, ``write(...)`` both."""
-    return SimpleNamespace(asked=asked, scene=scene, write=write_problem, start=START, goal=GOAL)
+    """Functions that write such files: ``request(...)``, ``scene(box_at)``, and ``write(...)`` for both."""
+    return SimpleNamespace(request=request_data, scene=scene, write=write_problem, start=START, goal=GOAL)

@@ -1,4 +1,4 @@
-"""Steps near a singularity: the plain inverse grows without bound, damped steps do not."""
+"""Near a singularity the steps of the plain inverse grow without bound, and damped steps do not."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def steps():
     return step_sizes(pp.load_robot("ur5").arm())
 
 
-def test_the_wrist_leads_into_the_singularity(steps) -> None:
+def test_the_wrist_of_the_ur5_moves_into_the_singularity(steps) -> None:
     assert steps.joint == "wrist_2_joint"
     assert (np.diff(steps.smallest) <= 0).all()
     assert steps.smallest[0] > 0.1
@@ -29,7 +29,7 @@ def test_the_plain_inverse_grows_as_the_singular_value_falls(steps) -> None:
     assert np.nanmax(steps.steps["inverse"]) > 1e4
 
 
-def test_far_from_it_the_undamped_methods_agree(steps) -> None:
+def test_far_from_the_singularity_the_undamped_methods_agree(steps) -> None:
     assert steps.steps["pseudo-inverse"][0] == pytest.approx(steps.steps["inverse"][0], rel=1e-9)
 
 
@@ -39,5 +39,5 @@ def test_damped_steps_stay_bounded(steps, name: str) -> None:
     assert steps.steps[name][-1] < 0.1
 
 
-def test_an_arm_of_seven_joints_has_no_such_plot() -> None:
+def test_an_arm_with_seven_joints_has_no_step_sizes() -> None:
     assert step_sizes(pp.load_robot("panda").arm()) is None

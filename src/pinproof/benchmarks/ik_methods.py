@@ -1,119 +1,218 @@
-"""What a method in the table of inverse kinematics is: how one target is asked, how many, how answers are read."""
+"""What a method in the IK benchmark is, and the methods of this package."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
+from pinproof.ik import (
+    AnalyticIk,
+    Clik,
+    DampedLeastSquares,
+    Fabrik,
+    IkResult,
+    IterativeIk,
+    PseudoInverse,
+    Tracker,
+    track,
+)
+from pinproof.ik.task import GoalName
 from pinproof.model import Arm
 from pinproof.spatial import SE3, rigid
 
-__all__ = ["RESTARTS", "TOLERANCE", "Asked", "IkMethod", "Solvers", "Unsuitable", "choose"]
+__all__ = [
+    "OWN_METHODS",
+    "PERIOD",
+    "RESTARTS",
+    "TOLERANCE",
+    "IkMethod",
+    "Part",
+    "PreparedMethod",
+    "select_methods",
+]
 
 Array = npt.NDArray[np.float64]
 
 TOLERANCE = 1e-6
-"""In m and rad: what an answer may be off."""
+"""Largest accepted error of an answer, in m and rad."""
+
+FABRIK_TOLERANCE = 1e-4
+"""The same for FABRIK without polishing, in m and rad: it converges linearly, not quadratically."""
 
 RESTARTS = 50
-"""Attempts after the first where a method may restart; the default of the solvers."""
+"""Attempts after the first in the parts with restarts; the default of the solvers."""
 
-
-def as_se3(pose: Array) -> SE3:
-    """A target as the methods of this package take it."""
-    return rigid("target", pose)
-
-
-def nothing(_: Array) -> None:
-    """Most methods remember nothing."""
-
-
-class Unsuitable(Exception):
-    """A method that cannot be asked for this arm; the message says why. Only ever seen inside this room."""
+PERIOD = 0.001
+"""Seconds between two targets of the trajectory: a control loop of 1 kHz."""
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What is asked of a method: one part of the table."""
+class Part:
+    """One part of the table: the kind of targets, the task, and whether methods may restart."""
 
     problem: Literal["random", "trajectory"]
     task: Literal["position", "pose"]
     restarts: bool
 
 
+def _as_se3(pose: Array) -> SE3:
+    return rigid("target", pose)
+
+
+def _no_reset(_: Array) -> None:
+    """Do nothing: most methods are stateless."""
+
+
 @dataclass(frozen=True)
-class Solvers:
-    """A method, ready for one arm.
+class PreparedMethod:
+    """A method, prepared for one arm and one part of the table.
 
     Parameters
     ----------
-    one
-        Called with a target and a start q0 (n,); this call is what is timed.
+    solve
+        Called with a converted target and a start q0 (n,). Only this call is timed.
     read
-        The answers (k, n) in what ``one`` returned, none of them where it said no; not timed.
-    target
-        The target that ``one`` takes, from (4, 4); not timed.
-    many
-        All targets (N, 4, 4) in one call from q0 (n,): answers (N, k, n), NaN where there is none. One thread.
-    begin
-        Called with the start before the first call of ``one``, by methods that remember where they are; not timed.
+        Converts the result of ``solve`` to answers (k, n); k = 0 if it reported a failure.
+    convert_target
+        Converts a target (4, 4) to the argument of ``solve``.
+    solve_batch
+        Solves all targets (N, 4, 4) from q0 (n,) in one call on one thread: answers (N, k, n), NaN for no answer.
+    reset
+        Called with the start before the first call of ``solve``; for methods that keep a state.
     """
 
-    one: Callable[[Any, Array], Any]
+    solve: Callable[[Any, Array], Any]
     read: Callable[[Any], Array]
-    target: Callable[[Array], Any] = as_se3
-    many: Callable[[Array, Array], Array] | None = None
-    begin: Callable[[Array], None] = nothing
+    convert_target: Callable[[Array], Any] = _as_se3
+    solve_batch: Callable[[Array, Array], Array] | None = None
+    reset: Callable[[Array], None] = _no_reset
 
 
 @dataclass(frozen=True)
 class IkMethod:
-    """A row of the table.
+    """A method of the table.
 
     Parameters
     ----------
     key, label
         Its name on the command line, and in the table.
     prepare
-        The solvers for an arm; None where this part of the table does not fit the method. Raises :class:`Unsuitable`,
-        ImportError or an error of its own where the method cannot be had for the arm.
+        Returns the method prepared for an arm, or None if the part of the table does not apply to it. Raises
+        NotApplicableError, ImportError, or an error of the library if the method cannot be used with the arm.
     tolerance
-        In m and rad: what its answers may be off.
+        Largest accepted error of an answer, in m and rad.
     textbook
-        The textbook's cell: mean in ms, and success as a share.
-    rival
-        Of a peer: the key of the method of ours that answers the same question.
-    most_points
-        Targets after which a slow method is stopped.
+        The textbook's figures: mean time in ms, and success as a share.
+    compared_with
+        For another library: the key of the method of this package that solves the same problem.
+    max_targets
+        For a slow method: the number of targets after which it stops.
     distribution
-        Of a peer: the package that brings it, for its version.
+        For another library: the distribution that installs it.
     """
 
     key: str
     label: str
-    prepare: Callable[[Arm, Asked], Solvers | None]
+    prepare: Callable[[Arm, Part], PreparedMethod | None]
     tolerance: float = TOLERANCE
     textbook: tuple[float, float] | None = None
-    rival: str | None = None
-    most_points: int | None = None
+    compared_with: str | None = None
+    max_targets: int | None = None
     distribution: str | None = None
 
 
-def choose(keys: tuple[str, ...] | None, methods: tuple[IkMethod, ...]) -> tuple[IkMethod, ...]:
-    """The methods of these keys, in the table's order; all of them for None.
+def select_methods(keys: tuple[str, ...] | None, methods: tuple[IkMethod, ...]) -> tuple[IkMethod, ...]:
+    """Return the methods with these keys in the order of the table, or all of them for None.
 
     Raises
     ------
     InputError
-        For a key that no method has; names those that exist.
+        If a key does not exist.
     """
     known = [method.key for method in methods]
     unknown = [key for key in keys or () if key not in known]
     if unknown:
-        raise InputError(f"no method is called {', '.join(unknown)}; there are {', '.join(known)}")
+        raise InputError(f"unknown IK method {', '.join(unknown)}; choose from {', '.join(known)}")
     return tuple(method for method in methods if keys is None or method.key in keys)
+
+
+def _reader(arm: Arm) -> Callable[[IkResult], Array]:
+    return lambda result: result.q[None] if result.ok else np.empty((0, arm.dof))
+
+
+def _iterative(solver: Callable[..., IterativeIk], arm: Arm, part: Part) -> PreparedMethod:
+    ik = solver(restarts=RESTARTS if part.restarts else 0)
+
+    def solve_batch(targets: Array, q0: Array) -> Array:
+        batch = ik.solve_batch(arm, targets, q0, task=part.task)
+        return np.where(batch.ok[:, None], batch.q, np.nan)[:, None]
+
+    return PreparedMethod(
+        solve=lambda target, q0: ik.solve(arm, target, q0, task=part.task),
+        read=_reader(arm),
+        # A batch starts at the same q0 for all targets, which does not follow a trajectory.
+        solve_batch=solve_batch if part.problem == "random" else None,
+    )
+
+
+def _analytic(arm: Arm, part: Part) -> PreparedMethod | None:
+    """All branches for up to six joints; for seven joints and along the trajectory, the branch nearest to q0."""
+    if part.task != "pose":
+        return None
+    ik = AnalyticIk()
+    ik.solve_all(arm, arm.forward_kinematics(arm.home))  # raises if the arm has no closed form
+    if arm.dof > 6 or part.problem == "trajectory":
+        return PreparedMethod(solve=lambda target, q0: ik.solve(arm, target, q0), read=_reader(arm))
+    return PreparedMethod(
+        solve=lambda target, _: ik.solve_all(arm, target).branches,
+        read=lambda branches: branches,
+        convert_target=np.ascontiguousarray,
+        solve_batch=lambda targets, q0: ik.solve_all_batch(arm, targets, q0).q,
+    )
+
+
+def _tracking(arm: Arm, part: Part) -> PreparedMethod | None:
+    """One sample per call, and the whole sequence in one call; samples that were not reached are not answers.
+
+    A redundant arm keeps its joints centred; without this goal it drifts to its limits and misses later samples.
+    """
+    if part.problem != "trajectory":
+        return None
+    goal: GoalName | None = "centre" if arm.dof > 6 else None
+    trackers: list[Tracker] = []
+
+    def reset(start: Array) -> None:
+        trackers[:] = [Tracker(arm, PERIOD, start, task=part.task, goal=goal)]
+
+    def solve_batch(poses: Array, start: Array) -> Array:
+        result = track(arm, poses, start, dt=PERIOD, task=part.task, goal=goal)
+        return np.where(result.reached[:, None], result.q, np.nan)[:, None]
+
+    return PreparedMethod(
+        solve=lambda target, _: trackers[0].step(target),
+        read=lambda q: q[None] if trackers[0].ok else np.empty((0, arm.dof)),
+        solve_batch=solve_batch,
+        reset=reset,
+    )
+
+
+_POLISHED = partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
+
+OWN_METHODS: tuple[IkMethod, ...] = (
+    IkMethod("pseudo_inverse", "pseudo-inverse", partial(_iterative, PseudoInverse), textbook=(1.20, 0.85)),
+    IkMethod(
+        "damped_least_squares", "damped least squares", partial(_iterative, DampedLeastSquares), textbook=(1.45, 0.95)
+    ),
+    IkMethod("clik", "CLIK", partial(_iterative, Clik)),
+    IkMethod("fabrik", "FABRIK", partial(_iterative, Fabrik), tolerance=FABRIK_TOLERANCE, textbook=(0.40, 0.98)),
+    IkMethod("fabrik_polished", "FABRIK, polished", partial(_iterative, _POLISHED)),
+    IkMethod("analytic", "analytic", _analytic, textbook=(0.002, 1.0)),
+    IkMethod("tracking", "tracking", _tracking),
+)
+"""The methods of this package. The textbook's figures are for position only, one seed, 10,000 points."""

@@ -1,97 +1,222 @@
-"""Other libraries in the same run, each as it is meant to be called; the extra ``peers`` installs them.
+"""Other libraries in the IK benchmark, called as their documentation recommends; the extra ``peers`` installs them.
 
-A peer is imported when it is asked, and only then. Its answers are judged as ours are: a closed form that knows no
-limits has its branches turned into them first, and the others dropped, which costs it no time.
+They are imported only when they are used. They receive the chain and the limits of the run as a plain URDF, or as joint
+axes and the offsets between them: no meshes, grippers or mimic joints. Their answers are checked like ours; branches of
+closed forms without limits are first shifted by full rotations into the limits, and dropped if that is not possible,
+which is not timed.
 """
 
 from __future__ import annotations
 
+import math
 import tempfile
 from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, Asked, IkMethod, Solvers, Unsuitable
-from pinproof.benchmarks.peer_chain import BASE, TIP, ScrewAxes, chain_urdf, joint_names, screw_axes
+from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, IkMethod, Part, PreparedMethod
+from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.model import Arm
 from pinproof.model.robot import load_robot_from_text
+from pinproof.spatial import xyz_rpy
 
-__all__ = ["PEERS"]
+__all__ = ["PEERS", "TIP", "ScrewAxes", "chain_urdf", "joint_names", "screw_axes"]
 
 Array = npt.NDArray[np.float64]
 
-BUDGET = 0.02
-"""Seconds that TRAC-IK and roboplan, which stop by the clock, may spend on a target: four times their default."""
+BASE, TIP = "chain_base", "chain_tip"
 
-STEPS = 100
-"""Steps of one attempt; the default of our own solvers."""
+SAME_AXIS = 1e-6
+"""Metres and rad within which axes count as intersecting or parallel: URDF files state pi/2 as 1.5708."""
+
+TIME_LIMIT = 0.02
+"""Time limit per target in s for TRAC-IK and roboplan: four times their default."""
+
+MAX_ITERATIONS = 100
+"""Iterations per attempt; the default of our solvers."""
 
 
-def _eaik(arm: Arm, asked: Asked) -> Solvers | None:
+# -- the chain as other libraries read it ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class ScrewAxes:
+    """The joint axes of a chain at q = 0 in its base frame.
+
+    Parameters
+    ----------
+    directions
+        (n, 3) unit vectors of the joint axes.
+    points
+        (n, 3) a point on each axis, m.
+    base_from_tcp
+        (4, 4) at q = 0.
+    """
+
+    directions: Array
+    points: Array
+    base_from_tcp: Array
+
+    @property
+    def offsets(self) -> Array:
+        """(n + 1, 3) from the base to the first point, from each point to the next, and from the last to the TCP, m."""
+        return np.diff(np.vstack([np.zeros(3), self.points, self.base_from_tcp[:3, 3]]), axis=0)
+
+    def parallel(self, *joints: int) -> bool:
+        """Return whether the axes of these joints (counted from 0) are parallel."""
+        pairs = combinations(self.directions[list(joints)], 2)
+        return all(bool(np.linalg.norm(np.cross(a, b)) < SAME_AXIS) for a, b in pairs)
+
+    def intersection(self, *joints: int) -> Array | None:
+        """Return the point (3,) where the axes of these joints intersect; None if there is no such point, or many."""
+        p, w = self.points[list(joints)], self.directions[list(joints)]
+        across = np.eye(3) - w[:, :, None] * w[:, None, :]
+        point, _, rank, _ = np.linalg.lstsq(across.reshape(-1, 3), np.einsum("kij,kj->ki", across, p).ravel())
+        apart = np.linalg.norm(np.einsum("kij,kj->ki", across, point - p), axis=1)
+        return np.asarray(point) if rank == 3 and apart.max() < SAME_AXIS else None
+
+    def with_point(self, joints: tuple[int, ...], point: Array) -> ScrewAxes:
+        """Return the same axes with the points of these joints replaced by their intersection."""
+        points = self.points.copy()
+        points[list(joints)] = point
+        return ScrewAxes(self.directions, points, self.base_from_tcp)
+
+
+def screw_axes(arm: Arm) -> ScrewAxes:
+    """Return the joint axes of a chain without mimic joints.
+
+    The columns of the Jacobian at q = 0 with respect to the base origin are the screws (v, w) of the joints: the
+    direction is w (v for a prismatic joint), and the point of the axis nearest to the origin is w x v.
+
+    Raises
+    ------
+    NotApplicableError
+        If the chain has mimic joints.
+    """
+    if arm.followers:
+        raise NotApplicableError("other libraries cannot read mimic joints on the chain")
+    zero = np.zeros(arm.dof)
+    screws = arm.jacobian(zero, reference="WORLD").T
+    revolute = np.asarray(arm.angular, dtype=bool)[:, None]
+    directions = np.where(revolute, screws[:, 3:], screws[:, :3])
+    points = np.where(revolute, np.cross(screws[:, 3:], screws[:, :3]), 0.0)
+    return ScrewAxes(directions, points, np.array(arm.forward_kinematics(zero).homogeneous))
+
+
+def joint_names(arm: Arm) -> list[str]:
+    """Return the joint names of :func:`chain_urdf` in the order of q."""
+    return [f"chain_joint_{k + 1}" for k in range(arm.dof)]
+
+
+def chain_urdf(arm: Arm) -> str:
+    """Return a URDF of the chain from :data:`BASE` to :data:`TIP` with the limits of the arm.
+
+    Raises
+    ------
+    NotApplicableError
+        If the chain has mimic joints.
+    """
+    axes, names = screw_axes(arm), joint_names(arm)
+    links = [BASE, *(f"chain_link_{k + 1}" for k in range(arm.dof)), TIP]
+    lines = ['<robot name="chain">', *(f'  <link name="{link}"/>' for link in links)]
+    for k, name in enumerate(names):
+        lower, upper, velocity = (float(each[k]) for each in (arm.limits.lower, arm.limits.upper, arm.limits.velocity))
+        bounded = math.isfinite(upper - lower)
+        kind = "prismatic" if not arm.angular[k] else "revolute" if bounded else "continuous"
+        bounds = f'lower="{lower!r}" upper="{upper!r}" ' if bounded else ""
+        speed = velocity if math.isfinite(velocity) else 1.0
+        lines += [
+            f'  <joint name="{name}" type="{kind}">',
+            f'    <parent link="{links[k]}"/><child link="{links[k + 1]}"/>',
+            f'    <origin xyz="{_numbers(axes.offsets[k])}"/><axis xyz="{_numbers(axes.directions[k])}"/>',
+            f'    <limit {bounds}velocity="{speed!r}" effort="1"/>',
+            "  </joint>",
+        ]
+    rpy = xyz_rpy(axes.base_from_tcp)[3:]
+    lines += [
+        '  <joint name="chain_tool" type="fixed">',
+        f'    <parent link="{links[-2]}"/><child link="{TIP}"/>',
+        f'    <origin xyz="{_numbers(axes.offsets[-1])}" rpy="{_numbers(rpy)}"/>',
+        "  </joint>",
+        "</robot>",
+    ]
+    return "\n".join(lines)
+
+
+def _numbers(values: Array) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+# -- the libraries -----------------------------------------------------------------------------------------------------
+
+
+def _eaik(arm: Arm, part: Part) -> PreparedMethod | None:
     """EAIK (Ostermeier, Külz, Althoff 2024): closed forms in C++."""
     from eaik.IK_HP import HPRobot
 
-    if asked.task != "pose" or asked.problem != "random":
+    if part.task != "pose" or part.problem != "random":
         return None
-    axes = _six_turning(arm)
+    axes = _six_revolute_axes(arm)
     robot = HPRobot(axes.directions, axes.offsets)
     if not robot.hasKnownDecomposition():
-        raise Unsuitable("EAIK knows no closed form for this arm")
+        raise NotApplicableError("EAIK has no closed form for this arm")
 
-    def one(target: Any, _: Array) -> tuple[Any, Any]:
+    def solve(target: Any, _: Array) -> tuple[Any, Any]:
         found = robot.IK(target)
         return found.Q, found.is_LS
 
-    return Solvers(
-        one=one,
+    return PreparedMethod(
+        solve=solve,
         read=lambda found: _inside(arm, np.reshape(found[0], (-1, arm.dof))[~np.ravel(found[1])]),
-        target=lambda pose: pose @ _without_tool_turn(axes),
+        convert_target=lambda pose: pose @ _aligned_tool(axes),
     )
 
 
-def _ik_geo(arm: Arm, asked: Asked) -> Solvers | None:
+def _ik_geo(arm: Arm, part: Part) -> PreparedMethod | None:
     """IK-Geo (Elias, Wen 2022): subproblems, in Rust."""
     from ik_geo import Robot
 
-    if asked.task != "pose" or asked.problem != "random":
+    if part.task != "pose" or part.problem != "random":
         return None
-    axes = _six_turning(arm)
+    axes = _six_revolute_axes(arm)
     kind, axes = _geometry(axes)
     robot = getattr(Robot, kind)(axes.directions, axes.offsets)
 
     def target(pose: Array) -> tuple[Array, Array]:
-        turned = pose @ _without_tool_turn(axes)
-        return np.ascontiguousarray(turned[:3, :3].T), turned[:3, 3].copy()  # it reads arrays by columns
+        turned = pose @ _aligned_tool(axes)
+        return np.ascontiguousarray(turned[:3, :3].T), turned[:3, 3].copy()  # it reads arrays in column order
 
-    return Solvers(
-        one=lambda posed, _: robot.get_ik(*posed),
+    return PreparedMethod(
+        solve=lambda posed, _: robot.get_ik(*posed),
         read=lambda found: _inside(arm, np.reshape([q for q, least_squares in found if not least_squares], (-1, 6))),
-        target=target,
+        convert_target=target,
     )
 
 
-def _trac_ik(arm: Arm, asked: Asked) -> Solvers | None:
-    """TRAC-IK (Beeson, Ames 2015), by pytracik: Newton with restarts and SQP, two threads, until the clock stops it."""
+def _trac_ik(arm: Arm, part: Part) -> PreparedMethod | None:
+    """TRAC-IK (Beeson, Ames 2015), by pytracik: Newton with restarts and SQP in two threads, with a time limit."""
     from trac_ik import TracIK
 
-    if asked.task != "pose" or not asked.restarts:
+    if part.task != "pose" or not part.restarts:
         return None
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "chain.urdf"
         file.write_text(chain_urdf(arm), encoding="utf-8")
-        solver = TracIK(BASE, TIP, str(file), timeout=BUDGET, epsilon=TOLERANCE / 2)  # of each coordinate
-    return Solvers(
-        one=lambda pose, q0: solver.ik(pose[:3, 3], pose[:3, :3], q0),
-        # It keeps limits in single precision: up to 1e-7 rad outside ours, which is not held against it.
+        solver = TracIK(BASE, TIP, str(file), timeout=TIME_LIMIT, epsilon=TOLERANCE / 2)  # of each coordinate
+    return PreparedMethod(
+        solve=lambda pose, q0: solver.ik(pose[:3, 3], pose[:3, :3], q0),
+        # It stores limits in single precision, up to 1e-7 rad outside ours; this is not counted as an error.
         read=lambda q: np.empty((0, arm.dof)) if q is None else arm.limits.clip(q)[None],
-        target=lambda pose: pose,
+        convert_target=lambda pose: pose,
     )
 
 
-def _toolbox(arm: Arm, asked: Asked) -> Solvers:
+def _toolbox(arm: Arm, part: Part) -> PreparedMethod:
     """The Robotics Toolbox (Corke, Haviland): Levenberg-Marquardt in C++, with restarts."""
     from roboticstoolbox import ET, ETS
 
@@ -105,122 +230,129 @@ def _toolbox(arm: Arm, asked: Asked) -> Solvers:
         parts.append(make(jindex=k, qlim=[lower[k], upper[k]]))
         last = own
     ets = ETS([*parts, ET.SE3(np.linalg.inv(last) @ axes.base_from_tcp)])
-    mask = np.array([1.0, 1, 1, 0, 0, 0]) if asked.task == "position" else None
-    # It stops at half the squared error.
-    settings = {"ilimit": STEPS, "slimit": 1 + RESTARTS if asked.restarts else 1, "tol": TOLERANCE**2 / 4, "mask": mask}
-    return Solvers(
-        one=lambda pose, q0: ets.ik_LM(pose, q0, **settings),
+    mask = np.array([1.0, 1, 1, 0, 0, 0]) if part.task == "position" else None
+    # Its tolerance applies to half the squared error.
+    settings = {
+        "ilimit": MAX_ITERATIONS,
+        "slimit": 1 + RESTARTS if part.restarts else 1,
+        "tol": TOLERANCE**2 / 4,
+        "mask": mask,
+    }
+    return PreparedMethod(
+        solve=lambda pose, q0: ets.ik_LM(pose, q0, **settings),
         read=lambda found: found.q[None] if found.success else np.empty((0, arm.dof)),
-        target=lambda pose: pose,
+        convert_target=lambda pose: pose,
     )
 
 
-def _pink(arm: Arm, asked: Asked) -> Solvers | None:
-    """Pink (Caron and others): differential inverse kinematics by quadratic programs, here run to convergence."""
+def _pink(arm: Arm, part: Part) -> PreparedMethod | None:
+    """Pink (Caron and others): differential IK by quadratic programs, here iterated to convergence."""
     from pink import Configuration, solve_ik
     from pink.limits import ConfigurationLimit
     from pink.tasks import FrameTask
     from qpsolvers import available_solvers
 
-    if asked.restarts and asked.problem == "random":
+    if part.restarts and part.problem == "random":
         return None
     if not available_solvers:
-        raise Unsuitable("pink has no solver for quadratic programs; install daqp")
+        raise NotApplicableError("Pink found no solver for quadratic programs; install daqp")
     model = load_robot_from_text(chain_urdf(arm)).arm(TIP).model
     if model.nq != arm.dof:
-        raise Unsuitable("joints without limits are pairs of numbers to pink")
-    # Ours keeps limits beside the model, not in it.
+        raise NotApplicableError("Pink represents joints without limits by two numbers")
+    # The limits of an arm are not part of its Pinocchio model.
     model.lowerPositionLimit, model.upperPositionLimit = arm.limits.lower.copy(), arm.limits.upper.copy()
     solver = "daqp" if "daqp" in available_solvers else available_solvers[0]
     limits = [ConfigurationLimit(model, config_limit_gain=1.0)]
-    task = FrameTask(TIP, position_cost=1.0, orientation_cost=float(asked.task == "pose"), lm_damping=1e-6)
-    shown = slice(0, 6 if asked.task == "pose" else 3)
+    task = FrameTask(TIP, position_cost=1.0, orientation_cost=float(part.task == "pose"), lm_damping=1e-6)
+    rows = slice(0, 6 if part.task == "pose" else 3)
 
-    def one(target: Any, q0: Array) -> tuple[Array, bool]:
+    def solve(target: Any, q0: Array) -> tuple[Array, bool]:
         configuration = Configuration(model, model.createData(), np.array(q0))
         task.set_target(target)
-        for _ in range(STEPS):
-            if np.linalg.norm(task.compute_error(configuration)[shown]) <= TOLERANCE:
+        for _ in range(MAX_ITERATIONS):
+            if np.linalg.norm(task.compute_error(configuration)[rows]) <= TOLERANCE:
                 return configuration.q, True
             step = solve_ik(configuration, [task], 1.0, solver=solver, limits=limits, safety_break=False)
             configuration.integrate_inplace(step, 1.0)
         return configuration.q, False
 
-    return Solvers(
-        one=one,
-        read=lambda found: arm.limits.clip(found[0])[None] if found[1] else np.empty((0, arm.dof)),  # but for rounding
+    return PreparedMethod(
+        solve=solve,
+        read=lambda found: (
+            arm.limits.clip(found[0])[None] if found[1] else np.empty((0, arm.dof))
+        ),  # removes rounding errors
     )
 
 
-def _roboplan(arm: Arm, asked: Asked) -> Solvers | None:
-    """Roboplan (Castro and others): damped steps in C++, with restarts, until the clock stops it."""
+def _roboplan(arm: Arm, part: Part) -> PreparedMethod | None:
+    """Roboplan (Castro and others): damped least squares in C++ with restarts and a time limit."""
     from roboplan.core import CartesianConfiguration, JointConfiguration, Scene, loadUrdfSceneDescriptionFromXml
     from roboplan.simple_ik import SimpleIk, SimpleIkOptions
 
-    if asked.task != "pose":
+    if part.task != "pose":
         return None
     scene, names = Scene("chain", loadUrdfSceneDescriptionFromXml(chain_urdf(arm))), joint_names(arm)
     options = SimpleIkOptions(
-        max_iters=STEPS,
-        max_time=BUDGET,
-        max_restarts=RESTARTS if asked.restarts else 0,
+        max_iters=MAX_ITERATIONS,
+        max_time=TIME_LIMIT,
+        max_restarts=RESTARTS if part.restarts else 0,
         max_linear_error_norm=TOLERANCE,
         max_angular_error_norm=TOLERANCE,
         check_collisions=False,
     )
     solver = SimpleIk(scene, options)
 
-    def one(target: Any, q0: Array) -> tuple[bool, Any]:
+    def solve(target: Any, q0: Array) -> tuple[bool, Any]:
         solution = JointConfiguration(names, q0)
         return solver.solveIk(target, JointConfiguration(names, q0), solution), solution
 
-    return Solvers(
-        one=one,
+    return PreparedMethod(
+        solve=solve,
         read=lambda found: np.array(found[1].positions)[None] if found[0] else np.empty((0, arm.dof)),
-        target=lambda pose: CartesianConfiguration(BASE, TIP, np.asfortranarray(pose)),
+        convert_target=lambda pose: CartesianConfiguration(BASE, TIP, np.asfortranarray(pose)),
     )
 
 
-def _six_turning(arm: Arm) -> ScrewAxes:
+def _six_revolute_axes(arm: Arm) -> ScrewAxes:
     if arm.dof != 6 or not np.all(arm.angular):
-        raise Unsuitable("its closed forms are for six joints that turn")
+        raise NotApplicableError("its closed forms apply to six revolute joints")
     return screw_axes(arm)
 
 
-def _without_tool_turn(axes: ScrewAxes) -> Array:
-    """(4, 4) what turns a target so that the tool has the axes of the base at q = 0, as closed forms take it."""
+def _aligned_tool(axes: ScrewAxes) -> Array:
+    """(4, 4) rotation of the targets that aligns the tool with the base axes at q = 0, as closed forms require."""
     back = np.eye(4)
     back[:3, :3] = axes.base_from_tcp[:3, :3].T
     return back
 
 
 def _geometry(axes: ScrewAxes) -> tuple[str, ScrewAxes]:
-    """Which of IK-Geo's solvers fits, and the axes with their points where it wants them."""
-    wrist = axes.meeting_point(3, 4, 5)
+    """The solver of IK-Geo for this geometry, and the axes with the points that it requires."""
+    wrist = axes.intersection(3, 4, 5)
     if wrist is not None:
-        axes = axes.at((3, 4, 5), wrist)
-        shoulder = axes.meeting_point(0, 1)
+        axes = axes.with_point((3, 4, 5), wrist)
+        shoulder = axes.intersection(0, 1)
         if axes.parallel(1, 2):
             return "spherical_two_parallel", axes
         if shoulder is not None:
-            return "spherical_two_intersecting", axes.at((0, 1), shoulder)
+            return "spherical_two_intersecting", axes.with_point((0, 1), shoulder)
         return "spherical", axes
     if axes.parallel(1, 2, 3):
-        end = axes.meeting_point(4, 5)
+        end = axes.intersection(4, 5)
         if end is not None:
-            return "three_parallel_two_intersecting", axes.at((4, 5), end)
+            return "three_parallel_two_intersecting", axes.with_point((4, 5), end)
         return "three_parallel", axes
-    raise Unsuitable("neither a spherical wrist nor three parallel axes; IK-Geo would search")
+    raise NotApplicableError("the arm has neither a spherical wrist nor three parallel axes, so IK-Geo would search")
 
 
 def _inside(arm: Arm, branches: Array) -> Array:
-    """The branches (k, n) with a whole turn inside the limits, at it."""
+    """Shift the branches (k, n) by full rotations into the limits; drop those that stay outside."""
     branches = arm.limits.lower + np.mod(branches - arm.limits.lower, 2 * np.pi)
     return branches[((arm.limits.lower <= branches) & (branches <= arm.limits.upper)).all(axis=1)]
 
 
 def _frame_along(direction: Array, point: Array) -> Array:
-    """(4, 4) a frame at a point whose z is a direction."""
+    """(4, 4) a frame at a point with its z axis along a direction."""
     across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
     across /= np.linalg.norm(across)
     frame = np.eye(4)
@@ -229,9 +361,20 @@ def _frame_along(direction: Array, point: Array) -> Array:
 
 
 def _peer(
-    key: str, distribution: str, prepare: Callable[[Arm, Asked], Solvers | None], rival: str, most: int | None = None
+    key: str,
+    distribution: str,
+    prepare: Callable[[Arm, Part], PreparedMethod | None],
+    compared_with: str,
+    max_targets: int | None = None,
 ) -> IkMethod:
-    return IkMethod(key, distribution, prepare, rival=rival, most_points=most, distribution=distribution)
+    return IkMethod(
+        key,
+        distribution,
+        prepare,
+        compared_with=compared_with,
+        max_targets=max_targets,
+        distribution=distribution,
+    )
 
 
 PEERS: tuple[IkMethod, ...] = (
@@ -242,4 +385,4 @@ PEERS: tuple[IkMethod, ...] = (
     _peer("roboplan", "roboplan", _roboplan, "clik", 1_000),
     _peer("pink", "pin-pink", _pink, "clik", 500),
 )
-"""The peers; ``rival`` is ours that answers the same question."""
+"""The other libraries."""

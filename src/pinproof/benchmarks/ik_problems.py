@@ -1,4 +1,4 @@
-"""What the table of inverse kinematics asks: random reachable targets, and a smooth trajectory."""
+"""Targets of the IK benchmark, and the independent check of the answers by Pinocchio's forward kinematics."""
 
 from __future__ import annotations
 
@@ -7,21 +7,28 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.benchmarks.ik_methods import PERIOD
 from pinproof.model import Arm, JointLimits
+from pinproof.spatial import rigid, twist_size
 
-__all__ = ["Targets", "narrowed", "random_targets", "smooth_targets"]
+__all__ = [
+    "CheckedAnswers",
+    "Targets",
+    "check_answers",
+    "random_targets",
+    "smooth_targets",
+    "with_reduced_ranges",
+]
 
 Array = npt.NDArray[np.float64]
+Flags = npt.NDArray[np.bool_]
 
-PERIOD = 0.001
-"""Seconds between two targets of the trajectory: a control loop of 1 kHz."""
-
-ROUND = 10.0
-"""Seconds in which the slowest joint of the trajectory comes back to where it was."""
+CYCLE = 10.0
+"""Seconds in which the slowest joint of the trajectory completes one cycle."""
 
 SHARE_OF_RANGE, SHARE_OF_SPEED = 0.45, 0.3
-"""How far from the middle of its range (in ranges), and how fast (in velocity limits), the trajectory moves a joint.
-A redundant arm may take other joints for the same poses, and needs speed to spare for that."""
+"""Amplitude of the joint motions along the trajectory as a share of the range, and their largest speed as a share of
+the velocity limit. A redundant arm may use other joints for the same poses, which needs a reserve of speed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,9 +40,9 @@ class Targets:
     poses
         (N, 4, 4) base_from_target.
     q
-        (N, n) the configurations inside the limits that they were made from; no method sees them.
+        (N, n) configurations inside the limits that generated them, unknown to the methods.
     start
-        (n,) where a method starts: for random targets the middle of the ranges, for a trajectory its beginning.
+        (n,) where a method starts: the middle of the ranges, or the beginning of the trajectory.
     """
 
     poses: Array
@@ -43,35 +50,91 @@ class Targets:
     start: Array
 
 
-def narrowed(arm: Arm) -> Arm:
-    """The arm with each finite range of more than one turn narrowed to the turn in its middle (the UR5's to +-pi)."""
+def with_reduced_ranges(arm: Arm) -> Arm:
+    """Return the arm with each finite range wider than 2 pi reduced to +-pi about its centre, as for the UR5."""
     lower, upper = arm.limits.lower.copy(), arm.limits.upper.copy()
     wide = arm.periodic & np.isfinite(upper - lower) & (upper - lower > 2 * np.pi)
-    middle = (lower[wide] + upper[wide]) / 2
-    lower[wide], upper[wide] = middle - np.pi, middle + np.pi
+    centre = (lower[wide] + upper[wide]) / 2
+    lower[wide], upper[wide] = centre - np.pi, centre + np.pi
     limits = arm.limits
     return arm.with_limits(JointLimits(lower, upper, limits.velocity, limits.acceleration, limits.acceleration_source))
 
 
 def random_targets(arm: Arm, points: int, seed: int) -> Targets:
-    """Targets of configurations uniform inside the limits (one turn about 0 where a joint has none)."""
+    """Return the poses of configurations drawn uniformly within the limits (+-pi for a joint without limits)."""
     lower, upper = arm.limits.sampling_range()
     q = np.random.default_rng(seed).uniform(lower, upper, (points, arm.dof))
     return Targets(arm.forward_kinematics_batch(q), q, (lower + upper) / 2)
 
 
 def smooth_targets(arm: Arm, points: int, seed: int) -> Targets:
-    """Targets along a smooth curve inside the limits of position and speed, :data:`PERIOD` apart.
+    """Return poses along a smooth curve within the position and velocity limits, :data:`PERIOD` apart.
 
-    Each joint swings as a sine about the middle of its range, one to three times a round. So the arm meets its
-    singularities on the way, and the configurations that made the targets prove that no jump is needed there.
+    Each joint follows a sine about the middle of its range with one to three periods per cycle. The poses may pass
+    singularities; the configurations that generated them prove that they can be followed without a jump.
     """
     lower, upper = arm.limits.sampling_range()
-    turns = 1.0 + np.arange(arm.dof) % 3
-    speed = 2 * np.pi * turns / ROUND
-    fastest = np.where(np.isnan(arm.limits.velocity), np.inf, arm.limits.velocity)
-    swing = np.minimum(SHARE_OF_RANGE * (upper - lower), SHARE_OF_SPEED * fastest / speed)
+    speed = 2 * np.pi * (1.0 + np.arange(arm.dof) % 3) / CYCLE
+    largest = np.where(np.isnan(arm.limits.velocity), np.inf, arm.limits.velocity)
+    amplitude = np.minimum(SHARE_OF_RANGE * (upper - lower), SHARE_OF_SPEED * largest / speed)
     phase = np.random.default_rng(seed).uniform(0, 2 * np.pi, arm.dof)
     time = PERIOD * np.arange(points)[:, None]
-    q = (lower + upper) / 2 + swing * np.sin(speed * time + phase)
+    q = (lower + upper) / 2 + amplitude * np.sin(speed * time + phase)
     return Targets(arm.forward_kinematics_batch(q), q, q[0].copy())
+
+
+# -- check of the answers ----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedAnswers:
+    """The check of the answers to N targets.
+
+    Parameters
+    ----------
+    answered
+        (N,) whether the method reports an answer.
+    correct
+        (N,) whether all answers that it reports are inside the limits and within the tolerance.
+    position_error, rotation_error
+        (N,) of the worst answer, in m and rad; infinite if it is not finite, 0 without an answer and for what the task
+        leaves free.
+    """
+
+    answered: Flags
+    correct: Flags
+    position_error: Array
+    rotation_error: Array
+
+    @property
+    def success(self) -> float:
+        """Share of targets that were solved."""
+        return float(self.correct.mean())
+
+    @property
+    def false_positives(self) -> int:
+        """Number of targets reported as solved whose answers fail the check."""
+        return int((self.answered & ~self.correct).sum())
+
+
+def check_answers(arm: Arm, targets: Array, answers: Array, task: str, tolerance: float) -> CheckedAnswers:
+    """Check answers (N, k, n) to targets (N, 4, 4); a row of NaN means no answer.
+
+    ``tolerance`` is in m and rad; ``task`` is ``"pose"`` or ``"position"``. Answers are neither wrapped nor clipped.
+    """
+    reported: Flags = np.asarray(~np.isnan(answers).all(axis=2))
+    inside: Flags = np.asarray(((arm.limits.lower <= answers) & (answers <= arm.limits.upper)).all(axis=2))
+    correct = np.ones(reported.shape, dtype=bool)
+    errors = np.zeros((*reported.shape, 2))
+    for row, column in np.argwhere(reported):
+        q = answers[row, column]
+        if np.isfinite(q).all():
+            errors[row, column] = twist_size(rigid("target", targets[row]), arm.forward_kinematics(q))
+        else:
+            errors[row, column] = np.inf
+        if task == "position":
+            errors[row, column, 1] = 0.0
+        correct[row, column] = inside[row, column] and bool((errors[row, column] <= tolerance).all())
+    answered = np.asarray(reported.any(axis=1))
+    worst = errors.max(axis=1, initial=0.0)
+    return CheckedAnswers(answered, np.asarray(answered & correct.all(axis=1)), worst[:, 0], worst[:, 1])

@@ -1,27 +1,142 @@
-"""A run of the table of inverse kinematics: every method on the same targets, ours and what else is installed."""
+"""The IK benchmark: every method solves the same targets; each call is timed and each answer is checked."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from importlib.metadata import PackageNotFoundError, version
+from time import perf_counter_ns
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from pinproof.benchmarks.ik_measure import IkRow, measure
-from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, IkMethod, Unsuitable, choose
-from pinproof.benchmarks.ik_own import OWN
+from pinproof.benchmarks.ik_methods import (
+    OWN_METHODS,
+    PERIOD,
+    RESTARTS,
+    TOLERANCE,
+    IkMethod,
+    Part,
+    PreparedMethod,
+    select_methods,
+)
 from pinproof.benchmarks.ik_peers import PEERS
-from pinproof.benchmarks.ik_problems import PERIOD, Targets, narrowed, random_targets, smooth_targets
-from pinproof.benchmarks.ik_table import PARTS, IkTable
-from pinproof.benchmarks.provenance import provenance
+from pinproof.benchmarks.ik_problems import (
+    CheckedAnswers,
+    Targets,
+    check_answers,
+    random_targets,
+    smooth_targets,
+    with_reduced_ranges,
+)
+from pinproof.benchmarks.ik_table import PARTS, IkRow, IkTable
+from pinproof.benchmarks.tables import NotApplicableError, installed_version, provenance
 from pinproof.errors import InputError, PinproofError
 from pinproof.model import Arm, load_robot
 
-__all__ = ["ik_benchmark"]
+__all__ = ["WARM_UP", "ik_benchmark", "load_arm", "measure", "timed_batch"]
 
-NARROWED = "ranges of more than one turn narrowed to +-pi about their middle"
+Array = npt.NDArray[np.float64]
+
+REDUCED_RANGES = "ranges wider than one full rotation reduced to +-pi about their centre"
+
+WARM_UP = 50
+"""Calls before the measurement, which load compiled code and fill caches."""
+
+NANOSECONDS_PER_MS = 1e6
+
+
+def measure(arm: Arm, robot: str, method: IkMethod, part: Part, targets: Targets) -> IkRow | None:
+    """Return the row of a method, or None if the part does not apply to it.
+
+    All calls on random targets start at ``targets.start``; along the trajectory each starts at the last answer.
+    """
+    poses = targets.poses[: method.max_targets]
+    warm_up = method.prepare(arm, part)
+    if warm_up is None:
+        return None
+    for _ in _solve_each(warm_up, poses[:WARM_UP], targets.start, part):
+        pass
+    prepared = method.prepare(arm, part) or warm_up  # prepared again: methods may keep the state of the last call
+    timed = list(_solve_each(prepared, poses, targets.start, part))
+    times = np.array([nanoseconds for nanoseconds, _ in timed]) / NANOSECONDS_PER_MS
+    answers = _stacked([answer for _, answer in timed], arm.dof)
+    single = check_answers(arm, poses, answers, part.task, method.tolerance)
+    checked, batch_ms = [single], None
+    if prepared.solve_batch is not None:
+        prepared.solve_batch(poses[:WARM_UP], targets.start)
+        batch_answers, nanoseconds = timed_batch(prepared.solve_batch, poses, targets.start)
+        batch_ms = nanoseconds / NANOSECONDS_PER_MS / len(poses)
+        checked.append(check_answers(arm, poses, batch_answers, part.task, method.tolerance))
+    textbook_ms, textbook_success = method.textbook or (None, None)
+    return IkRow(
+        robot=robot,
+        method=method.key,
+        label=method.label,
+        problem=part.problem,
+        task=part.task,
+        restarts=part.restarts,
+        samples=len(poses),
+        mean_ms=float(times.mean()),
+        median_ms=float(np.median(times)),
+        p999_ms=float(np.quantile(times, 0.999, method="higher")),
+        batch_ms=batch_ms,
+        success=min(each.success for each in checked),
+        position_error=_largest([each.position_error[each.answered] for each in checked]),
+        rotation_error=_largest([each.rotation_error[each.answered] for each in checked])
+        if part.task == "pose"
+        else None,
+        false_positives=sum(each.false_positives for each in checked),
+        largest_step=_largest_step(answers, single) if part.problem == "trajectory" else None,
+        tolerance=method.tolerance,
+        textbook_ms=textbook_ms,
+        textbook_success=textbook_success,
+        compared_with=method.compared_with,
+    )
+
+
+def _solve_each(prepared: PreparedMethod, poses: Array, start: Array, part: Part) -> Iterator[tuple[int, Array]]:
+    """Yield the nanoseconds and the answers (k, n) of each single call."""
+    targets = [prepared.convert_target(pose) for pose in poses]
+    solve, q0 = prepared.solve, start
+    prepared.reset(start)
+    for target in targets:
+        begin = perf_counter_ns()
+        result: Any = solve(target, q0)
+        end = perf_counter_ns()
+        answers = np.array(prepared.read(result), dtype=float)
+        if part.problem == "trajectory" and len(answers) and np.isfinite(answers[0]).all():
+            q0 = answers[0]
+        yield end - begin, answers
+
+
+def timed_batch(solve_batch: Callable[[Array, Array], Array], poses: Array, start: Array) -> tuple[Array, int]:
+    """Return the answers (N, k, n) and the nanoseconds of one batch."""
+    begin = perf_counter_ns()
+    answers = solve_batch(poses, start)
+    end = perf_counter_ns()
+    return np.asarray(answers, dtype=float), end - begin
+
+
+def _stacked(answers: list[Array], dof: int) -> Array:
+    """N answers (k, n) with different k as one array (N, k, n), padded with NaN."""
+    stacked = np.full((len(answers), max([1, *map(len, answers)]), dof), np.nan)
+    for row, answer in enumerate(answers):
+        stacked[row, : len(answer)] = answer
+    return stacked
+
+
+def _largest(arrays: list[Array]) -> float | None:
+    values = np.concatenate(arrays)
+    return float(values.max()) if len(values) else None
+
+
+def _largest_step(answers: Array, checked: CheckedAnswers) -> float | None:
+    both = checked.correct[1:] & checked.correct[:-1]
+    return _largest([np.abs(np.diff(answers[:, 0], axis=0)).max(axis=1)[both]])
+
+
+# -- runs --------------------------------------------------------------------------------------------------------------
 
 
 def ik_benchmark(
@@ -34,103 +149,105 @@ def ik_benchmark(
     seed: int = 0,
     on_progress: Callable[[str], None] | None = None,
 ) -> IkTable:
-    """Run the table.
+    """Run the IK benchmark.
 
     Parameters
     ----------
     robots
         Catalogue names or robot files.
     points
-        Targets of each part.
+        Targets per part.
     methods
-        The keys of the methods to run, ours and peers; by default all.
+        Keys of the methods to run, including those of other libraries; by default all.
     peers
-        Whether peers that happen to be installed join; those that cannot are named with the reason.
+        Whether to include other libraries. Those that cannot be run are listed with the reason.
     limits_pi
-        Narrow ranges of more than one turn to the one in their middle (the UR5's to +-pi).
+        Reduce ranges wider than one full rotation to +-pi about their centre, as for the UR5.
     seed
-        Of the targets.
+        Seed of the targets.
     on_progress
-        Called with what is being run.
+        Called with a description of the current step.
 
     Raises
     ------
     InputError
-        For fewer than one point, an unknown method or robot.
+        If ``points`` is below 1, or for an unknown method or robot.
     """
     if points < 1:
         raise InputError(f"points must be at least 1, not {points}")
-    chosen = choose(None if methods is None else tuple(methods), (*OWN, *(PEERS if peers else ())))
+    selected = select_methods(None if methods is None else tuple(methods), (*OWN_METHODS, *(PEERS if peers else ())))
+    report = on_progress or (lambda _: None)
     rows: list[IkRow] = []
-    left_out: dict[str, dict[str, str]] = {}
-    limits: dict[str, Any] = {}
+    left_out: dict[str, dict[str, str]] = {name: {} for name in robots}
+    chains: dict[str, Any] = {}
     origin = provenance(seed)
     for name in robots:
-        arm = load_robot(name).arm()
-        arm = narrowed(arm) if limits_pi else arm
-        limits[name] = {
+        arm = load_arm(name, limits_pi)
+        chains[name] = {
             "tcp": arm.tcp,
             "joints": list(arm.joint_names),
             "lower": _finite(arm.limits.lower),
             "upper": _finite(arm.limits.upper),
         }
         targets = {"random": random_targets(arm, points, seed), "trajectory": smooth_targets(arm, points, seed)}
-        left_out[name] = {}
-        for method in chosen:
-            if on_progress is not None:
-                on_progress(f"{name}: {method.label}")
-            made, reason = _rows(arm, name, method, targets)
-            rows.extend(made)
+        for method in selected:
+            report(f"{name}: {method.label}")
+            new_rows, reason = _measure_parts(arm, name, method, targets)
+            rows.extend(new_rows)
             if reason:
                 left_out[name][method.key] = reason
     settings = {
         "robots": list(robots),
         "points": points,
         "peers": peers,
-        "limits": NARROWED if limits_pi else "as declared",
-        "chains": limits,
+        "limits": REDUCED_RANGES if limits_pi else "as declared",
+        "chains": chains,
         "restarts": RESTARTS,
         "tolerance": TOLERANCE,
         "trajectory_period_s": PERIOD,
-        "peer_versions": {method.key: _version(method) for method in chosen if method.distribution is not None},
+        "peer_versions": {m.key: installed_version(m.distribution) for m in selected if m.distribution is not None},
     }
-    return IkTable(settings, tuple(_with_ratio(row, rows) for row in rows), left_out, origin)
+    return IkTable(settings, origin, tuple(_with_ratio(row, rows) for row in rows), left_out)
 
 
-def _rows(arm: Arm, robot: str, method: IkMethod, targets: dict[str, Targets]) -> tuple[list[IkRow], str]:
-    """The rows of a method for all parts, and why some or all are missing."""
-    made: list[IkRow] = []
+def load_arm(robot: str, limits_pi: bool) -> Arm:
+    """Return an arm of the catalogue or a file, with ranges of at most one full rotation if ``limits_pi``."""
+    arm = load_robot(robot).arm()
+    return with_reduced_ranges(arm) if limits_pi else arm
+
+
+def _measure_parts(arm: Arm, robot: str, method: IkMethod, targets: dict[str, Targets]) -> tuple[list[IkRow], str]:
+    """Return the rows of a method in all parts, and the reason if rows are missing."""
+    rows: list[IkRow] = []
     try:
-        for asked in PARTS:
-            row = measure(arm, robot, method, asked, targets[asked.problem])
-            made += [] if row is None else [row]
+        for part in PARTS:
+            row = measure(arm, robot, method, part, targets[part.problem])
+            rows += [] if row is None else [row]
     except ImportError as error:
-        return made, f"not installed ({error})"
-    except (Unsuitable, PinproofError) as error:
-        return made, str(error)
-    except Exception as error:  # whatever somebody else's library raises must not end the run
-        if method.rival is None:
+        return rows, f"not installed ({error})"
+    except (NotApplicableError, PinproofError) as error:
+        return rows, str(error)
+    except Exception as error:  # an error of another library must not end the run
+        if method.compared_with is None:
             raise
-        return made, f"{type(error).__name__}: {error}"
-    return made, "" if made else "answers no part of this table"
+        return rows, f"{type(error).__name__}: {error}"
+    return rows, "" if rows else "applies to no part of this table"
 
 
 def _with_ratio(row: IkRow, rows: list[IkRow]) -> IkRow:
-    """A peer's row with its mean in units of its rival's, where that was run."""
+    """Return the row of another library with the ratio of its mean time to that of our method."""
     for other in rows:
-        same = (other.robot, other.problem, other.task) == (row.robot, row.problem, row.task)
-        if same and other.method == row.rival and other.restarts == row.restarts:
+        same_robot_and_part = (other.robot, other.problem, other.task, other.restarts) == (
+            row.robot,
+            row.problem,
+            row.task,
+            row.restarts,
+        )
+        if same_robot_and_part and other.method == row.compared_with:
             return replace(row, ratio=row.mean_ms / other.mean_ms)
     return row
 
 
-def _version(method: IkMethod) -> str | None:
-    try:
-        return version(str(method.distribution))
-    except PackageNotFoundError:
-        return None
-
-
-def _finite(values: Any) -> list[float | None]:
-    """Numbers as JSON knows them: None for a joint without a bound."""
+def _finite(values: Array) -> list[float | None]:
+    """Numbers for JSON: None for a joint without a limit."""
     return [float(value) if np.isfinite(value) else None for value in values]

@@ -1,104 +1,284 @@
-"""The table of inverse kinematics: its parts, its rows, and where its figures come from."""
+"""The table of the IK benchmark: its parts and rows, its Markdown page and its plots."""
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
-from pinproof.benchmarks.ik_measure import IkRow
-from pinproof.benchmarks.ik_methods import Asked
-from pinproof.benchmarks.ik_success import SuccessRow
-from pinproof.benchmarks.stored import read_table, write_table
-from pinproof.errors import FileError, InputError
+from pinproof.benchmarks.ik_methods import TOLERANCE, Part
+from pinproof.benchmarks.step_sizes import step_sizes, write_step_plot
+from pinproof.benchmarks.tables import (
+    BenchmarkTable,
+    markdown_table,
+    new_figure,
+    provenance_text,
+    wrapped,
+)
+from pinproof.model import load_robot
 
-__all__ = ["PARTS", "TEXTBOOK", "IkTable"]
+__all__ = ["COLUMNS", "PARTS", "IkRow", "IkTable", "ik_markdown", "percent", "write_ik_table"]
 
-TEXTBOOK = (
-    "The textbook columns are the textbook's own figures: mean time and success of 10,000 points, position only, one "
-    "seed; its machine is not known."
+PARTS: tuple[Part, ...] = (
+    Part("random", "position", False),
+    Part("random", "position", True),
+    Part("random", "pose", False),
+    Part("random", "pose", True),
+    Part("trajectory", "pose", True),
+)
+"""The parts of the table, in its order."""
+
+COLUMNS = (
+    "method",
+    "mean",
+    "median",
+    "p99.9",
+    "batch mean",
+    "success",
+    "max position error",
+    "max rotation error",
+    "false positives",
+    "largest step",
+    "textbook mean",
+    "textbook success",
+    "relative time",
 )
 
-PARTS: tuple[Asked, ...] = (
-    Asked("random", "position", False),
-    Asked("random", "position", True),
-    Asked("random", "pose", False),
-    Asked("random", "pose", True),
-    Asked("trajectory", "pose", True),
-)
-"""What is asked of every method: random targets, position only and whole poses, from one seed and with restarts; and
-whole poses along a trajectory."""
+MARKERS = "osD^vP*X<>ph"
 
 
 @dataclass(frozen=True)
-class IkTable:
-    """The figures of one run.
+class IkRow:
+    """The figures of a method in one part of the table; times in ms, errors in m and rad, shares from 0 to 1.
 
     Parameters
     ----------
-    settings
-        What was run: points, limits of each robot, tolerances.
-    rows
-        The figures, one for each robot, part and method.
-    left_out
-        Robot to method to reason, for the methods that could not be had.
+    robot, method, label, problem, task, restarts
+        The arm, the method and the part.
+    samples
+        Number of targets; each is solved once.
+    mean_ms, median_ms, p999_ms
+        Times of single calls from Python.
+    batch_ms
+        Mean time per target of one batch on one thread; None for a method without batches.
     success
-        The big check, where it was made too.
-    provenance
-        See :func:`pinproof.benchmarks.provenance.provenance`.
+        Share of targets whose answers are inside the limits and within ``tolerance`` by Pinocchio's forward
+        kinematics; the lower one of single calls and batch.
+    position_error, rotation_error
+        Largest errors of all reported answers; None without any answer.
+    false_positives
+        Answers that a method reports as solutions and that fail this check.
+    largest_step
+        On the trajectory: the largest joint motion between consecutive answers, in rad or m.
+    tolerance
+        In m and rad.
+    textbook_ms, textbook_success
+        The figures of the textbook.
+    compared_with, ratio
+        For another library: the method of this package that solves the same problem, and the ratio of mean times.
     """
 
-    settings: dict[str, Any]
+    robot: str
+    method: str
+    label: str
+    problem: str
+    task: str
+    restarts: bool
+    samples: int
+    mean_ms: float
+    median_ms: float
+    p999_ms: float
+    batch_ms: float | None
+    success: float
+    position_error: float | None
+    rotation_error: float | None
+    false_positives: int
+    largest_step: float | None
+    tolerance: float
+    textbook_ms: float | None = None
+    textbook_success: float | None = None
+    compared_with: str | None = None
+    ratio: float | None = None
+
+
+@dataclass(frozen=True)
+class IkTable(BenchmarkTable):
+    """The results of one run.
+
+    Parameters
+    ----------
+    rows
+        One for each robot, part and method.
+    left_out
+        Robot to method to reason, for the methods that could not be run.
+    """
+
     rows: tuple[IkRow, ...]
     left_out: dict[str, dict[str, str]]
-    provenance: dict[str, Any]
-    success: tuple[SuccessRow, ...] = ()
+
+    topic: ClassVar[str] = "inverse kinematics"
+    row_types: ClassVar[dict[str, type]] = {"rows": IkRow}
 
     @property
     def robots(self) -> tuple[str, ...]:
-        """Their names, in the order asked."""
+        """The robots in the order of the run."""
         return tuple(self.settings["robots"])
 
-    def part(self, robot: str, asked: Asked) -> tuple[IkRow, ...]:
-        """The rows of a robot for what was asked."""
-        wanted = (robot, asked.problem, asked.task, asked.restarts)
+    def part(self, robot: str, part: Part) -> tuple[IkRow, ...]:
+        """Return the rows of a robot in one part."""
+        wanted = (robot, part.problem, part.task, part.restarts)
         return tuple(row for row in self.rows if (row.robot, row.problem, row.task, row.restarts) == wanted)
 
-    def to_dict(self) -> dict[str, Any]:
-        """The table as JSON takes it."""
-        return asdict(self)
 
-    @classmethod
-    def from_dict(cls, words: dict[str, Any]) -> IkTable:
-        """The table that :meth:`to_dict` made.
+def write_ik_table(table: IkTable, folder: str | Path, *, appendix: str = "") -> list[Path]:
+    """Write ``ik.json``, ``ik.md``, ``ik_latency.png``, and ``ik_steps.png`` for the first robot that allows this plot.
 
-        Raises
-        ------
-        InputError
-            If it is none.
-        """
-        try:
-            given = {field.name: words[field.name] for field in fields(cls)}
-            given["rows"] = tuple(IkRow(**row) for row in given["rows"])
-            given["success"] = tuple(SuccessRow(**row) for row in given["success"])
-            return cls(**given)
-        except (KeyError, TypeError) as error:
-            raise InputError(f"this is no table of inverse kinematics: {error}") from error
+    ``appendix`` is added to the Markdown page. Returns the files written. The folder must exist.
+    """
+    written = table.write(folder, "ik", "# Inverse kinematics benchmark\n\n" + ik_markdown(table) + appendix)
+    written.append(Path(folder) / "ik_latency.png")
+    _write_latency_plot(table, written[-1])
+    for robot in table.robots:
+        steps = step_sizes(load_robot(robot).arm())
+        if steps is not None:
+            written.append(Path(folder) / "ik_steps.png")
+            write_step_plot(steps, robot, written[-1])
+            break
+    return written
 
-    def save(self, path: str | Path) -> None:
-        """Write the table as JSON."""
-        write_table(path, self.to_dict())
 
-    @classmethod
-    def load(cls, path: str | Path) -> IkTable:
-        """Read what :meth:`save` wrote.
+# -- Markdown ----------------------------------------------------------------------------------------------------------
 
-        Raises
-        ------
-        FileError
-            If the file cannot be read or holds no table.
-        """
-        try:
-            return cls.from_dict(read_table(path, "inverse kinematics"))
-        except InputError as error:
-            raise FileError(path, str(error)) from error
+
+def ik_markdown(table: IkTable) -> str:
+    """Return the table as Markdown, without a title."""
+    lines = [*_introduction(table), ""]
+    for robot in table.robots:
+        lines += [f"## {robot}", "", *_limits(table, robot), ""]
+        for part in PARTS:
+            cells = [_cells(row, table.settings["points"]) for row in table.part(robot, part)]
+            if cells:
+                lines += [f"### {robot}: {_part_title(part)}", "", *markdown_table(COLUMNS, cells), ""]
+        reasons = table.left_out.get(robot, {})
+        if reasons:
+            lines += ["Left out:", "", *(f"- {name}: {reason}" for name, reason in reasons.items()), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _introduction(table: IkTable) -> list[str]:
+    settings = table.settings
+    targets = (
+        f"{settings['points']:,} targets per part, joint limits enforced, {settings['limits']}. Random targets are the "
+        "poses of configurations drawn uniformly within the limits; each solve starts from the middle of the joint "
+        f"ranges. Methods with restarts may restart up to {settings['restarts']} times."
+    )
+    check = (
+        "A target counts as solved if the answer is inside the limits and within "
+        f"{settings['tolerance']:g} m and {settings['tolerance']:g} rad (or the tolerance given in the row) by "
+        "Pinocchio's forward kinematics, independent of the status that the method reports. A false positive is "
+        "reported as solved but fails this independent check."
+    )
+    times = (
+        "Times are in ms, for single calls from Python including all overhead; the batch mean is the time per target "
+        f"of one batch on one thread. p99.9 is the 99.9th percentile of {settings['points']:,} calls (with fewer than "
+        "1,000 calls it is the maximum). For other libraries, the relative time is their mean time divided by that of "
+        "our method for the same problem."
+    )
+    peers = {name: number for name, number in settings["peer_versions"].items() if number is not None}
+    textbook = (
+        "The textbook columns are figures from the textbook: mean time and success over 10,000 points, position only, "
+        "one seed, on an unknown machine."
+    )
+    return [*wrapped(targets, check, times), "", *wrapped(provenance_text(table, **peers), textbook)]
+
+
+def _limits(table: IkTable, robot: str) -> list[str]:
+    chain = table.settings["chains"][robot]
+    ranges = [
+        f"{name} {_bound(low)} to {_bound(high)}"
+        for name, low, high in zip(chain["joints"], chain["lower"], chain["upper"], strict=True)
+    ]
+    return wrapped(f"TCP: {chain['tcp']}. Limits (rad, m): {', '.join(ranges)}.")
+
+
+def _part_title(part: Part) -> str:
+    if part.problem == "trajectory":
+        return "smooth trajectory, each call starts from the last answer"
+    task = {"position": "position only", "pose": "full poses"}[part.task]
+    return f"random targets, {task}, {'with restarts' if part.restarts else 'one seed'}"
+
+
+def _cells(row: IkRow, points: int) -> list[str]:
+    label = row.label if row.tolerance == TOLERANCE else f"{row.label} (within {row.tolerance:g})"
+    samples = "" if row.samples == points else f" ({row.samples:,} targets)"
+    return [
+        label + samples,
+        _milliseconds(row.mean_ms),
+        _milliseconds(row.median_ms),
+        _milliseconds(row.p999_ms),
+        _milliseconds(row.batch_ms),
+        percent(row.success),
+        "" if row.position_error is None else f"{row.position_error:.1e} m",
+        "" if row.rotation_error is None else f"{row.rotation_error:.1e} rad",
+        str(row.false_positives),
+        "" if row.largest_step is None else f"{row.largest_step:.3g}",
+        "" if row.textbook_ms is None else f"{row.textbook_ms:g}",
+        "" if row.textbook_success is None else f"{100 * row.textbook_success:g} %",
+        "" if row.ratio is None else f"{row.ratio:.3g}",
+    ]
+
+
+def _milliseconds(value: float | None) -> str:
+    return "" if value is None else f"{value:.3g}" if value < 100 else f"{value:.0f}"
+
+
+def percent(value: float) -> str:
+    """Return a share in percent, with at most three decimals and never rounded up to 100 %."""
+    return "100 %" if value == 1.0 else f"{min(100 * value, 99.999):.3f}".rstrip("0").rstrip(".") + " %"
+
+
+def _bound(value: float | None) -> str:
+    return "unbounded" if value is None else f"{value:.4g}"
+
+
+# -- plot --------------------------------------------------------------------------------------------------------------
+
+
+def _write_latency_plot(table: IkTable, path: Path) -> None:
+    """Write success against mean time as PNG: one row of panels per robot; filled: single calls, hollow: batches.
+
+    Crosses are the figures of the textbook; a dotted line connects them with our figures of the same method.
+    """
+    methods = list(dict.fromkeys((row.method, row.label) for row in table.rows))
+    styles = {key: (f"C{k % 10}", MARKERS[k % len(MARKERS)]) for k, (key, _) in enumerate(methods)}
+    figure, panels = new_figure(len(table.robots), len(PARTS), width=3.4, height=3.0)
+    for robot, line in zip(table.robots, panels, strict=True):
+        for part, panel in zip(PARTS, line, strict=True):
+            restarts = "" if part.problem == "trajectory" else ", restarts" if part.restarts else ", one seed"
+            panel.set_title(f"{robot}: {part.problem}, {part.task}{restarts}", fontsize=9)
+            for row in table.part(robot, part):
+                _plot_row(panel, row, *styles[row.method])
+            panel.set_xscale("log")
+            panel.set_ylim(-4, 104)
+            panel.set_xlabel("mean time, ms")
+            panel.set_ylabel("solved, %")
+            panel.grid(alpha=0.3)
+    first = panels[0][0]
+    for key, label in methods:
+        colour, marker = styles[key]
+        first.plot([], [], marker, color=colour, label=label)
+    first.plot([], [], "x", color="grey", label="textbook")
+    first.plot([], [], "o", color="grey", fillstyle="none", label="hollow: batch")
+    figure.legend(loc="outside lower center", ncols=6, fontsize=8)
+    figure.savefig(path, dpi=110, format="png")
+
+
+def _plot_row(panel: Any, row: IkRow, colour: str, marker: str) -> None:
+    solved = 100 * row.success
+    if row.textbook_ms is not None and row.textbook_success is not None:
+        textbook = 100 * row.textbook_success
+        panel.plot((row.textbook_ms, row.mean_ms), (textbook, solved), ":", color=colour, linewidth=0.8)
+        panel.plot(row.textbook_ms, textbook, "x", color=colour)
+    if row.batch_ms is not None:
+        panel.plot(row.batch_ms, solved, marker, color=colour, fillstyle="none")
+    panel.plot(row.mean_ms, solved, marker, color=colour)

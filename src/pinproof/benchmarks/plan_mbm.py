@@ -1,9 +1,8 @@
-"""The problems of MotionBenchMaker: folders of planning scenes and motion plan requests as YAML.
+"""Reader for MotionBenchMaker problems: folders of planning scenes and motion plan requests as YAML.
 
 A set is a folder of ``sceneNNNN.yaml`` (moveit_msgs/PlanningScene) with ``requestNNNN.yaml``
-(moveit_msgs/MotionPlanRequest) beside them; it is called ``<set>``, or ``<set>_<robot>`` as its makers call it. What
-else they put there (``scene_sensedNNNN.yaml``, ``pathNNNN.yaml``, ``config.yaml``) is left alone. A path may also be a
-single set.
+(moveit_msgs/MotionPlanRequest) beside them; its name is ``<set>``, or ``<set>_<robot>`` as in the original data. Other
+files (``scene_sensedNNNN.yaml``, ``pathNNNN.yaml``, ``config.yaml``) are ignored. A path may also be a single set.
 
 Source: C. Chamzas and others (2022), "MotionBenchMaker: a tool to generate and benchmark motion planning datasets",
 RA-L; the layout is that of KavrakiLab/motion_bench_maker, ``src/setup.cpp``.
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.benchmarks.plan_problem import PlanProblem
+from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.collision import Scene
 from pinproof.common.yaml_file import read_yaml
 from pinproof.description.catalogue import catalogue_names
@@ -36,13 +35,13 @@ COLLECTION = "mbm"
 SCENE = re.compile(r"scene(\d+)\.ya?ml")
 
 ROUNDING = 1e-4
-"""Rad or m by which a joint value of a file may be outside its limit, and is then put at it: files state limits to
-about so many digits."""
+"""Rad or m by which a joint value of a file may exceed its limit; it is then set to the limit. The files round limits
+to about this precision."""
 
 
 @dataclass(frozen=True)
 class MbmSet:
-    """A set: its name without the robot's, its folder, the numbers of its problems, and the robot it is asked of."""
+    """A set: its name without the robot, its folder, the numbers of its problems, and its robot."""
 
     name: str
     folder: Path
@@ -57,45 +56,45 @@ class MbmSet:
 
 
 def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
-    """The sets under a path, by name.
+    """Find the sets in a folder.
 
     Parameters
     ----------
     path
-        A folder of sets, or a set.
+        A folder of sets, or a single set.
     robot
-        A catalogue name or a robot file. By default the URDF of a folder ``robot`` beside the sets, with the SRDF there
-        is; without one, the catalogue's robot that the folder or its scenes name.
+        A catalogue name or a robot file. By default the URDF (and SRDF) in a folder ``robot`` beside the sets,
+        otherwise the catalogue robot that the folder or its scenes name.
 
     Raises
     ------
     FileError
-        If there is no set, or no robot for one.
+        If there is no set, or a set without a robot.
     """
     path = Path(path)
     if not path.is_dir():
-        raise FileError(path, "is no folder of MotionBenchMaker problems")
+        raise FileError(path, "is not a folder")
     folders = {folder: _numbers(folder) for folder in (path, *sorted(p for p in path.iterdir() if p.is_dir()))}
     folders = {folder: numbers for folder, numbers in folders.items() if numbers}
     if not folders:
-        raise FileError(path, "holds no sceneNNNN.yaml with a requestNNNN.yaml, neither itself nor a folder in it")
+        raise FileError(path, "contains no sceneNNNN.yaml with a requestNNNN.yaml, also not in its subfolders")
     sets = []
     for folder, numbers in folders.items():
         name, named = _split(folder, numbers[0])
         source, srdf = (robot, None) if robot is not None else _robot_beside(folder) or (named, None)
         if source is None:
-            raise FileError(folder, f"names no robot of the catalogue, and no URDF stands in {folder.parent / 'robot'}")
+            raise FileError(folder, f"names no catalogue robot, and {folder.parent / 'robot'} contains no URDF")
         sets.append(MbmSet(name, folder, numbers, source, srdf))
     return sets
 
 
 def read_problems(found: MbmSet, most: int | None = None) -> Iterator[PlanProblem]:
-    """The problems of a set in the order of their numbers, at most so many.
+    """Read the first problems of a set in the order of their numbers; by default all.
 
     Raises
     ------
     FileError
-        For a file that cannot be used, or asks for what cannot be asked of the robot.
+        If a file cannot be read, or does not fit the robot.
     """
     robot = load_robot(found.robot, srdf=found.srdf)
     for number in found.numbers[:most]:
@@ -115,21 +114,21 @@ def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path)
             for value in (*_numbers_of(placed["translation"], "xyz"), *_numbers_of(placed["rotation"], "xyz"))
         ]
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise FileError(path, f"is not laid out as moveit_msgs/MotionPlanRequest: {error}") from error
+        raise FileError(path, f"is not a moveit_msgs/MotionPlanRequest: {error}") from error
     if any(floating):
-        raise FileError(path, "moves the robot's base by a floating joint, which is not read", "start_state")
+        raise FileError(path, "moves the base of the robot by a floating joint, which is not supported", "start_state")
     if not goals:
         raise FileError(path, "has no goal", "goal_constraints")
     unknown = sorted({name for goal in goals for name in goal} - set(robot.urdf.joints))
     if unknown:
-        raise FileError(path, f"asks for the joints {', '.join(unknown)}, which {robot.name!r} does not have")
+        raise FileError(path, f"names the joints {', '.join(unknown)}, which {robot.name!r} does not have")
     arm, notes = _arm(robot, str(request.get("group_name", "")), start, goals[0])
     limits = arm.limits
     rows = []
     for where, values in (("start_state", start), *(("goal_constraints", goal) for goal in goals)):
         missing = [name for name in arm.joint_names if name not in values]
         if missing:
-            raise FileError(path, f"says nothing about the joints {', '.join(missing)} of {robot.name!r}", where)
+            raise FileError(path, f"does not state the joints {', '.join(missing)} of {robot.name!r}", where)
         q = np.array([values[name] for name in arm.joint_names])
         inside = limits.clip(q)
         rows.append(np.where(np.abs(inside - q) <= ROUNDING, inside, q))
@@ -139,7 +138,7 @@ def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path)
 def _goal(path: Path, stated: Mapping[str, Any]) -> dict[str, float]:
     others = [key for key, value in stated.items() if key.endswith("_constraints") and value]
     if others != ["joint_constraints"]:
-        raise FileError(path, f"has goals as {', '.join(others) or 'nothing'}; read are joint_constraints only")
+        raise FileError(path, f"states goals as {', '.join(others) or 'nothing'}; only joint_constraints are supported")
     joints = stated["joint_constraints"]
     return _by_name([joint["joint_name"] for joint in joints], [joint["position"] for joint in joints])
 
@@ -149,7 +148,7 @@ def _by_name(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
 
 
 def _numbers_of(stated: Any, keys: str) -> list[float]:
-    """The first numbers of a vector or quaternion, written as a list or by key."""
+    """The first numbers of a vector or quaternion, given as a list or by key."""
     values = [stated[key] for key in keys] if isinstance(stated, Mapping) else list(stated)[: len(keys)]
     return [float(value) for value in values]
 
@@ -157,9 +156,9 @@ def _numbers_of(stated: Any, keys: str) -> list[float]:
 def _arm(
     robot: Robot, group: str, start: Mapping[str, float], goal: Mapping[str, float]
 ) -> tuple[Arm, tuple[str, ...]]:
-    """The arm that a request is about, its other joints held where the request starts, and what that changed.
+    """The arm of a request, with its other joints held at the start state, and notes on changed values.
 
-    The arm is the group; where the SRDF knows none of that name, it ends with the last joint of the goal.
+    The arm is the group of the request; if the SRDF does not define it, the arm ends at the last joint of the goal.
     """
     if group in robot.srdf.groups:
         free = robot.arm(group=group)
@@ -177,7 +176,7 @@ def _arm(
         upper = np.inf if joint.upper is None else joint.upper
         held[name] = float(np.clip(value, lower, upper))
         if abs(held[name] - value) > ROUNDING:
-            notes.append(f"{name} is held at {held[name]:g}, its limit, not at {value:g}")
+            notes.append(f"{name} is held at its limit {held[name]:g} instead of {value:g}")
     return robot.arm(free.tcp, base=free.base, held=held), tuple(notes)
 
 
@@ -189,7 +188,7 @@ def _joints_above(robot: Robot, link: str) -> int:
 
 
 def _numbers(folder: Path) -> tuple[int, ...]:
-    """The numbers of the problems in a folder: those that have a scene and a request."""
+    """The numbers of the problems in a folder that have a scene and a request."""
     found = [match for file in folder.iterdir() if (match := SCENE.fullmatch(file.name))]
     return tuple(sorted(int(match[1]) for match in found if _exists(folder, "request", match[1])))
 
@@ -199,13 +198,13 @@ def _exists(folder: Path, kind: str, digits: str) -> bool:
 
 
 def _file(folder: Path, kind: str, number: int) -> Path:
-    """The file of a problem, whatever its number of zeros."""
+    """The file of a problem, with any number of leading zeros."""
     same = re.compile(rf"{kind}0*{number}\.ya?ml")
     return next(file for file in sorted(folder.iterdir()) if same.fullmatch(file.name))
 
 
 def _split(folder: Path, number: int) -> tuple[str, str | None]:
-    """The name of a set, and the catalogue's robot that its folder or its first scene names, if any."""
+    """The name of a set, and the catalogue robot that its folder or its first scene names, if any."""
     name, _, last = folder.resolve().name.rpartition("_")
     content = read_yaml(_file(folder, "scene", number), ("world",), FileError)
     model = str(content.get("robot_model_name", ""))
@@ -215,11 +214,13 @@ def _split(folder: Path, number: int) -> tuple[str, str | None]:
 
 
 def _robot_beside(folder: Path) -> tuple[str, str | None] | None:
-    """The URDF, and the SRDF if any, of a folder ``robot`` beside a set or in it."""
+    """The URDF, and the SRDF if any, in a folder ``robot`` beside a set or in it."""
     for place in (folder / "robot", folder.resolve().parent / "robot"):
         urdfs = sorted(place.glob("*.urdf")) if place.is_dir() else []
         if len(urdfs) > 1:
-            raise FileError(place, f"holds several robots ({', '.join(file.name for file in urdfs)}); name one")
+            raise FileError(
+                place, f"contains several robots ({', '.join(file.name for file in urdfs)}); select one with robot"
+            )
         if urdfs:
             srdfs = sorted(place.glob("*.srdf"))
             return str(urdfs[0]), str(srdfs[0]) if len(srdfs) == 1 else None

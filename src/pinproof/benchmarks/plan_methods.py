@@ -1,4 +1,4 @@
-"""What the table runs: a method is prepared for a problem, which is not timed, and then asked, step by step."""
+"""What a method in the planning benchmark is, and the method of this package."""
 
 from __future__ import annotations
 
@@ -6,44 +6,43 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter_ns
 
-from pinproof.benchmarks.plan_problem import PlanProblem
+from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.collision import CollisionChecker, certify
 from pinproof.errors import TimingError
 from pinproof.motion import Curve, time_parametrise
 from pinproof.planning import RrtConnect, simplify
 
-__all__ = ["OURS", "PLANNER", "STEPS", "Answer", "PlanMethod", "Stopwatch"]
+__all__ = ["NANOSECONDS_PER_MS", "OURS", "PLANNER", "STEPS", "PlanAnswer", "PlanMethod", "Solve", "Stopwatch"]
 
 STEPS = ("plan", "simplify", "time", "certify")
-"""What is timed, in the order in which it is done."""
+"""The timed steps, in their order."""
 
 PLANNER = RrtConnect()
-"""Our planner with the settings it comes with. Others get its time limit."""
+"""Our planner with its default settings. The other planners get the same time limit."""
 
-MILLION = 1e6
-"""Nanoseconds in a millisecond."""
+NANOSECONDS_PER_MS = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
-    """What a method says to a problem.
+class PlanAnswer:
+    """The answer of a method to a problem.
 
     Parameters
     ----------
     curve
-        The motion; None where it found none.
+        The motion; None if none was found.
     ms
-        Milliseconds of each step taken, by the names of :data:`STEPS`.
+        Milliseconds of each of :data:`STEPS` that was carried out.
     certified
-        Whether a proof that the curve is free comes with it; None of a method that offers none.
+        Whether the motion has a FREE certificate; None for a method without certificates.
     clearance
-        Metres that are proven to stay between any two bodies; None without a proof.
+        Proven clearance in m; None without a certificate.
     duration
-        Seconds that the motion takes; None of a path without timing.
-    cut
-        Edges that looked free at their samples and failed the proof.
+        Seconds; None for a path without timing.
+    rejected_edges
+        Edges that were free at their samples but failed the proof.
     message
-        Why there is no curve, or no proof.
+        Why there is no motion, or no certificate.
     """
 
     curve: Curve | None
@@ -51,78 +50,78 @@ class Answer:
     certified: bool | None = None
     clearance: float | None = None
     duration: float | None = None
-    cut: int | None = None
+    rejected_edges: int | None = None
     message: str = ""
 
 
-Ask = Callable[[int], Answer]
-"""Answers the problem it was prepared for, from a seed."""
+Solve = Callable[[int], PlanAnswer]
+"""Solves the problem that it was prepared for with a seed."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlanMethod:
-    """A method.
+    """A method of the table.
 
     Parameters
     ----------
     key, label
-        Its short name, and how the tables call it.
+        Its identifier, and its name in the table.
     prepare
-        Takes a problem and the checker with links as hulls; raises ImportError where the method is not installed and
-        :class:`~pinproof.benchmarks.ik_methods.Unsuitable` where it cannot be asked this.
+        Takes a problem and the checker with convex hulls; its time does not count. Raises ImportError if the method is
+        not installed and :class:`~pinproof.benchmarks.tables.NotApplicableError` if it cannot solve such problems.
     distribution
-        The distribution that brings it; None for ours.
+        The distribution that installs it; None for ours.
     """
 
     key: str
     label: str
-    prepare: Callable[[PlanProblem, CollisionChecker], Ask]
+    prepare: Callable[[PlanProblem, CollisionChecker], Solve]
     distribution: str | None = None
 
 
 class Stopwatch:
-    """Milliseconds of one step after another."""
+    """Measures consecutive steps in milliseconds."""
 
     def __init__(self) -> None:
         self.ms: dict[str, float] = {}
         self._last = perf_counter_ns()
 
     def lap(self, step: str) -> None:
-        """What was done since the last lap was this step."""
+        """Record the time since the last lap under the name of a step."""
         now = perf_counter_ns()
-        self.ms[step] = (now - self._last) / MILLION
+        self.ms[step] = (now - self._last) / NANOSECONDS_PER_MS
         self._last = perf_counter_ns()
 
 
-def _ours(problem: PlanProblem, checker: CollisionChecker) -> Ask:
-    def ask(seed: int) -> Answer:
+def _prepare_ours(problem: PlanProblem, checker: CollisionChecker) -> Solve:
+    def solve(seed: int) -> PlanAnswer:
         watch = Stopwatch()
         plan = PLANNER.plan(checker, problem.start, problem.goals, rng=seed)
         watch.lap("plan")
         if plan.path is None:
-            return Answer(None, watch.ms, certified=False, cut=plan.cut, message=plan.message)
-        judge = plan.checker or checker  # finer than ours where an end touches by its hulls alone
-        simple = simplify(plan.path, judge, rng=seed, certificate=plan.certificate)
+            return PlanAnswer(None, watch.ms, certified=False, rejected_edges=plan.cut, message=plan.message)
+        used = plan.checker or checker  # with finer link shapes if start or goal collides by its hulls only
+        simple = simplify(plan.path, used, rng=seed, certificate=plan.certificate)
         watch.lap("simplify")
         try:
             trajectory = time_parametrise(simple.path, problem.arm.limits)
         except TimingError as error:
-            return Answer(None, watch.ms, certified=False, cut=plan.cut, message=str(error))
+            return PlanAnswer(None, watch.ms, certified=False, rejected_edges=plan.cut, message=str(error))
         watch.lap("time")
-        certificate = certify(trajectory, judge)
+        certificate = certify(trajectory, used)
         watch.lap("certify")
-        return Answer(
+        return PlanAnswer(
             trajectory,
             watch.ms,
             certified=certificate.free,
             clearance=certificate.clearance if certificate.free else None,
             duration=trajectory.duration,
-            cut=plan.cut,
+            rejected_edges=plan.cut,
             message="" if certificate.free else certificate.message,
         )
 
-    return ask
+    return solve
 
 
-OURS = PlanMethod("pinproof", "pinproof", _ours)
-"""Plan, shorten and round, time, and prove the trajectory that would be saved."""
+OURS = PlanMethod("pinproof", "pinproof", _prepare_ours)
+"""Plan, simplify, time, and certify the trajectory that would be saved."""

@@ -1,8 +1,9 @@
-"""Other planners on the same problems, each as it is meant to be called; the extra ``peers`` installs them.
+"""Other planners in the benchmark, called as their documentation recommends; the extra ``peers`` installs them.
 
-A peer is imported when it is asked, and only then. It collides with the links' own meshes and checks the pairs of links
-that we check: not those that touch by build, but those that an SRDF disables as never in contact or without a reason.
-What it hits, it then hit between its samples, and not because it was told not to look.
+They are imported only when they are used. They use the original meshes of the links and check the same pairs of links
+as our planner: all except adjacent links and links in permanent contact, including pairs that an SRDF disables as never
+in contact or without a reason. A collision in their motions thus occurs between their samples, and not because a pair
+was disabled.
 """
 
 from __future__ import annotations
@@ -14,9 +15,9 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pinproof.benchmarks.ik_methods import Unsuitable
-from pinproof.benchmarks.plan_methods import PLANNER, Answer, Ask, PlanMethod, Stopwatch
-from pinproof.benchmarks.plan_problem import PlanProblem
+from pinproof.benchmarks.plan_methods import PLANNER, PlanAnswer, PlanMethod, Solve, Stopwatch
+from pinproof.benchmarks.plan_problems import PlanProblem
+from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Sphere
 from pinproof.motion import JointPath
 from pinproof.spatial import matrix
@@ -26,30 +27,30 @@ __all__ = ["PEERS"]
 GROUP = "arm"
 
 NODES = 100_000
-"""Room for roboplan's trees: its default of 1,000 would end searches that its time limit lets go on."""
+"""Largest size of roboplan's trees; its default of 1,000 ends searches before the time limit."""
 
 FINE = 0.02
-"""Rad between roboplan's samples on an edge in the row that looks closer; its default is 0.05."""
+"""Rad between roboplan's samples on an edge in the row with finer samples; its default is 0.05."""
 
 COLOUR = np.array([0.5, 0.5, 0.5, 1.0])
 
 
-def _roboplan(shorten: bool, step: float | None) -> Callable[[PlanProblem, CollisionChecker], Ask]:
+def _roboplan(shorten: bool, step: float | None) -> Callable[[PlanProblem, CollisionChecker], Solve]:
     """Roboplan (Castro and others): RRT-Connect in C++, with or without its shortcuts, sampled at ``step`` rad."""
 
-    def prepare(problem: PlanProblem, checker: CollisionChecker) -> Ask:
+    def prepare(problem: PlanProblem, checker: CollisionChecker) -> Solve:
         from roboplan.core import JointConfiguration, PathShortcutter, PathShortcuttingOptions
         from roboplan.rrt import RRT, RRTOptions
 
         scene, names = _scene(problem, checker), list(problem.arm.joint_names)
         if len(problem.goals) > 1:
-            raise Unsuitable("roboplan takes one goal")
+            raise NotApplicableError("roboplan accepts a single goal")
         options = RRTOptions(group_name=GROUP, max_nodes=NODES, max_planning_time=PLANNER.time_limit, rrt_connect=True)
         shortening = PathShortcuttingOptions(group_name=GROUP)
         if step is not None:
             options.collision_check_step_size = shortening.max_step_size = step
 
-        def ask(seed: int) -> Answer:
+        def solve(seed: int) -> PlanAnswer:
             shortening.seed = seed
             planner = RRT(scene, options)
             planner.setRngSeed(seed)
@@ -59,23 +60,23 @@ def _roboplan(shorten: bool, step: float | None) -> Callable[[PlanProblem, Colli
                 path = planner.plan(start, goal)
             except RuntimeError as error:
                 watch.lap("plan")
-                return Answer(None, watch.ms, message=str(error))
+                return PlanAnswer(None, watch.ms, message=str(error))
             watch.lap("plan")
             if path is not None and shorten:
                 path = PathShortcutter(scene, shortening).shortcut(path)
                 watch.lap("simplify")
             if path is None:
-                return Answer(None, watch.ms, message="no path")
+                return PlanAnswer(None, watch.ms, message="no path")
             order = [list(path.joint_names).index(name) for name in names]
-            return Answer(JointPath(np.array(path.positions)[:, order], names), watch.ms)
+            return PlanAnswer(JointPath(np.array(path.positions)[:, order], names), watch.ms)
 
-        return ask
+        return solve
 
     return prepare
 
 
 def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
-    """Roboplan's scene: the robot's own URDF, what stands around, and which pairs may touch."""
+    """Roboplan's scene: the URDF of the robot, the obstacles, and the pairs that may be in contact."""
     from roboplan.core import Box as PeerBox
     from roboplan.core import Cylinder as PeerCylinder
     from roboplan.core import Scene as PeerScene
@@ -86,7 +87,7 @@ def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
     scene = PeerScene(problem.full_set, loadUrdfSceneDescriptionFromXml(_urdf(problem)))
     scene.importSrdf(_srdf(problem, checker))
     if len(scene.getCurrentJointPositions()) != len(scene.getJointNames()):
-        raise Unsuitable("joints without limits are pairs of numbers to roboplan")
+        raise NotApplicableError("roboplan represents joints without limits by two numbers")
     q = np.array(scene.getCurrentJointPositions())
     for index, name in enumerate(scene.getJointNames()):
         q[index] = arm.held.get(name, q[index])
@@ -100,8 +101,8 @@ def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
         elif isinstance(shape, Sphere):
             scene.addSphereGeometry(obstacle.name, root, PeerSphere(shape.radius), at, COLOUR)
         else:
-            raise Unsuitable(f"{obstacle.name} is a {type(shape).__name__}, which is not handed to roboplan")
-    # It takes cans that stand on shelves for collisions.
+            raise NotApplicableError(f"obstacle {obstacle.name}: {type(shape).__name__} is not supported for roboplan")
+    # Roboplan would report cans on a shelf as collisions.
     scene.setCollisions(list(combinations(problem.scene.names, 2)), False)
     for pair in checker.excluded:
         if set(pair.owners) & set(problem.scene.names):
@@ -110,10 +111,10 @@ def _scene(problem: PlanProblem, checker: CollisionChecker) -> Any:
 
 
 def _urdf(problem: PlanProblem) -> str:
-    """The robot's own URDF with the places of its collision meshes written out."""
+    """The URDF of the robot with absolute paths of its collision meshes."""
     urdf = problem.arm.robot.urdf
     if urdf.path is None or urdf.path.suffix != ".urdf":
-        raise Unsuitable("roboplan is handed URDF files only")
+        raise NotApplicableError("roboplan reads URDF files only")
     text = urdf.path.read_text(encoding="utf-8")
     for geometry in urdf.collisions:
         if geometry.mesh is not None and geometry.mesh.path is not None:
@@ -122,7 +123,7 @@ def _urdf(problem: PlanProblem) -> str:
 
 
 def _srdf(problem: PlanProblem, checker: CollisionChecker) -> str:
-    """An SRDF with the chain and the pairs of links that touch by build."""
+    """An SRDF with the chain and the pairs of links that are always in contact."""
     arm = problem.arm
     links = set(arm.robot.urdf.links)
     pairs = [pair.owners for pair in checker.excluded if set(pair.owners) <= links]
@@ -137,8 +138,8 @@ def _srdf(problem: PlanProblem, checker: CollisionChecker) -> str:
 
 
 PEERS: tuple[PlanMethod, ...] = (
-    PlanMethod("roboplan_plan", "roboplan, plan alone", _roboplan(False, None), "roboplan"),
+    PlanMethod("roboplan_plan", "roboplan, no shortcuts", _roboplan(False, None), "roboplan"),
     PlanMethod("roboplan", "roboplan", _roboplan(True, None), "roboplan"),
     PlanMethod("roboplan_fine", f"roboplan, sampled at {FINE:g} rad", _roboplan(True, FINE), "roboplan"),
 )
-"""Roboplan with and without its shortcuts as it comes, and once sampled more densely."""
+"""Roboplan with its default settings with and without shortcuts, and with finer samples."""

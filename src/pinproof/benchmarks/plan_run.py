@@ -1,33 +1,118 @@
-"""A run of the table of planning: every method on the same problems in the same order, in one process."""
+"""The planning benchmark: every method solves the same problems, and each motion is checked independently."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
+from itertools import pairwise
 from pathlib import Path
 from time import perf_counter_ns
 
-from pinproof.benchmarks.ik_methods import Unsuitable
-from pinproof.benchmarks.plan_mbm import find_sets, read_problems
-from pinproof.benchmarks.plan_measure import PlanRow, measure
-from pinproof.benchmarks.plan_methods import MILLION, OURS, PLANNER, PlanMethod
-from pinproof.benchmarks.plan_own import OWN_ROBOTS, own_problems
-from pinproof.benchmarks.plan_peers import PEERS
-from pinproof.benchmarks.plan_problem import PlanProblem, choose_sets, look_at_ends
-from pinproof.benchmarks.plan_scenes import OWN_SCENES
-from pinproof.benchmarks.plan_table import PlanTable, ProblemRow
-from pinproof.benchmarks.provenance import provenance
-from pinproof.collision import CollisionChecker
-from pinproof.collision.audit import STEP
-from pinproof.errors import InputError
+import numpy as np
+import numpy.typing as npt
 
-__all__ = ["OWN_PROBLEMS", "plan_benchmark"]
+from pinproof.benchmarks.plan_mbm import find_sets, read_problems
+from pinproof.benchmarks.plan_methods import NANOSECONDS_PER_MS, OURS, PLANNER, PlanMethod, Solve
+from pinproof.benchmarks.plan_peers import PEERS
+from pinproof.benchmarks.plan_problems import (
+    OWN_ROBOTS,
+    OWN_SCENES,
+    PlanProblem,
+    check_start_and_goals,
+    own_problems,
+    select_sets,
+)
+from pinproof.benchmarks.plan_table import PlanRow, PlanTable, ProblemRow
+from pinproof.benchmarks.tables import NotApplicableError, installed_version, provenance
+from pinproof.collision import CollisionChecker
+from pinproof.collision.audit import STEP, audit
+from pinproof.errors import InputError
+from pinproof.motion import Curve
+
+__all__ = ["OWN_PROBLEMS", "CheckedMotion", "check_motion", "curve_length", "plan_benchmark"]
+
+Array = npt.NDArray[np.float64]
 
 OWN_PROBLEMS = 10
-"""Problems that are drawn in each of our own scenes for each robot."""
+"""Problems that are generated in each of our scenes for each robot."""
 
-Problems = Callable[[], Iterator[PlanProblem]]
+ROUNDING = 1e-6
+"""Rad or m by which a motion may miss its start and goal or exceed a limit."""
+
+CHORDS = 64
+"""Chords that approximate a curved segment: for a segment that turns by a right angle, the error of its length is below
+1 in 5,000."""
+
+ProblemSource = Callable[[], Iterator[PlanProblem]]
+
+
+# -- independent check of a motion -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class CheckedMotion:
+    """The independent check of a motion.
+
+    Parameters
+    ----------
+    faults
+        What is wrong with it, in sentences; empty if it is safe. A contact names the bodies and where it occurs.
+    samples
+        Number of configurations that were checked.
+    length
+        Euclidean length in joint space: rad and m count alike.
+    """
+
+    faults: tuple[str, ...]
+    samples: int
+    length: float
+
+
+def check_motion(
+    curve: Curve, problem: PlanProblem, mesh_checker: CollisionChecker, *, step: float = STEP
+) -> CheckedMotion:
+    """Check a motion at dense samples with the original meshes of the links; no certificate is used.
+
+    No joint moves by more than ``step`` (rad or m) between samples.
+    """
+    first, last = curve.domain
+    faults = []
+    if np.abs(curve(first) - problem.start).max() > ROUNDING:
+        faults.append("does not begin at the start")
+    if np.abs(curve(last) - problem.goals).max(axis=1).min() > ROUNDING:
+        faults.append("does not end at a goal")
+    limits = problem.arm.limits
+    sampled = np.concatenate(_segments(curve))
+    excess = np.maximum(limits.lower - sampled, sampled - limits.upper).max(axis=0)
+    faults += [
+        f"{name} is {value:.2g} outside its limits"
+        for name, value in zip(problem.arm.joint_names, excess, strict=True)
+        if value > ROUNDING
+    ]
+    result = audit(curve, mesh_checker, step=step, measure=False)
+    faults += [
+        f"{a} touches {b} at {100 * (t - first) / (last - first or 1.0):.1f} % of the motion"
+        for t, (a, b) in result.contacts
+    ]
+    return CheckedMotion(tuple(faults), result.samples, curve_length(curve))
+
+
+def curve_length(curve: Curve) -> float:
+    """Return the Euclidean length in joint space, exact for straight segments."""
+    return float(sum(np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in _segments(curve)))
+
+
+def _segments(curve: Curve) -> list[Array]:
+    """Samples of each segment; the end points of a straight one."""
+    knots, control = curve.bezier()
+    straight = control.shape[1] == 2
+    return [
+        np.asarray(points if straight else curve(np.linspace(a, b, CHORDS + 1)))
+        for a, b, points in zip(knots[:-1], knots[1:], control, strict=True)
+    ]
+
+
+# -- runs --------------------------------------------------------------------------------------------------------------
 
 
 def plan_benchmark(
@@ -42,44 +127,44 @@ def plan_benchmark(
     seed: int = 0,
     on_progress: Callable[[str], None] | None = None,
 ) -> PlanTable:
-    """Run the table.
+    """Run the planning benchmark.
 
     Parameters
     ----------
     robots
-        Catalogue names or robot files that are put into our own scenes.
+        Catalogue names or robot files for our scenes.
     mbm
-        A folder of MotionBenchMaker problems (:mod:`pinproof.benchmarks.plan_mbm`), which are asked first.
+        A folder of MotionBenchMaker problems (:mod:`pinproof.benchmarks.plan_mbm`), which come first.
     robot
-        The robot that these are asked of; by default the one beside them, else the one they name.
+        The robot of these problems; by default the URDF beside them, otherwise the robot that they name.
     sets
         Only these: ``"ur5/shelf"``, or a part of it such as ``"shelf"`` or ``"mbm"``; by default all.
     problems
-        The first so many of each set; by default all there are, and :data:`OWN_PROBLEMS` of our own.
+        Largest number of problems per set; by default all of MotionBenchMaker, and :data:`OWN_PROBLEMS` of ours.
     peers
-        Whether peers that happen to be installed join; those that cannot are named with the reason.
+        Whether to include other planners. Those that cannot be run are listed with the reason.
     repeats
-        How often each problem is asked; the quickest counts, and the answers are compared.
+        Runs per problem; the fastest counts, and the motions are compared.
     seed
-        Of our own problems, and of every method.
+        Seed of our problems and of every method.
     on_progress
-        Called with what is being run.
+        Called with a description of the current step.
 
     Raises
     ------
     InputError
-        For fewer than one problem or repeat, an unknown set or robot.
+        If ``problems`` or ``repeats`` is below 1, or for an unknown set or robot.
     FileError
-        For problems that cannot be read.
+        If problems cannot be read.
     """
     if repeats < 1 or (problems is not None and problems < 1):
         raise InputError(f"problems = {problems} and repeats = {repeats} must be at least 1")
     origin, sources = provenance(seed), _sources(robots, mbm, robot, problems, seed)
     run = _Run((OURS, *(PEERS if peers else ())), seed, repeats)
-    for full_set in choose_sets(list(sources), tuple(sets)):
+    for full_set in select_sets(list(sources), tuple(sets)):
         if on_progress is not None:
             on_progress(full_set)
-        run.ask_all(full_set, sources[full_set])
+        run.solve_set(full_set, sources[full_set])
     settings = {
         "robots": list(robots),
         "mbm": mbm is not None,
@@ -89,38 +174,30 @@ def plan_benchmark(
         "audit_step": STEP,
         "time_limit_s": PLANNER.time_limit,
         "remarks": sorted(run.remarks),
-        "peer_versions": {m.distribution: _version(m) for m in run.methods if m.distribution is not None},
+        "peer_versions": {
+            m.distribution: installed_version(m.distribution) for m in run.methods if m.distribution is not None
+        },
     }
-    return PlanTable(settings, tuple(run.problems), tuple(run.rows), run.left_out, origin)
+    return PlanTable(settings, origin, tuple(run.problems), tuple(run.rows), run.left_out)
 
 
 def _sources(
     robots: Sequence[str], mbm: str | Path | None, robot: str | None, most: int | None, seed: int
-) -> dict[str, Problems]:
-    """Full names of sets, and where their problems come from."""
-    found: dict[str, Problems] = {}
+) -> dict[str, ProblemSource]:
+    """Full names of the sets, and the sources of their problems."""
+    sources: dict[str, ProblemSource] = {}
     for mbm_set in [] if mbm is None else find_sets(mbm, robot):
-        found[mbm_set.full_set] = lambda mbm_set=mbm_set: read_problems(mbm_set, most)  # type: ignore[misc]
+        sources[mbm_set.full_set] = lambda mbm_set=mbm_set: read_problems(mbm_set, most)  # type: ignore[misc]
     for name in robots:
-        label = Path(name).stem
         for scene in OWN_SCENES:
-            found[f"{label}/{scene}"] = lambda name=name, scene=scene: own_problems(  # type: ignore[misc]
+            sources[f"{Path(name).stem}/{scene}"] = lambda name=name, scene=scene: own_problems(  # type: ignore[misc]
                 name, scene, most or OWN_PROBLEMS, seed
             )
-    return found
-
-
-@dataclass(frozen=True, eq=False)
-class _Checkers:
-    """A problem's checkers: links as hulls, links as their own meshes, and the time (ms) the first took."""
-
-    hulls: CollisionChecker
-    exact: CollisionChecker
-    ms: float
+    return sources
 
 
 class _Run:
-    """What has been asked so far."""
+    """The problems and rows of a run so far."""
 
     def __init__(self, methods: tuple[PlanMethod, ...], seed: int, repeats: int) -> None:
         self.methods, self._seed, self._repeats = methods, seed, repeats
@@ -129,62 +206,89 @@ class _Run:
         self.left_out: dict[str, str] = {}
         self.remarks: set[str] = set()
 
-    def ask_all(self, full_set: str, source: Problems) -> None:
-        """Ask every method every problem of a set."""
+    def solve_set(self, full_set: str, source: ProblemSource) -> None:
+        """Solve every problem of a set with every method."""
         warm = False
         try:
             for problem in source():
-                checkers = self._look_at(problem)
-                if checkers is None:
-                    continue
-                self._ask(problem, checkers, warm_up=not warm)
-                warm = True
+                begin = perf_counter_ns()
+                hull_checker = CollisionChecker(problem.arm, problem.scene)
+                setup_ms = (perf_counter_ns() - begin) / NANOSECONDS_PER_MS
+                mesh_checker = CollisionChecker(problem.arm, problem.scene, link_meshes="surface")
+                if self._add_problem(problem, hull_checker, mesh_checker, setup_ms):
+                    self._solve(problem, hull_checker, mesh_checker, warm_up=not warm)
+                    warm = True
         except InputError as error:  # no problem was found in this scene
             self.left_out[full_set] = str(error)
 
-    def _look_at(self, problem: PlanProblem) -> _Checkers | None:
-        """The checkers of a problem; None where it makes no sense by the exact meshes."""
-        began = perf_counter_ns()
-        hulls = CollisionChecker(problem.arm, problem.scene)
-        took = (perf_counter_ns() - began) / MILLION
-        exact = CollisionChecker(problem.arm, problem.scene, link_meshes="surface")
-        self.remarks |= {f"{body.owner}: {body.remark}" for body in exact.bodies if body.remark}
-        ends = look_at_ends(problem, hulls, exact)
-        self.problems.append(
-            ProblemRow(
-                problem.collection,
-                problem.set_name,
-                problem.number,
-                problem.arm.robot.name,
-                ends.hull,
-                ends.exact,
-                problem.notes,
-                round(took, 2),
-            )
+    def _add_problem(
+        self, problem: PlanProblem, hull_checker: CollisionChecker, mesh_checker: CollisionChecker, setup_ms: float
+    ) -> bool:
+        """Add the row of a problem; return whether its start and goals are free by the meshes."""
+        self.remarks |= {f"{body.owner}: {body.remark}" for body in mesh_checker.bodies if body.remark}
+        found = check_start_and_goals(problem, hull_checker, mesh_checker)
+        row = ProblemRow(
+            collection=problem.collection,
+            set_name=problem.set_name,
+            number=problem.number,
+            robot=problem.arm.robot.name,
+            hull_faults=found.hull,
+            mesh_faults=found.mesh,
+            notes=problem.notes,
+            setup_ms=round(setup_ms, 2),
         )
-        return _Checkers(hulls, exact, took) if ends.free else None
+        self.problems.append(row)
+        return found.free
 
-    def _ask(self, problem: PlanProblem, checkers: _Checkers, *, warm_up: bool) -> None:
+    def _solve(
+        self, problem: PlanProblem, hull_checker: CollisionChecker, mesh_checker: CollisionChecker, *, warm_up: bool
+    ) -> None:
         for method in self.methods:
             if method.key in self.left_out:
                 continue
             try:
-                ask = method.prepare(problem, checkers.hulls)
-                if warm_up:  # what is compiled or loaded at first use is not timed
-                    ask(self._seed)
-                self.rows.append(measure(problem, method, ask, checkers.exact, seed=self._seed, repeats=self._repeats))
+                solve = method.prepare(problem, hull_checker)
+                if warm_up:  # loads compiled code
+                    solve(self._seed)
+                self.rows.append(self._measure(problem, method, solve, mesh_checker))
             except ImportError as error:
                 self.left_out[method.key] = f"not installed ({error})"
-            except Unsuitable as error:
+            except NotApplicableError as error:
                 self.left_out[f"{method.key} on {problem.name}"] = str(error)
-            except Exception as error:  # whatever somebody else's library raises must not end the run
+            except Exception as error:  # an error of another library must not end the run
                 if method.distribution is None:
                     raise
                 self.left_out[f"{method.key} on {problem.name}"] = f"{type(error).__name__}: {error}"
 
+    def _measure(
+        self, problem: PlanProblem, method: PlanMethod, solve: Solve, mesh_checker: CollisionChecker
+    ) -> PlanRow:
+        """Run a prepared method; the fastest run counts."""
+        answers = [solve(self._seed) for _ in range(self._repeats)]
+        best = min(answers, key=lambda answer: sum(answer.ms.values()))
+        checked = None if best.curve is None else check_motion(best.curve, problem, mesh_checker)
+        same = [_equal(a.curve, b.curve) for a, b in pairwise(answers)]
+        return PlanRow(
+            collection=problem.collection,
+            set_name=problem.set_name,
+            number=problem.number,
+            method=method.key,
+            label=method.label,
+            solved=best.curve is not None,
+            certified=best.certified,
+            faults=() if checked is None else checked.faults,
+            ms={step: round(ms, 4) for step, ms in best.ms.items()},
+            length=None if checked is None else round(checked.length, 6),
+            duration=None if best.duration is None else round(best.duration, 6),
+            clearance=None if best.clearance is None else round(best.clearance, 7),
+            rejected_edges=best.rejected_edges,
+            repeatable=all(same) if same else None,
+            message=best.message,
+        )
 
-def _version(method: PlanMethod) -> str | None:
-    try:
-        return version(str(method.distribution))
-    except PackageNotFoundError:
-        return None
+
+def _equal(one: Curve | None, other: Curve | None) -> bool:
+    """Whether two motions are equal bit by bit."""
+    if one is None or other is None:
+        return one is other
+    return all(np.array_equal(a, b) for a, b in zip(one.bezier(), other.bezier(), strict=True))

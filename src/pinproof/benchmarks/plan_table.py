@@ -1,43 +1,102 @@
-"""The table of planning: every answer to every problem, and the figures of any share of them."""
+"""The table of the planning benchmark: one row per problem and method, and figures over groups of problems."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
-from pinproof.benchmarks.plan_measure import PlanRow
 from pinproof.benchmarks.plan_methods import OURS, STEPS
-from pinproof.benchmarks.stored import read_table, write_table
-from pinproof.errors import FileError, InputError
+from pinproof.benchmarks.tables import BenchmarkTable
 
-__all__ = ["PlanFigures", "PlanTable", "ProblemRow", "Spread"]
+__all__ = ["PlanFigures", "PlanRow", "PlanTable", "ProblemRow", "Spread"]
 
 
 @dataclass(frozen=True)
 class ProblemRow:
-    """A problem: which robot it asks, what its ends touch, what had to be changed, and how long its checker took.
+    """A problem, its robot, what is wrong with its start and goals, and how it was adapted to the robot.
 
-    ``hull`` and ``exact`` are those of :class:`pinproof.benchmarks.plan_problem.Ends`; ``setup_ms`` is the time in
-    which the checker was made, which no method's time holds.
+    ``hull_faults`` and ``mesh_faults`` are those of :class:`pinproof.benchmarks.plan_problems.EndFaults`; ``setup_ms``
+    is the time to build the collision checker, which is not part of the times of the methods.
     """
 
     collection: str
     set_name: str
     number: int
     robot: str
-    hull: tuple[str, ...]
-    exact: tuple[str, ...]
+    hull_faults: tuple[str, ...]
+    mesh_faults: tuple[str, ...]
     notes: tuple[str, ...]
     setup_ms: float
 
     @property
     def name(self) -> str:
-        """``"ur5/shelf/3"``."""
+        """For example ``"ur5/shelf/3"``."""
         return f"{self.collection}/{self.set_name}/{self.number}"
+
+
+@dataclass(frozen=True)
+class PlanRow:
+    """The result of a method on a problem.
+
+    Parameters
+    ----------
+    collection, set_name, number, method, label
+        The problem and the method.
+    solved
+        Whether it returned a motion.
+    certified
+        Whether the motion has a FREE certificate; None for a method without certificates.
+    faults
+        What the independent check found wrong with the motion.
+    ms
+        Milliseconds of each step in the fastest run.
+    length
+        Euclidean length in joint space (rad and m count alike); None if not solved.
+    duration
+        Seconds; None for a path without timing.
+    clearance
+        Proven clearance in m; None without a certificate.
+    rejected_edges
+        Edges that were free at their samples but failed the proof; None for a method without certificates.
+    repeatable
+        Whether every run with the same seed returned the same motion; None after a single run.
+    message
+        Why there is no motion, or no certificate.
+    """
+
+    collection: str
+    set_name: str
+    number: int
+    method: str
+    label: str
+    solved: bool
+    certified: bool | None
+    faults: tuple[str, ...]
+    ms: dict[str, float]
+    length: float | None
+    duration: float | None
+    clearance: float | None
+    rejected_edges: int | None
+    repeatable: bool | None
+    message: str
+
+    @property
+    def name(self) -> str:
+        """The problem, for example ``"ur5/shelf/3"``."""
+        return f"{self.collection}/{self.set_name}/{self.number}"
+
+    @property
+    def total(self) -> float:
+        """Milliseconds of all steps."""
+        return sum(self.ms.values())
+
+    @property
+    def safe(self) -> bool:
+        """Whether there is a motion without faults."""
+        return self.solved and not self.faults
 
 
 @dataclass(frozen=True)
@@ -50,32 +109,32 @@ class Spread:
 
     @classmethod
     def of(cls, values: Sequence[float]) -> Spread | None:
-        """Of no numbers there is none."""
+        """Return the spread of the values; None without any."""
         return cls(*np.quantile(values, (0.5, 0.95, 1.0)).tolist()) if len(values) else None
 
 
 @dataclass(frozen=True)
 class PlanFigures:
-    """A method's figures over some problems with free ends.
+    """The figures of a method over a group of problems whose start and goal are free.
 
     Parameters
     ----------
     label
         The method.
-    asked, solved, certified, unsafe
-        Problems; motions; motions with a proof (None of a method that offers none); motions with faults.
+    problems, solved, certified, unsafe
+        Numbers of problems, motions, certified motions (None for a method without certificates), motions with faults.
     ms
         Step, or ``"total"``, to the spread of its milliseconds over the motions.
     length, duration, clearance
-        Medians of length (rad, m) and duration (s), and the smallest clearance proven (m).
-    ours_to_its
-        Of a peer: the median of our lengths over the median of its own, on problems that both solved.
-    cut
-        Edges that failed the proof, all together.
+        Medians of length (rad, m) and duration (s), and the smallest proven clearance (m).
+    length_ratio
+        For another library: the median of our lengths over the median of its lengths, on problems that both solved.
+    rejected_edges
+        Number of edges that failed the proof.
     """
 
     label: str
-    asked: int
+    problems: int
     solved: int
     certified: int | None
     unsafe: int
@@ -83,33 +142,30 @@ class PlanFigures:
     length: float | None
     duration: float | None
     clearance: float | None
-    ours_to_its: float | None
-    cut: int | None
+    length_ratio: float | None
+    rejected_edges: int | None
 
 
 @dataclass(frozen=True)
-class PlanTable:
-    """The figures of one run.
+class PlanTable(BenchmarkTable):
+    """The results of one run.
 
     Parameters
     ----------
-    settings
-        What was run: problems, repeats, peers and their versions, robots.
     problems
-        Every problem that was read or drawn.
+        Every problem that was read or generated.
     rows
-        An answer for each problem with free ends and each method.
+        One for each method and problem with free start and goal.
     left_out
         Set or method to the reason why it is missing.
-    provenance
-        See :func:`pinproof.benchmarks.provenance.provenance`.
     """
 
-    settings: dict[str, Any]
     problems: tuple[ProblemRow, ...]
     rows: tuple[PlanRow, ...]
     left_out: dict[str, str]
-    provenance: dict[str, Any]
+
+    topic: ClassVar[str] = "planning"
+    row_types: ClassVar[dict[str, type]] = {"problems": ProblemRow, "rows": PlanRow}
 
     @property
     def collections(self) -> tuple[str, ...]:
@@ -118,98 +174,54 @@ class PlanTable:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The keys of the methods that answered anything, ours first."""
+        """The keys of the methods with rows, ours first."""
         return tuple(dict.fromkeys(row.method for row in self.rows))
 
     @property
     def unsafe(self) -> tuple[PlanRow, ...]:
-        """Our answers with faults. There should be none."""
+        """Our motions with faults; expected to be empty."""
         return tuple(row for row in self.rows if row.method == OURS.key and row.faults)
 
     def sets(self, collection: str) -> tuple[str, ...]:
-        """The sets of a collection, in the order of the run."""
+        """Return the sets of a collection in the order of the run."""
         return tuple(dict.fromkeys(p.set_name for p in self.problems if p.collection == collection))
 
     def figures(self, method: str, collection: str | None = None, set_name: str | None = None) -> PlanFigures | None:
-        """The figures of a method over all problems, a collection, or a set; None if it answered none of them."""
-        asked = [row for row in self.rows if collection in (None, row.collection) and set_name in (None, row.set_name)]
-        rows = [row for row in asked if row.method == method]
+        """Return the figures of a method over all problems, a collection, or a set; None without any row."""
+        group = [row for row in self.rows if collection in (None, row.collection) and set_name in (None, row.set_name)]
+        rows = [row for row in group if row.method == method]
         if not rows:
             return None
         solved = [row for row in rows if row.solved]
         ms = {step: Spread.of([row.ms[step] for row in solved if step in row.ms]) for step in STEPS}
         ms["total"] = Spread.of([row.total for row in solved])
-        proofs = [row.certified for row in rows if row.certified is not None]
-        cuts = [row.cut for row in rows if row.cut is not None]
-        clearances = [row.clearance for row in solved if row.clearance is not None]
+        certified = [row.certified for row in rows if row.certified is not None]
+        rejected = [row.rejected_edges for row in rows if row.rejected_edges is not None]
         return PlanFigures(
             label=rows[0].label,
-            asked=len(rows),
+            problems=len(rows),
             solved=len(solved),
-            certified=sum(proofs) if proofs else None,
+            certified=sum(certified) if certified else None,
             unsafe=sum(bool(row.faults) for row in rows),
             ms={step: spread for step, spread in ms.items() if spread is not None},
-            length=_median([row.length for row in solved if row.length is not None]),
-            duration=_median([row.duration for row in solved if row.duration is not None]),
-            clearance=min(clearances) if clearances else None,
-            ours_to_its=None if method == OURS.key else _ours_to_its(asked, method),
-            cut=sum(cuts) if cuts else None,
+            length=_median([row.length for row in solved]),
+            duration=_median([row.duration for row in solved]),
+            clearance=min((row.clearance for row in solved if row.clearance is not None), default=None),
+            length_ratio=None if method == OURS.key else _length_ratio(group, method),
+            rejected_edges=sum(rejected) if rejected else None,
         )
 
-    def to_dict(self) -> dict[str, Any]:
-        """The table as JSON takes it."""
-        return asdict(self)
 
-    @classmethod
-    def from_dict(cls, words: dict[str, Any]) -> PlanTable:
-        """The table that :meth:`to_dict` made.
-
-        Raises
-        ------
-        InputError
-            If it is none.
-        """
-        try:
-            given = {field.name: words[field.name] for field in fields(cls)}
-            given["problems"] = tuple(ProblemRow(**_frozen(row)) for row in given["problems"])
-            given["rows"] = tuple(PlanRow(**_frozen(row)) for row in given["rows"])
-            return cls(**given)
-        except (AttributeError, KeyError, TypeError) as error:
-            raise InputError(f"this is no table of planning: {error}") from error
-
-    def save(self, path: str | Path) -> None:
-        """Write the table as JSON."""
-        write_table(path, self.to_dict())
-
-    @classmethod
-    def load(cls, path: str | Path) -> PlanTable:
-        """Read what :meth:`save` wrote.
-
-        Raises
-        ------
-        FileError
-            If the file cannot be read or holds no table.
-        """
-        try:
-            return cls.from_dict(read_table(path, "planning"))
-        except InputError as error:
-            raise FileError(path, str(error)) from error
-
-
-def _ours_to_its(rows: Sequence[PlanRow], method: str) -> float | None:
+def _length_ratio(rows: Sequence[PlanRow], method: str) -> float | None:
     lengths = {
         key: {row.name: row.length for row in rows if row.method == key and row.length is not None}
         for key in (OURS.key, method)
     }
-    both = sorted(set(lengths[OURS.key]) & set(lengths[method]))
-    ours, its = (_median([lengths[key][name] for name in both]) for key in (OURS.key, method))
-    return ours / its if ours is not None and its else None
+    both = set(lengths[OURS.key]) & set(lengths[method])
+    ours, theirs = (_median([lengths[key][name] for name in both]) for key in (OURS.key, method))
+    return ours / theirs if ours is not None and theirs else None
 
 
-def _median(values: Sequence[float]) -> float | None:
-    return float(np.median(values)) if values else None
-
-
-def _frozen(words: dict[str, Any]) -> dict[str, Any]:
-    """JSON's lists as the tuples they were."""
-    return {key: tuple(value) if isinstance(value, list) else value for key, value in words.items()}
+def _median(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.median(known)) if known else None

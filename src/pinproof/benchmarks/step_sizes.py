@@ -1,47 +1,49 @@
-"""How long a step each method takes as a singularity comes near: why steps are damped."""
+"""Step lengths of the IK methods near a singularity, which show why steps are damped."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.benchmarks.tables import new_figure
 from pinproof.ik import Clik, DampedLeastSquares, IkStep, IterativeIk, PseudoInverse
 from pinproof.model import Arm, JointLimits
 from pinproof.spatial import SE3, pose
 
-__all__ = ["METHODS", "StepSizes", "step_sizes"]
+__all__ = ["METHODS", "StepSizes", "step_sizes", "write_step_plot"]
 
 Array = npt.NDArray[np.float64]
 
 METHODS = ("inverse", "pseudo-inverse", "damped least squares", "CLIK")
-"""The plain inverse is the textbook's; the others are the solvers' own first steps, with their default settings but
-for the pseudo-inverse's bound on a step, which would hide what it does."""
+"""The plain inverse of the textbook, and the first steps of the solvers. These have their default settings, except that
+the pseudo-inverse has no bound on its step, which would hide its behaviour."""
 
-ASKED = 0.01
-"""The size of the motion asked of the tcp, in m and rad: equal parts of all six coordinates."""
+MOTION = 0.01
+"""Requested motion of the TCP, in m and rad: the six coordinates are equal."""
 
 NEAREST, FARTHEST, STEPS = 1e-9, 1.0, 181
-"""Rad or m between the singular value of the joint and where the step is taken."""
+"""Range of the distances of the joint from its singular value, in rad or m, and their number."""
 
 UNBOUNDED = 1e6
-"""Rad: a bound that no step here meets."""
+"""A bound on the step in rad that is never reached."""
 
 SINGULAR = 1e-7
-"""The smallest singular value at which a configuration counts as singular."""
+"""Smallest singular value of the Jacobian below which a configuration is singular."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepSizes:
-    """Steps on the way into a singularity.
+    """Step lengths on a joint motion into a singularity.
 
     Parameters
     ----------
     joint
-        The joint that leads there; the others stand at the arm's home.
+        The joint that moves; the others are at home.
     smallest
-        (m,) smallest singular values of the Jacobian, falling.
+        (m,) smallest singular values of the Jacobian, decreasing.
     steps
         Method of :data:`METHODS` to (m,) lengths |dq| of its step, in rad (or m).
     """
@@ -52,39 +54,56 @@ class StepSizes:
 
 
 def step_sizes(arm: Arm) -> StepSizes | None:
-    """The steps of an arm of six joints whose home becomes singular by moving one of them; None for any other."""
+    """Return the steps of an arm with six joints that has a singularity at home up to one joint; else None."""
     if arm.dof != 6:
         return None
-    for joint in reversed(range(arm.dof)):  # the wrist first
-        at = _singular_value_of(arm, joint)
-        if at is not None:
-            return _along(arm, joint, at)
+    for joint in reversed(range(arm.dof)):  # wrist singularities first
+        singular = _singular_value_of_joint(arm, joint)
+        if singular is not None:
+            return _towards(arm, joint, singular)
     return None
 
 
-def _along(arm: Arm, joint: int, at: float) -> StepSizes:
-    free = arm.with_limits(
+def write_step_plot(steps: StepSizes, title: str, path: str | Path) -> None:
+    """Write step lengths against the smallest singular value as PNG."""
+    figure, ((panel,),) = new_figure(1, 1, width=6.4, height=4.4)
+    for (name, lengths), style in zip(steps.steps.items(), ("k:", "C0-", "C1-", "C2-"), strict=True):
+        panel.plot(steps.smallest, lengths, style, label=name)
+    panel.set_xscale("log")
+    panel.set_yscale("log")
+    panel.invert_xaxis()
+    panel.set_xlabel("smallest singular value of the Jacobian")
+    panel.set_ylabel(f"|dq| for a motion of {MOTION:g} (m, rad)")
+    panel.set_title(f"{title}: {steps.joint} moves into a singularity", fontsize=10)
+    panel.grid(alpha=0.3)
+    panel.legend()
+    figure.savefig(path, dpi=110, format="png")
+
+
+def _towards(arm: Arm, joint: int, singular: float) -> StepSizes:
+    """Steps at configurations that approach the singular value of the joint."""
+    unlimited = arm.with_limits(
         JointLimits(np.full(6, -np.inf), np.full(6, np.inf), arm.limits.velocity, arm.limits.acceleration)
     )
-    rules = {
+    solvers = {
         "pseudo-inverse": PseudoInverse(max_iterations=1, restarts=0, max_step=UNBOUNDED),
         "damped least squares": DampedLeastSquares(max_iterations=1, restarts=0),
         "CLIK": Clik(max_iterations=1, restarts=0),
     }
     smallest: list[float] = []
     steps: dict[str, list[float]] = {name: [] for name in METHODS}
-    for away in np.geomspace(FARTHEST, NEAREST, STEPS):
-        q = _moved(arm, joint, at + away)
-        base_from_target = arm.forward_kinematics(q) * _asked().inverse()
-        in_target_axes = np.kron(np.eye(2), base_from_target.rotation.T) @ arm.jacobian(q)
-        smallest.append(_smallest(arm, joint, at + away))
+    for distance in np.geomspace(FARTHEST, NEAREST, STEPS):
+        q = _home_with(arm, joint, singular + distance)
+        base_from_target = arm.forward_kinematics(q) * _target_from_tcp().inverse()
+        jacobian = np.kron(np.eye(2), base_from_target.rotation.T) @ arm.jacobian(q)  # in the axes of the target
+        smallest.append(_smallest_singular_value(arm, joint, singular + distance))
         try:
-            plain = float(np.linalg.norm(np.linalg.inv(in_target_axes) @ np.full(6, ASKED / np.sqrt(6))))
+            inverse_step = float(np.linalg.norm(np.linalg.inv(jacobian) @ np.full(6, MOTION / np.sqrt(6))))
         except np.linalg.LinAlgError:
-            plain = np.nan
-        steps["inverse"].append(plain)
-        for name, solver in rules.items():
-            steps[name].append(_first_step(solver, free, base_from_target, q))
+            inverse_step = np.nan
+        steps["inverse"].append(inverse_step)
+        for name, solver in solvers.items():
+            steps[name].append(_first_step(solver, unlimited, base_from_target, q))
     order = np.argsort(smallest)[::-1]
     return StepSizes(
         arm.joint_names[joint],
@@ -93,40 +112,47 @@ def _along(arm: Arm, joint: int, at: float) -> StepSizes:
     )
 
 
-def _asked() -> SE3:
-    """target_from_tcp before the step: each of its six coordinates is the same share of :data:`ASKED`."""
-    share, angle = ASKED / np.sqrt(6), ASKED / np.sqrt(2)
+def _target_from_tcp() -> SE3:
+    """The pose before the step, whose six coordinates are equal."""
+    share, angle = MOTION / np.sqrt(6), MOTION / np.sqrt(2)
     return pose((share,) * 3, quat_xyzw=(*(np.sin(angle / 2) / np.sqrt(3),) * 3, np.cos(angle / 2)))
 
 
 def _first_step(solver: IterativeIk, arm: Arm, target: SE3, q: Array) -> float:
-    """The length of the first step that a solver takes, seen as anybody can see it."""
+    """The length of the first step of a solver, from its public callback."""
     taken: list[IkStep] = []
     solver.solve(arm, target, q, on_step=taken.append)
     return float(np.linalg.norm(taken[0].step))
 
 
-def _singular_value_of(arm: Arm, joint: int) -> float | None:
-    """The value of a joint at which the arm, else at home, is singular: by ternary search around the lowest of many."""
+def _singular_value_of_joint(arm: Arm, joint: int) -> float | None:
+    """The value of a joint at which the arm, otherwise at home, is singular; None without such a value.
+
+    A ternary search refines the lowest of many samples of the smallest singular value.
+    """
     lower, upper = arm.limits.sampling_range()
     values = np.linspace(lower[joint], upper[joint], 362)[1:-1]
-    lowest = values[int(np.argmin([_smallest(arm, joint, value) for value in values]))]
+    lowest = values[int(np.argmin([_smallest_singular_value(arm, joint, value) for value in values]))]
     low, high = lowest - (values[1] - values[0]), lowest + (values[1] - values[0])
     for _ in range(80):
         a, b = low + (high - low) / 3, high - (high - low) / 3
-        low, high = (low, b) if _smallest(arm, joint, a) < _smallest(arm, joint, b) else (a, high)
+        if _smallest_singular_value(arm, joint, a) < _smallest_singular_value(arm, joint, b):
+            high = b
+        else:
+            low = a
     middle = (low + high) / 2
-    if _smallest(arm, joint, middle) > SINGULAR:
+    if _smallest_singular_value(arm, joint, middle) > SINGULAR:
         return None
-    # Where nothing else makes it singular: not an axis that never matters.
-    return float(middle) if _smallest(arm, joint, middle + FARTHEST) > 1e3 * SINGULAR else None
+    # An arm that is singular at every value of the joint has its singularity elsewhere.
+    elsewhere = _smallest_singular_value(arm, joint, middle + FARTHEST)
+    return float(middle) if elsewhere > 1e3 * SINGULAR else None
 
 
-def _smallest(arm: Arm, joint: int, value: float) -> float:
-    return float(np.linalg.svd(arm.jacobian(_moved(arm, joint, value)), compute_uv=False)[-1])
+def _smallest_singular_value(arm: Arm, joint: int, value: float) -> float:
+    return float(np.linalg.svd(arm.jacobian(_home_with(arm, joint, value)), compute_uv=False)[-1])
 
 
-def _moved(arm: Arm, joint: int, value: float) -> Array:
+def _home_with(arm: Arm, joint: int, value: float) -> Array:
     q = arm.home
     q[joint] = value
     return q

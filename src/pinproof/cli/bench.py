@@ -1,4 +1,4 @@
-"""``pinproof bench``: tables of figures, measured on this machine."""
+"""``pinproof bench``: benchmark tables, measured on this machine."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pinproof.cli.options import Json, Seed
 
 __all__ = ["bench_ik", "bench_plan"]
 
-Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Other libraries join if installed.")]
+Peers = Annotated[bool, typer.Option("--peers/--no-peers", help="Include other installed libraries.")]
 Folder = Annotated[
-    Path | None, typer.Option("-o", "--output", help="A folder for the table (JSON, Markdown) and its plots.")
+    Path | None, typer.Option("-o", "--output", help="Folder for the table (JSON, Markdown) and its plots.")
 ]
 
 
@@ -23,21 +23,23 @@ def bench_ik(
     robots: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Catalogue names or robot files; by default ur5.", metavar="[ROBOT]...", autocompletion=robot_names
+            help="Catalogue names or robot files (default: ur5).", metavar="[ROBOT]...", autocompletion=robot_names
         ),
     ] = None,
-    points: Annotated[int, typer.Option(help="Targets of each part of the table.", min=1)] = 10_000,
-    methods: Annotated[str | None, typer.Option(help='Which methods: "clik pseudo_inverse"; by default all.')] = None,
+    points: Annotated[int, typer.Option(help="Targets per part of the table.", min=1)] = 10_000,
+    methods: Annotated[
+        str | None, typer.Option(help='Methods to run, for example "clik pseudo_inverse" (default: all).')
+    ] = None,
     peers: Peers = True,
     limits_pi: Annotated[
         bool,
-        typer.Option("--limits-pi/--own-limits", help="Narrow ranges of more than one turn to +-pi (as a UR5's)."),
+        typer.Option("--limits-pi/--own-limits", help="Reduce joint ranges wider than one rotation to +-pi."),
     ] = True,
     output: Folder = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Measure the methods of inverse kinematics: latency, success and worst error on the same targets.
+    """Compare IK methods on the same targets: time, success rate, largest error.
 
     Example: pinproof bench ik ur5 --points 20 --no-peers
     """
@@ -45,66 +47,67 @@ def bench_ik(
 
     if output is not None:
         make_folder(output)
-    with working("running the table of inverse kinematics") as tell:
-        figures = ik_benchmark(
+    with working("running the IK benchmark") as report:
+        table = ik_benchmark(
             robots or ["ur5"],
             points=points,
             methods=None if methods is None else methods.replace(",", " ").split(),
             peers=peers,
             limits_pi=limits_pi,
             seed=seed,
-            on_progress=tell,
+            on_progress=report,
         )
-    written = [] if output is None else write_ik_table(figures, output)
-    _show(figures.to_dict(), ik_markdown(figures), written, as_json)
+    written = [] if output is None else write_ik_table(table, output)
+    _print_table(table.to_dict(), ik_markdown(table), written, as_json)
 
 
 def bench_plan(
     robots: Annotated[
         list[str] | None,
         typer.Argument(
-            help="Catalogue names or robot files for our own scenes; by default ur5, panda and generic_6dof.",
+            help="Catalogue names or robot files for the scenes of pinproof (default: ur5, panda, generic_6dof).",
             metavar="[ROBOT]...",
             autocompletion=robot_names,
         ),
     ] = None,
     mbm: Annotated[
-        Path | None, typer.Option(help="A folder of MotionBenchMaker problems, which are run too.", metavar="PATH")
+        Path | None, typer.Option(help="Folder of MotionBenchMaker problems to run as well.", metavar="PATH")
     ] = None,
     robot: Annotated[
         str | None,
         typer.Option(
-            help="The robot of those, a catalogue name or a file; by default the URDF in a folder 'robot' beside them, "
-            "else the one they name."
+            help="Catalogue name or robot file for the MotionBenchMaker problems (default: the URDF in a folder "
+            "'robot' beside them, otherwise the robot that they name)."
         ),
     ] = None,
     sets: Annotated[
         list[str] | None,
-        typer.Option("--set", help="Only these problems: ur5/shelf, shelf, ur5, mbm, ...; repeatable.", metavar="NAME"),
+        typer.Option("--set", help="Run only these sets: ur5/shelf, shelf, ur5, mbm, ...; repeatable.", metavar="NAME"),
     ] = None,
     problems: Annotated[
-        int | None, typer.Option(help="The first so many of each set; by default all, and 10 of our own.", min=1)
+        int | None,
+        typer.Option(help="Problems per set (default: all of MotionBenchMaker, 10 per scene of pinproof).", min=1),
     ] = None,
-    repeats: Annotated[int, typer.Option(help="How often each is asked; the quickest counts.", min=1)] = 1,
+    repeats: Annotated[int, typer.Option(help="Runs per problem; the fastest counts.", min=1)] = 1,
     peers: Peers = True,
     output: Folder = None,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Measure planning: solved, certified, times of each step, length; every motion is audited apart from its proof.
+    """Compare planners on the same problems: solved, certified, unsafe, time of each step, length.
 
-    Our own scenes are a table top, a shelf, bins, a cage and a narrow slot. Exit code 1 if the audit finds a motion of
-    ours that touches anything.
+    The scenes of pinproof are a table top, a shelf, bins, a cage and a narrow slot. Every motion is checked
+    independently of its certificate; exit code 1 if this check finds a fault in a motion planned by pinproof.
 
     Example: pinproof bench plan ur5 --set shelf --problems 1 --no-peers
     """
     from pinproof.benchmarks import plan_benchmark, plan_markdown, write_plan_table
-    from pinproof.benchmarks.plan_own import OWN_ROBOTS
+    from pinproof.benchmarks.plan_problems import OWN_ROBOTS
 
     if output is not None:
         make_folder(output)
-    with working("running the table of planning") as tell:
-        figures = plan_benchmark(
+    with working("running the planning benchmark") as report:
+        table = plan_benchmark(
             OWN_ROBOTS if robots is None else robots,
             mbm=mbm,
             robot=robot,
@@ -113,18 +116,18 @@ def bench_plan(
             repeats=repeats,
             peers=peers,
             seed=seed,
-            on_progress=tell,
+            on_progress=report,
         )
-    written = [] if output is None else write_plan_table(figures, output)
-    _show(figures.to_dict(), plan_markdown(figures), written, as_json)
-    if figures.unsafe:
+    written = [] if output is None else write_plan_table(table, output)
+    _print_table(table.to_dict(), plan_markdown(table), written, as_json)
+    if table.unsafe:
         raise typer.Exit(1)
 
 
-def _show(words: dict[str, Any], page: str, written: list[Path], as_json: bool) -> None:
-    """A table to stdout, and which files hold it."""
+def _print_table(data: dict[str, Any], page: str, written: list[Path], as_json: bool) -> None:
+    """Print a table as JSON, or as Markdown with the files written."""
     if as_json:
-        print_json(words)
+        print_json(data)
         return
     say(page)
     if written:

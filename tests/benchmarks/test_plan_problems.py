@@ -1,4 +1,4 @@
-"""Our own problems: the same again from the same seed, free at both ends, and none that a straight line solves."""
+"""Problems in our scenes are reproducible, have free starts and goals, and are not solved by a straight line."""
 
 from __future__ import annotations
 
@@ -7,9 +7,16 @@ import pytest
 
 import pinproof as pp
 from pinproof.benchmarks.plan_methods import PLANNER
-from pinproof.benchmarks.plan_own import MARGIN, OWN_ROBOTS, own_problems, own_reach
-from pinproof.benchmarks.plan_problem import PlanProblem, choose_sets, look_at_ends
-from pinproof.benchmarks.plan_scenes import OWN_SCENES
+from pinproof.benchmarks.plan_problems import (
+    MARGIN,
+    OWN_ROBOTS,
+    OWN_SCENES,
+    PlanProblem,
+    check_start_and_goals,
+    own_problems,
+    own_reach,
+    select_sets,
+)
 from pinproof.errors import UnknownNameError
 from pinproof.motion import JointPath
 
@@ -22,7 +29,7 @@ def same(a: PlanProblem, b: PlanProblem) -> bool:
 
 
 @pytest.mark.parametrize(("robot", "scene"), FEW)
-def test_the_same_seed_gives_the_same_problems_however_many(robot: str, scene: str) -> None:
+def test_a_problem_depends_only_on_the_seed_and_its_number(robot: str, scene: str) -> None:
     one, two = list(own_problems(robot, scene, 1)), list(own_problems(robot, scene, 2))
     assert same(one[0], two[0])
     assert not same(two[0], two[1])
@@ -31,7 +38,7 @@ def test_the_same_seed_gives_the_same_problems_however_many(robot: str, scene: s
 
 @pytest.mark.parametrize("scene", OWN_SCENES)
 @pytest.mark.parametrize("robot", OWN_ROBOTS)
-def test_ends_are_free_and_no_straight_line_joins_them(robot: str, scene: str) -> None:
+def test_start_and_goal_are_free_and_their_straight_connection_collides(robot: str, scene: str) -> None:
     (problem,) = own_problems(robot, scene, 1)
     hulls = pp.CollisionChecker(problem.arm, problem.scene)
     assert hulls.clearance(problem.start) >= MARGIN
@@ -42,35 +49,35 @@ def test_ends_are_free_and_no_straight_line_joins_them(robot: str, scene: str) -
     assert pp.certify(straight, hulls).status.name == "COLLIDING"
 
 
-def test_ends_that_are_free_say_nothing_and_others_name_the_bodies() -> None:
+def test_colliding_goals_are_reported_with_the_bodies() -> None:
     (problem,) = own_problems("generic_6dof", "table_top", 1)
     checkers = [pp.CollisionChecker(problem.arm, problem.scene, link_meshes=how) for how in ("hull", "surface")]
-    ends = look_at_ends(problem, *checkers)
-    assert (ends.hull, ends.exact, ends.free, ends.hull_only) == ((), (), True, False)
+    faults = check_start_and_goals(problem, *checkers)
+    assert (faults.hull, faults.mesh, faults.free, faults.hull_only) == ((), (), True, False)
     at = problem.arm.forward_kinematics(problem.goals[0]).translation
     blocked = problem.scene.add(pp.Obstacle("block", pp.Sphere(0.05), pp.pose(at)))
-    ends = look_at_ends(problem, *(checker.with_scene(blocked) for checker in checkers))
-    assert not ends.free
-    assert ends.exact[0].startswith("goal: ")
-    assert "penetrates block" in ends.exact[0]
+    faults = check_start_and_goals(problem, *(checker.with_scene(blocked) for checker in checkers))
+    assert not faults.free
+    assert faults.mesh[0].startswith("goal: ")
+    assert "penetrates block" in faults.mesh[0]
 
 
-def test_the_reach_is_that_of_the_arm() -> None:
+def test_the_reach_agrees_with_the_data_sheet() -> None:
     arm = pp.load_robot("ur5").arm()
-    assert 0.7 < own_reach(arm) < 0.95  # the data sheet says 0.85 m
+    assert 0.7 < own_reach(arm) < 0.95  # the data sheet states 0.85 m
 
 
-def test_sets_are_chosen_by_any_part_of_their_name() -> None:
+def test_sets_are_selected_by_any_part_of_their_name() -> None:
     sets = ["mbm/cage", "ur5/cage", "ur5/shelf"]
-    assert choose_sets(sets, ()) == sets
-    assert choose_sets(sets, ("cage",)) == ["mbm/cage", "ur5/cage"]
-    assert choose_sets(sets, ("ur5/cage", "mbm")) == ["mbm/cage", "ur5/cage"]
+    assert select_sets(sets, ()) == sets
+    assert select_sets(sets, ("cage",)) == ["mbm/cage", "ur5/cage"]
+    assert select_sets(sets, ("ur5/cage", "mbm")) == ["mbm/cage", "ur5/cage"]
     with pytest.raises(UnknownNameError, match="shelf"):
-        choose_sets(sets, ("shelve",))
+        select_sets(sets, ("shelve",))
 
 
-def test_a_plan_that_grazes_a_post_is_proven_after_timing_too() -> None:
-    """Proven with 13 um to spare as a path; the pieces of the trajectory are cut elsewhere."""
+def test_a_plan_with_a_small_clearance_is_proven_after_timing() -> None:
+    """The path is proven with 13 um of clearance; the trajectory is divided into other segments."""
     *_, problem = own_problems("generic_6dof", "cage", 4)
     checker = pp.CollisionChecker(problem.arm, problem.scene)
     plan = PLANNER.plan(checker, problem.start, problem.goals, rng=0)

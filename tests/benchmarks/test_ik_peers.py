@@ -1,4 +1,4 @@
-"""What peers are handed is the same arm: by forward kinematics and by limits."""
+"""Other libraries receive a chain with the same forward kinematics and limits."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.benchmarks.ik_methods import Unsuitable
-from pinproof.benchmarks.peer_chain import TIP, chain_urdf, joint_names, screw_axes
+from pinproof.benchmarks.ik_peers import TIP, chain_urdf, joint_names, screw_axes
+from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.model.robot import load_robot_from_text
 
 ROBOTS = ("ur5", "panda", "stanford", "kinova", "puma560", "scara")
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_the_plain_urdf_moves_as_the_arm_does(name: str) -> None:
+def test_the_chain_urdf_has_the_kinematics_of_the_arm(name: str) -> None:
     arm = pp.load_robot(name).arm()
     chain = load_robot_from_text(chain_urdf(arm)).arm(TIP)
     assert list(chain.joint_names) == joint_names(arm)
@@ -24,7 +24,7 @@ def test_the_plain_urdf_moves_as_the_arm_does(name: str) -> None:
     np.testing.assert_array_equal(chain.limits.upper, arm.limits.upper)
 
 
-def test_screws_multiply_to_the_pose() -> None:
+def test_the_product_of_the_screws_is_the_pose() -> None:
     arm = pp.load_robot("ur5").arm()
     axes, q = screw_axes(arm), np.array([0.3, -1.2, 1.4, -0.5, 0.7, 0.2])
     rotation, position = np.eye(3), np.zeros(3)
@@ -42,23 +42,23 @@ def test_the_geometry_is_recognised() -> None:
     ur5, puma = (screw_axes(pp.load_robot(name).arm()) for name in ("ur5", "puma560"))
     assert ur5.parallel(1, 2, 3)
     assert not ur5.parallel(0, 1)
-    assert ur5.meeting_point(3, 4, 5) is None
-    wrist = puma.meeting_point(3, 4, 5)
+    assert ur5.intersection(3, 4, 5) is None
+    wrist = puma.intersection(3, 4, 5)
     assert wrist is not None
-    moved = puma.at((3, 4, 5), wrist)
+    moved = puma.with_point((3, 4, 5), wrist)
     np.testing.assert_allclose(moved.offsets[4:6], 0.0, atol=1e-6)
     np.testing.assert_allclose(moved.offsets.sum(axis=0), puma.offsets.sum(axis=0), atol=1e-12)
 
 
-def test_parallel_axes_meet_nowhere() -> None:
-    assert screw_axes(pp.load_robot("ur5").arm()).meeting_point(1, 2) is None
+def test_parallel_axes_do_not_intersect() -> None:
+    assert screw_axes(pp.load_robot("ur5").arm()).intersection(1, 2) is None
 
 
-def test_coupled_joints_are_not_handed_over() -> None:
+def test_mimic_joints_are_refused() -> None:
     text = """<robot name="coupled"><link name="a"/><link name="b"/><link name="c"/>
       <joint name="one" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
         <limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
       <joint name="two" type="revolute"><parent link="b"/><child link="c"/><axis xyz="0 1 0"/><mimic joint="one"/>
         <limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>"""
-    with pytest.raises(Unsuitable, match="mimic"):
+    with pytest.raises(NotApplicableError, match="mimic"):
         chain_urdf(load_robot_from_text(text).arm("c"))

@@ -1,4 +1,4 @@
-"""A tiny run of the table of picks."""
+"""A small run of the picks benchmark."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_picks import picks_markdown, write_picks_table
+from picks_measurements import CELLS, CampaignRow, PicksTable, pick_cell, picks_benchmark, steady_rate
 
 import pinproof as pp
-from pinproof.benchmarks import PicksTable, picks_benchmark, picks_markdown, write_picks_table
-from pinproof.benchmarks.picks_campaign import CampaignRow, _steady
-from pinproof.benchmarks.picks_problems import CELLS, pick_cell
 from pinproof.errors import FileError, InputError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -22,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @pytest.fixture(scope="module")
 def table() -> PicksTable:
-    return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, machinery=20)
+    return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, overhead=20)
 
 
 def test_every_part_is_there(table: PicksTable) -> None:
@@ -30,15 +29,15 @@ def test_every_part_is_there(table: PicksTable) -> None:
     assert (whole.cell, whole.verdict, whole.picks) == ("generic_6dof", "all", 4)
     assert sum(row.picks for row in table.verdicts[1:]) == 4
     assert 0 < whole.median_ms <= whole.p95_ms <= whole.largest_ms
-    assert [row.poses for row in table.screening] == ["of picks", "anywhere"]
+    assert [row.poses for row in table.screening] == ["picks", "random configurations"]
     for row in table.screening:
         assert 0 < row.free <= 1
         assert min(row.rate, row.with_clearance, row.reach_only, row.two_threads) > 0
-    assert table.machinery[0].picks == 20
+    assert table.overhead[0].picks == 20
     assert table.provenance["seed"] == 0
 
 
-def test_it_is_written_and_read_again(table: PicksTable, tmp_path: Path) -> None:
+def test_the_table_is_written_and_read(table: PicksTable, tmp_path: Path) -> None:
     data, page = write_picks_table(table, tmp_path)
     assert PicksTable.load(data) == table
     text = page.read_text(encoding="utf-8")
@@ -49,15 +48,15 @@ def test_it_is_written_and_read_again(table: PicksTable, tmp_path: Path) -> None
         PicksTable.load(data)
 
 
-def test_workers_are_told_in_times_of_one(table: PicksTable) -> None:
+def test_speed_ups_are_relative_to_one_process(table: PicksTable) -> None:
     rows = [CampaignRow("ur5", f"{n} process", 100, 10.0 / n + 1.0, 100 / (10.0 / n + 1.0), 10.0 * n) for n in (1, 2)]
     page = picks_markdown(replace(table, campaigns=tuple(rows)))
     assert "| ur5 | 2 process | 100 | 6.0 | 16.7 | 1.83 | 20.0 | 2.00 |" in page
 
 
-def test_the_steady_rate_leaves_start_and_end_aside() -> None:
+def test_the_steady_rate_excludes_start_and_end() -> None:
     slow_start = [(0.0, 0), (5.0, 10), *((5.0 + k, 10 + 10 * k) for k in range(1, 9)), (30.0, 100)]
-    assert _steady(slow_start, 100) == pytest.approx(10.0)
+    assert steady_rate(slow_start, 100) == pytest.approx(10.0)
 
 
 @pytest.mark.parametrize("name", CELLS)
@@ -72,14 +71,14 @@ def test_the_same_seed_gives_the_same_picks_above_the_table(name: str) -> None:
 
 
 @pytest.mark.parametrize("how", [{"picks": -1}, {"poses": -1}, {"cells": ["moon"]}])
-def test_what_makes_no_sense_is_refused(how: dict) -> None:
+def test_invalid_settings_are_refused(how: dict) -> None:
     with pytest.raises(InputError):
         picks_benchmark(**{"cells": [], **how})
 
 
 def test_the_script_prints_the_table() -> None:
     command = [sys.executable, str(ROOT / "scripts" / "benchmark_picks.py"), "generic_6dof", "--picks", "2"]
-    command += ["--poses", "0", "--campaign", "0", "--machinery", "0"]
+    command += ["--poses", "0", "--campaign", "0", "--overhead", "0"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "| generic_6dof | all | 2 |" in done.stdout

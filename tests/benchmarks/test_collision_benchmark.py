@@ -1,4 +1,4 @@
-"""A tiny run of the table of collision checks, and whether its second look at verdicts sees what is wrong."""
+"""A small run of the collision benchmark; its independent check of verdicts finds wrong ones."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from benchmark_collision import collision_markdown, write_collision_table
+from collision_checks import CollisionTable, boxes, collision_benchmark
+from collision_edges import ROBOTS, check_edges, check_verdict, random_edge, random_scene
 
 import pinproof as pp
-from pinproof.benchmarks import CollisionTable, collision_benchmark, collision_markdown, write_collision_table
-from pinproof.benchmarks.collision_edges import EDGE_ROBOTS, audited_edges, what_is_wrong
-from pinproof.benchmarks.collision_problems import boxes, random_edge, random_scene
 from pinproof.collision.plain_coal import PlainCoal
 from pinproof.errors import FileError, InputError
 
@@ -24,7 +24,7 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 @pytest.fixture(scope="module")
 def table(request: pytest.FixtureRequest) -> CollisionTable:
-    return collision_benchmark(["ur5"], problems=1, configurations=30, boxes=(1, 4), edges=5)
+    return collision_benchmark(["ur5"], problems=1, configurations=30, box_counts=(1, 4), edges=5)
 
 
 def test_every_part_is_there(table: CollisionTable) -> None:
@@ -32,17 +32,17 @@ def test_every_part_is_there(table: CollisionTable) -> None:
     assert {row.robot for row in table.checks} == {"ur5"}
     assert [row.scene for row in table.growth] == ["boxes: 1", "boxes: 4"]
     assert [row.problems for row in table.proofs] == ["ur5, own scenes"]
-    assert [(row.robot, row.edges) for row in table.edges] == [(robot, 1) for robot in EDGE_ROBOTS]
+    assert [(row.robot, row.edges) for row in table.edges] == [(robot, 1) for robot in ROBOTS]
     assert table.provenance["seed"] == 0
 
 
-def test_times_are_told_apart_and_measured(table: CollisionTable) -> None:
+def test_times_are_separate_for_free_and_colliding_configurations(table: CollisionTable) -> None:
     for row in (*table.checks, *table.growth):
         for times in (row.is_free, row.check, row.clearance, row.coal, row.coal_tree, row.coal_distances):
             assert (times.free is None) == (row.free_share == 0.0)
             assert (times.colliding is None) == (row.free_share == 1.0)
             assert all(us is None or us > 0 for us in (times.free, times.colliding))
-        assert row.careless == 0
+        assert row.missed_contacts == 0
 
 
 def test_proofs_of_planned_paths_are_free(table: CollisionTable) -> None:
@@ -51,7 +51,7 @@ def test_proofs_of_planned_paths_are_free(table: CollisionTable) -> None:
     assert 0 < row.median_ms <= row.p95_ms <= row.largest_ms
 
 
-def test_it_is_written_and_read_again(table: CollisionTable, tmp_path: Path) -> None:
+def test_the_table_is_written_and_read(table: CollisionTable, tmp_path: Path) -> None:
     data, page, picture = write_collision_table(table, tmp_path)
     assert CollisionTable.load(data) == table
     assert picture.read_bytes().startswith(PNG)
@@ -64,38 +64,38 @@ def test_it_is_written_and_read_again(table: CollisionTable, tmp_path: Path) -> 
         CollisionTable.load(data)
 
 
-def test_a_wrong_verdict_is_said(table: CollisionTable) -> None:
+def test_wrong_verdicts_are_listed(table: CollisionTable) -> None:
     assert table.wrong == ()
     wrong = replace(table, edges=(replace(table.edges[0], wrong=("ur5, seed 0, scene 0, edge 0: FREE, but ...",)),))
     assert len(wrong.wrong) == 1
-    assert "- WRONG: ur5" in collision_markdown(wrong)
+    assert "- ur5, seed 0, scene 0, edge 0: FREE" in collision_markdown(wrong)
 
 
-@pytest.mark.parametrize("how", [{"configurations": 0}, {"boxes": (0,)}, {"edges": -1}])
-def test_what_makes_no_sense_is_refused(how: dict) -> None:
+@pytest.mark.parametrize("how", [{"configurations": 0}, {"box_counts": (0,)}, {"edges": -1}])
+def test_invalid_settings_are_refused(how: dict) -> None:
     with pytest.raises(InputError):
         collision_benchmark([], **how)
 
 
-@pytest.mark.parametrize("robot", EDGE_ROBOTS)
+@pytest.mark.parametrize("robot", ROBOTS)
 def test_no_verdict_on_random_edges_is_wrong(robot: str) -> None:
-    row = audited_edges(robot, 36, seed=7)
+    row = check_edges(robot, 36, seed=7)
     assert row.wrong == ()
     assert row.undecided == 0
     assert row.free > 5
     assert row.free + row.colliding == 36
-    assert row.looks > 60 * row.free
+    assert row.checked > 60 * row.free
 
 
-def test_each_scene_depends_on_its_number_alone() -> None:
-    few, more = audited_edges("ur5", 12, seed=1), audited_edges("ur5", 24, seed=1)
+def test_each_scene_depends_only_on_its_number() -> None:
+    few, more = check_edges("ur5", 12, seed=1), check_edges("ur5", 24, seed=1)
     assert few.free <= more.free
-    assert more.looks >= few.looks
+    assert more.checked >= few.checked
 
 
 @pytest.fixture(scope="module")
 def touching() -> tuple[pp.JointPath, pp.CollisionChecker, pp.CollisionChecker]:
-    """A UR5 whose forearm sweeps through a ball in the middle of the edge."""
+    """A UR5 whose forearm collides with a sphere in the middle of the edge."""
     arm = pp.load_robot("ur5").arm()
     start, end = np.array([-0.6, -1.0, 1.0, 0, 0, 0]), np.array([0.6, -1.0, 1.0, 0, 0, 0])
     at = arm.frame_placement((start + end) / 2, "wrist_1_link").translation
@@ -104,32 +104,32 @@ def touching() -> tuple[pp.JointPath, pp.CollisionChecker, pp.CollisionChecker]:
     return pp.JointPath([start, end], arm.joint_names), checker, meshes
 
 
-def test_the_second_look_agrees_with_what_is_right(touching: tuple) -> None:
+def test_correct_verdicts_pass_the_check(touching: tuple) -> None:
     path, checker, meshes = touching
     certificate = pp.certify(path, checker)
     assert certificate.status is pp.CertificateStatus.COLLIDING
-    assert what_is_wrong(path, certificate, checker, meshes) == (1, "")
+    assert check_verdict(path, certificate, checker, meshes) == (1, "")
 
 
-def test_the_second_look_sees_a_false_free(touching: tuple) -> None:
+def test_the_check_finds_a_wrong_free_verdict(touching: tuple) -> None:
     path, checker, meshes = touching
-    lie = pp.certify(path, checker.with_scene(pp.Scene()))
-    assert lie.free
-    assert "apart" in what_is_wrong(path, lie, checker, meshes)[1]
+    wrong = pp.certify(path, checker.with_scene(pp.Scene()))
+    assert wrong.free
+    assert "FREE" in check_verdict(path, wrong, checker, meshes)[1]
     half = pp.JointPath([path.q[0], path.q[0] + 0.1], path.joint_names)
     true = pp.certify(half, checker)
-    assert what_is_wrong(half, true, checker, meshes)[1] == ""
-    assert "proven" in what_is_wrong(half, replace(true, clearance=true.observed + 0.01), checker, meshes)[1]
+    assert check_verdict(half, true, checker, meshes)[1] == ""
+    assert "proven" in check_verdict(half, replace(true, clearance=true.observed + 0.01), checker, meshes)[1]
 
 
-def test_the_second_look_sees_a_false_contact(touching: tuple) -> None:
+def test_the_check_finds_a_wrong_contact(touching: tuple) -> None:
     path, checker, meshes = touching
     certificate = pp.certify(path, checker)
     moved = replace(certificate, first_contact=replace(certificate.first_contact, q=path.q[0]))
-    assert "COLLIDING, but" in what_is_wrong(path, moved, checker, meshes)[1]
+    assert "COLLIDING, but" in check_verdict(path, moved, checker, meshes)[1]
 
 
-def test_plain_coal_says_the_same_where_nothing_grazes(touching: tuple) -> None:
+def test_coal_agrees_except_within_rounding_of_the_margin(touching: tuple) -> None:
     _, checker, _ = touching
     rng = np.random.default_rng(0)
     many = rng.uniform(-3, 3, (60, 6))
@@ -152,7 +152,7 @@ def test_scenes_and_edges_are_the_same_for_the_same_seed() -> None:
     np.testing.assert_array_equal(one.q, two.q)
 
 
-def test_the_script_ends_with_what_it_found() -> None:
+def test_the_script_prints_the_table() -> None:
     command = [sys.executable, str(ROOT / "scripts" / "benchmark_collision.py"), "--only-edges", "5"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

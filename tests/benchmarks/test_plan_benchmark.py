@@ -1,4 +1,4 @@
-"""The table of a tiny run: every step and column, judged apart from the proofs; what is unsafe is caught and named."""
+"""A small run of the planning benchmark: rows, columns, and the independent check, which finds unsafe motions."""
 
 from __future__ import annotations
 
@@ -12,13 +12,11 @@ import pytest
 
 import pinproof as pp
 from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
-from pinproof.benchmarks.plan_judge import curve_length, judge
-from pinproof.benchmarks.plan_markdown import COLUMNS
-from pinproof.benchmarks.plan_methods import OURS, STEPS, Answer, PlanMethod
-from pinproof.benchmarks.plan_own import own_problems
+from pinproof.benchmarks.plan_methods import OURS, STEPS, PlanAnswer, PlanMethod
+from pinproof.benchmarks.plan_page import COLUMNS
 from pinproof.benchmarks.plan_peers import PEERS
-from pinproof.benchmarks.plan_problem import PlanProblem
-from pinproof.benchmarks.plan_scenes import OWN_SCENES
+from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems
+from pinproof.benchmarks.plan_run import check_motion, curve_length
 from pinproof.errors import FileError, InputError
 from pinproof.motion import JointPath
 
@@ -52,7 +50,7 @@ def test_every_own_scene_is_solved_certified_and_safe(table: PlanTable) -> None:
     assert table.left_out == {}
 
 
-def test_rows_are_whole_and_the_same_seed_gives_the_same_motion(table: PlanTable) -> None:
+def test_rows_are_complete_and_the_same_seed_gives_the_same_motion(table: PlanTable) -> None:
     for row in table.rows:
         assert set(row.ms) == set(STEPS)
         assert min(row.ms.values()) > 0
@@ -60,27 +58,27 @@ def test_rows_are_whole_and_the_same_seed_gives_the_same_motion(table: PlanTable
         assert row.length > 0
         assert row.duration > 0
         assert row.clearance > 0
-        assert row.cut >= 0
-        assert row.same_again is True
+        assert row.rejected_edges >= 0
+        assert row.repeatable is True
 
 
-def test_figures_are_those_of_the_rows(table: PlanTable) -> None:
+def test_figures_summarise_the_rows(table: PlanTable) -> None:
     figures = table.figures("pinproof", "generic_6dof")
     totals = [row.total for row in table.rows]
-    assert (figures.asked, figures.solved, figures.certified, figures.unsafe) == (5, 5, 5, 0)
+    assert (figures.problems, figures.solved, figures.certified, figures.unsafe) == (5, 5, 5, 0)
     assert figures.ms["total"].median == pytest.approx(np.median(totals))
     assert figures.ms["total"].largest == pytest.approx(max(totals))
     assert figures.clearance == min(row.clearance for row in table.rows)
-    assert table.figures("pinproof", "generic_6dof", "cage").asked == 1
+    assert table.figures("pinproof", "generic_6dof", "cage").problems == 1
     assert table.figures("nobody") is None
 
 
-def test_a_peer_is_compared_where_both_found_a_motion(table: PlanTable) -> None:
+def test_lengths_are_compared_on_problems_that_both_solved(table: PlanTable) -> None:
     theirs = [replace(row, method="peer", label="peer", length=row.length / 2) for row in table.rows]
     theirs[0] = replace(theirs[0], solved=False, length=None)
     both = replace(table, rows=(*table.rows, *theirs))
-    assert both.figures("peer").ours_to_its == pytest.approx(2.0)
-    assert both.figures("pinproof").ours_to_its is None
+    assert both.figures("peer").length_ratio == pytest.approx(2.0)
+    assert both.figures("pinproof").length_ratio is None
 
 
 def test_markdown_has_a_section_for_each_set_and_all_columns(table: PlanTable) -> None:
@@ -88,28 +86,30 @@ def test_markdown_has_a_section_for_each_set_and_all_columns(table: PlanTable) -
     for name in ("## generic_6dof", "### all sets", *(f"### {scene}" for scene in OWN_SCENES)):
         assert f"\n{name}\n" in page
     header = next(line for line in page.splitlines() if line.startswith("| method"))
-    assert header == f"| {' | '.join(name for name in COLUMNS if name != 'ours / its')} |"
+    assert header == f"| {' | '.join(name for name in COLUMNS if name != 'length ratio')} |"
     assert "| pinproof | 5 of 5 | 5 | 0 |" in page
     assert "Two open bins" in page
 
 
-def test_markdown_names_what_is_wrong(table: PlanTable) -> None:
+def test_the_page_lists_failures_and_faults(table: PlanTable) -> None:
     unsolved = replace(table.rows[0], solved=False, message="no path within a budget")
-    unsafe = replace(table.rows[1], faults=("link_6 touches post at 0.5 of the way",))
-    touching = replace(table.problems[2], exact=("goal: link_6 penetrates can (-2.0 mm)",), hull=("goal: the same",))
-    by_hull = replace(table.problems[3], hull=("start: link_3 is near board (0.0 mm)",))
+    unsafe = replace(table.rows[1], faults=("link_6 touches post at 50.0 % of the motion",))
+    touching = replace(
+        table.problems[2], mesh_faults=("goal: link_6 penetrates can (-2.0 mm)",), hull_faults=("goal: the same",)
+    )
+    by_hull = replace(table.problems[3], hull_faults=("start: link_3 is near board (0.0 mm)",))
     page = plan_markdown(
         replace(
             table, rows=(unsolved, unsafe), problems=(*table.problems[:2], touching, by_hull), left_out={"x": "why"}
         )
     )
     assert f"- {unsolved.name}: no path within a budget" in page
-    assert f"- {unsafe.name}: link_6 touches post at 0.5 of the way" in page
+    assert f"- {unsafe.name}: link_6 touches post at 50.0 % of the motion" in page
     assert f"- {touching.name}: goal: link_6 penetrates can (-2.0 mm)" in page
     assert f"- {by_hull.name}: start: link_3 is near board (0.0 mm)" in page
-    assert "in 1 an end touches something or is outside the limits, in 1 more an end touches by the hulls" in " ".join(
-        page.split()
-    )
+    prose = " ".join(page.split())
+    assert "outside the limits: 1;" in prose
+    assert "convex hulls only: 1." in prose
     assert "- x: why" in page
 
 
@@ -120,38 +120,41 @@ def test_files_hold_the_table(table: PlanTable, tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(PNG)
 
 
-def test_a_file_that_holds_no_table_is_refused(tmp_path: Path) -> None:
+def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "planning.json").write_text(json.dumps({"rows": []}), encoding="utf-8")
-    with pytest.raises(FileError, match="no table of planning"):
+    with pytest.raises(FileError, match="planning"):
         PlanTable.load(tmp_path / "planning.json")
-    with pytest.raises(InputError, match="no table of planning"):
+    with pytest.raises(InputError, match="planning"):
         PlanTable.from_dict({})
 
 
-def test_problems_whose_ends_touch_are_named_and_not_asked(mbm: Path) -> None:
+def test_problems_with_a_colliding_goal_are_listed_and_not_solved(mbm: Path) -> None:
     table = plan_benchmark([], mbm=mbm, peers=False)
     first, second = table.problems
-    assert (first.hull, first.exact) == ((), ())
-    assert "penetrates box" in second.exact[0]
+    assert (first.hull_faults, first.mesh_faults) == ((), ())
+    assert "penetrates box" in second.mesh_faults[0]
     assert [row.number for row in table.rows] == [1]
     assert table.settings["mbm"] is True
 
 
-# -- the judge ---------------------------------------------------------------------------------------------------------
+# -- the check ---------------------------------------------------------------------------------------------------------
 
 
-def test_the_judge_sees_a_motion_through_a_wall(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
-    judged = judge(straight(problem), problem, exact)
-    assert any(" touches " in fault for fault in judged.faults)
-    assert judged.length == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
+def test_the_check_finds_a_motion_through_a_wall(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
+    checked = check_motion(straight(problem), problem, exact)
+    assert any(" touches " in fault for fault in checked.faults)
+    assert checked.length == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
 
 
-def test_the_judge_sees_wrong_ends_and_limits(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
+def test_the_check_finds_wrong_ends_and_violated_limits(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
     elsewhere = JointPath([problem.start + 1e-3, problem.start], problem.arm.joint_names)
-    assert judge(elsewhere, problem, exact).faults[:2] == ("does not begin at the start", "does not end at a goal")
+    assert check_motion(elsewhere, problem, exact).faults[:2] == (
+        "does not begin at the start",
+        "does not end at a goal",
+    )
     far = problem.start.copy()
     far[0] = problem.arm.limits.upper[0] + 0.1
-    beyond = judge(straight(problem, far), problem, exact).faults
+    beyond = check_motion(straight(problem, far), problem, exact).faults
     assert "joint_1 is 0.1 outside its limits" in beyond
 
 
@@ -162,9 +165,9 @@ def test_the_length_of_a_timed_motion_is_that_of_its_path(problem: PlanProblem) 
     assert curve_length(timed) == pytest.approx(path.length, rel=1e-9)
 
 
-def test_an_unsafe_answer_of_ours_is_caught(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_unsafe_motion_of_our_planner_is_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     def through(problem: PlanProblem, checker: pp.CollisionChecker):
-        return lambda seed: Answer(straight(problem), {"plan": 1.0}, certified=True, clearance=0.1)
+        return lambda seed: PlanAnswer(straight(problem), {"plan": 1.0}, certified=True, clearance=0.1)
 
     monkeypatch.setattr("pinproof.benchmarks.plan_run.OURS", PlanMethod(OURS.key, OURS.label, through))
     table = plan_benchmark(["generic_6dof"], sets=["narrow_slot"], problems=1, peers=False)
@@ -175,7 +178,7 @@ def test_an_unsafe_answer_of_ours_is_caught(monkeypatch: pytest.MonkeyPatch) -> 
 # -- peers -------------------------------------------------------------------------------------------------------------
 
 
-def test_peers_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_peers_are_listed(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("roboplan", "roboplan.core", "roboplan.rrt"):
         monkeypatch.setitem(sys.modules, name, None)
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
@@ -184,17 +187,17 @@ def test_peers_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch) -> No
     assert "not installed" in plan_markdown(table)
 
 
-def test_peers_that_are_there_are_audited_too() -> None:
+def test_installed_peers_are_checked_too() -> None:
     pytest.importorskip("roboplan.rrt")
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1)
     for peer in PEERS:
         figures = table.figures(peer.key)
         assert figures.solved == 1
         assert figures.certified is None
-        assert figures.ours_to_its > 0
+        assert figures.length_ratio > 0
 
 
-def test_what_a_peer_raises_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_a_peer_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(problem: PlanProblem, checker: pp.CollisionChecker):
         raise ZeroDivisionError("theirs")
 
@@ -204,13 +207,13 @@ def test_what_a_peer_raises_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}])
-def test_settings_that_make_no_sense_are_refused(wrong: dict) -> None:
+def test_invalid_settings_are_refused(wrong: dict) -> None:
     with pytest.raises(InputError):
         plan_benchmark(["generic_6dof"], **wrong)
 
 
-def test_an_arm_that_fits_no_scene_is_left_out_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pinproof.benchmarks.plan_own.SCENES", 0)
+def test_a_scene_without_a_problem_is_left_out_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("pinproof.benchmarks.plan_problems.SCENES", 0)
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, peers=False)
-    assert "no start and goal" in table.left_out["generic_6dof/shelf"]
+    assert "shelf" in table.left_out["generic_6dof/shelf"]
     assert plan_markdown(table)

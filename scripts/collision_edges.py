@@ -1,0 +1,223 @@
+"""Certificates of random edges in random scenes, and an independent check of every verdict.
+
+FREE is checked at dense samples by Pinocchio and coal: the distances on the convex hulls of the links must not be below
+the proven clearance, and the exact meshes must not collide (:func:`pinproof.collision.audit`). COLLIDING must name a
+configuration at which coal finds a distance not larger than the margin.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.benchmarks.plan_problems import own_reach
+from pinproof.collision import (
+    Box,
+    Capsule,
+    Certificate,
+    CertificateStatus,
+    CollisionChecker,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    Obstacle,
+    Scene,
+    Shape,
+    Sphere,
+    audit,
+    certify,
+)
+from pinproof.collision.plain_coal import PlainCoal
+from pinproof.model import Arm, load_robot
+from pinproof.motion import JointPath
+from pinproof.spatial import SE3, pose
+
+Array = npt.NDArray[np.float64]
+
+ROBOTS = ("ur5", "panda", "generic_6dof", "xarm7", "stanford")
+
+EDGES_PER_SCENE = 12
+
+MOST_OBSTACLES = 8
+"""Largest number of obstacles in a random scene."""
+
+SMALLEST, LARGEST = 0.002, 0.3
+"""Dimensions of random obstacles in m, distributed log-uniformly."""
+
+NEAR, FAR = 0.25, 0.8
+"""Smallest and largest distance of obstacles from the base axis, as shares of the reach."""
+
+MARGINS = (0.0, 0.0, 0.003, 0.02)
+"""Margins in m, one of which is drawn for each scene."""
+
+EDGE_LENGTHS = (0.05, 0.3, 1.0)
+"""Standard deviations in rad or m of the joint motions along an edge, one of which is drawn for each edge."""
+
+TRIES = 8
+"""Random configurations among which an edge selects a free start, if there is one."""
+
+TOLERANCE = 1e-4
+"""Tolerance of the certificates in m."""
+
+SAMPLES = 60
+"""Samples per edge at which distances are measured."""
+
+AUDIT_STEP = 0.01
+"""Largest joint motion in rad or m between samples at which the exact meshes are checked."""
+
+DISTANCE_ERROR = 3e-6
+"""Largest error in m of coal's distances."""
+
+
+@dataclass(frozen=True)
+class EdgeRow:
+    """The results for the edges of a robot.
+
+    Parameters
+    ----------
+    robot, scenes, edges
+        The robot and the numbers of scenes and edges.
+    free, colliding, undecided
+        Numbers of verdicts.
+    checked
+        Configurations at which verdicts were checked independently.
+    mean_ms
+        Mean time of a certificate.
+    wrong
+        Verdicts that the independent check contradicts, as sentences.
+    """
+
+    robot: str
+    scenes: int
+    edges: int
+    free: int
+    colliding: int
+    undecided: int
+    checked: int
+    mean_ms: float
+    wrong: tuple[str, ...]
+
+
+def edge_rows(edges: int, seed: int, on_progress: Callable[[str], None]) -> list[EdgeRow]:
+    """Check this number of edges, distributed over :data:`ROBOTS`."""
+    each, rest = divmod(edges, len(ROBOTS))
+    counts = [each + (i < rest) for i in range(len(ROBOTS))]
+    return [check_edges(robot, count, seed, on_progress) for robot, count in zip(ROBOTS, counts, strict=True) if count]
+
+
+def check_edges(robot: str, edges: int, seed: int = 0, on_progress: Callable[[str], None] = lambda _: None) -> EdgeRow:
+    """Certify random edges of a robot and check the verdicts; each scene depends only on the seed and its number."""
+    arm = load_robot(robot).arm()
+    reach = own_reach(arm)
+    hulls, exact = CollisionChecker(arm), CollisionChecker(arm, link_meshes="surface")
+    counts = dict.fromkeys(CertificateStatus, 0)
+    wrong: list[str] = []
+    checked, seconds, scenes = 0, 0.0, -(-edges // EDGES_PER_SCENE)
+    for number in range(scenes):
+        rng = np.random.default_rng([seed, number])
+        scene, margin = random_scene(rng, reach), float(rng.choice(MARGINS))
+        checker, mesh_checker = hulls.with_scene(scene).with_margin(margin), exact.with_scene(scene)
+        for edge in range(min(EDGES_PER_SCENE, edges - number * EDGES_PER_SCENE)):
+            path = random_edge(checker, rng)
+            begin = perf_counter()
+            certificate = certify(path, checker, tolerance=TOLERANCE)
+            seconds += perf_counter() - begin
+            counts[certificate.status] += 1
+            samples, error = check_verdict(path, certificate, checker, mesh_checker)
+            checked += samples
+            if error:
+                wrong.append(f"{robot}, seed {seed}, scene {number}, edge {edge}: {error}")
+        if number % 10 == 9:
+            on_progress(f"{robot}: {min((number + 1) * EDGES_PER_SCENE, edges)} of {edges} edges, {len(wrong)} wrong")
+    return EdgeRow(
+        robot=robot,
+        scenes=scenes,
+        edges=edges,
+        free=counts[CertificateStatus.FREE],
+        colliding=counts[CertificateStatus.COLLIDING],
+        undecided=counts[CertificateStatus.UNDECIDED],
+        checked=checked,
+        mean_ms=1e3 * seconds / max(edges, 1),
+        wrong=tuple(wrong),
+    )
+
+
+def check_verdict(
+    path: JointPath, certificate: Certificate, checker: CollisionChecker, mesh_checker: CollisionChecker
+) -> tuple[int, str]:
+    """Return the number of configurations checked, and how they contradict the verdict (empty if they do not).
+
+    ``checker`` is the one of the certificate; ``mesh_checker`` has the same arm and scene, and exact meshes.
+    """
+    if certificate.status is CertificateStatus.COLLIDING:
+        contact = certificate.first_contact
+        if contact is None:
+            return 0, "COLLIDING without a contact"
+        distance = _smallest_distance(checker, contact.q[None])
+        if contact.distance > checker.margin or distance > checker.margin + DISTANCE_ERROR:
+            return 1, f"COLLIDING, but the distance at the contact is {distance:.6g} m (margin {checker.margin:g} m)"
+        return 1, ""
+    if certificate.status is CertificateStatus.UNDECIDED:
+        return 0, ""
+    distance = _smallest_distance(checker, path(np.linspace(*path.domain, SAMPLES)))
+    if distance < max(checker.margin, certificate.clearance) - DISTANCE_ERROR:
+        return SAMPLES, f"FREE with a proven clearance of {certificate.clearance:.6g} m, but {distance:.6g} m measured"
+    result = audit(path, mesh_checker, step=AUDIT_STEP)
+    return SAMPLES + result.samples, "" if result.clean else f"FREE, but on exact meshes {result.message}"
+
+
+def _smallest_distance(checker: CollisionChecker, configurations: Array) -> float:
+    """The smallest distance (m) over all pairs and configurations (N, n), by Pinocchio and coal."""
+    plain = PlainCoal(checker)
+    return min(map(plain.clearance, plain.configurations(configurations)))
+
+
+def random_scene(rng: np.random.Generator, reach: float) -> Scene:
+    """Return one to eight obstacles of any convex shape at random poses around an arm with this reach (m)."""
+    obstacles = []
+    for i in range(int(rng.integers(1, MOST_OBSTACLES + 1))):
+        position = rng.uniform(-FAR, FAR, 3) * reach
+        position[2] = abs(position[2])
+        if np.hypot(position[0], position[1]) < NEAR * reach:
+            position[0] += 2 * NEAR * reach
+        obstacles.append(Obstacle(f"thing_{i}", _random_shape(rng), random_orientation(position, rng)))
+    return Scene(obstacles)
+
+
+def random_orientation(position: Array, rng: np.random.Generator) -> SE3:
+    """Return a pose at a position with random roll, pitch and yaw."""
+    return pose(position.tolist(), rng.uniform(-np.pi, np.pi, 3).tolist())
+
+
+def _random_shape(rng: np.random.Generator) -> Shape:
+    a, b, c = np.exp(rng.uniform(np.log(SMALLEST), np.log(LARGEST), 3)).tolist()
+    return (
+        lambda: Box(a, b, c),
+        lambda: Sphere(a),
+        lambda: Cylinder(a, b),
+        lambda: Capsule(a / 2, b),
+        lambda: Cone(a, b),
+        lambda: Ellipsoid(a, b, c),
+        lambda: ConvexHull(rng.normal(size=(8, 3)) * LARGEST / 3),
+    )[int(rng.integers(7))]()
+
+
+def random_configurations(arm: Arm, count: int, rng: np.random.Generator) -> Array:
+    """Return configurations (N, n) drawn uniformly within the limits (+-pi for a joint without limits)."""
+    lower, upper = arm.limits.sampling_range()
+    return rng.uniform(lower, upper, (count, arm.dof))
+
+
+def random_edge(checker: CollisionChecker, rng: np.random.Generator) -> JointPath:
+    """Return a straight edge within the limits that starts, if possible, at a free configuration."""
+    arm = checker.arm
+    tried = random_configurations(arm, TRIES, rng)
+    free = np.flatnonzero(checker.is_free_batch(tried))
+    start = tried[free[0] if len(free) else 0]
+    end = arm.limits.clip(start + rng.normal(size=arm.dof) * rng.choice(EDGE_LENGTHS))
+    return JointPath(np.stack([start, end]), arm.joint_names)

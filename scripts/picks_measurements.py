@@ -1,0 +1,381 @@
+"""Measurement of picks: judging through all stages, screening of poses, and campaigns over several processes."""
+
+from __future__ import annotations
+
+import logging
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.benchmarks.tables import BenchmarkTable, provenance
+from pinproof.collision import Cylinder, Obstacle, Scene
+from pinproof.description import robots_folder
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm, load_robot
+from pinproof.picks import (
+    Campaign,
+    Pick,
+    PickList,
+    Picks,
+    PickSetup,
+    PlaceTarget,
+    ScreenStatus,
+    read_picks,
+    screen_picks,
+)
+from pinproof.picks.reach.screening import Screening
+from pinproof.spatial import SE3, pose
+
+Array = npt.NDArray[np.float64]
+
+TILT = np.radians(30.0)
+"""Largest angle between the approach direction and the vertical; carried bolts are vertical."""
+
+LOWEST, HIGHEST = 0.035, 0.25
+"""Height range of picks above the base in m; the lowest is the head of a bolt on the table."""
+
+BOLT = Cylinder(radius=0.008, length=0.04)
+
+DISTANCES = {"ur5": (0.15, 0.85), "panda": (0.15, 0.8), "generic_6dof": (0.15, 0.75)}
+"""Horizontal distances of picks from the base in m: the largest are slightly out of reach."""
+
+CELLS = (*DISTANCES, "ur5, carried")
+
+WARM_UP_PICKS = 4
+"""Picks that are judged before the measurement, which loads compiled code."""
+
+REPEATS = 3
+"""Runs of each screening; the fastest counts."""
+
+CHUNK = 4096
+"""Poses per call, as in screen_picks."""
+
+CAMPAIGN_WARM_UP = 64
+"""Picks of a first campaign, which fills the caches of compiled code and of files."""
+
+STEADY_FROM, STEADY_TO = 0.2, 0.9
+"""The steady rate is measured between these shares of the picks, while all workers are busy."""
+
+
+@dataclass(frozen=True)
+class VerdictRow:
+    """The picks of a cell with one verdict (``"all"`` for all of them): their number and times per pick (ms)."""
+
+    cell: str
+    verdict: str
+    picks: int
+    mean_ms: float
+    median_ms: float
+    p95_ms: float
+    largest_ms: float
+
+
+@dataclass(frozen=True)
+class ScreenRow:
+    """Screening in a cell, in poses per second on one thread unless stated otherwise.
+
+    Parameters
+    ----------
+    cell, poses, count, free
+        The cell, the kind and number of poses, and the share of free ones.
+    rate, with_clearance, two_threads
+        The default, with the clearance of free poses, and on two threads.
+    reach_only
+        Without collision checks.
+    as_picks
+        With Pick objects instead of an array of poses; None if the poses are not picks.
+    """
+
+    cell: str
+    poses: str
+    count: int
+    free: float
+    rate: float
+    with_clearance: float
+    reach_only: float
+    as_picks: float | None
+    two_threads: float
+
+
+@dataclass(frozen=True)
+class CampaignRow:
+    """A campaign: its workers and picks, seconds from ``run`` to the sorted file, and picks per second.
+
+    ``steady_rate`` is the rate while all workers are busy.
+    """
+
+    cell: str
+    workers: str
+    picks: int
+    wall_s: float
+    rate: float
+    steady_rate: float
+
+
+@dataclass(frozen=True)
+class PicksTable(BenchmarkTable):
+    """Judged picks, screened poses, campaigns (one worker first), and campaigns without judging."""
+
+    verdicts: tuple[VerdictRow, ...]
+    screening: tuple[ScreenRow, ...]
+    campaigns: tuple[CampaignRow, ...]
+    overhead: tuple[CampaignRow, ...]
+
+    topic: ClassVar[str] = "picks"
+    row_types: ClassVar[dict[str, type]] = {
+        "verdicts": VerdictRow,
+        "screening": ScreenRow,
+        "campaigns": CampaignRow,
+        "overhead": CampaignRow,
+    }
+
+
+def picks_benchmark(
+    cells: Sequence[str] = CELLS,
+    *,
+    picks: int = 200,
+    poses: int = 20_000,
+    campaign: int = 1_500,
+    overhead: int = 20_000,
+    seed: int = 0,
+    on_progress: Callable[[str], object] = lambda _: None,
+) -> PicksTable:
+    """Run the benchmark in the cells of the package.
+
+    ``picks`` and ``poses`` are judged and screened in each cell; ``campaign`` is the number of picks of the campaigns,
+    and ``overhead`` that of the campaign without judging, which run in the first cell. 0 skips a part.
+    """
+    counts = {"picks": picks, "poses": poses, "campaign": campaign, "overhead": overhead}
+    if min(counts.values()) < 0:
+        raise InputError(f"picks, poses, campaign and overhead must be at least 0, not {counts}")
+    selected = [pick_cell(name) for name in cells]
+    origin = provenance(seed)  # first, since the load must be that of other processes
+    verdicts: list[VerdictRow] = []
+    screening: list[ScreenRow] = []
+    campaigns: list[CampaignRow] = []
+    idle: list[CampaignRow] = []
+    for cell in selected:
+        if picks:
+            on_progress(f"{cell.name}: {picks} picks through all stages")
+            verdicts += verdict_rows(cell, picks, seed)
+        if poses and cell.name in DISTANCES:
+            on_progress(f"{cell.name}: {poses:,} poses screened")
+            screening += screen_rows(cell, poses, seed)
+    if campaign and selected:
+        for row in campaign_rows(selected[0], campaign, seed):
+            on_progress(f"{row.cell}: campaign of {campaign:,} picks, {row.workers}: {row.wall_s:.1f} s")
+            campaigns.append(row)
+    if overhead and selected:
+        on_progress(f"{selected[0].name}: campaign of {overhead:,} picks without judging")
+        idle.append(overhead_row(selected[0], overhead, seed))
+    return PicksTable(counts, origin, tuple(verdicts), tuple(screening), tuple(campaigns), tuple(idle))
+
+
+# -- random picks ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class PickCell:
+    """A cell: the arm, the scene, the settings shared by its picks, and their smallest and largest distance (m)."""
+
+    name: str
+    arm: Arm
+    scene: Scene
+    shared: Picks
+    nearest: float
+    farthest: float
+
+    def picks(self, count: int, seed: int) -> Picks:
+        """Return random picks from above, tilted by up to 30 degrees, in front of the arm."""
+        rng = np.random.default_rng(seed)
+        return replace(self.shared, picks=tuple(self._pick(f"pick_{i}", rng) for i in range(count)), problems=())
+
+    def poses(self, count: int, seed: int) -> Array:
+        """Return the poses (N, 4, 4) of random picks, ``root_from_tip``."""
+        rng = np.random.default_rng(seed)
+        return np.array([self._pose(rng, TILT).homogeneous for _ in range(count)])
+
+    def reachable_poses(self, count: int, seed: int) -> Array:
+        """Return poses (N, 4, 4) of random configurations within the limits."""
+        low, high = self.arm.limits.sampling_range()
+        q = np.random.default_rng(seed).uniform(low, high, (count, self.arm.dof))
+        base_from_tcp = self.arm.forward_kinematics_batch(q)
+        return np.asarray(self.arm.root_from_base.homogeneous @ base_from_tcp @ self.shared.tip.homogeneous)
+
+    def _pick(self, name: str, rng: np.random.Generator) -> Pick:
+        if self.name in DISTANCES:
+            return Pick(name, self._pose(rng, TILT))
+        grasp, put = self._pose(rng, 0.0), self._pose(rng, 0.0)
+        bolt = Obstacle("bolt", BOLT, pose(xyz=(0.0, 0.0, BOLT.length / 2)))
+        return Pick(name, grasp, carried=bolt, place=PlaceTarget(put))
+
+    def _pose(self, rng: np.random.Generator, tilt: float) -> SE3:
+        azimuth, distance = rng.uniform(-np.pi / 2, np.pi / 2), rng.uniform(self.nearest, self.farthest)
+        height = rng.uniform(LOWEST, HIGHEST) if tilt else LOWEST
+        xyz = (distance * np.cos(azimuth), distance * np.sin(azimuth), height)
+        angle, direction, spin = rng.uniform(0.0, tilt), *rng.uniform(-np.pi, np.pi, 2)
+        turned = pose(rpy=(0.0, 0.0, direction)) * pose(rpy=(0.0, np.pi - angle, 0.0)) * pose(rpy=(0.0, 0.0, spin))
+        return SE3(turned.rotation, np.array(xyz))
+
+
+def pick_cell(name: str) -> PickCell:
+    """Return a cell of :data:`CELLS`."""
+    if name not in CELLS:
+        raise UnknownNameError("cell", name, CELLS)
+    robot = name.partition(",")[0]
+    shared = read_picks(robots_folder() / robot / "picks.yaml")
+    arm = load_robot(robot).arm(shared.tcp, held=shared.held)
+    return PickCell(name, arm, Scene.load(robots_folder() / robot / "scene.yaml"), shared, *DISTANCES[robot])
+
+
+# -- judging and screening ---------------------------------------------------------------------------------------------
+
+
+def verdict_rows(cell: PickCell, count: int, seed: int) -> list[VerdictRow]:
+    """Judge random picks one by one through all stages on one thread."""
+    picks = cell.picks(count, seed)
+    setup = PickSetup.make(cell.arm, cell.scene, picks, home=None, rng=seed)
+    for index, pick in enumerate(cell.picks(WARM_UP_PICKS, seed + 1)):
+        setup.judge(index, pick)
+    times: dict[str, list[float]] = {"all": []}
+    for index, pick in enumerate(picks):
+        begin = perf_counter()
+        verdict = setup.judge(index, pick)
+        ms = 1e3 * (perf_counter() - begin)
+        for name in ("all", verdict.status.value):
+            times.setdefault(name, []).append(ms)
+    rows = []
+    for name, values in times.items():
+        median, p95 = np.percentile(values, (50, 95)).tolist()
+        rows.append(VerdictRow(cell.name, name, len(values), float(np.mean(values)), median, p95, max(values)))
+    return rows
+
+
+def screen_rows(cell: PickCell, count: int, seed: int) -> Iterator[ScreenRow]:
+    """Screen the poses of random picks, and poses of random configurations."""
+    settings: dict[str, Any] = {"tip": cell.shared.tip, "tool": cell.shared.open_tool, "margin": cell.shared.margin}
+    picks = PickList(cell.picks(count, seed))
+    setup = PickSetup.make(cell.arm, cell.scene, picks.shared, home=None, rng=seed)
+    reach_only = Screening(_NoContacts(setup.checker), setup.home, why=False)
+    tip_from_tcp = np.linalg.inv(cell.shared.tip.homogeneous)
+    base_from_root = np.linalg.inv(cell.arm.root_from_base.homogeneous)
+    kinds = {"picks": cell.poses(count, seed), "random configurations": cell.reachable_poses(count, seed)}
+    for kind, poses in kinds.items():
+        targets = np.ascontiguousarray(base_from_root @ poses @ tip_from_tcp)
+
+        def screen(poses: Array = poses, **more: Any) -> Any:
+            return screen_picks(cell.arm, cell.scene, poses, home=setup.home, **settings, **more)
+
+        def reach(targets: Array = targets) -> None:
+            for start in range(0, count, CHUNK):
+                reach_only.look(targets[start : start + CHUNK])
+
+        def screen_pick_objects() -> None:
+            screen_picks(cell.arm, cell.scene, picks, home=setup.home)
+
+        yield ScreenRow(
+            cell=cell.name,
+            poses=kind,
+            count=count,
+            free=screen().counts[ScreenStatus.FREE] / count,
+            rate=count / _fastest(screen),
+            with_clearance=count / _fastest(lambda screen=screen: screen(clearance=True)),
+            reach_only=count / _fastest(reach),
+            as_picks=count / _fastest(screen_pick_objects) if kind == "picks" else None,
+            two_threads=count / _fastest(lambda screen=screen: screen(threads=2)),
+        )
+
+
+def _fastest(call: Callable[[], Any]) -> float:
+    seconds = []
+    for _ in range(REPEATS):
+        begin = perf_counter()
+        call()
+        seconds.append(perf_counter() - begin)
+    return min(seconds)
+
+
+class _NoContacts:
+    """Replaces a checker: every configuration is free."""
+
+    def __init__(self, checker: Any) -> None:
+        self.arm, self.scene = checker.arm, checker.scene
+
+    def is_free_batch(self, Q: Array) -> npt.NDArray[np.bool_]:
+        return np.ones(len(Q), dtype=bool)
+
+
+# -- campaigns ---------------------------------------------------------------------------------------------------------
+
+
+def campaign_rows(cell: PickCell, count: int, seed: int) -> Iterator[CampaignRow]:
+    """Judge the same random picks with one process, with two, and with two of Dask if it is installed."""
+    warm_up = Campaign(cell.arm, cell.scene, cell.picks(min(count, CAMPAIGN_WARM_UP), seed), rng=seed)
+    _run(warm_up, cell.name, "", workers=2)
+    campaign = Campaign(cell.arm, cell.scene, cell.picks(count, seed), rng=seed)
+    yield _run(campaign, cell.name, "1 process", workers=1)
+    yield _run(campaign, cell.name, "2 processes", workers=2)
+    with _dask_executor() as executor:
+        if executor is not None:
+            yield _run(campaign, cell.name, "Dask, 2 processes", executor=executor, in_flight=4)
+
+
+def overhead_row(cell: PickCell, count: int, seed: int) -> CampaignRow:
+    """Run a campaign whose judge does nothing."""
+    campaign = Campaign(cell.arm, cell.scene, cell.picks(count, seed), rng=seed, judge=empty_verdict)
+    return _run(campaign, cell.name, "1 process, no judging", workers=1)
+
+
+def empty_verdict(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    """Return the row of a pick without judging it. Worker processes import this function by its module name."""
+    del setup, index
+    return {"name": pick.name, "verdict": "not found", "failed_at": "input"}
+
+
+def _run(campaign: Campaign, cell: str, label: str, **options: Any) -> CampaignRow:
+    progress: list[tuple[float, int]] = []
+    with tempfile.TemporaryDirectory() as folder:
+        begin = perf_counter()
+        campaign.run(Path(folder), progress=lambda done, _: progress.append((perf_counter(), done)), **options)
+        wall = perf_counter() - begin
+    count = len(campaign)
+    return CampaignRow(cell, label, count, wall, count / wall, steady_rate(progress, count))
+
+
+def steady_rate(progress: list[tuple[float, int]], count: int) -> float:
+    """Return picks per second between :data:`STEADY_FROM` and :data:`STEADY_TO`; over all picks if there are few.
+
+    ``progress`` lists times (s) and the numbers of picks done.
+    """
+    times, done = np.array(progress).T
+    first, last = np.searchsorted(done, (STEADY_FROM * count, STEADY_TO * count)).tolist()
+    if last <= first:
+        first, last = 0, len(done) - 1
+    return float((done[last] - done[first]) / (times[last] - times[first]))
+
+
+@contextmanager
+def _dask_executor() -> Iterator[Any]:
+    """An executor of two processes of one thread each; None if Dask is not installed."""
+    try:
+        from distributed import Client, LocalCluster
+    except ImportError:
+        yield None
+        return
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None,
+            local_directory=scratch, silence_logs=logging.ERROR,
+        ) as cluster,
+        Client(cluster) as client,
+    ):  # fmt: skip
+        client.wait_for_workers(2, timeout=60)
+        yield client.get_executor()

@@ -1,0 +1,394 @@
+"""Planning problems, and those in our scenes: table top, shelf, bins, cage and narrow slot.
+
+Our scenes are generated at random around an arm. All lengths are multiples of its reach r, all positions are in its
+base frame with z up and x to the front. The floor is just below the base. Each scene defines poses of the TCP up to a
+rotation about its z axis; starts and goals are free IK solutions for these poses, whose straight connection is in
+collision. No planner takes part in the generation, so none has an advantage; a problem may have no solution.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Scene
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.ik import Clik
+from pinproof.model import Arm, load_robot
+from pinproof.spatial import SE3, pose
+
+__all__ = [
+    "MARGIN",
+    "OWN_ROBOTS",
+    "OWN_SCENES",
+    "EndFaults",
+    "PlanProblem",
+    "check_start_and_goals",
+    "own_problems",
+    "own_reach",
+    "select_sets",
+]
+
+Array = npt.NDArray[np.float64]
+Rng = np.random.Generator
+PoseSampler = Callable[[Rng], SE3]
+
+FLOOR = -0.02
+"""Height of the floor, below the base."""
+
+DOWN = np.pi
+"""Pitch of a TCP that points down; at pi / 2 it points outwards."""
+
+OWN_ROBOTS = ("ur5", "panda", "generic_6dof")
+
+MARGIN = 0.005
+"""Clearance of starts and goals in m, by the convex hulls, so that no motion begins or ends in contact."""
+
+POSES = 30
+"""Poses of the TCP to try for a start or goal before another scene is generated."""
+
+SCENES = 20
+"""Scenes to try for a problem before the arm is reported as unsuitable."""
+
+AROUND_HOME = 0.5
+"""Distance in rad or m from home within which IK starts."""
+
+STRAIGHT_STEP = 0.02
+"""Largest joint motion in rad or m between samples of the straight connection."""
+
+SAMPLES, SHARE = 2_000, 0.95
+"""The reach is the distance within which this share of random configurations has the TCP."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanProblem:
+    """One problem.
+
+    Parameters
+    ----------
+    collection, set_name, number
+        Its origin: ``"ur5"``, ``"shelf"``, 3.
+    arm, scene
+        The arm and the obstacles.
+    start, goals
+        (n,) and (g, n) in rad or m; the motion may end at any of the goals.
+    notes
+        How the problem was adapted to the robot, in sentences.
+    """
+
+    collection: str
+    set_name: str
+    number: int
+    arm: Arm
+    scene: Scene
+    start: Array
+    goals: Array
+    notes: tuple[str, ...] = ()
+
+    @property
+    def full_set(self) -> str:
+        """``"ur5/shelf"``."""
+        return f"{self.collection}/{self.set_name}"
+
+    @property
+    def name(self) -> str:
+        """``"ur5/shelf/3"``."""
+        return f"{self.full_set}/{self.number}"
+
+
+@dataclass(frozen=True)
+class EndFaults:
+    """What is wrong with the start and the goals of a problem.
+
+    Parameters
+    ----------
+    hull, mesh
+        Contacts and violated limits, with the convex hulls of the links, which planners check, and with their original
+        meshes. Faults of goals are listed only if no goal is free.
+    """
+
+    hull: tuple[str, ...]
+    mesh: tuple[str, ...]
+
+    @property
+    def free(self) -> bool:
+        """Whether the start and a goal are free by the meshes."""
+        return not self.mesh
+
+    @property
+    def hull_only(self) -> bool:
+        """Whether only the hulls are in contact."""
+        return bool(self.hull) and not self.mesh
+
+
+def check_start_and_goals(
+    problem: PlanProblem, hull_checker: CollisionChecker, mesh_checker: CollisionChecker
+) -> EndFaults:
+    """Check the start and the goals of a problem with both checkers."""
+    return EndFaults(_end_faults(problem, hull_checker), _end_faults(problem, mesh_checker))
+
+
+def _end_faults(problem: PlanProblem, checker: CollisionChecker) -> tuple[str, ...]:
+    start = _fault(problem, checker, problem.start)
+    goals = [_fault(problem, checker, goal) for goal in problem.goals]
+    found = [f"start: {start}"] if start else []
+    if all(goals):
+        found += [f"goal: {fault}" for fault in dict.fromkeys(goals)]
+    return tuple(found)
+
+
+def _fault(problem: PlanProblem, checker: CollisionChecker, q: Array) -> str:
+    outside = problem.arm.limits.violations(q, problem.arm.joint_names)
+    touching = checker.check(q)
+    return "; ".join([*outside, *([] if touching.free else [str(touching)])])
+
+
+def _matches(full_set: str, names: tuple[str, ...]) -> bool:
+    """Whether a set such as ``"ur5/shelf"`` has one of the names ``"ur5/shelf"``, ``"ur5"``, ``"shelf"``."""
+    return any(name == full_set or name in full_set.split("/") for name in names)
+
+
+def select_sets(sets: list[str], names: tuple[str, ...]) -> list[str]:
+    """Return the sets with one of these names, or all sets without names.
+
+    Raises
+    ------
+    UnknownNameError
+        If no set has a name.
+    """
+    for name in names:
+        if not any(_matches(full_set, (name,)) for full_set in sets):
+            raise UnknownNameError("set of problems", name, {word for s in sets for word in (s, *s.split("/"))})
+    return [full_set for full_set in sets if not names or _matches(full_set, names)]
+
+
+# -- problems in our scenes --------------------------------------------------------------------------------------------
+
+
+def own_reach(arm: Arm) -> float:
+    """Return the reach of an arm in m: the 95 % quantile of the distance of the TCP from the base z axis."""
+    lower, upper = arm.limits.sampling_range()
+    poses = arm.forward_kinematics_batch(np.random.default_rng(0).uniform(lower, upper, (SAMPLES, arm.dof)))
+    return float(np.quantile(np.hypot(poses[:, 0, 3], poses[:, 1, 3]), SHARE))
+
+
+def own_problems(robot: str, scene: str, count: int, seed: int = 0) -> Iterator[PlanProblem]:
+    """Generate problems of a robot in one of :data:`OWN_SCENES`; each depends only on the seed and its number.
+
+    Raises
+    ------
+    InputError
+        If no problem is found for this arm in this scene.
+    """
+    arm = load_robot(robot).arm()
+    empty = CollisionChecker(arm, margin=MARGIN)
+    reach, index = own_reach(arm), list(OWN_SCENES).index(scene)
+    for number in range(1, count + 1):
+        generated = _generate(empty, scene, reach, np.random.default_rng([seed, index, number]))
+        if generated is None:
+            raise InputError(f"no start and goal for {robot!r} found in {SCENES} scenes of type {scene!r}")
+        generated_scene, start, goal = generated
+        yield PlanProblem(robot, scene, number, arm, generated_scene, start, goal[None])
+
+
+def _generate(
+    empty: CollisionChecker, name: str, reach: float, rng: np.random.Generator
+) -> tuple[Scene, Array, Array] | None:
+    root_from_base = empty.arm.root_from_base
+    for _ in range(SCENES):
+        layout = OWN_SCENES[name](reach, rng)
+        scene = Scene(Obstacle(o.name, o.shape, root_from_base * o.pose) for o in layout.obstacles)
+        ends = _start_and_goal(empty.with_scene(scene), layout, rng)
+        if ends is not None:
+            return scene, *ends
+    return None
+
+
+def _start_and_goal(
+    checker: CollisionChecker, layout: SceneLayout, rng: np.random.Generator
+) -> tuple[Array, Array] | None:
+    start = _free_configuration(checker, layout.start, rng)
+    if start is None:
+        return None
+    goal = _free_configuration(checker, layout.goal, rng)
+    if goal is None:
+        return None
+    steps = max(2, int(np.ceil(np.abs(goal - start).max() / STRAIGHT_STEP)))
+    straight = start + np.linspace(0, 1, steps)[:, None] * (goal - start)
+    return None if checker.is_free_batch(straight).all() else (start, goal)
+
+
+def _free_configuration(checker: CollisionChecker, sample_pose: PoseSampler, rng: np.random.Generator) -> Array | None:
+    """A free configuration with the TCP at a sampled pose up to a rotation about its z axis.
+
+    IK starts near home, which gives common postures; start and goal then rarely need a change of the elbow or wrist
+    branch.
+    """
+    arm, solver = checker.arm, Clik(restarts=0)
+    for _ in range(POSES):
+        near_home = arm.limits.clip(arm.home + rng.uniform(-AROUND_HOME, AROUND_HOME, arm.dof))
+        found = solver.solve(arm, sample_pose(rng), near_home, rng=rng, task="spin_z", accept=checker.is_free)
+        if found.ok:
+            return np.asarray(found.q)
+    return None
+
+
+# -- our scenes --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class SceneLayout:
+    """The obstacles of a scene (base_from_obstacle), and samplers of start and goal poses (base_from_tcp)."""
+
+    obstacles: tuple[Obstacle, ...]
+    start: PoseSampler
+    goal: PoseSampler
+
+
+def table_top(r: float, rng: Rng) -> SceneLayout:
+    """Ten boxes and cylinders of up to 0.45 r on a table; the tool moves between them from the left to the right."""
+    obstacles = [_floor(r)]
+    for number in range(10):
+        radius, height = rng.uniform(0.035, 0.07), rng.uniform(0.12, 0.45)
+        distance, azimuth = rng.uniform(0.4, 0.85), rng.uniform(-1.7, 1.7)
+        at = pose(_round(r, distance, azimuth, FLOOR + height / 2), (0, 0, rng.uniform(-np.pi, np.pi)))
+        round_one = rng.random() < 0.5
+        shape = Cylinder(radius * r, height * r) if round_one else Box(1.8 * radius * r, 1.4 * radius * r, height * r)
+        obstacles.append(Obstacle(f"{'can' if round_one else 'box'}_{number + 1}", shape, at))
+
+    def tool(side: float) -> PoseSampler:
+        return lambda g: _tool(
+            r, g.uniform(0.45, 0.75), side * g.uniform(0.4, 1.4), g.uniform(0.05, 0.15), DOWN - g.uniform(0, 0.3)
+        )
+
+    return SceneLayout(tuple(obstacles), tool(1.0), tool(-1.0))
+
+
+def shelf(r: float, rng: Rng) -> SceneLayout:
+    """Three levels of two compartments, each 0.36 r high; the tool moves from one compartment into another."""
+    front, depth, width, level = rng.uniform(0.5, 0.55), 0.35, 1.3, 0.36
+    middle = front + depth / 2
+    tall = 3 * level
+    obstacles = [_floor(r), _box(r, "back", (0.02, width, tall), (front + depth, 0, FLOOR + tall / 2))]
+    obstacles += [
+        _box(r, f"board_{k}", (depth, width, 0.02), (middle, 0, FLOOR + k * level)) for k in (1, 2, 3)
+    ]  # the floor is the bottom of the lowest level
+    uprights = (("left", width / 2), ("middle", rng.uniform(-0.1, 0.1)), ("right", -width / 2))
+    obstacles += [_box(r, name, (depth, 0.02, tall), (middle, y, FLOOR + tall / 2)) for name, y in uprights]
+    places = rng.permutation(6)[:2]
+
+    def tool(place: int) -> PoseSampler:
+        side, floor = (1.0 if place % 2 else -1.0), FLOOR + (place // 2) * level
+        return lambda g: pose(
+            (
+                r * (front + g.uniform(0.05, 0.15)),
+                r * side * g.uniform(0.2, 0.45),
+                r * (floor + g.uniform(0.12, 0.22)),
+            ),
+            (0, DOWN / 2 + g.uniform(-0.1, 0.3), 0),
+        )
+
+    return SceneLayout(tuple(obstacles), tool(int(places[0])), tool(int(places[1])))
+
+
+def bins(r: float, rng: Rng) -> SceneLayout:
+    """Two open bins, 0.5 r wide and up to 0.3 r deep; the tool moves out of one bin into the other."""
+    inside, wall = 0.5, 0.02
+    tall = rng.uniform(0.2, 0.3)
+    obstacles, centres = [_floor(r)], []
+    for side, name in ((1.0, "left"), (-1.0, "right")):
+        distance, azimuth = rng.uniform(0.62, 0.67), side * rng.uniform(0.5, 0.8)
+        at = pose(_round(r, distance, azimuth, FLOOR + tall / 2), (0, 0, azimuth + rng.uniform(-0.2, 0.2)))
+        centres.append((distance, azimuth))
+        away = (inside + wall) / 2
+        for number, (x, y) in enumerate(((away, 0), (-away, 0), (0, away), (0, -away))):
+            sides = (wall, inside, tall) if x else (inside + 2 * wall, wall, tall)
+            place = at * pose((x * r, y * r, 0))
+            obstacles.append(Obstacle(f"{name}_wall_{number + 1}", Box(*(r * side for side in sides)), place))
+
+    def tool(centre: tuple[float, float]) -> PoseSampler:
+        distance, azimuth = centre
+        return lambda g: _tool(
+            r,
+            distance + g.uniform(-0.06, 0.06),
+            azimuth + g.uniform(-0.06, 0.06),
+            FLOOR + g.uniform(0.05, 0.2),
+            DOWN - g.uniform(0, 0.2),
+        )
+
+    return SceneLayout(tuple(obstacles), tool(centres[0]), tool(centres[1]))
+
+
+def cage(r: float, rng: Rng) -> SceneLayout:
+    """Seven posts, 0.43 r apart, and a roof around the arm; the tool moves from one gap between posts to another."""
+    posts, radius, height = 7, 0.5, 1.25
+    apart = 2 * np.pi / posts
+    phase = rng.uniform(0, apart)
+    obstacles = [_floor(r), _box(r, "roof", (1.1, 1.1, 0.02), (0, 0, height))]
+    for number in range(posts):
+        at = pose(_round(r, radius, phase + number * apart, (FLOOR + height) / 2))
+        obstacles.append(Obstacle(f"post_{number + 1}", Cylinder(0.02 * r, (height - FLOOR) * r), at))
+    gaps = [phase + (number + 0.5) * apart for number in range(posts)]
+    front = sorted(((gap + np.pi) % (2 * np.pi) - np.pi for gap in gaps), key=abs)[:4]
+    first, second = rng.permutation(sorted(front))[:2]
+
+    def tool(azimuth: float) -> PoseSampler:
+        return lambda g: _tool(r, g.uniform(0.62, 0.75), azimuth, g.uniform(0.25, 0.6), DOWN / 2 + g.uniform(-0.2, 0.3))
+
+    return SceneLayout(tuple(obstacles), tool(float(first)), tool(float(second)))
+
+
+def narrow_slot(r: float, rng: Rng) -> SceneLayout:
+    """A wall with a window of 0.45 r by 0.28 r; the tool moves from the side of the arm through the window."""
+    near, thick, tall, half = rng.uniform(0.45, 0.5), 0.04, 1.3, 0.9
+    wide, high = 0.45, 0.28
+    y, z = rng.uniform(-0.15, 0.15), rng.uniform(0.35, 0.5)
+    x = near + thick / 2
+    bottom, top, left, right = z - high / 2, z + high / 2, y + wide / 2, y - wide / 2
+    obstacles = [
+        _floor(r),
+        _box(r, "below", (thick, 2 * half, bottom - FLOOR), (x, 0, (bottom + FLOOR) / 2)),
+        _box(r, "above", (thick, 2 * half, tall - top), (x, 0, (tall + top) / 2)),
+        _box(r, "left", (thick, half - left, high), (x, (half + left) / 2, z)),
+        _box(r, "right", (thick, half + right, high), (x, (right - half) / 2, z)),
+    ]
+    side = rng.choice([-1.0, 1.0])
+
+    def start(g: Rng) -> SE3:
+        return _tool(r, g.uniform(0.4, 0.6), side * g.uniform(1.3, 2.0), g.uniform(0.1, 0.5), DOWN - g.uniform(0, 0.6))
+
+    def goal(g: Rng) -> SE3:
+        place = (near + thick + g.uniform(0.06, 0.18), y + g.uniform(-0.1, 0.1), z + g.uniform(-0.05, 0.05))
+        return pose([r * value for value in place], (0, DOWN / 2 + g.uniform(-0.1, 0.1), g.uniform(-0.2, 0.2)))
+
+    return SceneLayout(tuple(obstacles), start, goal)
+
+
+OWN_SCENES: dict[str, Callable[[float, Rng], SceneLayout]] = {
+    "table_top": table_top,
+    "shelf": shelf,
+    "bin": bins,
+    "cage": cage,
+    "narrow_slot": narrow_slot,
+}
+"""Our scenes: a function by name that generates a scene for a reach in m."""
+
+
+def _floor(r: float) -> Obstacle:
+    return _box(r, "floor", (2.6, 2.6, 0.04), (0, 0, FLOOR - 0.02))
+
+
+def _box(r: float, name: str, sides: tuple[float, float, float], at: tuple[float, float, float]) -> Obstacle:
+    return Obstacle(name, Box(*(r * side for side in sides)), pose([r * value for value in at]))
+
+
+def _round(r: float, distance: float, azimuth: float, z: float) -> tuple[float, float, float]:
+    return r * distance * float(np.cos(azimuth)), r * distance * float(np.sin(azimuth)), r * z
+
+
+def _tool(r: float, distance: float, azimuth: float, z: float, pitch: float) -> SE3:
+    """base_from_tcp whose z axis has this pitch and points away from the base."""
+    return pose(_round(r, distance, azimuth, z), (0, pitch, azimuth))

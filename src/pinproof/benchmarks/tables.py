@@ -1,0 +1,223 @@
+"""Benchmark tables: rows with their settings and provenance, saved as JSON, rendered as Markdown and PNG plots."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import subprocess
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from datetime import datetime, timezone
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, ClassVar, TypeVar
+
+from pinproof.common.files import write_text_whole
+from pinproof.errors import FileError, InputError
+
+__all__ = [
+    "BenchmarkTable",
+    "NotApplicableError",
+    "bullet_section",
+    "installed_version",
+    "markdown_table",
+    "new_figure",
+    "provenance",
+    "provenance_text",
+    "wrapped",
+]
+
+WIDTH = 120
+"""Characters per line of Markdown text."""
+
+PACKAGES = ("pinproof", "pin", "numba", "numpy")
+"""Packages whose versions are part of the provenance."""
+
+AnyTable = TypeVar("AnyTable", bound="BenchmarkTable")
+
+
+class NotApplicableError(Exception):
+    """A method cannot be run on this arm or problem; the message states the reason. Caught by the benchmark runs."""
+
+
+@dataclass(frozen=True)
+class BenchmarkTable:
+    """The results of one benchmark run. Subclasses add tuples of rows.
+
+    Parameters
+    ----------
+    settings
+        What was run, as plain JSON values.
+    provenance
+        See :func:`provenance`.
+    """
+
+    settings: dict[str, Any]
+    provenance: dict[str, Any]
+
+    topic: ClassVar[str]
+    """What the table is about, for error messages."""
+
+    row_types: ClassVar[Mapping[str, Callable[..., Any]]]
+    """The fields that hold rows, and what makes a row from its values as keyword arguments."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the table as plain values for JSON."""
+        return asdict(self)
+
+    @classmethod
+    def from_dict(cls: type[AnyTable], data: Mapping[str, Any]) -> AnyTable:
+        """Return the table that :meth:`to_dict` converted.
+
+        Raises
+        ------
+        InputError
+            If a field is missing or a row has other fields than expected.
+        """
+        try:
+            values = {field.name: data[field.name] for field in fields(cls)}
+            for name, make in cls.row_types.items():
+                values[name] = tuple(make(**_with_tuples(row)) for row in values[name])
+            return cls(**values)
+        except (AttributeError, KeyError, TypeError) as error:
+            raise InputError(f"the data is not a table of {cls.topic}: {error}") from error
+
+    def save(self, path: str | Path) -> None:
+        """Write the table as JSON with one line per row."""
+        parts = [f"{json.dumps(key)}: {_json(value)}" for key, value in self.to_dict().items()]
+        write_text_whole(Path(path), "{\n" + ",\n".join(parts) + "\n}\n")
+
+    @classmethod
+    def load(cls: type[AnyTable], path: str | Path) -> AnyTable:
+        """Read what :meth:`save` wrote.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be read or does not hold such a table.
+        """
+        try:
+            return cls.from_dict(json.loads(Path(path).read_text(encoding="utf-8")))
+        except (OSError, ValueError, TypeError, InputError) as error:
+            raise FileError(path, f"does not hold a table of {cls.topic}: {error}") from error
+
+    def write(self, folder: str | Path, name: str, page: str) -> list[Path]:
+        """Write ``name.json`` and the Markdown ``name.md`` to an existing folder; return both paths."""
+        data, text = Path(folder) / f"{name}.json", Path(folder) / f"{name}.md"
+        self.save(data)
+        write_text_whole(text, page)
+        return [data, text]
+
+
+def _with_tuples(row: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in row.items()}
+
+
+def _json(value: Any) -> str:
+    if isinstance(value, (list, tuple)) and value:
+        return "[\n" + ",\n".join(json.dumps(entry, allow_nan=False) for entry in value) + "\n]"
+    return json.dumps(value, indent=1, allow_nan=False)
+
+
+# -- provenance --------------------------------------------------------------------------------------------------------
+
+
+def provenance(seed: int) -> dict[str, Any]:
+    """Return versions, machine, commit, date and seed as plain values for JSON.
+
+    ``commit`` ends in ``+`` if tracked files were changed; outside a git checkout it equals None. ``load``
+    is the load average of the last minute; call this before the benchmark starts.
+    """
+    return {
+        "versions": {"python": platform.python_version(), **{name: installed_version(name) for name in PACKAGES}},
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "system": f"{platform.system()} {platform.machine()}",
+        "load": round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else None,
+        "seed": seed,
+        "commit": _commit(),
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+    }
+
+
+def installed_version(distribution: str) -> str | None:
+    """Return the version of an installed distribution, or None."""
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return None
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return models[0] if models else platform.processor() or platform.machine()
+
+
+def _commit() -> str | None:
+    # An installed package may lie inside the repository of another project.
+    root = Path(__file__).resolve().parents[3]
+    if not (root / ".git").exists():
+        return None
+
+    def git(*arguments: str) -> str | None:
+        command = ["git", "-C", str(root), *arguments]
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=10)
+        except (OSError, subprocess.SubprocessError):
+            return None
+        return done.stdout.strip() if done.returncode == 0 else None
+
+    commit = git("rev-parse", "--short=12", "HEAD")
+    return f"{commit}+" if commit and git("status", "--porcelain", "--untracked-files=no") else commit
+
+
+# -- Markdown and plots ------------------------------------------------------------------------------------------------
+
+
+def provenance_text(table: BenchmarkTable, **more_versions: str | None) -> str:
+    """Return one sentence with versions, machine, seed, commit and date."""
+    origin = table.provenance
+    versions = {**origin["versions"], **more_versions}
+    packages = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
+    return (
+        f"Measured with {packages} on {origin['cpu']} ({origin['cores']} cores, load average {origin['load']}); seed "
+        f"{origin['seed']}, commit {origin['commit']}, {origin['date']}."
+    )
+
+
+def wrapped(*sentences: str) -> list[str]:
+    """Return the lines of one paragraph."""
+    return textwrap.wrap(" ".join(sentences), WIDTH)
+
+
+def markdown_table(columns: Sequence[str], rows: Iterable[Sequence[str]], *, text_columns: int = 1) -> list[str]:
+    """Return the lines of a table; columns without any content are left out.
+
+    The first ``text_columns`` columns are aligned to the left, the others, which hold numbers, to the right.
+    """
+    rows = list(rows)
+    shown = [k for k in range(len(columns)) if any(row[k] for row in rows)]
+    rule = ["---" if k < text_columns else "--:" for k in range(len(columns))]
+    return [f"| {' | '.join(cells[k] for k in shown)} |" for cells in (columns, rule, *rows)]
+
+
+def bullet_section(title: str, entries: Iterable[str]) -> list[str]:
+    """Return the lines of a section with a list; no lines without entries."""
+    lines = [f"- {entry}" for entry in entries]
+    return [f"## {title}", "", *lines, ""] if lines else []
+
+
+def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple[Any, Any]:
+    """Return a figure made without pyplot, and its axes (rows, columns), each ``width`` by ``height`` inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure, figure.subplots(rows, columns, squeeze=False)

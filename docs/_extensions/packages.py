@@ -1,15 +1,15 @@
-"""The directive ``room``: every public name of a room of pinproof, from its docstrings."""
+"""The directive ``package``: documents every public name of a package of pinproof from its docstring."""
 
 from __future__ import annotations
 
 import enum
+import importlib
 import inspect
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from docutils import nodes
-from docutils.parsers.rst import directives
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
@@ -23,36 +23,41 @@ SPELLED_OUT = {
     stringify_annotation(npt.ArrayLike, "smart"): "~numpy.typing.ArrayLike",
     stringify_annotation(npt.NDArray[np.float64], "smart"): "~numpy.ndarray",
 }
-"""Types of NumPy whose definition says less than their name."""
+"""NumPy types whose definition autodoc would print, each with the name to print instead."""
 
 
-class Room(SphinxDirective):
-    """``room:: pinproof.ik`` documents what ``import pinproof`` hands on of that room, as ``pinproof.NAME``.
+class Package(SphinxDirective):
+    """``package:: pinproof.ik`` documents the public names of that package.
 
-    Names in the option ``also`` are those of the room itself that others point to, such as a base class.
+    Names of the top level are documented as ``pinproof.NAME``. The other names in ``__all__`` of a package follow as
+    ``pinproof.ik.NAME`` if the package is an attribute of ``pinproof``.
     """
 
     required_arguments = 1
-    option_spec = {"also": directives.unchanged}  # noqa: RUF012 - docutils' own way
 
     def run(self) -> list[nodes.Node]:
-        """Let autodoc document each name."""
-        room = self.arguments[0]
-        names = [f"pinproof.{name}" for name in pp._HOME[room]]
-        names += [f"{room}.{name}" for name in self.options.get("also", "").split()]
-        lines = [line for name in names for line in documented(name)]
-        return nested_parse_to_nodes(self.state, rest(lines), source=f"<{room}>")
+        """Document each name with autodoc."""
+        lines = [line for name in public_names(self.arguments[0]) for line in documented(name)]
+        return nested_parse_to_nodes(self.state, rest(lines), source=f"<{self.arguments[0]}>")
+
+
+def public_names(package: str) -> list[str]:
+    """The full names of what a package exports: those of the top level first, then its own."""
+    top = pp._HOME.get(package, ())
+    is_public = package.removeprefix("pinproof.") in pp._PACKAGES
+    own = importlib.import_module(package).__all__ if is_public else ()
+    return [*(f"pinproof.{name}" for name in top), *(f"{package}.{name}" for name in own if name not in top)]
 
 
 def rest(lines: list[str]) -> StringList:
-    """The lines, as a block that a page in Markdown can hold."""
-    return StringList(["```{eval-rst}", *lines, "```"], source="<room>")
+    """The lines as a block of reStructuredText inside a Markdown page."""
+    return StringList(["```{eval-rst}", *lines, "```"], source="<package>")
 
 
 def documented(path: str) -> list[str]:
-    """The autodoc directive of a name, and how much of it is shown."""
+    """The autodoc directive of a name, with the options for its kind."""
     parent, _, name = path.rpartition(".")
-    value = getattr(__import__(parent, fromlist=[name]), name)
+    value = getattr(importlib.import_module(parent), name)
     if inspect.isclass(value) and issubclass(value, BaseException):
         return [f".. autoexception:: {path}", "   :show-inheritance:", ""]
     if inspect.isclass(value) and issubclass(value, enum.Enum):
@@ -62,24 +67,24 @@ def documented(path: str) -> list[str]:
     return [f".. autofunction:: {path}" if callable(value) else f".. autodata:: {path}", ""]
 
 
-def keep_first_line(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
-    """Napoleon takes what stands before a colon in the first line about an attribute for its type; ours are prose."""
+def protect_first_line(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
+    """Keep Napoleon from reading the text before a colon in the first line of an attribute as its type."""
     if what in ("attribute", "property"):
         lines[:0] = ["..", ""]
 
 
-def name_types(
-    _app: Sphinx, _what: str, _name: str, _value: Any, _options: Any, signature: str | None, answer: str | None
+def shorten_types(
+    _app: Sphinx, _what: str, _name: str, _value: Any, _options: Any, signature: str | None, returned: str | None
 ) -> tuple[str | None, str | None]:
-    """The signature with the names of types in place of their definitions."""
+    """The signature with the names of types instead of their definitions."""
     for long, short in SPELLED_OUT.items():
-        signature, answer = (text and text.replace(long, short) for text in (signature, answer))
-    return signature, answer
+        signature, returned = (text and text.replace(long, short) for text in (signature, returned))
+    return signature, returned
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Join Sphinx."""
-    app.add_directive("room", Room)
-    app.connect("autodoc-process-docstring", keep_first_line, priority=100)  # before Napoleon's 500
-    app.connect("autodoc-process-signature", name_types)
+    """Register the directive and the handlers."""
+    app.add_directive("package", Package)
+    app.connect("autodoc-process-docstring", protect_first_line, priority=100)  # before Napoleon's 500
+    app.connect("autodoc-process-signature", shorten_types)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -12,7 +12,7 @@ import pytest
 
 import pinproof as pp
 
-from .pages import FLAGS, ROOT, blocks, standing_in
+from .pages import FLAGS, ROOT, blocks, reader_folder
 
 PAGE = ROOT / "docs" / "messages.md"
 
@@ -132,6 +132,6 @@ def test_every_message_of_the_page_is_provoked_here_and_the_other_way_round() ->
 
 @pytest.mark.parametrize("key", PROVOKED)
 def test_a_message_is_what_the_package_says(key: str, tmp_path: Path) -> None:
-    with standing_in(tmp_path), pytest.raises(pp.PinproofError) as raised:
+    with reader_folder(tmp_path), pytest.raises(pp.PinproofError) as raised:
         PROVOKED[key]()
     assert doctest.OutputChecker().check_output(quoted()[key], str(raised.value), FLAGS), str(raised.value)

@@ -5,6 +5,8 @@ from __future__ import annotations
 import enum
 import importlib
 import inspect
+import itertools
+import re
 from typing import Any
 
 import numpy as np
@@ -67,10 +69,33 @@ def documented(path: str) -> list[str]:
     return [f".. autofunction:: {path}" if callable(value) else f".. autodata:: {path}", ""]
 
 
-def protect_first_line(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
-    """Keep Napoleon from reading the text before a colon in the first line of an attribute as its type."""
+def prepare_docstring(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
+    """Adapt a docstring to Napoleon, which reads two things in its own way.
+
+    It takes the text before a colon in the first line of an attribute for its type, and ``x, y`` in a section of
+    attributes for one name, of which Sphinx then takes ``x,`` for the type.
+    """
     if what in ("attribute", "property"):
         lines[:0] = ["..", ""]
+    elif what == "class":
+        lines[:] = one_attribute_each(lines)
+
+
+def one_attribute_each(lines: list[str]) -> list[str]:
+    """The lines of a docstring, with one entry for each of several attributes that share a description."""
+    separate: list[str] = []
+    section = ""
+    for number, line in enumerate(lines):
+        if number + 1 < len(lines) and re.fullmatch(r"-{3,}", lines[number + 1]):
+            section = line
+        if section == "Attributes" and re.fullmatch(r"\w+(, \w+)+", line):
+            rest = lines[number + 1 :]
+            description = list(itertools.takewhile(lambda text: text.startswith(" "), rest))
+            for name in line.split(", ")[:-1]:
+                separate += [name, *description]
+            line = line.split(", ")[-1]
+        separate.append(line)
+    return separate
 
 
 def shorten_types(
@@ -85,6 +110,6 @@ def shorten_types(
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the directive and the handlers."""
     app.add_directive("package", Package)
-    app.connect("autodoc-process-docstring", protect_first_line, priority=100)  # before Napoleon's 500
+    app.connect("autodoc-process-docstring", prepare_docstring, priority=100)  # before Napoleon's 500
     app.connect("autodoc-process-signature", shorten_types)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

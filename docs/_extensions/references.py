@@ -1,4 +1,4 @@
-"""References to what has no page of its own: they must name something that exists, and then stand as plain text."""
+"""References to names without a page: they must name an existing object and are rendered as plain code."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def point_from_root(_app: Sphinx, document: nodes.document) -> None:
-    """Links of README.md to files beside it: to the page that includes it, or none where there is no such page."""
+    """Point links of README.md to the page that includes the file, or remove the link if there is no such page."""
     for node in list(document.findall(pending_xref)):
         target = node["reftarget"]
         if node["reftype"] != "myst" or not (ROOT / target).is_file():
@@ -33,14 +33,14 @@ def point_from_root(_app: Sphinx, document: nodes.document) -> None:
             node.replace_self(node.children)
 
 
-def settle(_app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> nodes.Element | None:
-    """A name that has no page, as plain code; None, which is a warning, where there is no such name."""
+def resolve(_app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> nodes.Element | None:
+    """Render a name without a page as plain code; return None (a warning) if the name does not exist."""
     found = node.get("refdomain") == "py" and exists(node["reftarget"], node.get("py:class"))
     return content if found else None
 
 
 def exists(target: str, within: str | None) -> bool:
-    """Whether a name of Python can be imported, or is one of the class it is used in or of a module of pinproof."""
+    """Whether a name can be imported, is a member of the class where it is used, or is in a module of pinproof."""
     name = target.split("[")[0].rstrip("()")
     if not all(part.isidentifier() for part in name.split(".")):
         return True  # a shape, such as (n + 1, 4, 4), where Sphinx looks for a type
@@ -51,7 +51,7 @@ def exists(target: str, within: str | None) -> bool:
 
 
 def imported(name: str) -> bool:
-    """Whether a dotted name is a module, or leads on from one."""
+    """Whether a dotted name is a module or an attribute of a module."""
     parts = name.split(".")
     for n in range(len(parts), 0, -1):
         with contextlib.suppress(ImportError):
@@ -61,7 +61,7 @@ def imported(name: str) -> bool:
 
 
 def has(value: Any, path: str) -> bool:
-    """Whether a dotted path leads somewhere; what a class only sets on its instances is in its docstring."""
+    """Whether a dotted attribute path exists; attributes of instances are looked up in the class docstring."""
     head, _, rest = path.partition(".")
     listed = (
         re.findall(r"^(\w+(?:, \w+)*)$", inspect.getdoc(value) or "", re.MULTILINE) if inspect.isclass(value) else ()
@@ -72,7 +72,7 @@ def has(value: Any, path: str) -> bool:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Join Sphinx."""
+    """Register the extension with Sphinx."""
     app.connect("doctree-read", point_from_root)
-    app.connect("missing-reference", settle)
+    app.connect("missing-reference", resolve)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

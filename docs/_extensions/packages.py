@@ -1,15 +1,15 @@
-"""The directive ``room``: every public name of a room of pinproof, from its docstrings."""
+"""The directive ``package``: documents the public names of a package of pinproof from their docstrings."""
 
 from __future__ import annotations
 
 import enum
+import importlib
 import inspect
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from docutils import nodes
-from docutils.parsers.rst import directives
 from docutils.statemachine import StringList
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
@@ -23,34 +23,34 @@ SPELLED_OUT = {
     stringify_annotation(npt.ArrayLike, "smart"): "~numpy.typing.ArrayLike",
     stringify_annotation(npt.NDArray[np.float64], "smart"): "~numpy.ndarray",
 }
-"""Types of NumPy whose definition says less than their name."""
+"""Type aliases of NumPy that are shown by name instead of by definition."""
 
 
-class Room(SphinxDirective):
-    """``room:: pinproof.ik`` documents what ``import pinproof`` hands on of that room, as ``pinproof.NAME``.
+class Package(SphinxDirective):
+    """``package:: pinproof.ik`` documents the public names of that package.
 
-    Names in the option ``also`` are those of the room itself that others point to, such as a base class.
+    Names that the top level exports are documented as ``pinproof.NAME``, the others as ``pinproof.ik.NAME``.
     """
 
     required_arguments = 1
-    option_spec = {"also": directives.unchanged}  # noqa: RUF012 - docutils' own way
 
     def run(self) -> list[nodes.Node]:
-        """Let autodoc document each name."""
-        room = self.arguments[0]
-        names = [f"pinproof.{name}" for name in pp._HOME[room]]
-        names += [f"{room}.{name}" for name in self.options.get("also", "").split()]
+        """Document each name with autodoc."""
+        package = self.arguments[0]
+        at_top = pp._HOME.get(package, ())
+        further = [name for name in importlib.import_module(package).__all__ if name not in at_top]
+        names = [*(f"pinproof.{name}" for name in at_top), *(f"{package}.{name}" for name in further)]
         lines = [line for name in names for line in documented(name)]
-        return nested_parse_to_nodes(self.state, rest(lines), source=f"<{room}>")
+        return nested_parse_to_nodes(self.state, rest(lines), source=f"<{package}>")
 
 
 def rest(lines: list[str]) -> StringList:
-    """The lines, as a block that a page in Markdown can hold."""
-    return StringList(["```{eval-rst}", *lines, "```"], source="<room>")
+    """Wrap the lines in an eval-rst block for a Markdown page."""
+    return StringList(["```{eval-rst}", *lines, "```"], source="<package>")
 
 
 def documented(path: str) -> list[str]:
-    """The autodoc directive of a name, and how much of it is shown."""
+    """Return the autodoc directive and its options for a name."""
     parent, _, name = path.rpartition(".")
     value = getattr(__import__(parent, fromlist=[name]), name)
     if inspect.isclass(value) and issubclass(value, BaseException):
@@ -63,7 +63,7 @@ def documented(path: str) -> list[str]:
 
 
 def keep_first_line(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
-    """Napoleon takes what stands before a colon in the first line about an attribute for its type; ours are prose."""
+    """Prevent Napoleon from reading the text before a colon in the first line of an attribute as its type."""
     if what in ("attribute", "property"):
         lines[:0] = ["..", ""]
 
@@ -71,15 +71,15 @@ def keep_first_line(_app: Sphinx, what: str, _name: str, _value: Any, _options: 
 def name_types(
     _app: Sphinx, _what: str, _name: str, _value: Any, _options: Any, signature: str | None, answer: str | None
 ) -> tuple[str | None, str | None]:
-    """The signature with the names of types in place of their definitions."""
+    """Replace the definitions of type aliases in a signature by their names."""
     for long, short in SPELLED_OUT.items():
         signature, answer = (text and text.replace(long, short) for text in (signature, answer))
     return signature, answer
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Join Sphinx."""
-    app.add_directive("room", Room)
+    """Register the extension with Sphinx."""
+    app.add_directive("package", Package)
     app.connect("autodoc-process-docstring", keep_first_line, priority=100)  # before Napoleon's 500
     app.connect("autodoc-process-signature", name_types)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""Configuration of Sphinx for the manual. `scripts/docs` builds it, with warnings as errors."""
+"""How the manual is built: `scripts/docs`, which calls Sphinx with warnings as errors."""
 
 from __future__ import annotations
 
@@ -13,12 +13,19 @@ author = "pinproof contributors"
 project_copyright = "pinproof contributors, BSD-3-Clause"
 release = version = version_of("pinproof")
 
-LOCAL = ("commands", "mathml", "packages", "references")  # in docs/_extensions
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", *LOCAL]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "commands",
+    "mathml",
+    "references",
+    "packages",
+]
 exclude_patterns = ["_extensions"]
-nitpicky = True  # a reference to a name that does not exist is a warning, and scripts/docs fails on warnings
+nitpicky = True  # a reference that leads nowhere is a warning, and a warning an error
 
-# Few extensions of Markdown, so that the pages also read well as files.
+# Markdown as the pages use it, so that they read well where they are stored too.
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 

@@ -1,4 +1,4 @@
-"""The directive ``commands``: documents every command, generated from the parser of the command line."""
+"""The directive ``commands``: documents every command of the CLI from the parser itself."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ EXAMPLE = "Example: "
 
 
 class Commands(SphinxDirective):
-    """``{commands}`` writes a section for each command: its description, examples, arguments and options."""
+    """``{commands}`` writes a section for each command: description, example, arguments and options."""
 
     def run(self) -> list[nodes.Node]:
-        """Create the sections from the parser."""
+        """Write the sections from the parser of the program."""
         lines = [line for words in COMMANDS for line in section(words)]
         return nested_parse_to_nodes(
             self.state, StringList(lines, source="<commands>"), source="<commands>", allow_section_headings=True
@@ -29,7 +29,7 @@ class Commands(SphinxDirective):
 
 
 def section(words: str) -> list[str]:
-    """The Markdown lines of a command, given by its name, such as ``"bench ik"``."""
+    """Return the Markdown of one command."""
     command: Any = typer.main.get_command(app)
     for word in words.split():
         command = command.commands[word]
@@ -39,29 +39,29 @@ def section(words: str) -> list[str]:
     named = " ".join(argument(each) for each in command.params if each.param_type_name == "argument")
     rows = [row(each) for each in command.params if each.name != "help" and not getattr(each, "hidden", False)]
     shown = ["```sh", *examples, "```"] if examples else []
-    table = ["| argument or option | meaning | default |", "|---|---|---|", *rows]
+    table = ["| option | description | default |", "|---|---|---|", *rows]
     return [f"## pinproof {words} {named}".rstrip(), "", *prose.splitlines(), "", *shown, "", *table, ""]
 
 
 def argument(parameter: Any) -> str:
-    """The name of an argument, in brackets if it is optional."""
+    """Return the name of an argument, in brackets if it is optional."""
     name = parameter.metavar or parameter.name.upper()
     return name if parameter.required or name.startswith("[") else f"[{name}]"
 
 
 def row(parameter: Any) -> str:
-    """A row of the table of arguments and options."""
+    """Return one row of the option table of a command."""
     given = parameter.default if isinstance(parameter.default, str | int | float) else None
     default = "" if given in (None, False, "") or parameter.required else f"`{getattr(given, 'value', given)}`"
-    name = ", ".join(parameter.opts) if parameter.param_type_name == "option" else argument(parameter)
-    meaning = " ".join((parameter.help or "").split()).replace("|", r"\|")
+    words = ", ".join(parameter.opts) if parameter.param_type_name == "option" else argument(parameter)
+    help_text = " ".join((parameter.help or "").split()).replace("|", r"\|")
     choices = getattr(getattr(parameter, "type", None), "choices", None)
     if choices:
-        meaning += f" One of {', '.join(str(getattr(each, 'value', each)) for each in choices)}."
-    return f"| `{name}` | {meaning} | {default} |"
+        help_text += f" One of {', '.join(str(getattr(each, 'value', each)) for each in choices)}."
+    return f"| `{words}` | {help_text} | {default} |"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the directive."""
+    """Register the extension with Sphinx."""
     app.add_directive("commands", Commands)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers render without a script, so that the pages work offline."""
+"""Write formulas as MathML, which browsers render without scripts, so the pages work offline."""
 
 from __future__ import annotations
 
@@ -17,19 +17,13 @@ def inline(self: Any, node: nodes.math) -> None:
 
 
 def block(self: Any, node: nodes.math_block) -> None:
-    """Write a displayed formula."""
+    """Write a display formula."""
     self.body.append(f'<div class="math">{converted(node.astext(), as_block=True)}</div>')
     raise nodes.SkipNode
 
 
 def converted(tex: str, *, as_block: bool) -> str:
-    """The MathML of a formula.
-
-    Raises
-    ------
-    ExtensionError
-        If the formula cannot be converted. It stops the build.
-    """
+    """Convert a formula to MathML; a formula that cannot be converted is a build error."""
     try:
         return tex2mathml(tex.replace(r"\dots", r"\ldots"), as_block=as_block)
     except Exception as error:
@@ -37,6 +31,6 @@ def converted(tex: str, *, as_block: bool) -> str:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register the renderer."""
+    """Register the extension with Sphinx."""
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

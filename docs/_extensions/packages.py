@@ -31,8 +31,7 @@ SPELLED_OUT = {
 class Package(SphinxDirective):
     """``package:: pinproof.ik`` documents the public names of that package.
 
-    Names of the top level are documented as ``pinproof.NAME``. The other names in ``__all__`` of a package follow as
-    ``pinproof.ik.NAME`` if the package is an attribute of ``pinproof``.
+    Names that the top level exports are documented as ``pinproof.NAME``, the others as ``pinproof.ik.NAME``.
     """
 
     required_arguments = 1
@@ -46,9 +45,8 @@ class Package(SphinxDirective):
 def public_names(package: str) -> list[str]:
     """The full names of what a package exports: those of the top level first, then its own."""
     top = pp._HOME.get(package, ())
-    is_public = package.removeprefix("pinproof.") in pp._PACKAGES
-    own = importlib.import_module(package).__all__ if is_public else ()
-    return [*(f"pinproof.{name}" for name in top), *(f"{package}.{name}" for name in own if name not in top)]
+    own = [name for name in importlib.import_module(package).__all__ if name not in top]
+    return [*(f"pinproof.{name}" for name in top), *(f"{package}.{name}" for name in own)]
 
 
 def rest(lines: list[str]) -> StringList:

@@ -33,13 +33,6 @@ def resolve_from_root(_app: Sphinx, document: nodes.document) -> None:
             node.replace_self(node.children)
 
 
-def unlink_attributes(_app: Sphinx, document: nodes.document) -> None:
-    """Remove the links of attribute names in field lists: Sphinx links them to any attribute of the same name."""
-    for node in list(document.findall(pending_xref)):
-        if node["reftype"] == "obj" and node.get("refspecific"):
-            node.replace_self(node.children)
-
-
 def check_name(
     _app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: nodes.Element
 ) -> nodes.Element | None:
@@ -92,6 +85,5 @@ def assigns(kind: type, name: str) -> bool:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the handlers."""
     app.connect("doctree-read", resolve_from_root)
-    app.connect("doctree-read", unlink_attributes)
     app.connect("missing-reference", check_name)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

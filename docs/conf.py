@@ -13,7 +13,15 @@ author = "pinproof contributors"
 project_copyright = "pinproof contributors, BSD-3-Clause"
 release = version = version_of("pinproof")
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "commands", "mathml", "references", "rooms"]
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "commands",
+    "mathml",
+    "references",
+    "packages",
+]
 exclude_patterns = ["_extensions"]
 nitpicky = True  # a reference that leads nowhere is a warning, and a warning an error
 

@@ -15,7 +15,7 @@ import ast
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -90,6 +90,29 @@ def python_texts() -> Iterator[Text]:
                 yield Text("messages", file, node.lineno, blanked(node.value, CODE))
 
 
+class Found(NamedTuple):
+    """An occurrence of a word to avoid: the text, the line in its file, the word, and the pattern that it matches."""
+
+    text: Text
+    line: int
+    word: str
+    pattern: str
+
+
+def words_to_avoid(texts: Iterable[Text]) -> Iterator[Found]:
+    """Every occurrence of a word to avoid."""
+    for text in texts:
+        for pattern, name in PATTERNS.items():
+            for match in pattern.finditer(text.text):
+                yield Found(text, text.line + text.text.count("\n", 0, match.start()), match[0], name)
+
+
+def rate_per_1000() -> float:
+    """Occurrences of words to avoid per 1,000 words of all texts."""
+    texts = [*markdown_texts(), *python_texts()]
+    return 1000 * sum(1 for _ in words_to_avoid(texts)) / sum(len(WORD.findall(text.text)) for text in texts)
+
+
 def main() -> int:
     """Print the rates; with ``--list`` the occurrences too."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -100,13 +123,12 @@ def main() -> int:
     by_pattern: Counter[str] = Counter()
     for text in (*markdown_texts(), *python_texts()):
         words[text.kind] += len(WORD.findall(text.text))
-        for pattern, name in PATTERNS.items():
-            for match in pattern.finditer(text.text):
-                found[text.kind] += 1
-                by_pattern[name] += 1
-                if options.list:
-                    line = text.line + text.text.count("\n", 0, match.start())
-                    print(f"{text.file.relative_to(ROOT)}:{line}: {match[0]!r}; better: {AVOIDED[name]}")
+        for each in words_to_avoid([text]):
+            found[text.kind] += 1
+            by_pattern[each.pattern] += 1
+            if options.list:
+                file = text.file.relative_to(ROOT)
+                print(f"{file}:{each.line}: {each.word!r}; better: {AVOIDED[each.pattern]}")
     for kind, count in words.items():
         print(f"{kind}: {found[kind]} of {count} words, {1000 * found[kind] / count:.2f} per 1,000")
     total = sum(words.values())

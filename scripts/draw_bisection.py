@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draw docs/bisection.png: what a proof shows of one pair of bodies, interval by interval, below the true distance."""
+"""Draw docs/bisection.png: for one pair of bodies, the distance and the proven lower bound on each interval."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ PICTURE = Path(__file__).parents[1] / "docs" / "bisection.png"
 
 
 def draw(target: Path = PICTURE) -> None:
-    """Prove that a tool on a UR5 swings past a post, and draw the proof."""
+    """Certify a motion of a UR5 whose tool passes a post, and plot the evidence of this pair."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -21,24 +21,25 @@ def draw(target: Path = PICTURE) -> None:
 
     arm = pp.load_robot("ur5").arm(tcp="tool0")
     tool = pp.Obstacle("tool", pp.Cylinder(radius=0.01, length=0.3), pp.pose((0, 0, 0.16)))
-    beside = arm.forward_kinematics(arm.home).translation * [1.09, 1.09, 1] - [0, 0, 0.2]
-    scene = pp.Scene([pp.Obstacle("post", pp.Cylinder(radius=0.03, length=0.3), pp.pose(beside))])
+    beside_tool = arm.forward_kinematics(arm.home).translation * [1.09, 1.09, 1] - [0, 0, 0.2]
+    scene = pp.Scene([pp.Obstacle("post", pp.Cylinder(radius=0.03, length=0.3), pp.pose(beside_tool))])
     checker = pp.CollisionChecker(arm, scene, attached=[tool])
     turn = np.array([0.9, 0, 0, 0, 0, 0])
     swing = pp.JointPath([arm.home - turn, arm.home + turn], arm.joint_names)
     rows = np.array(pp.certify(swing, checker, record=True).or_raise().evidence)
     owners = [{checker.bodies[i].owner for i in pair} for pair in checker.pairs]
     pair = owners.index({"tool", "post"})
-    mine = rows[rows[:, 2] == pair]
-    leaves = [r for r in mine if not any(r[0] <= s[0] and s[1] <= r[1] and s[1] - s[0] < r[1] - r[0] for s in mine)]
+    of_pair = rows[rows[:, 2] == pair]
+    halved = [any(r[0] <= s[0] and s[1] <= r[1] and s[1] - s[0] < r[1] - r[0] for s in of_pair) for r in of_pair]
+    leaves = of_pair[~np.array(halved)]
 
     times = np.linspace(*swing.domain, 400)
     distances = [checker.placed(q).measure(pair).attained for q in swing(times)]
     figure, axes = pyplot.subplots(figsize=(7, 3.2), layout="constrained")
-    axes.plot(times, np.array(distances) * 1e3, color="black", label="distance of tool and post")
-    for k, (start, end, _, proven) in enumerate(row[:4] for row in leaves):
+    axes.plot(times, np.array(distances) * 1e3, color="black", label="distance between tool and post")
+    for k, (start, end, _, proven) in enumerate(leaves[:, :4]):
         axes.fill_between([start, end], 0, proven * 1e3, color="tab:green", alpha=0.25, linewidth=0)
-        axes.plot([start, end], [proven * 1e3] * 2, color="tab:green", label=None if k else "proven on the interval")
+        axes.plot([start, end], [proven * 1e3] * 2, color="tab:green", label=None if k else "proven lower bound")
         axes.axvline(start, color="tab:green", linewidth=0.5, alpha=0.5)
     axes.set(xlabel="path parameter", ylabel="mm", xlim=swing.domain, ylim=(0, None))
     axes.legend(facecolor="white", edgecolor="none", framealpha=1)

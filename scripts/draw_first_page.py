@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draw docs/first_page.png: a still of the motion that the first lines of docs/index.md make."""
+"""Draw docs/first_page.png: a picture of the motion of the first example in docs/index.md."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ import pinproof as pp
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 PICTURE = DOCS / "first_page.png"
 SIZE = (1200, 700)
-"""Pixels."""
+"""Width and height of the picture in pixels."""
 
 INSTANT = 0.6
-"""Seconds: the tool is above the post."""
+"""Time of the picture in seconds; the tool is above the post."""
 
 COLOURS = 128
-"""Of the palette, so that the file stays small."""
+"""Size of the palette, which keeps the file small."""
 
 
 def draw(target: Path = PICTURE) -> None:
-    """Run the lines, and take a still of what they made."""
+    """Run the example, and draw the motion that it creates."""
     from PIL import Image
 
-    (lines, *_) = re.findall(r"^```python\n(.*?)^```$", (DOCS / "index.md").read_text(encoding="utf-8"), re.M | re.S)
-    made: dict[str, Any] = {}
+    (example, *_) = re.findall(r"^```python\n(.*?)^```$", (DOCS / "index.md").read_text(encoding="utf-8"), re.M | re.S)
+    names: dict[str, Any] = {}
     with tempfile.TemporaryDirectory() as folder:
-        os.chdir(folder)  # the lines write a page
-        exec(lines, made)
-        arm, scene, motion = made["arm"], made["scene"], made["trajectory"]
-        pp.write_png("still.png", arm, scene, motion, time=INSTANT, size=SIZE, certificate=made["certificate"])
+        os.chdir(folder)  # the example writes a page
+        exec(example, names)
+        arm, scene, motion = names["arm"], names["scene"], names["trajectory"]
+        pp.write_png("still.png", arm, scene, motion, time=INSTANT, size=SIZE, certificate=names["certificate"])
         with Image.open("still.png") as image:
             image.convert("RGB").quantize(COLOURS).save(target, optimize=True)
         os.chdir(DOCS)

@@ -1,24 +1,24 @@
-# Sourced by scripts/run, scripts/test and scripts/docs: the virtual environment .venv beside pyproject.toml, made and filled when needed.
+# Sourced by scripts/run, scripts/test and scripts/docs: creates the virtual environment .venv beside pyproject.toml if needed.
 
 root="$(cd -- "$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")/.." && pwd -P)"
 venv="$root/.venv"
 
-# Pinocchio and coal have wheels for these. The user's own python3 is tried first.
+# Minor versions of Python 3 for which Pinocchio and coal have wheels. The user's python3 is tried first.
 newest_minor=14
 oldest_minor=10
 
-# A sourced ROS workspace puts its own pinocchio ahead of ours through PYTHONPATH.
+# A sourced ROS workspace puts another pinocchio first on PYTHONPATH.
 unset PYTHONPATH PYTHONHOME
 
 say() { printf 'pinproof: %s\n' "$*" >&2; }
 
-# Print a Python that can make the environment; explain what is missing if there is none.
+# Print the name of a Python that can create the environment; otherwise explain what is missing.
 find_python() {
     local minor candidate without_venv=""
     local candidates=(python3)
     for ((minor = newest_minor; minor >= oldest_minor; minor--)); do candidates+=("python3.$minor"); done
     for candidate in "${candidates[@]}"; do
-        # Run it: version managers leave commands on the PATH that only print an error.
+        # Run each candidate: version managers put commands on the PATH that only print an error.
         "$candidate" -c "import sys; sys.exit(not (3, $oldest_minor) <= sys.version_info[:2] <= (3, $newest_minor))" \
             2>/dev/null || continue
         if "$candidate" -c "import ensurepip, venv" 2>/dev/null; then
@@ -30,12 +30,12 @@ find_python() {
     if [[ -n "$without_venv" ]]; then
         say "$without_venv lacks the venv module; on Debian and Ubuntu: sudo apt-get install python3-venv"
     else
-        say "no Python 3.$oldest_minor to 3.$newest_minor found on the PATH; install one and run this again"
+        say "no Python 3.$oldest_minor to 3.$newest_minor found on the PATH; install one and repeat the command"
     fi
     return 1
 }
 
-# What was installed: changes with pyproject.toml, with the place of the checkout, and with the extra ("", "docs" or "test").
+# Hash of what is installed: the folder of the checkout, the extra ("", "docs" or "test") and pyproject.toml.
 fingerprint() { { printf '%s\n' "$root" "$1"; cat -- "$root/pyproject.toml"; } | sha256sum | cut -d' ' -f1; }
 
 is_current() {
@@ -49,21 +49,21 @@ install_into_venv() {
         python="$(find_python)" || return 1
         "$python" -m venv --clear "$venv" >&2 || return 1
     fi
-    # A first run that was interrupted leaves an environment without pip.
+    # An interrupted first run leaves an environment without pip.
     "$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$venv/bin/python" -m ensurepip >/dev/null || return 1
     "$venv/bin/python" -m pip install -qq --disable-pip-version-check --editable "$root${extra:+[$extra]}" >&2 || return 1
     fingerprint "" >"$venv/.installed-plain"
     if [[ -n "$extra" ]]; then fingerprint "$extra" >"$venv/.installed-$extra"; fi
 }
 
-# prepare_venv [EXTRA]: make sure that .venv holds pinproof as pyproject.toml states it, with the extra.
+# prepare_venv [EXTRA]: install pinproof with the extra into .venv unless it is up to date.
 prepare_venv() {
     local extra="${1:-}"
     if is_current "$extra"; then return; fi
     (
-        flock 9 # of several first runs one installs and the others wait for it
+        flock 9 # if several first runs start together, one installs and the others wait
         if is_current "$extra"; then exit; fi
-        say "installing pinproof${extra:+[$extra]} into .venv, once; this takes about a minute ..."
-        install_into_venv "$extra" || { say "the installation failed; the lines above say why"; exit 1; }
+        say "installing pinproof${extra:+[$extra]} into .venv; this happens once and takes about a minute ..."
+        install_into_venv "$extra" || { say "the installation failed; see the lines above"; exit 1; }
     ) 9>"$root/.venv.lock"
 }

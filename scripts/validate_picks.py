@@ -1,7 +1,9 @@
 #!/usr/bin/env python3
-"""Judge a list of picks from Python: copy this and make it yours. Of the picks named last, each part gets a page too.
+"""Validate a list of picks from Python, as a template for your own program.
 
-python scripts/validate_picks.py robots/panda/bin_picks.yaml out [standing ...]
+python scripts/validate_picks.py robots/panda/bin_picks.yaml out [PICK ...]
+
+Writes the report and the motions of the good picks to the folder ``out``, and pages of the motions of the named picks.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import pinproof as pp
 
 
 def main(file: Path, folder: Path, shown: list[str]) -> int:
-    """Judge the picks of a file, write the report and the good motions; 0 if all are good, else 1."""
+    """Validate the picks of a file and write the results; return 0 if all are good, else 1."""
     picks = pp.read_picks(file)
     if picks.robot is None or picks.scene is None:
         sys.exit(f"{file} must name a robot and a scene")
@@ -27,7 +29,7 @@ def main(file: Path, folder: Path, shown: list[str]) -> int:
     print(report.to_markdown())
     for verdict in report.good:
         verdict.trajectory.save(folder / f"{verdict.pick.name}.csv")
-        # Where an object is carried there are several parts, each with its own proof: what moves with the hand differs.
+        # With an object there are several motions, each with its own certificate, since the attached bodies differ.
         for part in verdict.motions if verdict.pick.name in shown else ():
             page, around = folder / f"{verdict.pick.name}_{part.name}.html", (arm.with_held(part.held), part.scene)
             pp.write_html(page, *around, part.trajectory, certificate=part.certificate, attached=part.attached)

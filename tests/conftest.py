@@ -1,4 +1,4 @@
-"""Settings that every test shares."""
+"""Settings and hooks of the whole test suite."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ settings.register_profile("pinproof", deadline=None, derandomize=bool(os.environ
 settings.load_profile("pinproof")
 
 SLOW_FIXTURES = {"browser", "client", "cluster", "demo", "index", "site", "wheel"}
-"""Fixtures that start a browser or a cluster, or build or resolve packages: every test that uses one is slow."""
+"""Fixtures that start a browser or a cluster, or build or resolve packages. Every test that uses one is slow."""
 
 FAILED = pytest.StashKey[bool]()
-"""Whether a test has failed, in its setup, its call or its teardown."""
+"""Whether a test has failed in its setup, call or teardown."""
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -31,7 +31,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
-    """Note which tests fail."""
+    """Record which tests fail."""
     report = yield
     if report.failed:
         item.stash[FAILED] = True
@@ -40,12 +40,12 @@ def pytest_runtest_makereport(item: pytest.Item) -> Iterator[None]:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
-    """Collect what a failed test leaves open, before its warnings, which are errors, make another test fail.
+    """Release the open files and processes of a failed test, so that their warnings do not make another test fail.
 
-    The frames of a failed test stay alive with its traceback, and so do the files and processes in them. What a test
-    that passes leaves open is an error as before.
+    The traceback of a failed test keeps its frames alive, and with them its open files and processes. Resources that a
+    passing test leaves open remain an error.
     """
-    done = yield
+    result = yield
     if item.stash.get(FAILED, False):
         for name in ("last_type", "last_value", "last_traceback", "last_exc"):
             if hasattr(sys, name):
@@ -53,4 +53,4 @@ def pytest_runtest_protocol(item: pytest.Item) -> Iterator[None]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", ResourceWarning)
             gc.collect()
-    return done
+    return result

@@ -1,14 +1,15 @@
-"""Pages that run as printed: their blocks in order, in a reader's folder, and what they print is what is printed there.
+"""Run the code blocks of a Markdown page in order, in a temporary folder, and compare their output with the page.
 
-- ``python`` blocks share one set of names; one with ``if __name__ == "__main__"`` is a program of its own.
-- ``sh`` blocks are commands of pinproof, each on a line; a comment ``# exit code 1`` says which is expected if not 0.
-- a ``text`` block after either is what they write to stdout (and, where they end with 2, to stderr), ``...`` for what
-  differs from run to run.
-- any other language is a file, and the line above the block its name: `` `cell.yaml`: ``
-- directives of the manual (``{toctree}``) are left alone.
+- ``python`` blocks share one namespace. A block with ``if __name__ == "__main__"`` runs as a separate program.
+- ``sh`` blocks are commands of pinproof, one per line. A comment ``# exit code 1`` states an expected exit code other
+  than 0.
+- A ``text`` block is the expected output of the block before it: stdout, and for exit code 2 also stderr. ``...``
+  matches text that differs from run to run.
+- A block in any other language is written to a file, named in the line above the block: `` `cell.yaml`: ``
+- Directives of the manual (``{toctree}``) are ignored.
 
-``python tests/pages.py PAGE...`` writes what comes out into the pages' ``text`` blocks; look at the difference before
-you keep it.
+``python tests/pages.py PAGE...`` replaces the ``text`` blocks of pages by the actual output; review the difference
+before you commit it.
 """
 
 from __future__ import annotations
@@ -37,14 +38,14 @@ RUN_CLI = (
 USAGE = 2
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 PATIENCE = 1800.0
-"""Seconds for one command; only one that hangs takes so long, on any machine."""
+"""Time limit of one command in seconds; far longer than any command needs on a busy machine."""
 
-Judge = Callable[["Block", str], None]
+Compare = Callable[["Block", str], None]
 
 
 @dataclass(frozen=True)
 class Block:
-    """A fenced block: its language, the page's line it begins after, its text, and the file it is, if it is one."""
+    """A fenced block: its language, the line of its fence, its text, and the name of the file to write, if any."""
 
     language: str
     line: int
@@ -53,50 +54,50 @@ class Block:
 
 
 def blocks(page: Path, *languages: str) -> list[Block]:
-    """The blocks of a page in order, or those in the given languages."""
+    """The blocks of a page in order, optionally only those in the given languages."""
     text = page.read_text(encoding="utf-8")
     found = (Block(m[2], text[: m.start(3)].count("\n"), m[3], m[1]) for m in BLOCK.finditer(text))
     return [block for block in found if not languages or block.language in languages]
 
 
 def commands(block: Block) -> Iterator[tuple[list[str], int]]:
-    """The words of each command line of a shell block, and the exit code it shall end with."""
+    """The words of each command line of a shell block, with the expected exit code."""
     for line in block.text.replace("\\\n", " ").splitlines():
         if words := shlex.split(line, comments=True):
             code = EXIT_CODE.search(line)
             yield words, int(code[1]) if code else 0
 
 
-def run_page(page: Path, folder: Path, judge: Judge | None = None) -> dict[str, object]:
-    """Run a page's blocks; the names that its Python has made.
+def run_page(page: Path, folder: Path, compare: Compare | None = None) -> dict[str, object]:
+    """Run the blocks of a page, and return the names that its Python blocks define.
 
-    ``judge`` is given every ``text`` block and what came out in front of it; by default it asserts that they agree.
+    ``compare`` is called with every ``text`` block and the actual output; by default it asserts that they agree.
     """
-    judge, page = judge or same, page.resolve()
+    compare, page = compare or same, page.resolve()
     names: dict[str, object] = {"__name__": page.stem}
     printed = ""
-    with standing_in(folder):
+    with reader_folder(folder):
         for block in blocks(page):
             where = f"{page.name}, line {block.line}"
             if block.language == "python":
-                # Blank lines in front make a traceback name the page's own lines.
+                # Leading blank lines make the line numbers of a traceback those of the page.
                 source = "\n" * block.line + block.text
                 printed = run_program(source, where) if PROGRAM in source else run_python(source, page, names)
             elif block.language == "sh":
                 printed = "".join(run_command(words, code, where) for words, code in commands(block))
             elif block.language == "text":
-                judge(block, printed)
+                compare(block, printed)
             elif not block.language.startswith("{"):
-                assert block.file is not None, f"{where}: nothing runs this block, and no line above it names a file"
+                assert block.file is not None, f"{where}: no line above this {block.language} block names its file"
                 Path(block.file).parent.mkdir(parents=True, exist_ok=True)
                 Path(block.file).write_text(block.text, encoding="utf-8")
     return names
 
 
 def same(block: Block, printed: str) -> None:
-    """Assert that a text block is what was printed."""
+    """Assert that a text block equals the output."""
     agrees = doctest.OutputChecker().check_output(block.text, printed, FLAGS)
-    assert agrees, f"line {block.line} of the page says\n{block.text}\nand what is printed is\n{printed}"
+    assert agrees, f"line {block.line} of the page has the output\n{block.text}\nbut the actual output is\n{printed}"
 
 
 def run_python(source: str, page: Path, names: dict[str, object]) -> str:
@@ -107,16 +108,16 @@ def run_python(source: str, page: Path, names: dict[str, object]) -> str:
 
 def run_program(source: str, where: str) -> str:
     Path("program.py").write_text(source, encoding="utf-8")
-    return finished([sys.executable, "program.py"], 0, where)
+    return output_of([sys.executable, "program.py"], 0, where)
 
 
 def run_command(words: list[str], code: int, where: str) -> str:
-    assert words[0] == "pinproof", f"{where}: nobody runs {shlex.join(words)!r}"
-    return finished([sys.executable, "-c", RUN_CLI, *words[1:]], code, where)
+    assert words[0] == "pinproof", f"{where}: {shlex.join(words)!r} is not a command of pinproof"
+    return output_of([sys.executable, "-c", RUN_CLI, *words[1:]], code, where)
 
 
-def finished(command: list[str], code: int, where: str) -> str:
-    """The stdout of a command that ends as expected."""
+def output_of(command: list[str], code: int, where: str) -> str:
+    """The stdout of a command; fails unless the exit code is ``code``."""
     env = {**os.environ, "COLUMNS": "120", "TERM": "dumb"}
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE, env=env)
     assert done.returncode == code, f"{where}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
@@ -124,8 +125,8 @@ def finished(command: list[str], code: int, where: str) -> str:
 
 
 @contextlib.contextmanager
-def standing_in(folder: Path) -> Iterator[None]:
-    """The folder of somebody who reads along: robots/ beside him, and free to write."""
+def reader_folder(folder: Path) -> Iterator[None]:
+    """Change to a folder with a copy of robots/, as a reader of the page would have."""
     if not (folder / "robots").exists():
         shutil.copytree(ROOT / "robots", folder / "robots")
     before = Path.cwd()
@@ -136,8 +137,8 @@ def standing_in(folder: Path) -> Iterator[None]:
         os.chdir(before)
 
 
-def rewritten(page: Path) -> str:
-    """The page with what really comes out in its text blocks."""
+def with_actual_output(page: Path) -> str:
+    """The page with the actual output in its text blocks."""
     text = page.read_text(encoding="utf-8")
 
     def replace(block: Block, printed: str) -> None:
@@ -153,4 +154,4 @@ def rewritten(page: Path) -> str:
 
 if __name__ == "__main__":
     for given in map(Path, sys.argv[1:]):
-        given.write_text(rewritten(given), encoding="utf-8")
+        given.write_text(with_actual_output(given), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Processes that tests start: interruptible however the suite was started, waited for by events, and always ended."""
+"""Starting processes in tests: they react to SIGINT, and are always killed at the end. Waiting for events."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from typing import Any
 RUN_CLI = (
     "import sys; sys.argv[0] = 'pinproof'\nfrom pinproof.cli import main\nif __name__ == '__main__': sys.exit(main())"
 )
-"""A program that is the command line; for ``python -c``."""
+"""The command line of pinproof as a program for ``python -c``."""
 
 PATIENCE = 1800.0
-"""Seconds after which a test stops waiting for an event. Only a process that hangs takes so long, on any machine."""
+"""Seconds after which a test stops waiting for an event; far longer than any process needs on a busy machine."""
 
 
 @contextlib.contextmanager
 def started(command: Sequence[str | os.PathLike[str]], **settings: Any) -> Iterator[subprocess.Popen[str]]:
-    """A process with pipes for its output, in a session of its own; at the end it and what it started are killed.
+    """Start a process with pipes for its output in a new session; at the end, kill it and all processes it started.
 
-    A shell starts what it puts into the background with SIGINT ignored, and whoever is started by that inherits it.
-    Here SIGINT ends the process as it does from a terminal.
+    A shell starts background jobs with SIGINT ignored, and their child processes inherit that. Here SIGINT interrupts
+    the process as it does in a terminal.
     """
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     process = subprocess.Popen(command, start_new_session=True, preexec_fn=interruptible, **{**pipes, **settings})
@@ -39,12 +39,12 @@ def started(command: Sequence[str | os.PathLike[str]], **settings: Any) -> Itera
 
 
 def interruptible() -> None:
-    """Take SIGINT as a process in the foreground does."""
+    """Restore the default action of SIGINT."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def is_alive(pid: int) -> bool:
-    """Whether a process runs; one that is dead and waits for its parent to read its exit code does not."""
+    """Whether a process runs. A zombie, whose parent has not read its exit code, does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:
@@ -52,7 +52,7 @@ def is_alive(pid: int) -> bool:
 
 
 def wait_for(event: Callable[[], bool], *, by: subprocess.Popen[str] | None = None) -> None:
-    """Wait until the event has come; fail if the process that is to bring it has ended without it."""
+    """Wait until ``event()`` is true; fail if the process ``by`` that causes it ends before."""
     end = time.monotonic() + PATIENCE
     while not event():
         assert by is None or by.poll() is None or event(), f"the process ended with {by.returncode} before the event"

@@ -1,4 +1,4 @@
-"""The pages of the manual that are to be followed run as they are printed, and what they show is what comes out."""
+"""The front page and the tutorials of the manual run as printed, with the output they show."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import pytest
 
 import pinproof as pp
 
-from .pages import ROOT, blocks, run_page, run_python, standing_in
+from .pages import ROOT, blocks, reader_folder, run_page, run_python
 
 DOCS = ROOT / "docs"
 PAGES = sorted(str(page.relative_to(DOCS)) for page in [DOCS / "index.md", *(DOCS / "tutorials").glob("*.md")])
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask leaves sockets to the collector
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # Dask leaves sockets open until garbage collection
 @pytest.mark.parametrize("page", PAGES)
 def test_a_page_runs_as_printed(page: str, tmp_path: Path) -> None:
     run_page(DOCS / page, tmp_path)
@@ -23,12 +23,12 @@ def test_a_page_runs_as_printed(page: str, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", ["certificates.md", "timing.md"])
-def test_the_fragments_of_a_page_run_on_a_path_of_an_arm(page: str, tmp_path: Path) -> None:
+def test_the_fragments_of_a_page_run_with_an_arm_and_a_path(page: str, tmp_path: Path) -> None:
     arm = pp.load_robot("ur5").arm(tcp="tool0")
     path = pp.JointPath([arm.home, arm.home + 0.2], arm.joint_names)
     names: dict[str, object] = {"pp": pp, "arm": arm, "path": path, "v": [0.1] * 6}
     names |= {"checker": pp.CollisionChecker(arm), "trajectory": pp.time_parametrise(path, arm.limits)}
-    with standing_in(tmp_path):
+    with reader_folder(tmp_path):
         for block in blocks(DOCS / page, "python"):
             run_python("\n" * block.line + block.text, DOCS / page, names)
 

@@ -13,7 +13,7 @@ import pytest
 
 import pinproof as pp
 
-ROOMS = sorted(f"pinproof.{found.name}" for found in pkgutil.iter_modules(pp.__path__) if found.name != "__main__")
+PACKAGES = sorted(f"pinproof.{found.name}" for found in pkgutil.iter_modules(pp.__path__) if found.name != "__main__")
 MODULES = sorted(
     found.name
     for found in pkgutil.walk_packages(pp.__path__, "pinproof.")
@@ -65,9 +65,9 @@ def test_the_errors_that_users_catch_are_exported() -> None:
     assert errors & set(pp.__all__) == {"FileError", "InputError", "NoAnswer", "PinproofError", "UnknownNameError"}
 
 
-@pytest.mark.parametrize("room", sorted(pp._HOME))
-def test_package_hands_on_what_the_room_exports(room: str) -> None:
-    assert set(pp._HOME[room]) <= set(importlib.import_module(room).__all__)
+@pytest.mark.parametrize("package", sorted(pp._HOME))
+def test_top_level_names_are_exported_by_their_package(package: str) -> None:
+    assert set(pp._HOME[package]) <= set(importlib.import_module(package).__all__)
 
 
 def test_type_checkers_see_what_is_exported() -> None:
@@ -92,24 +92,24 @@ def test_all_of_a_module_is_sorted_and_resolves(name: str) -> None:
     assert [each for each in exported if not hasattr(module, each)] == []
 
 
-@pytest.mark.parametrize("name", ROOMS)
+@pytest.mark.parametrize("name", PACKAGES)
 def test_all_of_a_room_is_complete(name: str) -> None:
-    room = importlib.import_module(name)
+    package = importlib.import_module(name)
     own = {
         each
-        for each, value in vars(room).items()
+        for each, value in vars(package).items()
         if not each.startswith("_")
         and (inspect.isclass(value) or inspect.isfunction(value))
-        and (value.__module__ == name or (hasattr(room, "__path__") and value.__module__.startswith("pinproof.")))
+        and (value.__module__ == name or (hasattr(package, "__path__") and value.__module__.startswith("pinproof.")))
     }
-    assert own <= set(room.__all__)
+    assert own <= set(package.__all__)
 
 
-@pytest.mark.parametrize("name", [name for name in ROOMS if name != "pinproof.cli"])
+@pytest.mark.parametrize("name", [name for name in PACKAGES if name != "pinproof.cli"])
 def test_init_of_a_room_only_hands_names_on(name: str) -> None:
-    room = importlib.import_module(name)
-    if not hasattr(room, "__path__"):
-        return  # a room of one file
+    package = importlib.import_module(name)
+    if not hasattr(package, "__path__"):
+        return  # a single module
     allowed = (ast.Import, ast.ImportFrom, ast.Expr, ast.Assign, ast.AnnAssign)
-    body = ast.parse(Path(inspect.getfile(room)).read_text(encoding="utf-8")).body
+    body = ast.parse(Path(inspect.getfile(package)).read_text(encoding="utf-8")).body
     assert [f"line {each.lineno}" for each in body if not isinstance(each, allowed)] == []

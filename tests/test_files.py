@@ -1,4 +1,4 @@
-"""Habits of the repository that no linter knows."""
+"""Rules for the files of the repository that no linter checks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-# Written so that it does not match itself.
+# Written so that the pattern does not match this line.
 MACHINE_PATH = re.compile(r"(?<![\w.~}$])/(?:home|Users|root|work|tmp)/[\w.]")
 
 
@@ -28,7 +28,7 @@ def text_of(file: Path) -> str:
         return ""  # a mesh, a picture
 
 
-def test_no_file_names_a_path_of_somebodys_machine() -> None:
+def test_no_file_contains_a_path_of_one_machine() -> None:
     found = [
         f"{file.relative_to(ROOT)}:{number}: {line.strip()}"
         for file in tracked_files()
@@ -39,7 +39,7 @@ def test_no_file_names_a_path_of_somebodys_machine() -> None:
 
 
 @pytest.mark.parametrize("owner", ["home/ada", "Users/ada", "root", "tmp"])
-def test_a_path_of_somebodys_machine_is_recognised(owner: str) -> None:
+def test_a_path_of_one_machine_is_recognised(owner: str) -> None:
     assert MACHINE_PATH.search(f'mesh = "/{owner}/robot.stl"')
 
 
@@ -55,7 +55,7 @@ def test_the_version_is_the_same_everywhere() -> None:
 
 
 @pytest.mark.parametrize("script", ["scripts/docs", "scripts/run", "scripts/test", ".ci/run"])
-def test_scripts_can_be_run(script: str) -> None:
+def test_scripts_are_executable_and_parse(script: str) -> None:
     if script.startswith(".") and not (ROOT / ".git").exists():
         pytest.skip("not part of the source distribution")
     assert (ROOT / script).stat().st_mode & 0o111

@@ -20,7 +20,7 @@ SLOW = {
     "typer",
     "yourdfpy",
 }
-# Of these the truth is made; every room that moves a robot needs them.
+# Every package that computes kinematics or collisions requires these.
 FOUNDATION = {"coal", "pinocchio"}
 
 
@@ -37,11 +37,11 @@ def test_importing_the_package_loads_nothing_slow() -> None:
 
 
 @pytest.mark.parametrize(
-    "room",
+    "package",
     ["errors", "description", "model", "conversion", "motion", "ik", "collision", "planning", "viewer", "picks"],
 )
-def test_importing_a_room_loads_only_the_foundation(room: str) -> None:
-    assert loaded_by(f"import pinproof.{room}") <= FOUNDATION
+def test_importing_a_package_loads_only_its_requirements(package: str) -> None:
+    assert loaded_by(f"import pinproof.{package}") <= FOUNDATION
 
 
 def test_using_a_name_loads_only_what_it_needs() -> None:

@@ -1,4 +1,4 @@
-"""How the suite behaves: a failed test fails alone, and processes can be interrupted however the suite was started."""
+"""A failed test does not make others fail, and processes of tests react to SIGINT in the background too."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ from pathlib import Path
 def opened(path):
     return [open(path), socket.socket(), subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE)]
 
-class Kept:
+class Cycle:
     def __init__(self, things):
         self.things, self.me = things, self  # only the garbage collector finds it
 
 def test_fails_with_files_and_a_process_open(tmp_path):
     (tmp_path / "f").touch()
-    kept = Kept(opened(tmp_path / "f"))
+    cycle = Cycle(opened(tmp_path / "f"))
     assert False, "on purpose"
 
 def test_passes(tmp_path):
     gc.collect()
 
-def test_fails_again_so_that_the_last_error_is_let_go(tmp_path):
+def test_fails_again_and_replaces_the_last_error(tmp_path):
     assert False, "on purpose"
 
 def test_passes_too(tmp_path):
@@ -42,7 +42,7 @@ def test_passes_too(tmp_path):
 
 
 def run_suite(folder: Path, text: str) -> str:
-    """What pytest prints of tests in a folder, with the settings and the conftest of this suite."""
+    """The output of pytest for a test file, with the settings and the conftest of this suite."""
     shutil.copy(ROOT / "pyproject.toml", folder)
     (folder / "tests").mkdir()
     shutil.copy(ROOT / "tests" / "conftest.py", folder / "tests")
@@ -53,21 +53,21 @@ def run_suite(folder: Path, text: str) -> str:
 
 
 @pytest.mark.slow
-def test_what_a_failed_test_leaves_open_fails_no_other(tmp_path: Path) -> None:
+def test_open_resources_of_a_failed_test_fail_no_other_test(tmp_path: Path) -> None:
     out = run_suite(tmp_path, LEAKS)
     assert re.search(r"^2 failed, 2 passed", out, re.MULTILINE), out
     assert "::test_passes" not in out
 
 
 @pytest.mark.slow
-def test_what_a_passing_test_leaves_open_is_still_a_failure(tmp_path: Path) -> None:
+def test_open_resources_of_a_passing_test_are_an_error(tmp_path: Path) -> None:
     text = LEAKS.replace('    assert False, "on purpose"\n', "    del tmp_path\n", 1)
     out = run_suite(tmp_path, text)
     assert re.search(r"ResourceWarning", out), out
     assert not re.search(r"^1 failed, 3 passed", out, re.MULTILINE), out
 
 
-def test_a_process_is_interruptible_if_the_suite_ignores_sigint(tmp_path: Path) -> None:
+def test_a_process_reacts_to_sigint_if_the_suite_ignores_it(tmp_path: Path) -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         program = "import pathlib, time; pathlib.Path('ready').touch(); time.sleep(100000)"
@@ -81,7 +81,7 @@ def test_a_process_is_interruptible_if_the_suite_ignores_sigint(tmp_path: Path) 
     assert process.returncode == -signal.SIGINT
 
 
-def test_waiting_ends_with_the_process_that_was_to_bring_the_event() -> None:
+def test_waiting_ends_if_the_process_ends_before_the_event() -> None:
     command = [sys.executable, "-c", "raise SystemExit(5)"]
     with started(command) as process, pytest.raises(AssertionError, match="ended with 5"):
         wait_for(lambda: False, by=process)

@@ -1,4 +1,4 @@
-"""What runs the pages notices what is wrong with them."""
+"""tests/pages.py runs pages, and fails on wrong output, exit codes and unknown blocks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def run(text: str, folder: Path) -> dict[str, object]:
     page.write_text(text, encoding="utf-8")
     reader = folder / "reader"
     reader.mkdir()
-    (reader / "robots").mkdir()  # no copy of the robots is needed here
+    (reader / "robots").mkdir()  # avoids the copy of robots/
     return run_page(page, reader)
 
 
@@ -27,30 +27,30 @@ def test_blocks_share_names_and_files(tmp_path: Path) -> None:
     assert names["read"] == "x: 1\n"
 
 
-def test_a_page_that_prints_something_else_is_noticed(tmp_path: Path) -> None:
-    with pytest.raises(AssertionError, match="line 5 of the page says\n3\n\nand what is printed is\n2"):
+def test_wrong_output_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r"line 5 (?s:.*)3\n(?s:.*)2"):
         run(PYTHON + "```text\n3\n```\n", tmp_path)
 
 
-def test_output_belongs_to_the_block_before_it(tmp_path: Path) -> None:
-    with pytest.raises(AssertionError, match=r"what is printed is\n$"):
+def test_output_is_that_of_the_block_before_it(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r"line 9 (?s:.*)2\n(?s:.*)\n$"):
         run(PYTHON + "```python\nx = 1\n```\n\n```text\n2\n```\n", tmp_path)
 
 
-def test_a_block_that_nothing_runs_is_noticed(tmp_path: Path) -> None:
-    with pytest.raises(AssertionError, match="line 1: nothing runs this block"):
+def test_a_block_without_a_file_name_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r"line 1: .*yaml"):
         run("```yaml\nx: 1\n```\n", tmp_path)
 
 
-def test_a_command_that_is_not_ours_is_noticed(tmp_path: Path) -> None:
-    with pytest.raises(AssertionError, match="nobody runs 'rm -r robots'"):
+def test_a_command_of_another_program_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match="'rm -r robots'"):
         run("```sh\nrm -r robots\n```\n", tmp_path)
 
 
-@pytest.mark.parametrize(("comment", "fine"), [("", True), ("  # exit code 1", False)])
-def test_the_exit_code_is_what_the_line_says(comment: str, fine: bool, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("comment", "passes"), [("", True), ("  # exit code 1", False)])
+def test_the_exit_code_must_be_the_stated_one(comment: str, passes: bool, tmp_path: Path) -> None:
     text = f"```sh\npinproof --version{comment}\n```\n"
-    if fine:
+    if passes:
         run(text, tmp_path)
     else:
         with pytest.raises(AssertionError, match="exit code 0"):

@@ -8,19 +8,19 @@ from pathlib import Path
 
 import pytest
 
-from .pages import ROOT, blocks, commands, run_command, run_python, standing_in
+from .pages import ROOT, blocks, commands, reader_folder, run_command, run_python
 
 README = ROOT / "README.md"
 
 
-def test_every_block_states_a_language_that_is_run() -> None:
+def test_every_block_is_python_or_shell() -> None:
     assert {block.language for block in blocks(README)} == {"python", "sh"}
 
 
 @pytest.mark.slow
 def test_python_blocks_run_in_order(tmp_path: Path) -> None:
     names: dict[str, object] = {"__name__": "readme"}
-    with standing_in(tmp_path):
+    with reader_folder(tmp_path):
         for block in blocks(README, "python"):
             run_python("\n" * block.line + block.text, README, names)
     assert (tmp_path / "pick.html").stat().st_size > 0
@@ -28,7 +28,7 @@ def test_python_blocks_run_in_order(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_command_lines_run_in_order(tmp_path: Path) -> None:
-    with standing_in(tmp_path):
+    with reader_folder(tmp_path):
         for block in blocks(README, "sh"):
             for words, code in commands(block):
                 if words == ["pip", "install", "."]:
@@ -37,15 +37,15 @@ def test_command_lines_run_in_order(tmp_path: Path) -> None:
                     run_command(words, code, f"README.md, line {block.line}")
 
 
-def test_links_lead_somewhere() -> None:
+def test_linked_files_exist() -> None:
     links = re.findall(r"\]\((?!https?://|#)([^)#]+)", README.read_text(encoding="utf-8"))
     assert [link for link in links if not (ROOT / link).exists()] == []
 
 
-def test_scripts_that_the_text_names_can_be_run() -> None:
+def test_named_scripts_are_executable() -> None:
     named = set(re.findall(r"`\./(scripts/\w+)", README.read_text(encoding="utf-8")))
     assert {name for name in named if os.access(ROOT / name, os.X_OK)} == named != set()
 
 
-def test_first_page_is_short() -> None:
+def test_readme_has_at_most_120_lines() -> None:
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 120

@@ -1,4 +1,4 @@
-"""Every supported Python gets all it needs as wheels: nobody has to compile anything."""
+"""For every supported Python, all requirements are available as wheels, so that no compiler is needed."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ else:
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = ("dask", "ompl", "xacro")
 
-# They share one look at the index, so they go to one worker.
+# They share one query of the package index, so they run on one worker.
 pytestmark = pytest.mark.xdist_group("resolution")
 
-between = pytest.mark.skipif(not os.environ.get("CI"), reason="half a minute each: outside CI the oldest and newest do")
+only_in_ci = pytest.mark.skipif(
+    not os.environ.get("CI"), reason="takes half a minute; outside CI only the oldest and newest Python are tested"
+)
 
 
 def resolve(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """What pip would install, from wheels alone and whatever is installed here, written to report.json."""
+    """Let pip resolve requirements from wheels only, ignoring what is installed, and write report.json."""
     command = [sys.executable, "-m", "pip", "install", "--dry-run", "--disable-pip-version-check", "--ignore-installed"]
     command += ["--only-binary", ":all:", "--target", str(folder / "none"), "--report", str(folder / "report.json")]
     return subprocess.run([*command, *words], capture_output=True, text=True, check=False)
@@ -33,13 +35,13 @@ def resolve(folder: Path, *words: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def index(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """A package index that answers."""
+    """Skip unless the package index is reachable."""
     if resolve(tmp_path_factory.mktemp("probe"), "--no-deps", "--retries", "0", "--timeout", "15", "typer").returncode:
-        pytest.skip("no package index answers")
+        pytest.skip("the package index is not reachable")
 
 
 @pytest.mark.parametrize(
-    "python", ["3.10", pytest.param("3.11", marks=between), pytest.param("3.12", marks=between), "3.13"]
+    "python", ["3.10", pytest.param("3.11", marks=only_in_ci), pytest.param("3.12", marks=only_in_ci), "3.13"]
 )
 def test_all_requirements_have_wheels(python: str, index: None, tmp_path: Path) -> None:
     assert f"Programming Language :: Python :: {python}" in PROJECT["classifiers"]
@@ -52,6 +54,6 @@ def test_all_requirements_have_wheels(python: str, index: None, tmp_path: Path) 
     assert [one["download_info"]["url"] for one in found if not one["download_info"]["url"].endswith(".whl")] == []
 
 
-def test_each_requirement_says_the_least_that_works() -> None:
+def test_each_requirement_has_a_lowest_version() -> None:
     extras = [one for extra in EXTRAS for one in PROJECT["optional-dependencies"][extra]]
     assert [one for one in (*PROJECT["dependencies"], *extras) if ">=" not in one] == []

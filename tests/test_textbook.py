@@ -1,4 +1,4 @@
-"""Textbook cases, end to end. (The position-only target and the stretched-out arm stand in tests/ik/test_clik.py.)"""
+"""Textbook cases, end to end. The position-only target and the stretched arm are in tests/ik/test_clik.py."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 import pinproof as pp
 
 
-def test_the_generic_arm_at_zero_holds_its_tool_where_the_textbook_says() -> None:
+def test_the_tool_of_the_generic_arm_at_zero_is_at_the_position_of_the_textbook() -> None:
     arm = pp.load_robot("generic_6dof").arm()
     np.testing.assert_allclose(arm.forward_kinematics(np.zeros(6)).translation, [0.65, -0.30, 0.33], atol=1e-12)
 
 
-def test_of_two_elbows_the_one_through_the_table_is_refused_and_the_pick_succeeds_with_the_other() -> None:
+def test_the_pick_succeeds_with_the_elbow_that_does_not_collide_with_the_table() -> None:
     arm = pp.load_robot("generic_6dof").arm()
-    # A grasp from the side, level with the shoulder: the elbow may hang below it or stand above it.
+    # A grasp from the side at the height of the shoulder: the elbow is either below or above it.
     grasp = pp.pose((0.45, -0.2, 0.33), (0, np.pi / 2, 0))
     found = pp.Clik().solve_many(arm, grasp, arm.home, count=16, attempts=200)
     elbow = np.array([arm.frame_placement(q, "dh_2").translation[2] for q in found.q])
@@ -22,14 +22,14 @@ def test_of_two_elbows_the_one_through_the_table_is_refused_and_the_pick_succeed
     assert len(up)
     assert len(down)
 
-    # A table of which the top is just below the shoulder, as far as the arm does not stand on it.
+    # A table whose top is just below the shoulder, with a gap around the base of the arm.
     table = pp.Obstacle("table", pp.Box(0.8, 1.6, 0.02), pp.pose((0.5, 0, 0.24)))
     scene = pp.Scene([table])
     checker = pp.CollisionChecker(arm, scene)
     for q in down:
         touched = {name for contact in checker.check(q).contacts for name in contact.bodies}
         assert "table" in touched
-    assert pp.CollisionChecker(arm).is_free(down[0])  # without the table it would be fine
+    assert pp.CollisionChecker(arm).is_free(down[0])  # free without the table
 
     home = arm.home + np.eye(6)[1] * 0.6
     pick = pp.Pick("part", grasp, approach=0.05, retreat=0.05)

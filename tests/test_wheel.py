@@ -1,4 +1,4 @@
-"""What is built is what works: the wheel, made from the source distribution, installed where nothing else is."""
+"""The wheel, built from the source distribution, works in a clean environment."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-# Both tests share one wheel, so they go to one worker.
+# Both tests share one wheel, so they run on one worker.
 pytestmark = pytest.mark.xdist_group("wheel")
 
 SMOKE = """
@@ -27,14 +27,14 @@ arm = pp.load_robot("ur5").arm(tcp="tool0")
 q = [0.3, -1.2, 1.4, -0.5, 0.7, 0.2]
 found = pp.Clik().solve(arm, arm.forward_kinematics(q), rng=0).or_raise()
 assert found.position_error < 1e-5, found
-for name in catalogue_names():  # among them our own, from the wheel's robots/
+for name in catalogue_names():  # some from the folder robots/ of the wheel
     assert pp.load_robot(name).arm().dof >= 2, name
 print(pp.__version__)
 """
 
 
 def run(*command: str | Path, cwd: Path) -> str:
-    """Run a command as somebody without our environment would; its output, or a failure that shows it."""
+    """Run a command without the PYTHON* variables of this environment, and return its output."""
     clean = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
     done = subprocess.run(command, cwd=cwd, env=clean, capture_output=True, text=True, check=False)
     assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stdout}\n{done.stderr}"
@@ -59,11 +59,11 @@ def test_wheel_holds_robots_types_and_licence(wheel: Path) -> None:
     assert not [name for name in names if not name.startswith(("pinproof/", "pinproof-"))]
 
 
-def test_wheel_does_the_main_job_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
+def test_wheel_runs_the_demo_in_a_clean_environment(wheel: Path, tmp_path: Path) -> None:
     home = tmp_path / "clean"
     venv.create(home, with_pip=True)
     python = home / "bin" / "python"
-    # With dependencies from the index, so that an import we did not declare is found missing.
+    # The dependencies come from the index, so that an undeclared import fails.
     run(python, "-m", "pip", "install", "-qq", "--disable-pip-version-check", wheel, cwd=tmp_path)
     assert wheel.name.split("-")[1] in run(python, "-I", "-c", SMOKE, cwd=tmp_path)
     run(python, "-m", "pip", "check", cwd=tmp_path)

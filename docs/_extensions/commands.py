@@ -1,4 +1,4 @@
-"""The directive ``commands``: every command as the program itself knows it, so that the page is never out of date."""
+"""The directive ``commands``: documents every command of the CLI from the parser itself."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ EXAMPLE = "Example: "
 
 
 class Commands(SphinxDirective):
-    """``{commands}`` writes a section for each command: what it does, an example, its arguments and options."""
+    """``{commands}`` writes a section for each command: description, example, arguments and options."""
 
     def run(self) -> list[nodes.Node]:
-        """Read the program's own parser."""
+        """Write the sections from the parser of the program."""
         lines = [line for words in COMMANDS for line in section(words)]
         return nested_parse_to_nodes(
             self.state, StringList(lines, source="<commands>"), source="<commands>", allow_section_headings=True
@@ -29,7 +29,7 @@ class Commands(SphinxDirective):
 
 
 def section(words: str) -> list[str]:
-    """A command in Markdown."""
+    """Return the Markdown of one command."""
     command: Any = typer.main.get_command(app)
     for word in words.split():
         command = command.commands[word]
@@ -39,29 +39,29 @@ def section(words: str) -> list[str]:
     named = " ".join(argument(each) for each in command.params if each.param_type_name == "argument")
     rows = [row(each) for each in command.params if each.name != "help" and not getattr(each, "hidden", False)]
     shown = ["```sh", *examples, "```"] if examples else []
-    table = ["| | | by default |", "|---|---|---|", *rows]
+    table = ["| option | description | default |", "|---|---|---|", *rows]
     return [f"## pinproof {words} {named}".rstrip(), "", *prose.splitlines(), "", *shown, "", *table, ""]
 
 
 def argument(parameter: Any) -> str:
-    """The name of an argument, in brackets if it may be left out."""
+    """Return the name of an argument, in brackets if it is optional."""
     name = parameter.metavar or parameter.name.upper()
     return name if parameter.required or name.startswith("[") else f"[{name}]"
 
 
 def row(parameter: Any) -> str:
-    """A line of a command's table."""
+    """Return one row of the option table of a command."""
     given = parameter.default if isinstance(parameter.default, str | int | float) else None
     default = "" if given in (None, False, "") or parameter.required else f"`{getattr(given, 'value', given)}`"
     words = ", ".join(parameter.opts) if parameter.param_type_name == "option" else argument(parameter)
-    told = " ".join((parameter.help or "").split()).replace("|", r"\|")
+    help_text = " ".join((parameter.help or "").split()).replace("|", r"\|")
     choices = getattr(getattr(parameter, "type", None), "choices", None)
     if choices:
-        told += f" One of {', '.join(str(getattr(each, 'value', each)) for each in choices)}."
-    return f"| `{words}` | {told} | {default} |"
+        help_text += f" One of {', '.join(str(getattr(each, 'value', each)) for each in choices)}."
+    return f"| `{words}` | {help_text} | {default} |"
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Join Sphinx."""
+    """Register the extension with Sphinx."""
     app.add_directive("commands", Commands)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

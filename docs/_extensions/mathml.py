@@ -1,4 +1,4 @@
-"""Formulas as MathML, which browsers draw themselves: pages need no script from elsewhere and read well offline."""
+"""Write formulas as MathML, which browsers render without scripts, so the pages work offline."""
 
 from __future__ import annotations
 
@@ -11,26 +11,26 @@ from sphinx.errors import ExtensionError
 
 
 def inline(self: Any, node: nodes.math) -> None:
-    """Write a formula within a line."""
+    """Write an inline formula."""
     self.body.append(converted(node.astext(), as_block=False))
     raise nodes.SkipNode
 
 
 def block(self: Any, node: nodes.math_block) -> None:
-    """Write a formula on lines of its own."""
+    """Write a display formula."""
     self.body.append(f'<div class="math">{converted(node.astext(), as_block=True)}</div>')
     raise nodes.SkipNode
 
 
 def converted(tex: str, *, as_block: bool) -> str:
-    """The MathML of a formula; one that cannot be drawn stops the build."""
+    """Convert a formula to MathML; a formula that cannot be converted is a build error."""
     try:
         return tex2mathml(tex.replace(r"\dots", r"\ldots"), as_block=as_block)
     except Exception as error:
-        raise ExtensionError(f"this formula cannot be drawn: {tex}\n{error}") from error
+        raise ExtensionError(f"this formula cannot be converted to MathML: {tex}\n{error}") from error
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Join Sphinx."""
+    """Register the extension with Sphinx."""
     app.add_html_math_renderer("mathml", (inline, None), (block, None))
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,4 +1,4 @@
-"""References to what has no page of its own: they must name something that exists, and then stand as plain text."""
+"""References to names without a page: the name must exist, and the reference then becomes plain text."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ import pinproof as pp
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def point_from_root(_app: Sphinx, document: nodes.document) -> None:
-    """Links of README.md to files beside it: to the page that includes it, or none where there is no such page."""
+def resolve_from_root(_app: Sphinx, document: nodes.document) -> None:
+    """Resolve a link of README.md to the page that includes the file; without such a page, keep only its text."""
     for node in list(document.findall(pending_xref)):
         target = node["reftarget"]
         if node["reftype"] != "myst" or not (ROOT / target).is_file():
@@ -33,17 +33,19 @@ def point_from_root(_app: Sphinx, document: nodes.document) -> None:
             node.replace_self(node.children)
 
 
-def settle(_app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: nodes.Element) -> nodes.Element | None:
-    """A name that has no page, as plain code; None, which is a warning, where there is no such name."""
+def check_name(
+    _app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: nodes.Element
+) -> nodes.Element | None:
+    """The reference as plain code if the name exists; otherwise None, for which Sphinx prints a warning."""
     found = node.get("refdomain") == "py" and exists(node["reftarget"], node.get("py:class"))
     return content if found else None
 
 
 def exists(target: str, within: str | None) -> bool:
-    """Whether a name of Python can be imported, or is one of the class it is used in or of a module of pinproof."""
+    """Whether a Python name can be imported, or is an attribute of the class ``within`` or of a module of pinproof."""
     name = target.split("[")[0].rstrip("()")
     if not all(part.isidentifier() for part in name.split(".")):
-        return True  # a shape, such as (n + 1, 4, 4), where Sphinx looks for a type
+        return True  # an array shape such as (n + 1, 4, 4), which Sphinx takes for a type
     if imported(name) or (within and has(getattr(pp, within.split(".")[0], None), name)):
         return True
     known = ("builtins", "typing", "pinproof")
@@ -51,7 +53,7 @@ def exists(target: str, within: str | None) -> bool:
 
 
 def imported(name: str) -> bool:
-    """Whether a dotted name is a module, or leads on from one."""
+    """Whether a dotted name is a module or an attribute of one."""
     parts = name.split(".")
     for n in range(len(parts), 0, -1):
         with contextlib.suppress(ImportError):
@@ -61,18 +63,27 @@ def imported(name: str) -> bool:
 
 
 def has(value: Any, path: str) -> bool:
-    """Whether a dotted path leads somewhere; what a class only sets on its instances is in its docstring."""
+    """Whether ``value`` has the dotted path as an attribute; a class also has what its methods assign to ``self``."""
     head, _, rest = path.partition(".")
-    listed = (
-        re.findall(r"^(\w+(?:, \w+)*)$", inspect.getdoc(value) or "", re.MULTILINE) if inspect.isclass(value) else ()
-    )
-    if not rest and any(head in line.split(", ") for line in listed):
+    if inspect.isclass(value) and not rest and assigns(value, head):
         return True
     return hasattr(value, head) and (not rest or has(getattr(value, head), rest))
 
 
+def assigns(kind: type, name: str) -> bool:
+    """Whether a class lists an attribute in its docstring, or assigns it in its source."""
+    listed = re.findall(r"^(\w+(?:, \w+)*)$", inspect.getdoc(kind) or "", re.MULTILINE)
+    if any(name in line.split(", ") for line in listed):
+        return True
+    try:
+        source = inspect.getsource(kind)
+    except (OSError, TypeError):
+        return False  # a built-in type
+    return re.search(rf"\bself\.{name}\b[^=(\n]*=[^=]", source) is not None
+
+
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Join Sphinx."""
-    app.connect("doctree-read", point_from_root)
-    app.connect("missing-reference", settle)
+    """Register the handlers."""
+    app.connect("doctree-read", resolve_from_root)
+    app.connect("missing-reference", check_name)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

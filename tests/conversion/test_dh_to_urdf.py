@@ -47,7 +47,7 @@ def generic() -> DhTable:
 
 
 def pinocchio_frames(urdf: str, q: np.ndarray) -> dict[str, np.ndarray]:
-    """Every frame by Pinocchio alone, without the model room; a continuous joint is a cosine and a sine there."""
+    """Every frame by Pinocchio alone, without pinproof.model; a continuous joint is a cosine and a sine there."""
     model = pin.buildModelFromXML(urdf)
     values = []
     for joint, value in zip(model.joints[1:], q, strict=True):

@@ -65,7 +65,7 @@ def test_axes_that_lean_are_not_parallel(lean, found):
 
 def test_chain_with_nothing_special_says_so():
     joints = [("revolute", "0.3 0.1 0.4", axis) for axis in ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0")]
-    assert kinematic_class(arm(joints)).endswith("no three neighbouring axes meet or are parallel")
+    assert kinematic_class(arm(joints)).endswith("no three neighbouring axes intersect in a point or are parallel")
 
 
 def test_mimic_joint_on_the_chain_is_named(zoo_text):

@@ -6,7 +6,7 @@ import pytest
 
 import pinproof as pp
 
-from ..pages import PROGRAM, ROOT, blocks, commands, run_command, run_program, standing_in
+from ..pages import PROGRAM, ROOT, blocks, commands, reader_folder, run_command, run_program
 
 PAGE = ROOT / "docs" / "campaigns.md"
 
@@ -15,7 +15,7 @@ PAGE = ROOT / "docs" / "campaigns.md"
 def test_what_is_printed_runs(tmp_path) -> None:
     (program,) = blocks(PAGE, "python")
     assert PROGRAM in program.text
-    with standing_in(tmp_path):
+    with reader_folder(tmp_path):
         printed = run_program(program.text, "campaigns.md")
         assert printed == "4 of 4 picks good\n['pin_0_0_0', 'pin_0_1_0', 'pin_1_0_0', 'pin_1_1_0']\n"
         assert pp.picks.CampaignResult.open("pins").ok

@@ -27,7 +27,7 @@ from pinproof.collision.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
 from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
-from pinproof.model.arm import joint_axis
+from pinproof.model.chain import joint_axis
 from pinproof.motion import Curve
 from pinproof.verifier import FORMAT, VERSION, Proof, Refused, body_digest, verify
 

@@ -18,12 +18,24 @@ from numbers import Real
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.limits import JointLimits
 
-__all__ = ["Chain", "find_chain", "group_ends", "link_path"]
+__all__ = [
+    "Chain",
+    "affine",
+    "find_chain",
+    "group_ends",
+    "held_values",
+    "joint_axis",
+    "link_path",
+    "pack_chain",
+    "periodic",
+    "reduced_model",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -194,6 +206,79 @@ def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLi
         upper.append(high)
         velocity.append(np.nan if np.isinf(speed) else speed)
     return JointLimits(np.array(lower), np.array(upper), np.array(velocity))
+
+
+def reduced_model(urdf: Urdf, model: pin.Model, moving: set[str], held: Mapping[str, float]) -> pin.Model:
+    """Lock every joint outside ``moving`` at its held value (floating and planar joints at the neutral one)."""
+    q = pin.neutral(model)
+    lock = []
+    for name in urdf.joints:
+        index = model.getJointId(urdf.model_joint(name))
+        if index == model.njoints or name in moving:  # the model has no fixed joints
+            continue
+        lock.append(index)
+        if name in held:
+            q[model.joints[index].idx_q] = held[name]
+    return pin.buildReducedModel(model, lock, q)
+
+
+def pack_chain(model: pin.Model, tcp_frame: int, root_from_base: pin.SE3, scale: Array, offset: Array) -> Array:
+    """Pack the chain from the base to the tcp into one array for the compiled loops.
+
+    Every joint frame is rotated so that the joint moves about, or along, its own z axis. With the rotation A_k that
+    takes z to the axis of joint k, the chain is base_from_tcp = C_1 X_1(q) C_2 X_2(q) ... C_m X_m(q) C_tool, where X_k
+    is Rz or Tz and the constant C_k contain the A_k. See :mod:`pinproof.kernels.chain` for the layout.
+
+    Parameters
+    ----------
+    model
+        The reduced model of the arm.
+    tcp_frame
+        Index of the tcp frame in the model.
+    root_from_base
+        Pose of the base link in the root link.
+    scale, offset
+        The map from q to the configuration of the model (:func:`affine`).
+
+    Returns
+    -------
+    Array
+        (m + 1, 16): a row for each of the m joints, mimic followers included, and one for the tool.
+    """
+    tcp = model.frames[tcp_frame]
+    joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
+    rows = np.zeros((len(joints) + 1, 16))
+    behind = root_from_base.inverse()  # the constant transform before the next joint
+    for row, joint in zip(rows, joints, strict=False):
+        axis, prismatic = joint_axis(model, joint)
+        aligned = _from_z(axis)
+        row[:12] = (behind * model.jointPlacements[joint] * aligned).homogeneous[:3].ravel()
+        leader = int(np.abs(scale[joint - 1]).argmax())
+        row[12:] = prismatic, leader, scale[joint - 1, leader], offset[joint - 1]
+        behind = aligned.inverse()
+    rows[-1, :12] = (behind * tcp.placement).homogeneous[:3].ravel()
+    return rows
+
+
+def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
+    """Return the unit axis (3,) of a joint in its own frame, and whether the joint is prismatic."""
+    kind = model.joints[joint]
+    data = kind.createData()
+    kind.calc(data, np.zeros(kind.nq))
+    subspace = np.asarray(data.S, dtype=float).ravel()
+    if kind.nq != 1 or subspace.shape != (6,):
+        raise InputError(f"joint {model.names[joint]!r} is a {kind.shortname()}; a chain has single-axis joints only")
+    prismatic = not subspace[3:].any()
+    return (subspace[:3] if prismatic else subspace[3:]), prismatic
+
+
+def _from_z(axis: Array) -> pin.SE3:
+    """Return a rotation that takes z to the unit vector ``axis``; it is exact for a coordinate axis."""
+    helper = np.zeros(3)
+    helper[int(np.abs(axis).argmin())] = 1.0
+    x = np.cross(helper, axis)
+    x /= np.linalg.norm(x)
+    return pin.SE3(np.column_stack([x, np.cross(axis, x), axis]), np.zeros(3))
 
 
 def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:

@@ -1,0 +1,116 @@
+"""The directive ``package``: documents every public name of a package of pinproof from its docstring."""
+
+from __future__ import annotations
+
+import enum
+import importlib
+import inspect
+import itertools
+import re
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from docutils import nodes
+from docutils.statemachine import StringList
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+from sphinx.util.parsing import nested_parse_to_nodes
+from sphinx.util.typing import stringify_annotation
+
+import pinproof as pp
+
+MEMBERS = "   :members:"
+SPELLED_OUT = {
+    stringify_annotation(npt.ArrayLike, "smart"): "~numpy.typing.ArrayLike",
+    stringify_annotation(npt.NDArray[np.float64], "smart"): "~numpy.ndarray",
+}
+"""NumPy types whose definition autodoc would print, each with the name to print instead."""
+
+
+class Package(SphinxDirective):
+    """``package:: pinproof.ik`` documents the public names of that package.
+
+    Names that the top level exports are documented as ``pinproof.NAME``, the others as ``pinproof.ik.NAME``.
+    """
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """Document each name with autodoc."""
+        lines = [line for name in public_names(self.arguments[0]) for line in documented(name)]
+        return nested_parse_to_nodes(self.state, rest(lines), source=f"<{self.arguments[0]}>")
+
+
+def public_names(package: str) -> list[str]:
+    """The full names of what a package exports: those of the top level first, then its own."""
+    top = pp._HOME.get(package, ())
+    own = [name for name in importlib.import_module(package).__all__ if name not in top]
+    return [*(f"pinproof.{name}" for name in top), *(f"{package}.{name}" for name in own)]
+
+
+def rest(lines: list[str]) -> StringList:
+    """The lines as a block of reStructuredText inside a Markdown page."""
+    return StringList(["```{eval-rst}", *lines, "```"], source="<package>")
+
+
+def documented(path: str) -> list[str]:
+    """The autodoc directive of a name, with the options for its kind."""
+    parent, _, name = path.rpartition(".")
+    value = getattr(importlib.import_module(parent), name)
+    if inspect.isclass(value) and issubclass(value, BaseException):
+        return [f".. autoexception:: {path}", "   :show-inheritance:", ""]
+    if inspect.isclass(value) and issubclass(value, enum.Enum):
+        return [f".. autoclass:: {path}()", MEMBERS, "   :undoc-members:", ""]
+    if inspect.isclass(value):
+        own = all(base is object or base.__module__.startswith("pinproof") for base in value.__mro__)
+        if not value.__module__.startswith("pinproof"):
+            return [f".. autodata:: {path}", "   :no-value:", ""]
+        return [f".. autoclass:: {path}", MEMBERS, *(["   :inherited-members:"] if own else []), ""]
+    return [f".. autofunction:: {path}" if callable(value) else f".. autodata:: {path}", ""]
+
+
+def prepare_docstring(_app: Sphinx, what: str, _name: str, _value: Any, _options: Any, lines: list[str]) -> None:
+    """Adapt a docstring to Napoleon, which reads two things in its own way.
+
+    It takes the text before a colon in the first line of an attribute for its type, and ``x, y`` in a section of
+    attributes for one name, of which Sphinx then takes ``x,`` for the type.
+    """
+    if what in ("attribute", "property"):
+        lines[:0] = ["..", ""]
+    elif what == "class":
+        lines[:] = one_attribute_each(lines)
+
+
+def one_attribute_each(lines: list[str]) -> list[str]:
+    """The lines of a docstring, with one entry for each of several attributes that share a description."""
+    separate: list[str] = []
+    section = ""
+    for number, line in enumerate(lines):
+        if number + 1 < len(lines) and re.fullmatch(r"-{3,}", lines[number + 1]):
+            section = line
+        if section == "Attributes" and re.fullmatch(r"\w+(, \w+)+", line):
+            rest = lines[number + 1 :]
+            description = list(itertools.takewhile(lambda text: text.startswith(" "), rest))
+            for name in line.split(", ")[:-1]:
+                separate += [name, *description]
+            line = line.split(", ")[-1]
+        separate.append(line)
+    return separate
+
+
+def shorten_types(
+    _app: Sphinx, _what: str, _name: str, _value: Any, _options: Any, signature: str | None, returned: str | None
+) -> tuple[str | None, str | None]:
+    """The signature with the names of types instead of their definitions."""
+    for long, short in SPELLED_OUT.items():
+        signature, returned = (text and text.replace(long, short) for text in (signature, returned))
+    return signature, returned
+
+
+def setup(app: Sphinx) -> dict[str, Any]:
+    """Register the directive and the handlers."""
+    app.add_directive("package", Package)
+    app.connect("autodoc-process-docstring", prepare_docstring, priority=100)  # before Napoleon's 500
+    app.connect("autodoc-process-signature", shorten_types)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -10,7 +10,7 @@ import trimesh
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks import Stage
+from pinproof.picks import Stage, apply_suggestion
 from pinproof.picks.report import verdict_row
 
 DOWN = (np.pi, 0, 0)
@@ -195,14 +195,17 @@ def test_without_an_object_the_grip_is_not_judged_and_the_report_says_so(arm) ->
 
 
 def test_suggestions_stay_within_grasps_that_hold_the_part(arm) -> None:
-    beside = grasp((0.0, 0.012, -0.015))
-    verdict = judge(arm, beside, budget=pp.picks.PickBudget(compared=1, remedies=6))
-    assert verdict.failed is Stage.GRIP
-    assert "mm along" in verdict.remedy
     wall = pp.Obstacle("wall", pp.Box(0.3, 0.02, 0.2), pp.pose((AT[0], AT[1] + 0.05, 0.1)))
-    blocked = judge(arm, grasp(), wall, budget=pp.picks.PickBudget(compared=1, remedies=6))
-    assert blocked.failed is Stage.GRASP
-    assert "shifted" not in blocked.remedy  # away from the wall there is nothing to hold
+    for pick, obstacles, failed in ((grasp((0.0, 0.012, -0.015)), (), Stage.GRIP), (grasp(), (wall,), Stage.GRASP)):
+        verdict = judge(arm, pick, *obstacles, budget=pp.picks.PickBudget(compared=1, remedies=6))
+        assert verdict.failed is failed
+        complete = [text for text in verdict.suggestions if "fails at" not in text]
+        assert complete or failed is Stage.GRASP
+        for text in complete:
+            changed = apply_suggestion(pick, text)
+            again = judge(arm, changed, *obstacles, budget=pp.picks.PickBudget(compared=1, remedies=0))
+            assert again.ok
+            assert again.grip is not None
 
 
 @pytest.mark.parametrize("kind", ["box", "channel"])

@@ -9,11 +9,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks.search import BestFirst
-from pinproof.picks.stages.grasp import screen
-from pinproof.picks.stages.place import Placer
-from pinproof.picks.stages.reach import reach
-from pinproof.picks.stages.task import Task
+from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.place import Placer
+from pinproof.picks.judging.search import BestFirst
+from pinproof.picks.judging.task import Task
 
 ALL = pp.picks.PickBudget(configurations=10_000, compared=10_000, remedies=0)
 SEEDS = [1, 2]

@@ -11,8 +11,8 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import CampaignError, FileError, InputError
-from pinproof.picks.campaign.journal import Journal
-from pinproof.picks.pick import PickProblem
+from pinproof.picks.batch.journal import Journal
+from pinproof.picks.input.pick import PickProblem
 
 
 @pytest.fixture

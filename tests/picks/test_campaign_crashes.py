@@ -15,7 +15,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import CampaignError
-from pinproof.picks.campaign import worker
+from pinproof.picks.batch import workers
 
 from ..processes import PATIENCE, is_alive, started, wait_for
 
@@ -121,7 +121,7 @@ def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_b
 
 
 def test_a_crashed_row_in_a_journal_gives_way_to_the_row_of_a_later_run(stick, many, judges, tmp_path) -> None:
-    from pinproof.picks.campaign.journal import Journal
+    from pinproof.picks.batch.journal import Journal
 
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
     made.run(tmp_path, executor=Fragile, chunk=2, in_flight=1)
@@ -190,7 +190,7 @@ def test_workers_that_die_of_everything_are_told_and_no_pick_is_blamed(stick, ma
 
 
 def test_a_task_that_workers_cannot_take_is_told(stick, many, judges, tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(worker, "_known", {})
+    monkeypatch.setattr(workers, "_known", {})
 
     class Foreign(Fragile):
         def submit(self, fn, /, key, package, start, part):
@@ -217,7 +217,7 @@ def test_workers_that_join_are_told_the_task_once(stick, many, judges, tmp_path,
 
 
 def _as_stranger(*args):
-    return worker.Answer(known=False, worker="stranger:1")
+    return workers.Answer(known=False, worker="stranger:1")
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ import trimesh
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import Stage
-from pinproof.picks.report import verdict_row
+from pinproof.picks.report.report import verdict_row
 
 DOWN = (np.pi, 0, 0)
 QUICK = pp.picks.PickBudget(compared=1, remedies=0)

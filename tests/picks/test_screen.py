@@ -9,12 +9,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.model import JointLimits
-from pinproof.picks.configurations import limit_margins
-from pinproof.picks.pick import PickProblem
-from pinproof.picks.stages.cell import Cell
-from pinproof.picks.stages.grasp import screen
-from pinproof.picks.stages.reach import reach
-from pinproof.picks.stages.task import Task
+from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.judging.configurations import limit_margins
+from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import SE3, matrix
 
 ROBOTS = ("ur5", "generic_6dof", "panda")
@@ -137,7 +135,7 @@ def test_limits_alone_are_told_from_reach(arms) -> None:
 
 
 def test_an_arm_that_is_searched_is_told_apart_in_the_same_way(arms, monkeypatch) -> None:
-    monkeypatch.setattr("pinproof.picks.reach.proposals.has_closed_form", lambda arm, most=6: False)
+    monkeypatch.setattr("pinproof.picks.batch.proposals.has_closed_form", lambda arm, most=6: False)
     arm = arms["generic_6dof"]
     low, high = arm.limits.sampling_range()
     middle = JointLimits(low / 2, high / 2, arm.limits.velocity)

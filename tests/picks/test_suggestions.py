@@ -14,8 +14,7 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import InputError
 from pinproof.picks import NamedFrame, Stage, apply_suggestion
-from pinproof.picks.stages.changes import DIRECTIONS, DISTANCES
-from pinproof.picks.suggestion import move_words, shorten_words, turn_words
+from pinproof.picks.judging.changes import DIRECTIONS, DISTANCES, move_words, shorten_words, turn_words
 from pinproof.spatial import SE3
 
 DOWN = (np.pi, 0, 0)

@@ -14,8 +14,8 @@ from pinproof.errors import InputError
 from pinproof.ik import Clik
 from pinproof.model import load_robot_from_text
 from pinproof.picks import Stage
-from pinproof.picks.configurations import turned_inside
-from pinproof.picks.pick import PickProblem
+from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.judging.configurations import turned_inside
 from pinproof.picks.report.report import COLUMNS
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from pinproof.benchmarks.picks_problems import PickCell
 from pinproof.picks import PickList, PickSetup, ScreenStatus, screen_picks
-from pinproof.picks.reach.screening import Screening
+from pinproof.picks.batch.screening import Screening
 
 __all__ = ["ScreenRow", "VerdictRow", "screen_rows", "verdict_rows"]
 

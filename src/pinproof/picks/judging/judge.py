@@ -1,0 +1,166 @@
+"""The verdict on one pick, stage by stage; see :class:`pinproof.picks.Stage`.
+
+The grasps of a family are judged in groups of equal distance from the nominal grasp. The IK solutions of all grasps of
+a group are checked together, and the best motion is searched among those that pass
+(:mod:`pinproof.picks.judging.search`). If no motion exists, the verdict describes the attempt that passed the most
+stages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pinproof.errors import InputError
+from pinproof.picks.input.pick import Member, Pick
+from pinproof.picks.judging.grasp import Reached, every_branch_is_known, reach, refuted_by_name, screen, unreached
+from pinproof.picks.judging.lines import Way
+from pinproof.picks.judging.search import BestFirst, Whole
+from pinproof.picks.judging.suggest import suggest
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.timing import Timed, time_whole
+from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
+
+__all__ = ["judge"]
+
+
+class _Ring(NamedTuple):
+    """The verdict on a ring, and, if a line failed, the way that came farthest."""
+
+    verdict: PickVerdict
+    way: Way | None = None
+
+
+def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
+    """The verdict on one pick.
+
+    Parameters
+    ----------
+    pick
+        The pick.
+    cell
+        Where it is judged.
+    rng
+        Where random choices come from.
+    """
+    return _judge(pick, cell, rng.integers(2**31, size=4).tolist())
+
+
+def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
+    try:
+        task = Task(pick, cell)
+    except InputError as error:
+        return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
+    tried, members, judged = 0, 0, list[_Ring]()
+    for ring in task.rings():
+        judged.append(_ring(task, ring, seeds))
+        verdict = judged[-1].verdict
+        tried, members = tried + verdict.configurations, members + len(ring)
+        if verdict.ok:
+            return replace(verdict, pick=pick, configurations=tried)
+    verdict, way = _no(task, judged, tried, members)
+    suggestions = suggest(task, pick, verdict.stages[-1], way, lambda other: _judge(other, cell.for_trials, seeds))
+    return replace(verdict, pick=pick, suggestions=suggestions)
+
+
+def _no(task: Task, rings: list[_Ring], tried: int, members: int) -> tuple[PickVerdict, Way | None]:
+    """The verdict on a pick of which no ring is good: that of the ring that came farthest, and its way."""
+    farthest, way = max(rings, key=lambda ring: len(ring.verdict.stages))
+    status, stages = farthest.status, farthest.stages
+    # of a range of turns or a tolerance only some places were tried: the grasps between them are not refuted
+    if task.sampled:
+        status = PickStatus.NOT_FOUND
+        stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
+    refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
+    return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), way
+
+
+def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
+    """The verdict on grasps that are as far from the nominal one as each other."""
+    pick = task.pick
+    start = (StageResult(Stage.INPUT, True, "read"),)
+    reached = reach(task, ring, seeds[0])
+    stages = (*start, *reached.stages)
+    if not len(reached.q):
+        status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
+        return _Ring(PickVerdict(pick, status, stages, refuted=reached.refuted))
+    tried = len(reached.q)
+    screened = screen(task, ring, reached)
+    stages = (*stages, *screened.stages)
+    if not screened.candidates:
+        if screened.not_held:
+            return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
+        if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
+            return _ring(finer, ring, seeds)
+        known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in ring])
+        if known:
+            reachable = set(reached.member.tolist())
+            refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(ring) if i not in reachable))
+            return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
+        said = f"{stages[-1].message}; of all there may be, {_configurations(tried)} were tried"
+        stages = (*stages[:-1], replace(stages[-1], message=said))
+        return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
+    search = BestFirst(task, screened.candidates, seeds[1:3])
+    while (whole := search.run() or search.anyhow()) is not None:
+        result, timed = time_whole(task, whole.way, whole.path, whole.placing)
+        if timed is not None:
+            return _Ring(_good(task, whole, (*stages, *whole.stages, _compared(result, search)), timed, tried))
+        search.give_up(whole, (*whole.stages, result))
+    if search.failed:
+        return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried))
+    best = max(search.ways, key=lambda way: (len(way.stages), way.fraction))
+    refuted = () if task.cell.trial else refuted_by_name(task, ring, seeds[0])
+    status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
+    last = best.stages[-1]
+    if not refuted:
+        of = f"; {len(search.ways)} of {len(screened.candidates)} free configurations were tried"
+        last = replace(last, message=last.message + of)
+    return _Ring(PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted), best)
+
+
+def _configurations(count: int) -> str:
+    return f"{count} configuration{'' if count == 1 else 's'}"
+
+
+def _compared(result: StageResult, search: BestFirst) -> StageResult:
+    """The last stage of a good pick, with how it compares to the others."""
+    counts = {"whole": search.made, "excluded": search.excluded, "untried": search.untried}
+    said = [f"the best of {counts['whole']} whole picks"] if counts["whole"] > 1 else []
+    if counts["excluded"]:
+        others = "1 other" if counts["excluded"] == 1 else f"{counts['excluded']} others"
+        said.append(f"{others} excluded by the bound of their score")
+    if counts["untried"]:
+        said.append(f"{counts['untried']} not tried within the budget")
+    figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
+    return replace(result, message="; ".join([result.message, *said]), figures=figures)
+
+
+def _finer(task: Task, reached: Reached) -> Task | None:
+    """The same with closer bodies, if a configuration is in contact by the hulls of meshes alone."""
+    # of a sample, which proves nothing anyway, the first; else all, for a contact of hulls alone refutes nothing
+    for q in reached.q[: task.cell.budget.configurations] if task.sampled else reached.q:
+        finer = task.at_grasp.finer_at(q)
+        if finer is not task.at_grasp and finer.is_free(q):
+            return Task(task.pick, replace(task.cell, checker=task.outside.finer_at(q)))
+    return None
+
+
+def _good(task: Task, whole: Whole, stages: tuple[StageResult, ...], timed: Timed, tried: int) -> PickVerdict:
+    """The verdict on a pick that passed every stage."""
+    return PickVerdict(
+        task.pick,
+        PickStatus.GOOD,
+        stages,
+        tried,
+        whole.way.q,
+        timed.trajectory,
+        timed.grasp_time,
+        timed.motions[0].certificate if task.name is None else None,
+        timed.motions,
+        timed.release_time,
+        member=whole.way.candidate.member.words,
+        score=whole.parts,
+        grip=None if task.name is None else task.grip(whole.way.candidate.member),
+    )

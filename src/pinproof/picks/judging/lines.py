@@ -1,0 +1,247 @@
+"""The approach and retreat stages, which are straight lines, and the transit stage from home to the approach."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, certify
+from pinproof.collision.certificate import proven_millimetres
+from pinproof.errors import InputError
+from pinproof.model import Arm
+from pinproof.motion import CubicPath, JointPath
+from pinproof.picks.judging.grasp import Candidate
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import Stage, StageResult
+from pinproof.planning import LinearPlanResult, PlanResult, RrtConnect, plan_linear, shortcut
+from pinproof.planning.ends import with_turns
+from pinproof.spatial import SE3
+
+__all__ = [
+    "Crossing",
+    "Line",
+    "Pairs",
+    "Way",
+    "along",
+    "line",
+    "line_in",
+    "line_out",
+    "passing",
+    "passing_at",
+    "planner",
+    "shifted",
+    "shortened",
+    "span",
+    "transit",
+    "whole_turns",
+]
+
+Array = npt.NDArray[np.float64]
+Pairs = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Way:
+    """A configuration at the grasp, as far as it came; both lines lead from the grasp outwards.
+
+    ``parting`` are the pairs of the object and what it stands on, ``shift`` (n,) whole turns that all of it is moved
+    by, ``fraction`` how much of the line that failed was possible, ``clearance`` the least (m) that was seen on both.
+    """
+
+    candidate: Candidate
+    stages: tuple[StageResult, ...] = ()
+    approach: CubicPath | None = None
+    retreat: CubicPath | None = None
+    parting: Pairs = ()
+    shift: Array = field(default_factory=lambda: np.zeros(1))
+    fraction: float = 0.0
+    clearance: float = np.inf
+
+    @property
+    def passed(self) -> bool:
+        """Whether every stage so far is."""
+        return self.stages[-1].ok
+
+    @property
+    def q(self) -> Array:
+        """(n,) at the grasp."""
+        return np.asarray(self.candidate.q + self.shift)
+
+    def line_in(self) -> CubicPath | None:
+        """From the grasp outwards to where the approach begins; None without one."""
+        return shifted(self.approach, self.shift)
+
+    def line_out(self) -> CubicPath | None:
+        """From the grasp to the end of the retreat; None without one."""
+        return shifted(self.retreat, self.shift)
+
+    @property
+    def entrance(self) -> Array:
+        """(n,) where the transit ends: the beginning of the approach, or the grasp without one."""
+        return self.q if self.approach is None else np.asarray(self.approach.end + self.shift)
+
+    @property
+    def exit(self) -> Array:
+        """(n,) where the retreat ends, or the grasp without one."""
+        return self.q if self.retreat is None else np.asarray(self.retreat.end + self.shift)
+
+    def span(self) -> tuple[Array, Array]:
+        """Bounds (n,) of every joint along both lines, without ``shift``: those of Bezier control points."""
+        return span(self.candidate.q, self.approach, self.retreat)
+
+
+def shifted(path: CubicPath | None, by: Array) -> CubicPath | None:
+    """A path with its joints moved by (n,)."""
+    if path is None or not by.any():
+        return path
+    return CubicPath(path.q + by, path.tangents, path.knots, path.joint_names)
+
+
+class Line(NamedTuple):
+    """A straight line: the stage's result, the curve, how much was possible, and the least clearance (m) seen on it."""
+
+    result: StageResult
+    path: CubicPath | None = None
+    fraction: float = 1.0
+    clearance: float = np.inf
+
+
+def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
+    """Bounds (n,) of every joint along some paths and at q (n,): those of Bezier control points."""
+    points = np.vstack([q, *(path.bezier()[1].reshape(-1, len(q)) for path in paths if path is not None)])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def along(task: Task, candidate: Candidate) -> Way:
+    """A configuration judged on approach and retreat."""
+    into, shift = line_in(task, candidate), np.zeros(task.arm.dof)
+    if not into.result.ok:
+        return Way(candidate, (into.result,), shift=shift, fraction=into.fraction)
+    out, parting = line_out(task, candidate)
+    stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
+    return Way(candidate, stages, into.path, out.path, parting, shift, out.fraction, clearance)
+
+
+def line_in(task: Task, candidate: Candidate) -> Line:
+    """The approach, planned from the grasp outwards: so both moves share its configuration to the last bit."""
+    end, q = task.approach_end(task.grasp(candidate.member)), candidate.q
+    into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
+    return passing(into, task.passing, q)
+
+
+def passing(found: Line, checker: CollisionChecker | None, q: Array) -> Line:
+    """A line that begins at q (n,), if the open fingers pass the object by along it: judged by ``checker``, if any."""
+    if checker is None or found.path is None:
+        return found
+    proof = certify(found.path, passing_at(checker, q))
+    if proof.free:
+        return found
+    said = f"the open fingers meet the object: {proof.message}"
+    return Line(StageResult(found.result.stage, False, said, dict(found.result.figures)), fraction=0.0)
+
+
+def passing_at(checker: CollisionChecker, q: Array) -> CollisionChecker:
+    """The checker, with closer bodies where at q (n,) a finger touches the object by its hull alone."""
+    return checker if checker.is_free(q) else checker.finer_at(q)
+
+
+def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
+    """The retreat, and the pairs of the object and what it leaves on it."""
+    member, q = candidate.member, candidate.q
+    carrying = task.carrying(member)
+    parting = task.supports(carrying, q, task.pick.support)
+    end = task.retreat_end(task.grasp(member))
+    return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting), parting
+
+
+def line(
+    stage: Stage,
+    task: Task,
+    checker: CollisionChecker,
+    q: Array,
+    end: SE3,
+    length: float,
+    parting: Pairs = (),
+) -> Line:
+    """A straight line from q (n,) to a pose of the tip."""
+    if length == 0:
+        return Line(StageResult(stage, True, "none asked for"))
+    # a support that is not checked against the object needs no leave
+    parting = tuple(pair for pair in parting if _is_checked(checker, pair))
+    move = plan_linear(checker, q, task.target(end), parting=parting)
+    if not move.ok:
+        said = f"of {length * 1e3:.0f} mm, seen from the grasp, {move.message}"
+        figures = {"distance": length, "possible": move.fraction * length}
+        return Line(StageResult(stage, False, said, figures), fraction=move.fraction)
+    said = f"{length * 1e3:.0f} mm straight, {_proven(move)}"
+    proven, seen = (
+        (np.nan, np.inf) if move.certificate is None else (move.certificate.clearance, move.certificate.observed)
+    )
+    figures = {"distance": length, "clearance": proven}
+    return Line(StageResult(stage, True, said, figures), move.path, clearance=seen)
+
+
+def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:
+    owners = [(checker.bodies[i].owner, checker.bodies[j].owner) for i, j in checker.pairs]
+    return any(set(pair) == set(each) for each in owners)
+
+
+def _proven(move: LinearPlanResult) -> str:
+    if move.certificate is None:
+        return ""
+    pairs = dict.fromkeys(parting.bodies for parting in move.certificate.partings)  # a mesh is left facet by facet
+    parted = "".join(f", {leaving} off {left}" for leaving, left in pairs)
+    return f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"
+
+
+STRAIGHT = 2
+"""Waypoints of a path that cannot be shortened."""
+
+
+def planner(nodes: int) -> RrtConnect:
+    """Its budget is its nodes and samples: the same pick gets the same verdict on a slow machine."""
+    return RrtConnect(max_nodes=nodes, max_samples=4 * nodes, time_limit=math.inf)
+
+
+class Crossing(NamedTuple):
+    """A path, the way it leads to, what is to be said, and the least clearance (m) seen on it."""
+
+    result: StageResult
+    way: Way | None = None
+    path: JointPath | None = None
+    clearance: float = np.inf
+
+
+def transit(task: Task, ways: list[Way], nodes: int, seeds: list[int]) -> Crossing:
+    """A path from home to the entrance of one of some ways."""
+    plan = planner(nodes).plan(task.outside, task.cell.home, np.array([way.entrance for way in ways]), rng=seeds[0])
+    if plan.path is None or plan.goal is None:
+        figures = {"nodes": float(plan.nodes), "goals": float(len(ways))}
+        return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
+    path, clearance = shortened(plan, task.outside, seeds[1])
+    said = f"{path.length:.2f} rad, {len(path)} waypoints"
+    figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
+    return Crossing(StageResult(Stage.TRANSIT, True, said, figures), ways[plan.goal], path, clearance)
+
+
+def shortened(plan: PlanResult, checker: CollisionChecker, seed: int) -> tuple[JointPath, float]:
+    """The path of a plan that found one, shortened, and the least clearance (m) seen on it."""
+    if plan.path is None or plan.certificate is None:
+        raise InputError("a plan without a path cannot be shortened")
+    if len(plan.path) <= STRAIGHT:
+        return plan.path, plan.certificate.observed
+    path = shortcut(plan.path, checker, rng=seed)
+    return path, certify(path, checker).observed
+
+
+def whole_turns(arm: Arm, home: Array, way: Way) -> Array:
+    """(k, n) by how many whole turns (rad) all of a way can be moved inside the limits; as it is first."""
+    entrances, _ = with_turns(arm, home, way.entrance[None])
+    shifts = entrances - way.entrance
+    low, high = way.span()
+    inside = ((low + shifts >= arm.limits.lower) & (high + shifts <= arm.limits.upper)).all(axis=1)
+    return np.asarray(shifts[inside | (np.arange(len(shifts)) == 0)])

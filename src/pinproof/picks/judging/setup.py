@@ -1,0 +1,201 @@
+"""What all picks of a list are judged with; it is built and validated once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, Scene
+from pinproof.common.content_hash import digest
+from pinproof.common.validation import Rng, seed_sequence
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm
+from pinproof.picks.input.pick import Pick, Picks, moved_by
+from pinproof.picks.input.settings import PickBudget, PickWeights
+from pinproof.picks.judging.grasp import contact_words
+from pinproof.picks.judging.judge import judge
+from pinproof.picks.judging.task import Cell
+from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.spatial import xyz_rpy
+
+__all__ = ["PickSetup", "refuse_another_hand"]
+
+HELD_TOLERANCE = 1e-9
+"""rad or m: two values of a held joint that differ by less are one."""
+
+
+@dataclass(frozen=True, eq=False)
+class PickSetup:
+    """What the verdict on a pick depends on beside the pick; it pickles, geometry included, so it needs no files.
+
+    Parameters
+    ----------
+    checker
+        The arm in its scene, with the tool attached.
+    shared
+        What the picks share; it lists none itself.
+    home
+        (n,) where transits start; free and inside the limits.
+    seeds
+        The random stream of pick i is the child ``first_stream + i`` of it.
+    """
+
+    checker: CollisionChecker
+    shared: Picks
+    home: npt.NDArray[np.float64]
+    seeds: np.random.SeedSequence
+    first_stream: int = 0
+    weights: PickWeights = field(default_factory=PickWeights)
+    budget: PickBudget = field(default_factory=PickBudget)
+
+    @classmethod
+    def make(
+        cls,
+        arm: Arm,
+        scene: Scene,
+        picks: Picks,
+        *,
+        home: npt.ArrayLike | None,
+        rng: Rng,
+        weights: PickWeights | None = None,
+        budget: PickBudget | None = None,
+    ) -> PickSetup:
+        """Bring it all together; ``home`` is by default the one of the picks, else the arm's.
+
+        Raises
+        ------
+        InputError
+            If home is outside the limits or in contact (with what), or names joints the arm does not have; if a joint
+            has no velocity limit, without which no motion can be timed; or if the arm holds other joints elsewhere than
+            the picks say, has no link that they call part of the gripper, or cannot hold its fingers as they grip.
+        """
+        _refuse_untimed(arm)
+        refuse_another_hand(arm, picks)
+        checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
+        stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
+        start = arm.limits.snap(arm.configuration(stated, "home"))
+        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
+        if trouble:
+            raise InputError(f"home cannot be a start: {'; '.join(trouble)}")
+        seeds = seed_sequence(rng)
+        return cls(
+            checker,
+            replace(picks, picks=(), problems=()),
+            start,
+            seeds,
+            seeds.n_children_spawned,
+            weights or PickWeights(),
+            budget or PickBudget(),
+        )
+
+    @cached_property
+    def cell(self) -> Cell:
+        """What every pick is judged in."""
+        return Cell(self.checker, self.shared, self.home, self.weights, self.budget)
+
+    def rng(self, index: int) -> np.random.Generator:
+        """The random stream of the pick at ``index``: its own, wherever and whenever it is judged."""
+        key = (*self.seeds.spawn_key, self.first_stream + index)
+        return np.random.default_rng(
+            np.random.SeedSequence(self.seeds.entropy, spawn_key=key, pool_size=self.seeds.pool_size)
+        )
+
+    def judge(self, index: int, pick: Pick) -> PickVerdict:
+        """The verdict on the pick that stands at ``index``."""
+        return judge(pick, self.cell, self.rng(index))
+
+    def not_covered(self) -> tuple[str, ...]:
+        """What a yes says nothing about, so that nobody takes it for more than it is."""
+        checker = self.checker
+        urdf = checker.arm.robot.urdf
+        solid = {geometry.link for geometry in urdf.collisions}
+        ghosts = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
+        carried = (
+            "what is picked is not carried where a pick names no object: from the grasp on the empty tool is judged"
+        )
+        fingers = (
+            "how hard the fingers close, and whether the part slips or turns between them: that they touch it on "
+            "opposite sides is judged, where a pick names its object"
+        )
+        tip = (
+            "the grip of a tool without fingers: where a pick names its object, only that the tip is within "
+            f"{self.shared.grip_limits.tip * 1e3:g} mm of its surface is judged"
+        )
+        notes = [carried, fingers if self.cell.fingers else tip]
+        if not solid:
+            notes.append("the robot has no collision geometry: its links touch nothing whatever they meet")
+        elif ghosts:
+            notes.append(f"links that are drawn but have no collision geometry: {', '.join(ghosts)}")
+        if not checker.scene.obstacles:
+            notes.append("there is no obstacle: the robot was only judged against itself")
+        if checker.hollow:
+            notes.append(f"not watertight, so being wholly inside is not seen: {', '.join(checker.hollow)}")
+        return tuple(notes)
+
+    def identity(self) -> dict[str, Any]:
+        """What tells it from others, part by part, as plain values for JSON; long things by a hash."""
+        arm = self.checker.arm
+        words = (arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)
+        carried = {each.name for each in self.checker.attached}
+        obstacles = [body.content() for body in self.checker.bodies if body.link is None]
+        tool = [body.content() for body in self.checker.bodies if body.owner in carried]
+        return {
+            "robot": f"{arm.robot.name} {digest(words)}",
+            "limits": digest(arm.limits),
+            "scene": f"{len(self.checker.scene.obstacles)} obstacles {digest(obstacles)}",
+            "tool": f"{len(self.checker.attached)} bodies {digest(tool)}",
+            "tip": (xyz_rpy(self.shared.tip) + 0.0).tolist(),
+            "margin": self.checker.margin,
+            "collision checks": self.checker.fingerprint()[:16],
+            "home": self.home.tolist(),
+            "seed": str(self.seeds.entropy),
+            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip, self.shared.grip_limits)),
+            "frames": digest(self.shared.frames),
+            "judged by": digest((self.weights, self.budget)),
+        }
+
+
+def refuse_another_hand(arm: Arm, picks: Picks) -> None:
+    """Refuse an arm that holds other joints elsewhere than picks say, or lacks what they call the gripper."""
+    for name, value in picks.held.items():
+        if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
+            at = f"at {arm.held[name]:g}" if name in arm.held else "does not hold it"
+            said = f"the picks hold {name} at {value:g}, the arm {at}"
+            raise InputError(f"{said}; make it with robot.arm(held=picks.held)")
+    _refuse_another_grip(arm, picks.grip)
+    for name in picks.gripper:
+        if name not in arm.robot.urdf.links:
+            raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
+
+
+def _refuse_another_grip(arm: Arm, grip: Mapping[str, float]) -> None:
+    joints = arm.robot.urdf.joints
+    for name, closed in grip.items():
+        if name not in arm.held or joints[name].mimic is not None:
+            others = [each for each in arm.held if joints[each].mimic is None]
+            raise UnknownNameError("joint", name, others, "the joints outside the arm that may grip")
+        low = -np.inf if (lower := joints[name].lower) is None else lower
+        high = np.inf if (upper := joints[name].upper) is None else upper
+        for when, at in {"open": arm.held[name], "grip": closed}.items():
+            if not low <= at <= high:
+                raise InputError(f"{name} cannot stand at {at:g} ({when}); its limits are [{low:g}, {high:g}]")
+    if mover := moved_by(arm.robot.urdf, arm.tcp, grip):
+        raise InputError(f"the tcp {arm.tcp!r} is moved by {mover}, which grips; choose one that stays where it is")
+
+
+def _refuse_untimed(arm: Arm) -> None:
+    unknown = [
+        name
+        for name, *rates in zip(arm.joint_names, arm.limits.velocity, arm.limits.acceleration, strict=True)
+        if not np.isfinite(rates).all()
+    ]
+    if unknown:
+        raise InputError(
+            f"no motion can be timed: {', '.join(unknown)} states no velocity or acceleration limit; "
+            "give the arm limits (robot.arm(limits=JointLimits(...)))"
+        )

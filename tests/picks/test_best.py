@@ -70,7 +70,7 @@ def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> No
     assert figures["whole"] >= 1
     assert figures["excluded"] > 10
     assert figures["untried"] == 0
-    assert f"{figures['excluded']:.0f} others excluded by the bound of their score" in verdict.reason
+    assert f"best of {figures['whole'] + figures['excluded']:.0f} candidates" in verdict.reason
 
 
 def test_a_budget_that_runs_out_is_told() -> None:

@@ -129,7 +129,7 @@ def test_limits_alone_are_told_from_reach(arms) -> None:
     root = matrix(arm.root_from_base)
     found = pp.screen_picks(narrow, pp.Scene(), root @ np.array([near, far]))
     assert found.status == (pp.picks.ScreenStatus.LIMITS, pp.picks.ScreenStatus.REACH)
-    assert "outside the limits" in found.reason(0)
+    assert "outside the joint limits" in found.reason(0)
     assert "out of reach" in found.reason(1)
     assert pp.screen_picks(arm, pp.Scene(), root @ near[None]).status == (pp.picks.ScreenStatus.FREE,)
 

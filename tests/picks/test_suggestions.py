@@ -218,7 +218,7 @@ def test_suggestions_read_as_documented() -> None:
     ],
 )  # fmt: skip
 def test_text_that_does_not_fit_the_pick_is_refused(text) -> None:
-    with pytest.raises(InputError, match=r"no suggestion that can be applied|does not fit pick 'part'"):
+    with pytest.raises(InputError, match=r"not a suggestion that can be applied|does not fit pick 'part'"):
         apply_suggestion(PICK, text)
 
 

@@ -142,8 +142,7 @@ def _unpacked(code: str, packed: bytes) -> RowTask:
     """The task in a worker, which must have the code of the one who sent it: before anything of it is unpickled."""
     if code != code_here():
         raise CampaignError(
-            f"a worker has pinproof {code_here()}; the campaign is run by {code}: rows of two codes do not make one "
-            "file, so give the workers the same"
+            f"a worker runs pinproof {code_here()}, the campaign runs {code}; install the same version on all workers"
         )
     return RowTask(*pickle.loads(packed))
 
@@ -204,7 +203,7 @@ class CampaignResult:
         path = Path(folder) / ROWS
         if not path.exists():
             begun = (Path(folder) / JOURNAL).exists()
-            raise CampaignError(f"{folder}: " + ("this campaign is not done yet; run it again" if begun else "no rows"))
+            raise CampaignError(f"{folder}: " + ("this campaign is not finished; run it again" if begun else "no rows"))
         header = read_header(path)
         verdicts: Counter[str] = Counter()
         failed_at: Counter[str] = Counter()
@@ -320,7 +319,7 @@ def _rows(path: Path) -> Iterator[dict[str, Any]]:
             for index, line in enumerate(file):
                 row = read(line)
                 if row is None or row["index"] != index:
-                    said = "is damaged or was edited; run the campaign again to judge its pick again"
+                    said = "is damaged or was edited; run the campaign again to judge this pick again"
                     raise FileError(path, said, f"line {index + 2}")
                 yield row
     except OSError as error:
@@ -330,7 +329,7 @@ def _rows(path: Path) -> Iterator[dict[str, Any]]:
 TIMINGS = "timings.jsonl"
 """Beside the rows: which chunk took how long, and where. Times are never part of a row, which would differ each run."""
 
-KILLED = "every process that judged it, alone, has died of it"
+KILLED = "every worker process that judged this pick alone died"
 
 
 class Campaign:
@@ -446,7 +445,7 @@ class Campaign:
             folder.mkdir(parents=True, exist_ok=True)
             done = (folder / ROWS).exists()
         except OSError as error:
-            raise FileError(folder, f"cannot be made a folder: {error.strerror or error}") from error
+            raise FileError(folder, f"cannot be created: {error.strerror or error}") from error
         if done and (finished := self._finished(folder, header)) is not None:
             return replace(finished, setup=self._setup)
         task = RowTask(self._setup, self._judge)

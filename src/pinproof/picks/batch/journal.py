@@ -82,7 +82,7 @@ class LineFile:
         try:
             fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
-            raise FileError(self.path, "is being written by another process") from error
+            raise FileError(self.path, "is in use by another process") from error
         except OSError:
             pass  # some network file systems know no locks; they keep nobody from working alone
 
@@ -234,7 +234,7 @@ class Journal:
     def _begin(self) -> None:
         """Write the header; over a torn one too, but over nothing else."""
         if self._file.torn > len(self._header) or not self._header.startswith(_content(self.path)):
-            raise CampaignError(f"{self.path}: is of no campaign; name another folder")
+            raise CampaignError(f"{self.path}: does not belong to a campaign; choose another folder")
         self._file.append(self._header)
 
     def _go_on(self, header: Mapping[str, Any]) -> None:
@@ -346,9 +346,9 @@ def _parsed_header(path: Path, line: bytes) -> dict[str, Any]:
         header = json.loads(line)
         schema = header["schema"]
     except (ValueError, TypeError, KeyError) as error:
-        raise CampaignError(f"{path}: is of no campaign; name another folder") from error
+        raise CampaignError(f"{path}: does not belong to a campaign; choose another folder") from error
     if schema != SCHEMA:
-        raise CampaignError(f"{path}: has the schema {schema}, this is {SCHEMA}; name another folder")
+        raise CampaignError(f"{path}: has the schema {schema}, but {SCHEMA} is required; choose another folder")
     return dict(header)
 
 
@@ -357,8 +357,8 @@ def refuse_foreign(path: Path, there: Mapping[str, Any], header: Mapping[str, An
     different = differences(there, header)
     if different:
         raise CampaignError(
-            f"{path}: is of another campaign, which differs in {'; '.join(different)}. Name another folder, or remove "
-            "this one to begin anew"
+            f"{path}: belongs to another campaign, which differs in {'; '.join(different)}. Choose another folder, or "
+            "remove this one to start again"
         )
 
 

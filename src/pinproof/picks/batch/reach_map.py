@@ -197,7 +197,11 @@ class ReachComparison:
             if counts.any():
                 where = self.before.region.points[int(counts.argmax())]
                 words.append(f"most {name} at ({', '.join(f'{v:.3f}' for v in where)}): {counts.max()} orientations")
-        words += [] if self.before.complete and self.after.complete else ["a search stands behind a no, not a proof"]
+        words += (
+            []
+            if self.before.complete and self.after.complete
+            else ["poses that are not free were searched, not proven"]
+        )
         return "; ".join(words)
 
     def save(self, path: str | Path) -> None:
@@ -240,12 +244,14 @@ def slices(
         If the region is no grid, or only a line or a point of one.
     """
     if region.axes is None:
-        raise InputError("a picture shows slices of a grid, such as Region.box makes; these are single points")
+        raise InputError(
+            "a PNG shows slices of a grid, such as ReachRegion.box returns; this region is a list of single points"
+        )
     counts = [len(axis) for axis in region.axes]
     through = min((counts[k], -k) for k in range(3))[1] * -1  # of equals z, so that slices are heights
     across = [k for k in range(3) if k != through]
     if any(counts[k] < 2 for k in across):
-        raise InputError("a picture needs a region that extends along two axes at least")
+        raise InputError("a PNG needs a region that extends along at least two axes")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -327,13 +333,13 @@ def _read_map(path: str | Path) -> ReachMap:
                 title=str(content["title"]),
             )
     except (OSError, zipfile.BadZipFile, KeyError, ValueError, EOFError) as error:
-        raise FileError(path, f"is no reach map: {error}; one is saved as .npz") from error
+        raise FileError(path, f"is not a reach map in .npz format: {error}") from error
 
 
 def _kind(path: str | Path, known: tuple[str, ...]) -> str:
     kind = Path(path).suffix.lower()
     if kind not in known:
-        raise InputError(f"{path}: it is a file of {' or '.join(known)}, not {kind or 'one without ending'}")
+        raise InputError(f"{path}: the suffix must be {' or '.join(known)}, not {kind or 'empty'}")
     return kind
 
 

@@ -29,7 +29,7 @@ def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: floa
     Raises
     ------
     InputError
-        If the axis has no length, the angle is outside [0, pi], or the count is not a whole number above 0.
+        If the axis is zero, the angle is outside [0, pi], or the count is not a whole number above 0.
 
     References
     ----------
@@ -38,9 +38,9 @@ def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: floa
     direction = finite("axis", axis, (3,))
     length = float(np.linalg.norm(direction))
     if length < 1e-9:
-        raise InputError("axis has no length")
+        raise InputError("axis is zero")
     if not 0.0 <= half_angle <= np.pi:
-        raise InputError(f"half_angle = {half_angle}; it lies in 0 to pi rad")
+        raise InputError(f"half_angle = {half_angle}; it must be from 0 to pi rad")
     whole("count", count, 1)
     if count == 1 or half_angle == 0.0:
         return (direction / length)[None]
@@ -60,13 +60,13 @@ def tool_orientations(directions: npt.ArrayLike = (0.0, 0.0, -1.0), spins: int =
     Raises
     ------
     InputError
-        If a direction has no length or the number of spins is not a whole number above 0.
+        If a direction is zero or the number of spins is not a whole number above 0.
     """
     many = np.atleast_2d(np.asarray(directions, dtype=float))
     many = finite("directions", many, (None, 3))
     lengths = np.linalg.norm(many, axis=1)
     if not (lengths > 1e-9).all():
-        raise InputError(f"direction {int(np.flatnonzero(lengths <= 1e-9)[0])} has no length")
+        raise InputError(f"direction {int(np.flatnonzero(lengths <= 1e-9)[0])} is zero")
     whole("spins", spins, 1)
     turns = 2.0 * np.pi * np.arange(spins) / spins
     about_z = np.zeros((spins, 3, 3))
@@ -113,7 +113,7 @@ class ReachRegion:
     def __post_init__(self) -> None:
         points = finite("points", self.points, (None, 3))
         if not len(points):
-            raise InputError("points is empty; a region needs at least one")
+            raise InputError("points is empty; a region needs at least one point")
         points.flags.writeable = False
         object.__setattr__(self, "points", points)
 
@@ -132,15 +132,15 @@ class ReachRegion:
         low, high = finite("lower", lower, (3,)), finite("upper", upper, (3,))
         for name, a, b in zip("xyz", low, high, strict=True):
             if b < a:
-                raise InputError(f"the region's upper {name} = {b} lies below its lower {name} = {a}")
+                raise InputError(f"the region's upper {name} = {b} is below its lower {name} = {a}")
         if not 0.0 < step < np.inf:
-            raise InputError(f"step = {step}; it is a distance in metres, above 0")
+            raise InputError(f"step = {step}; it must be a distance in metres above 0")
         # a side that is a multiple of the step but for rounding gets no further point
         counts = [int(np.ceil((b - a) / step * (1.0 - 1e-12))) + 1 for a, b in zip(low, high, strict=True)]
         if np.prod([float(count) for count in counts]) > MOST_POINTS:
             raise InputError(
-                f"a step of {step} m makes {' x '.join(map(str, counts))} points, above {MOST_POINTS}; "
-                "take a larger one"
+                f"a step of {step} m makes {' x '.join(map(str, counts))} points, more than {MOST_POINTS}; "
+                "choose a larger step"
             )
         x, y, z = (np.linspace(a, b, count) for a, b, count in zip(low, high, counts, strict=True))
         grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
@@ -159,7 +159,7 @@ class ReachRegion:
         return len(self.points)
 
     def __repr__(self) -> str:
-        return f"Region({' x '.join(map(str, self.shape))} points)"
+        return f"ReachRegion({' x '.join(map(str, self.shape))} points)"
 
     @staticmethod
     def along(values: Sequence[Array]) -> tuple[Array, Array, Array]:

@@ -287,14 +287,14 @@ class ScreenResult:
     @property
     def summary(self) -> str:
         """The counts in a sentence."""
-        said = ", ".join(f"{count:,} {status.value}" for status, count in self.counts.items() if count)
+        counts = ", ".join(f"{count:,} {status.value}" for status, count in self.counts.items() if count)
         how = "every configuration enumerated" if self.complete else "configurations swept or searched for"
-        return f"{len(self):,} screened: {said or 'none'} ({how})"
+        return f"{len(self):,} screened: {counts or 'none'} ({how})"
 
     def reason(self, index: int) -> str:
         """Why one is not free, in the words of a verdict; names what touches what. Worked out when asked."""
         if self.free[index]:
-            return "free at the grasp"
+            return "collision-free at the grasp"
         return self._reason(index % len(self)) or CODES[self.codes[index]].value
 
     def save(self, path: str | Path) -> None:
@@ -308,7 +308,7 @@ class ScreenResult:
             For a place that cannot be written to.
         """
         if Path(path).suffix.lower() != ".csv":
-            raise InputError(f"{path}: what was screened is written as .csv")
+            raise InputError(f"{path}: the suffix of a screening result is .csv")
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(("name", "status", "grasp", *FIGURES, *self.joint_names))

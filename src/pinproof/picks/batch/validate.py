@@ -95,6 +95,6 @@ def _by_workers(task: _VerdictTask, picks: Picks, **where: Any) -> list[PickVerd
     for outcome in do_chunks(task, lambda i, j: picks.picks[i:j], [(0, len(picks))], **where):
         if outcome.crashed:
             name = picks.picks[outcome.start].name
-            raise CampaignError(f"every process that judged pick {name!r}, alone, has died of it")
+            raise CampaignError(f"every worker process that judged pick {name!r} alone died")
         found[outcome.start] = outcome.result
     return [verdict for start in sorted(found) for verdict in found[start]]

@@ -321,7 +321,7 @@ class TrackedExecutor:
         except Exception as error:
             if not _killed_workers(error):
                 if chunk is None:
-                    raise CampaignError(f"the workers cannot take the task: {_told(error)}") from error
+                    raise CampaignError(f"the workers cannot load the task: {_told(error)}") from error
                 raise
             del self.pending[future]
             yield from self._suspect(chunk, self._group == 1, MAX_DEATHS, error)
@@ -373,8 +373,8 @@ class TrackedExecutor:
         self.pending.clear()
         if self._callers_own:
             raise CampaignError(
-                f"the executor broke ({_told(error)}); give a function that makes one in place of the executor, so "
-                "that another can be made"
+                f"the executor broke ({_told(error)}); pass a function that creates executors instead "
+                "of an executor, so that a broken one can be replaced"
             ) from error
         self.close()
         if len(failed) == 1:
@@ -387,8 +387,8 @@ class TrackedExecutor:
         self._failed_starts += 1
         if self._failed_starts >= FAILED_STARTS or self._callers_own:
             raise CampaignError(
-                f"no worker starts ({_told(error)}); what it said is on stderr. A program that starts processes needs "
-                "its main part under: if __name__ == '__main__'"
+                f"no worker starts ({_told(error)}); see its output on stderr. A program that starts processes must "
+                "protect its main part with: if __name__ == '__main__'"
             ) from error
 
     def close(self, *, wait_for_it: bool = False) -> None:
@@ -468,7 +468,7 @@ def do_chunks(
         whole("workers", count, 1)
         executors = [TrackedExecutor(SingleWorkerExecutor, width=1) for _ in range(count)]
     elif workers is not None:
-        raise InputError("workers counts the processes of this machine; the executor that is given has its own")
+        raise InputError("workers is the number of local processes and cannot be combined with an executor")
     elif isinstance(executor, Executor):
         executors = [TrackedExecutor(lambda: executor, width=in_flight, callers_own=True)]
     else:
@@ -512,8 +512,8 @@ class _CrashFilter:
             yield from self.all()
         elif len(self._kept) >= MAX_CRASHES_FIRST:
             raise CampaignError(
-                f"each of the first {MAX_CRASHES_FIRST} picks has killed every process that judged it, and none was "
-                "judged: the picks are hardly the cause; is there enough memory for a worker?"
+                f"every worker process died on each of the first {MAX_CRASHES_FIRST} picks, so the picks are probably "
+                "not the cause; check that the workers have enough memory"
             )
 
     def all(self) -> Iterator[Outcome]:
@@ -527,6 +527,6 @@ def _packed(task: Task, part: Callable[[int, int], Any]) -> TaskPackage:
         package = pickle.dumps(task, protocol=pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError) as error:
         raise InputError(
-            f"what is to be done cannot be sent to a worker ({error}); functions must be importable by name"
+            f"the task cannot be sent to a worker ({error}); functions must be importable by name"
         ) from error
     return TaskPackage(hashlib.sha256(package).hexdigest(), package, part)

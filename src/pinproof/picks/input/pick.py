@@ -65,7 +65,7 @@ class GraspSpin:
     def __post_init__(self) -> None:
         angles = finite("spin", self.angles, (None,))
         if not len(angles):
-            raise InputError("spin has no angle; leave it out, or give at least one")
+            raise InputError("spin has no angle; state at least one or omit spin")
         object.__setattr__(self, "angles", tuple(angles.tolist()))
 
     @classmethod
@@ -77,7 +77,10 @@ class GraspSpin:
     def between(cls, first: float, last: float, steps: int = STEPS) -> GraspSpin:
         """Turns from ``first`` to ``last``, the smallest first."""
         if not last >= first or not 1 <= steps <= MOST_STEPS:
-            raise InputError(f"spin from {first} to {last} in {steps} steps; it goes upwards in 1 to {MOST_STEPS}")
+            raise InputError(
+                f"spin from {first} to {last} in {steps} steps; the first angle must not exceed the last and the "
+                f"number of steps must be from 1 to {MOST_STEPS}"
+            )
         return cls(tuple(sorted(np.linspace(first, last, steps + 1).tolist(), key=abs)), sampled=last > first)
 
 
@@ -101,7 +104,7 @@ class GraspTolerance:
         position = finite("tolerance.position", sides, (3,))
         tilt = float(finite("tolerance.tilt", [self.tilt], (1,))[0])
         if (position < 0).any() or tilt < 0:
-            raise InputError(f"tolerance of {position.tolist()} m and {tilt} rad; they are 0 or more")
+            raise InputError(f"tolerance of {position.tolist()} m and {tilt} rad; both must be 0 or more")
         object.__setattr__(self, "position", tuple(position.tolist()))
         object.__setattr__(self, "tilt", tilt)
 
@@ -194,7 +197,7 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     placement, seen = SE3.Identity(), list[str]()
     while name in frames:
         if name in seen:
-            raise InputError(f"the frames {', '.join(seen)} hang on each other in a circle")
+            raise InputError(f"the frames {', '.join(seen)} form a cycle")
         seen.append(name)
         placement, name = frames[name].pose * placement, frames[name].frame
     if name in ("", arm.robot.urdf.root):
@@ -204,7 +207,7 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
     if name not in arm.robot.urdf.links:
         raise UnknownNameError("frame", name, [*frames, *scene.names, *arm.robot.urdf.links])
     if moving := moved_by(arm.robot.urdf, name, (*arm.joint_names, *arm.followers)):
-        raise InputError(f"the frame {name!r} is a link that joint {moving} moves; poses of picks need one at rest")
+        raise InputError(f"the frame {name!r} is a link that joint {moving} moves; picks need a fixed frame")
     return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
 
 
@@ -240,13 +243,13 @@ class GripperFingers:
 
     def __post_init__(self) -> None:
         if len(self.bodies) != 2:
-            raise InputError(f"fingers are 2 bodies, not {len(self.bodies)}")
+            raise InputError(f"a gripper has 2 finger bodies, not {len(self.bodies)}")
         opening, grip = finite("opening and grip of the fingers", [self.opening, self.grip], (2,)).tolist()
         if not 0 <= grip <= opening:
-            raise InputError(f"the fingers open to {opening} m and grip at {grip} m; 0 <= grip <= opening")
+            raise InputError(f"the fingers open to {opening} m and grip at {grip} m; required: 0 <= grip <= opening")
         axis = finite("axis of the fingers", self.axis, (3,))
         if (largest := float(np.abs(axis).max())) < 1e-9:
-            raise InputError("axis of the fingers has no length")
+            raise InputError("axis of the fingers is zero")
         axis /= largest  # so that no square overflows
         object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
 
@@ -373,7 +376,7 @@ class Pick:
         for way in WAYS:
             _check_way(self, way, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
-            raise InputError(f"pick {self.name!r} has a place or a support, and no object to put or to lift there")
+            raise InputError(f"pick {self.name!r} states a place or a support but no object")
 
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` where the approach begins."""
@@ -403,7 +406,7 @@ def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
     names = (stated,) if isinstance(stated, str) else tuple(stated) if isinstance(stated, (list, tuple)) else ()
     where = f" of {of}" if of else ""
     if not names or not all(isinstance(name, str) and name for name in names):
-        raise InputError(f"support{where} is {stated!r}; it is the name of an obstacle, or a list of names")
+        raise InputError(f"support{where} is {stated!r}; it must be the name of an obstacle or a list of names")
     if len(set(names)) < len(names):
         raise InputError(f"support{where} names an obstacle twice: {', '.join(names)}")
     return names
@@ -413,10 +416,10 @@ def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
     """Approach or retreat: a distance, a direction of length 1, and whose axes it is in."""
     value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
     if not 0 <= value <= LONGEST_WAY:
-        raise InputError(f"{way} of {of} is {value:g} m; it is from 0 to {LONGEST_WAY:g} (lengths are metres)")
+        raise InputError(f"{way} of {of} is {value:g} m; it must be from 0 to {LONGEST_WAY:g} (lengths are in metres)")
     direction = finite(f"{way}_direction of {of}", getattr(thing, f"{way}_direction"), (3,))
     if (largest := float(np.abs(direction).max())) < 1e-9:
-        raise InputError(f"{way}_direction of {of} has no length")
+        raise InputError(f"{way}_direction of {of} is zero")
     direction /= largest  # so that no square overflows
     if getattr(thing, f"{way}_frame") not in (TIP, ROOT):
         raise UnknownNameError(f"{way}_frame", getattr(thing, f"{way}_frame"), (TIP, ROOT), of)
@@ -493,7 +496,7 @@ class Picks:
         names = Counter(pick.name for pick in self.picks)
         doubled = sorted(name for name, count in names.items() if count > 1)
         if doubled:
-            raise InputError(f"the names of picks must differ; {', '.join(doubled)} stand more than once")
+            raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
         object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
 
     def __len__(self) -> int:

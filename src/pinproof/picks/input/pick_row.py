@@ -45,7 +45,7 @@ def picks_of_row(name: str, row: Mapping[str, Any], defaults: Mapping[str, Any],
     if "xyz" not in stated:
         raise InputError("does not state its xyz")
     if not is_turned(stated):
-        raise InputError("states no orientation: give it rpy or quat_xyzw, or the defaults")
+        raise InputError("states no orientation; add rpy or quat_xyzw to the pick or to the defaults")
     if "pattern" not in stated:
         return [make_pick(name, stated, path)]
     first = make_pick(name, stated, path)
@@ -130,7 +130,7 @@ def _place(stated: object) -> PlaceTarget:
 
 
 def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
-    """One name or several; an empty value is no name."""
+    """One name or several; an empty value is not a name."""
     return support_names("" if stated is None else stated, of)
 
 
@@ -142,20 +142,20 @@ def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:
     counts = [_count("pattern.grid.counts", count) for count in _three("counts", grid["counts"])]
     step = finite("pattern.grid.step", numbers_of("pattern.grid.step", grid["step"]), (3,)).tolist()
     if prod(counts) > LARGEST_PATTERN:  # not NumPy's, which overflows
-        raise InputError(f"pattern.grid has {prod(counts)} picks; more than {LARGEST_PATTERN} make no list")
+        raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
     for index in product(*map(range, counts)):
         yield index if counts[2] > 1 else index[:2], [k * d for k, d in zip(index, step, strict=True)]
 
 
 def _three(key: str, stated: object) -> list[Any]:
     if not isinstance(stated, list) or len(stated) != 3:
-        raise InputError(f"pattern.grid.{key} is {stated!r}; it has three numbers")
+        raise InputError(f"pattern.grid.{key} is {stated!r}; it must have three numbers")
     return stated
 
 
 def _count(key: str, stated: object) -> int:
     if isinstance(stated, bool) or not isinstance(stated, int) or stated < 1:
-        raise InputError(f"{key} is {stated!r}; it is a whole number above 0")
+        raise InputError(f"{key} is {stated!r}; it must be an integer above 0")
     return stated
 
 
@@ -176,5 +176,5 @@ def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:
 
 def _text(key: str, stated: object) -> str:
     if not isinstance(stated, str) or not stated:
-        raise InputError(f"{key}: {stated!r} is no name")
+        raise InputError(f"{key}: {stated!r} is not a name")
     return stated

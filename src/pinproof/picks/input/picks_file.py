@@ -119,7 +119,7 @@ def open_picks(path: str | Path) -> PickSource:
     table = isinstance(stated, str) and Path(stated).suffix.lower() == TABLE_SUFFIX
     rows = [] if table else listed(PicksError, path, "picks", stated)
     if not rows and not table:
-        raise PicksError(path, "holds no picks; a list of them stands under 'picks:'")
+        raise PicksError(path, "contains no picks; add a list under 'picks:'")
     defaults = _shared(path, content, "defaults", {}, lambda stated: _defaults(stated, path))
     shared = Picks(
         (),
@@ -181,7 +181,7 @@ def _defaults(stated: object, path: Path) -> dict[str, Any]:
 def _picks(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> list[Pick]:
     """The picks of a row, their names added to those that are taken."""
     if not isinstance(row, LinedMapping):
-        raise InputError(f"{row!r} is no pick; valid keys: {', '.join(PICK_KEYS)}")
+        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK_KEYS)}")
     refuse_unknown(PicksError, path, "key", row, PICK_KEYS, "")
     name = row.get("name")
     if not isinstance(name, str) or not name:
@@ -201,7 +201,7 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
         told = dict(mapping_of(str(name), frame, (*POSE_KEYS, "frame")))
         parent = told.pop("frame", "")
         if not isinstance(parent, str):
-            raise InputError(f"{name}: its frame {parent!r} is no name")
+            raise InputError(f"{name}: its frame {parent!r} is not a name")
         found[str(name)] = NamedFrame(_tip(told), parent)
     return found
 
@@ -226,7 +226,7 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
     names = listed(PicksError, path, key, content.get(key, []))
     for name in names:
         if not isinstance(name, str):
-            raise PicksError(path, f"{name!r} is no name", f"key {key}")
+            raise PicksError(path, f"{name!r} is not a name", f"key {key}")
     return names
 
 
@@ -243,7 +243,7 @@ def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle,
     bodies = []
     for number, stated in enumerate(listed(PicksError, path, key, content.get(key, [])), start=1):
         if not isinstance(stated, LinedMapping):
-            raise PicksError(path, f"{stated!r} is no body", f"key {key}, #{number}")
+            raise PicksError(path, f"{stated!r} is not a body", f"key {key}, #{number}")
         try:
             bodies.append(read_obstacle(path, number, stated))
         except FileError as error:
@@ -256,7 +256,7 @@ def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle,
 def _margin(stated: object) -> float:
     margin = _number("margin", stated)
     if margin < 0:
-        raise InputError(f"is {margin} m; it is 0 or more")
+        raise InputError(f"is {margin} m; it must be 0 or more")
     return margin
 
 

@@ -39,7 +39,7 @@ class PickWeights:
         for each in fields(self):
             value = getattr(self, each.name)
             if not 0 <= value < float("inf"):
-                raise InputError(f"PickWeights.{each.name} = {value}; it is a finite number, 0 or more")
+                raise InputError(f"PickWeights.{each.name} = {value}; it must be a finite number, 0 or more")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,8 +108,8 @@ class GripLimits:
         for each in fields(self):
             value = getattr(self, each.name)
             if not (isinstance(value, int | float) and 0 <= value < float("inf")):
-                raise InputError(f"GripLimits.{each.name} = {value!r}; it is a finite number, 0 or more")
+                raise InputError(f"GripLimits.{each.name} = {value!r}; it must be a finite number, 0 or more")
         if self.compliance == 0:
-            raise InputError("GripLimits.compliance = 0; it is above 0, else round parts touch over no area")
+            raise InputError("GripLimits.compliance = 0; it must be above 0 for round parts to have a contact area")
         if not self.angle < math.pi / 2:
-            raise InputError(f"GripLimits.angle = {self.angle}; it is below pi/2")
+            raise InputError(f"GripLimits.angle = {self.angle}; it must be below pi/2")

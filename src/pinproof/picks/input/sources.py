@@ -118,7 +118,7 @@ class PickGrid(PickSource):
     def __post_init__(self) -> None:
         counts = tuple(self.counts)
         if len(counts) != 3 or not all(isinstance(n, int) and not isinstance(n, bool) and n > 0 for n in counts):
-            raise InputError(f"counts of a grid are three whole numbers above 0, not {self.counts!r}")
+            raise InputError(f"counts of a grid must be three integers above 0, not {self.counts!r}")
         object.__setattr__(self, "counts", counts)
         object.__setattr__(self, "step", tuple(finite("step of a grid", self.step, (3,)).tolist()))
         object.__setattr__(self, "shared", replace(self.shared, picks=(), problems=()))
@@ -232,7 +232,7 @@ class PickTable(PickSource):
         except OSError as error:
             raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
         if not self._begin:
-            raise PicksError(self.path, "holds no picks")
+            raise PicksError(self.path, "contains no picks")
         self._begin.append(at)
         self._digest = f"{content.hexdigest()} {digest(self._defaults)}"
         self._repeated = self._repeats(np.frombuffer(names, dtype=np.uint64))
@@ -285,7 +285,7 @@ class PickTable(PickSource):
     def _lines(self, file: Any) -> Iterator[bytes]:
         while line := file.readline(LONGEST_LINE):
             if len(line) == LONGEST_LINE and not line.endswith(b"\n"):
-                raise PicksError(self.path, f"has a line of more than {LONGEST_LINE} bytes: this is no table")
+                raise PicksError(self.path, f"has a line of more than {LONGEST_LINE} bytes; this is not a table")
             yield line
 
     def _name(self, cells: list[str] | None, number: int) -> str:
@@ -326,7 +326,7 @@ class _TablePart:
             name = _name(where, cells, place + 1)
             try:
                 if cells is None:
-                    raise InputError("is no line of a CSV file in UTF-8")
+                    raise InputError("is not a valid line of a UTF-8 CSV file")
                 if place in self.repeated:
                     raise InputError(f"a second pick is named {name!r}")
                 yield from picks_of_row(name, _stated(where, len(self.columns), cells), self.defaults, self.path)
@@ -349,7 +349,7 @@ def _check_columns(columns: tuple[str, ...]) -> None:
         if column not in known:
             raise UnknownNameError("column", column, known)
     if len(set(columns)) < len(columns):
-        raise InputError("names a column twice")
+        raise InputError("states a column twice")
     for names in KEYS.values():
         missing = [name for name in names if name not in columns]
         if missing and len(missing) < len(names):
@@ -367,7 +367,7 @@ def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dic
         if key == "name" or not any(values):
             continue
         if not all(values):
-            raise InputError(f"states only a part of {', '.join(KEYS[key])}")
+            raise InputError(f"states only some of {', '.join(KEYS[key])}")
         into, _, own = key.rpartition(".")
         if own == "support" and SEPARATOR in values[0]:
             values = [[name.strip() for name in values[0].split(SEPARATOR)]]

@@ -102,7 +102,7 @@ def apply_suggestion(pick: Pick, suggestion: str) -> Pick:
         if abs(getattr(pick, way) - before) > RESOLUTION / 1e3:
             raise InputError(f"{text!r} does not fit pick {pick.name!r}: its {way} is {getattr(pick, way) * 1e3:g} mm")
         return replace(pick, approach=after) if way == "approach" else replace(pick, retreat=after)
-    raise InputError(f"{suggestion!r} is no suggestion that can be applied")
+    raise InputError(f"{suggestion!r} is not a suggestion that can be applied")
 
 
 def move_words(pick: Pick, by: Array, place_by: Array | None = None) -> str:

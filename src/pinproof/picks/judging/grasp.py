@@ -5,6 +5,7 @@ Every IK solution of every grasp of the family is checked. Those that pass all s
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,13 +86,13 @@ def reach(task: Task, members: list[Member], seed: int) -> Reached:
 def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDArray[np.int64], q: Array) -> Reached:
     arm = task.arm
     off = max(twist_size(targets[i], arm.forward_kinematics(each))[0] for i, each in zip(row[:8], q[:8], strict=True))
-    spread = f" of {len(members)} grasps" if len(members) > 1 else ""
-    said = f"{len(q)} configuration{'' if len(q) == 1 else 's'}{spread}, {off:.1e} m off"
+    spread = f" for {len(members)} grasps" if len(members) > 1 else ""
+    message = f"{len(q)} IK solution{'' if len(q) == 1 else 's'}{spread}, position error {off:.1e} m"
     figures = {"configurations": float(len(q)), "grasps": float(len(members)), "position_error": off}
     margins = limit_margins(arm, q)
     stages = (
-        StageResult(Stage.REACH, True, said, figures),
-        StageResult(Stage.LIMITS, True, "inside all limits", {"widest_margin": float(margins.max())}),
+        StageResult(Stage.REACH, True, message, figures),
+        StageResult(Stage.LIMITS, True, "within all limits", {"widest_margin": float(margins.max())}),
     )
     return Reached(q, row, stages)
 
@@ -123,27 +124,27 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     complete = every_branch_is_known(task, targets)
     if not inside:
         nearest = Clik().solve(arm, targets[0], task.cell.home, rng=seed)
-        short = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg short"
-        said = f"out of reach: the nearest configuration found is {short}"
+        error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
+        message = f"out of reach: the nearest configuration found is {error} from the target"
         complete = complete and every_branch_is_known(task, targets, wide)
         if not task.cell.closed_form:
-            said += f" ({STARTS} starts)"
+            message += f" (best of {STARTS} starts)"
         figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
-        failed = StageResult(Stage.REACH, False, said, figures)
-        refuted = tuple(f"{_of(member)}no branch of the closed form reaches the pose" for member in members)
+        failed = StageResult(Stage.REACH, False, message, figures)
+        refuted = tuple(f"{_of(member)}no IK solution reaches the pose" for member in members)
         return Reached(*empty, (failed,), refuted if complete else (), complete)
     by = [float(np.abs(q - limits.clip(q)).sum()) for q in inside]
     best = int(np.argmin(by))
-    if by[best] == 0.0:  # a search that only met it under wider limits
+    if by[best] == 0.0:  # found by the search only with the wider limits
         return _reached(task, members, targets, row[[best]], np.array([inside[best]]))
     beyond = np.abs(inside[best] - limits.clip(inside[best]))
     outside = "; ".join(limits.violations(inside[best], arm.joint_names))
     outside += f" ({', '.join(f'{arm.joint_names[j]} by {beyond[j]:.3g}' for j in np.flatnonzero(beyond))})"
     figures = {"outside": by[best], "configurations": float(len(inside))}
     reached = StageResult(
-        Stage.REACH, True, "reachable if limits are left aside", {"configurations": float(len(inside))}
+        Stage.REACH, True, "reachable if the joint limits are ignored", {"configurations": float(len(inside))}
     )
-    failed = StageResult(Stage.LIMITS, False, f"found only outside the limits: {outside}", figures)
+    failed = StageResult(Stage.LIMITS, False, f"reachable only outside the joint limits: {outside}", figures)
     refuted = tuple(
         f"{_of(members[i])}{'; '.join(limits.violations(q, arm.joint_names))}" for i, q in zip(row, inside, strict=True)
     )
@@ -156,7 +157,7 @@ def _of(member: Member) -> str:
 
 Mask = npt.NDArray[np.bool_]
 
-SAID = 6
+MOST_CONTACTS = 6
 """Contacts that a reason names at most."""
 
 
@@ -192,14 +193,14 @@ def not_held_words(task: Task, member: Member) -> str:
 def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.int64]) -> Gripped:
     """Judge configurations q (k, n) that are free at the grasp, each of the member ``of`` (k,)."""
     if task.name is None:
-        said = "not judged: the pick names no object"
-        return Gripped(np.ones(len(q), dtype=bool), StageResult(Stage.GRIP, True, said), ("",) * len(q))
+        message = "not checked: the pick states no object"
+        return Gripped(np.ones(len(q), dtype=bool), StageResult(Stage.GRIP, True, message), ("",) * len(q))
     refuted = ["" if task.grip(members[i]).held else not_held_words(task, members[i]) for i in of]
     kept = np.array([not why for why in refuted])
     if not kept.any():
         tried = sorted(set(of.tolist()))
         best = task.grip(members[tried[0]])
-        more = f" (the first of {len(tried)} grasps, none of which holds it)" if len(tried) > 1 else ""
+        more = f"; none of the {len(tried)} grasps holds the part" if len(tried) > 1 else ""
         return Gripped(kept, StageResult(Stage.GRIP, False, best.message + more, best.figures), tuple(refuted))
     if not task.cell.fingers:
         grip = task.grip(members[of[kept][0]])
@@ -212,33 +213,30 @@ def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.i
         for i, contact in found:
             refuted[i] = _of(members[of[i]]) + closing_words(task, contact)
         worst = max(found, key=lambda each: min((c.distance for c in each[1].contacts), default=-np.inf))
-        said = f"{closing_words(task, worst[1])}{_many(len(found))}"
+        more = f"; all {len(found)} IK solutions collide" if len(found) > 1 else ""
+        message = closing_words(task, worst[1]) + more
         figures = {"distance": min((c.distance for c in worst[1].contacts), default=np.nan)}
-        return Gripped(closes, StageResult(Stage.GRIP, False, said, figures), tuple(refuted))
+        return Gripped(closes, StageResult(Stage.GRIP, False, message, figures), tuple(refuted))
     for i in np.flatnonzero(kept & ~closes).tolist():
         refuted[i] = _of(members[of[i]]) + closing_words(task, closing.check(q[i]))
     first = int(np.flatnonzero(closes)[0])
     grip = task.grip(members[of[first]])
     clear = closing.clearance(q[first])
-    said = f"{grip.message}; {clear * 1e3:.1f} mm clearance while they close"
+    message = f"{grip.message}; {clear * 1e3:.1f} mm clearance while closing"
     figures = {**grip.figures, "closing_clearance": clear}
-    return Gripped(closes, StageResult(Stage.GRIP, True, said, figures), tuple(refuted))
+    return Gripped(closes, StageResult(Stage.GRIP, True, message, figures), tuple(refuted))
 
 
 def closing_words(task: Task, result: CheckResult) -> str:
     """What the fingers meet while they close or open, each pair once, the deepest first."""
     finger_of = {body.name: name for name, bodies in task.cell.swept.items() for body in bodies}
-    said: dict[frozenset[str], str] = {}
+    by_pair: dict[frozenset[str], str] = {}
     for contact in result.contacts:
         first, second = (finger_of.get(name, name) for name in contact.bodies)
-        said.setdefault(frozenset((first, second)), str(replace(contact, bodies=(first, second))))
-    words = list(said.values())
-    more = f"; and {len(words) - SAID} more" if len(words) > SAID else ""
-    return f"while the fingers move, {'; '.join(words[:SAID])}{more}"
-
-
-def _many(count: int) -> str:
-    return f" (the least of {count} configurations)" if count > 1 else ""
+        by_pair.setdefault(frozenset((first, second)), contact_text(replace(contact, bodies=(first, second))))
+    words = list(by_pair.values())
+    more = f"; and {len(words) - MOST_CONTACTS} more" if len(words) > MOST_CONTACTS else ""
+    return f"while the fingers move: {'; '.join(words[:MOST_CONTACTS])}{more}"
 
 
 AMPLE = 0.05
@@ -280,19 +278,20 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
         return _all_in_contact(checker, members, reached)
     q, of_member = reached.q[free], reached.member[free]
     gripped = judge_grip(task, members, q, of_member)
-    of = f"{int(free.sum())} of {len(free)} configurations" if len(free) > 1 else "it"
-    own = StageResult(Stage.SELF, True, "the arm is free of itself")
+    count = f"{int(free.sum())} of {len(free)} IK solution{'' if len(free) == 1 else 's'} collision-free"
+    own = StageResult(Stage.SELF, True, "no self-collision")
     if not gripped.kept.any():
-        stages = (own, StageResult(Stage.GRASP, True, f"{of} free", {"free": float(free.sum())}), gripped.result)
+        stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)
         if not any(grip_holds(task, member) for member in members):
             return Screened((), stages, tuple(not_held_words(task, member) for member in members), True)
         touching = _contacts_of_each([checker.check(each) for each in reached.q[~free]], members, reached.member[~free])
         return Screened((), stages, (*gripped.refuted, *touching))
     kept = np.flatnonzero(gripped.kept)
     candidates = rank(task, q[kept], [members[i] for i in of_member[kept]])
-    said = f"{of} free, up to {max(c.clearance for c in candidates) * 1e3:.1f} mm clearance"
-    figures = {"free": float(free.sum()), "clearance": max(c.clearance for c in candidates)}
-    return Screened(tuple(candidates), (own, StageResult(Stage.GRASP, True, said, figures), gripped.result))
+    clearance = max(candidate.clearance for candidate in candidates)
+    message = f"{count}, clearance up to {clearance * 1e3:.1f} mm"
+    figures = {"free": float(free.sum()), "clearance": clearance}
+    return Screened(tuple(candidates), (own, StageResult(Stage.GRASP, True, message, figures), gripped.result))
 
 
 def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
@@ -331,29 +330,39 @@ def limit_margin(task: Task, low: Array, high: Array) -> Array:
 
 
 def contact_words(result: CheckResult) -> list[str]:
-    """One sentence for each two that touch, the deepest first: links have several bodies, and one contact says it."""
+    """The deepest contact of each pair of links, attached bodies and obstacles as text, the deepest pair first."""
     deepest = {contact.bodies: contact for contact in reversed(result.contacts)}
-    return [str(contact) for contact in result.contacts if deepest[contact.bodies] is contact]
+    return [contact_text(contact) for contact in result.contacts if deepest[contact.bodies] is contact]
+
+
+def contact_text(contact: Contact) -> str:
+    """A contact with its penetration depth, or with its distance if only the margin is violated."""
+    first, second = contact.bodies
+    if contact.distance < 0:
+        return f"{first} penetrates {second} by {-contact.distance * 1e3:.1f} mm"
+    return f"{first} is {contact.distance * 1e3:.1f} mm from {second}, less than the margin"
 
 
 def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: Reached) -> Screened:
-    """No configuration is free: the one with the least contact speaks for all."""
+    """The result if every IK solution is in contact; the reason describes the one with the smallest penetration."""
     found = [checker.check(q) for q in reached.q]
     own = [[c for c in each.contacts if not _with_obstacle(c, checker)] for each in found]
     refuted = _contacts_of_each(found, members, reached.member)
     stage = Stage.SELF if all(own) else Stage.GRASP
-    # where some are free of themselves, one of these is told of
-    told = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
-    best = max(told, key=lambda i: min((c.distance for c in found[i].contacts), default=-np.inf))
+    # if some have no self-collision, the reason describes one of these
+    eligible = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
+    best = max(eligible, key=lambda i: min((c.distance for c in found[i].contacts), default=-np.inf))
     words = contact_words(found[best])
-    said = "; ".join(words[:SAID]) + (f"; and {len(words) - SAID} more" if len(words) > SAID else "")
+    message = "; ".join(words[:MOST_CONTACTS])
+    if len(words) > MOST_CONTACTS:
+        message += f"; and {len(words) - MOST_CONTACTS} more"
     if len(found) > 1:
-        said += f" (the least of {len(found)} configurations, all in contact{_others(found)})"
+        message += f"; all {len(found)} IK solutions collide{_other_pairs(found, found[best])}"
     figures = {"configurations": float(len(found)), "distance": min(c.distance for c in found[best].contacts)}
-    failed = StageResult(stage, False, said, figures)
+    failed = StageResult(stage, False, message, figures)
     if stage is Stage.SELF:
         return Screened((), (failed,), refuted)
-    passed = StageResult(Stage.SELF, True, f"{len(told)} of {len(found)} configurations free of the arm itself")
+    passed = StageResult(Stage.SELF, True, f"{len(eligible)} of {len(found)} IK solutions without self-collision")
     return Screened((), (passed, failed), refuted)
 
 
@@ -369,17 +378,20 @@ def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:
     return any(name in checker.scene.names for name in contact.bodies)
 
 
-def _others(found: list[CheckResult]) -> str:
-    """Which pairs touch in how many of the configurations, the commonest first."""
-    counts: dict[str, int] = {}
+def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
+    """The most frequent pairs in contact beside those of the described result, and their number of IK solutions."""
+    counts: Counter[tuple[str, str]] = Counter()
     for each in found:
-        for pair in {" and ".join(contact.bodies) for contact in each.contacts}:
-            counts[pair] = counts.get(pair, 0) + 1
+        counts.update({contact.bodies for contact in each.contacts})
+    for contact in described.contacts:
+        counts.pop(contact.bodies, None)
     common = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:3]
-    return ": " + ", ".join(f"{pair} in {count}" for pair, count in common)
+    if not common:
+        return ""
+    return f" ({', '.join(f'{first} with {second} in {count}' for (first, second), count in common)})"
 
 
-NO_BRANCH, INSIDE = "no branch reaches", "inside the limits"
+NO_SOLUTION = "no IK solution within the limits reaches"
 
 
 def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
@@ -417,9 +429,9 @@ def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker,
         if result.free:
             return []
         said.append(f"at {where}: {'; '.join(contact_words(result))}")
-    return said or [f"{NO_BRANCH} {where} {INSIDE}"]
+    return said or [f"{NO_SOLUTION} {where}"]
 
 
 def unreached(member: Member) -> str:
     """Why a grasp is out that no branch reaches."""
-    return f"{member.words}: {NO_BRANCH} the grasp {INSIDE}" if member.words else f"{NO_BRANCH} the grasp {INSIDE}"
+    return f"{_of(member)}{NO_SOLUTION} the grasp"

@@ -7,12 +7,12 @@ so all computations are in the frame of the tcp.
 Every finger is moved along its closing direction until it touches the part. The contact patch is the region where, at
 that moment, the distance between the facing surfaces along the closing direction is at most the compliance of pads and
 part, and where both normals lie within the friction cone about that direction. A part is held if the fingers touch it
-at their stated closed positions, each over a sufficient area, and if forces within the friction cones at the patches can
-balance each other: the fingers then press on opposite sides.
+at their stated closed positions, each over a sufficient area, and if forces within the friction cones at the patches
+can balance each other: the fingers then press on opposite sides.
 
 Sources of the force balance: V.-D. Nguyen (1988), "Constructing force-closure grasps", International Journal of
-Robotics Research 7(3); for several contacts with linearised cones: J. Ponce, S. Sullivan, A. Sudsang, J.-D. Boissonnat, J.-P.
-Merlet (1997), "On computing four-finger equilibrium and force-closure grasps of polyhedral objects", IJRR 16(1).
+Robotics Research 7(3); for several contacts with linearised cones: J. Ponce, S. Sullivan, A. Sudsang, J.-D. Boissonnat,
+J.-P. Merlet (1997), "On computing four-finger equilibrium and force-closure grasps of polyhedral objects", IJRR 16(1).
 """
 
 from __future__ import annotations
@@ -387,7 +387,7 @@ def grip_by_tip(tip: SE3, part: HeldPart, limits: GripLimits) -> GripResult:
     words = f"the tip is {_mm(distance)} from the surface of {part.name}"
     if distance <= limits.tip:
         return GripResult(True, words, tip_distance=distance)
-    return GripResult(False, f"{words}; at most {_mm(limits.tip)} are allowed", tip_distance=distance)
+    return GripResult(False, f"{words}; at most {_mm(limits.tip)} is allowed", tip_distance=distance)
 
 
 def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Array, limits: GripLimits) -> GripResult:
@@ -413,12 +413,12 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
             )
     deep = min(stops, key=lambda each: each.gap)
     if -deep.gap > limits.depth:
-        said = f"closed, {deep.finger} would be pressed {_mm(-deep.gap)} into {part.name}"
-        return GripResult(False, f"{said}; at most {_mm(limits.depth)} are allowed", tuple(stops))
+        reason = f"the closed {deep.finger} would penetrate {part.name} by {_mm(-deep.gap)}"
+        return GripResult(False, f"{reason}; at most {_mm(limits.depth)} is allowed", tuple(stops))
     if sum(each.gap <= limits.gap for each in stops) < 2:
         apart = [each for each in stops if each.gap > limits.gap]
-        said = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
-        return GripResult(False, f"{said}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
+        reason = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
+        return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
     touching = [each.patch(limits) for each in met if each.contact.gap <= limits.gap]
     contacts = [patch.contact for patch in touching]
     enough = [
@@ -428,29 +428,31 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     ]
     if len(enough) < 2:
         weak = min((patch.contact for patch in touching), key=lambda each: (each.contact_area, each.overlap))
-        said = (
+        reason = (
             f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
         )
         return GripResult(
-            False, f"{said}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", tuple(contacts)
+            False, f"{reason}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", tuple(contacts)
         )
     if not balanced([(patch.points, patch.normal) for patch in enough], limits.angle):
-        said = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
+        reason = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
-        return GripResult(False, f"{said} of {part.name}: {cone}", tuple(contacts))
+        return GripResult(False, f"{reason} of {part.name}: {cone}", tuple(contacts))
     held = sorted((patch.contact for patch in enough), key=lambda each: -each.contact_area)
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
     direction = " ".join(f"{value + 0.0:.2f}" for value in np.round(held[0].closing_direction, 2))
-    area = f"{_mm2(least.contact_area)} or more, {_mm(overlap)} along the finger"
-    said = f"{len(held)} fingers touch {part.name} over {area}"
-    return GripResult(True, f"{said}, closing along ({direction}) of the tcp", tuple(held))
+    area = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
+    message = (
+        f"{len(held)} fingers touch {part.name}, each over {area}; closing direction ({direction}) in the tcp frame"
+    )
+    return GripResult(True, message, tuple(held))
 
 
 def _missed(each: FingerContact, part: HeldPart) -> str:
     if np.isfinite(each.gap):
-        return f"the closed {each.finger} stays {_mm(each.gap)} from {part.name}"
-    return f"the closed {each.finger} passes {part.name} by {_mm(each.closed_distance)}"
+        return f"the closed {each.finger} is {_mm(each.gap)} from {part.name}"
+    return f"the closed {each.finger} misses {part.name} by {_mm(each.closed_distance)}"
 
 
 def _mm(metres: float) -> str:

@@ -80,7 +80,7 @@ def _no(task: Task, rings: list[_Ring], tried: int, members: int) -> tuple[PickV
 def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
     """The verdict on grasps that are as far from the nominal one as each other."""
     pick = task.pick
-    start = (StageResult(Stage.INPUT, True, "read"),)
+    start = (StageResult(Stage.INPUT, True, "valid"),)
     reached = reach(task, ring, seeds[0])
     stages = (*start, *reached.stages)
     if not len(reached.q):
@@ -99,8 +99,8 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
             reachable = set(reached.member.tolist())
             refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(ring) if i not in reachable))
             return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
-        said = f"{stages[-1].message}; of all there may be, {_configurations(tried)} were tried"
-        stages = (*stages[:-1], replace(stages[-1], message=said))
+        message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
+        stages = (*stages[:-1], replace(stages[-1], message=message))
         return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
     search = BestFirst(task, screened.candidates, seeds[1:3])
     while (whole := search.run() or search.anyhow()) is not None:
@@ -115,26 +115,23 @@ def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
     last = best.stages[-1]
     if not refuted:
-        of = f"; {len(search.ways)} of {len(screened.candidates)} free configurations were tried"
-        last = replace(last, message=last.message + of)
+        tries = f"; {len(search.ways)} of {len(screened.candidates)} collision-free IK solutions were tried"
+        last = replace(last, message=last.message + tries)
     return _Ring(PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted), best)
 
 
-def _configurations(count: int) -> str:
-    return f"{count} configuration{'' if count == 1 else 's'}"
-
-
 def _compared(result: StageResult, search: BestFirst) -> StageResult:
-    """The last stage of a good pick, with how it compares to the others."""
+    """The last stage of a good pick, with the number of candidates it was compared to.
+
+    Candidates are the complete motions and those that the bound of their score excludes.
+    """
     counts = {"whole": search.made, "excluded": search.excluded, "untried": search.untried}
-    said = [f"the best of {counts['whole']} whole picks"] if counts["whole"] > 1 else []
-    if counts["excluded"]:
-        others = "1 other" if counts["excluded"] == 1 else f"{counts['excluded']} others"
-        said.append(f"{others} excluded by the bound of their score")
+    compared = counts["whole"] + counts["excluded"]
+    notes = [f"best of {compared} candidates"] if compared > 1 else []
     if counts["untried"]:
-        said.append(f"{counts['untried']} not tried within the budget")
+        notes.append(f"{counts['untried']} more not tried within the budget")
     figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
-    return replace(result, message="; ".join([result.message, *said]), figures=figures)
+    return replace(result, message="; ".join([result.message, *notes]), figures=figures)
 
 
 def _finer(task: Task, reached: Reached) -> Task | None:

@@ -140,8 +140,8 @@ def passing(found: Line, checker: CollisionChecker | None, q: Array) -> Line:
     proof = certify(found.path, passing_at(checker, q))
     if proof.free:
         return found
-    said = f"the open fingers meet the object: {proof.message}"
-    return Line(StageResult(found.result.stage, False, said, dict(found.result.figures)), fraction=0.0)
+    message = f"the open fingers collide with the object: {proof.message}"
+    return Line(StageResult(found.result.stage, False, message, dict(found.result.figures)), fraction=0.0)
 
 
 def passing_at(checker: CollisionChecker, q: Array) -> CollisionChecker:
@@ -169,20 +169,20 @@ def line(
 ) -> Line:
     """A straight line from q (n,) to a pose of the tip."""
     if length == 0:
-        return Line(StageResult(stage, True, "none asked for"))
+        return Line(StageResult(stage, True, "none requested"))
     # a support that is not checked against the object needs no leave
     parting = tuple(pair for pair in parting if _is_checked(checker, pair))
     move = plan_linear(checker, q, task.target(end), parting=parting)
     if not move.ok:
-        said = f"of {length * 1e3:.0f} mm, seen from the grasp, {move.message}"
+        message = f"{length * 1e3:.0f} mm path, planned outwards from the grasp, {move.message}"
         figures = {"distance": length, "possible": move.fraction * length}
-        return Line(StageResult(stage, False, said, figures), fraction=move.fraction)
-    said = f"{length * 1e3:.0f} mm straight, {_proven(move)}"
+        return Line(StageResult(stage, False, message, figures), fraction=move.fraction)
+    message = f"{length * 1e3:.0f} mm straight line, {_proven(move)}"
     proven, seen = (
         (np.nan, np.inf) if move.certificate is None else (move.certificate.clearance, move.certificate.observed)
     )
     figures = {"distance": length, "clearance": proven}
-    return Line(StageResult(stage, True, said, figures), move.path, clearance=seen)
+    return Line(StageResult(stage, True, message, figures), move.path, clearance=seen)
 
 
 def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:
@@ -194,7 +194,7 @@ def _proven(move: LinearPlanResult) -> str:
     if move.certificate is None:
         return ""
     pairs = dict.fromkeys(parting.bodies for parting in move.certificate.partings)  # a mesh is left facet by facet
-    parted = "".join(f", {leaving} off {left}" for leaving, left in pairs)
+    parted = "".join(f", {leaving} leaves {left}" for leaving, left in pairs)
     return f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"
 
 
@@ -223,9 +223,9 @@ def transit(task: Task, ways: list[Way], nodes: int, seeds: list[int]) -> Crossi
         figures = {"nodes": float(plan.nodes), "goals": float(len(ways))}
         return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
     path, clearance = shortened(plan, task.outside, seeds[1])
-    said = f"{path.length:.2f} rad, {len(path)} waypoints"
+    message = f"{path.length:.2f} rad, {len(path)} waypoints"
     figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
-    return Crossing(StageResult(Stage.TRANSIT, True, said, figures), ways[plan.goal], path, clearance)
+    return Crossing(StageResult(Stage.TRANSIT, True, message, figures), ways[plan.goal], path, clearance)
 
 
 def shortened(plan: PlanResult, checker: CollisionChecker, seed: int) -> tuple[JointPath, float]:

@@ -133,7 +133,7 @@ class Placer:
         """
         task, member = self._task, way.candidate.member
         if task.place is None:
-            return StageResult(Stage.PLACE, True, "none asked for"), None
+            return StageResult(Stage.PLACE, True, "none requested"), None
         many = self.releases(member)
         if not len(many):
             return self._out_of_reach(member), None
@@ -161,17 +161,17 @@ class Placer:
             return best[1], best[2]
         farthest = max(failed, key=lambda result: result.figures["passed"])
         if len(many) > 1:
-            said = f"{farthest.message}; {len(tried)} of {len(many)} configurations there were tried"
-            farthest = replace(farthest, message=said)
+            message = f"{farthest.message}; {len(tried)} of {len(many)} IK solutions at the release were tried"
+            farthest = replace(farthest, message=message)
         return farthest, None
 
     def _out_of_reach(self, member: Member) -> StageResult:
         task = self._task
         nearest = Clik().solve(task.arm, task.target(task.release(member)), task.cell.home, rng=self._seed)
-        short = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg short"
-        said = f"no configuration was found where the object is let go: the nearest is {short}"
+        error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
+        message = f"the release is out of reach: the nearest configuration found is {error} from it"
         figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
-        return StageResult(Stage.PLACE, False, said, figures)
+        return StageResult(Stage.PLACE, False, message, figures)
 
     def _down(self, asked: PlaceTarget, member: Member, index: int) -> Release:
         """The lines of one of the releases."""
@@ -196,12 +196,12 @@ class Placer:
             return _no(replace(down, why=f"transfer: {plan.message}")), None
         path, clearance = shortened(plan, carrying, seeds[1])
         by = shifts[plan.goal]
-        on = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
-        said = f"transfer of {path.length:.2f} rad, {asked.approach * 1e3:.0f} mm down{on}, "
+        support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
+        message = f"transfer of {path.length:.2f} rad, {asked.approach * 1e3:.0f} mm approach{support}, "
         proven = np.nan if plan.certificate is None else plan.certificate.clearance
         figures = {"length": path.length, "clearance": min(down.proven, proven)}
         return (
-            StageResult(Stage.PLACE, True, f"{said}{asked.retreat * 1e3:.0f} mm off", figures),
+            StageResult(Stage.PLACE, True, f"{message}{asked.retreat * 1e3:.0f} mm retreat", figures),
             Placing(
                 path, shifted(down.lift, by), shifted(down.leave, by), down.parting, min(down.clearance, clearance)
             ),
@@ -217,19 +217,19 @@ def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)
     if not free_hand.is_free(q):
-        return Release(q, 0, f"when the object is let go: {'; '.join(contact_words(free_hand.check(q)))}")
+        return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
     parting = task.supports(carrying, q, asked.support)
     above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
     down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting)
     if not down.result.ok:
-        return Release(q, DOWN, f"way down, {down.result.message}")
+        return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
-        return Release(q, OFF, f"when the object is let go: {closing_words(task, opening.check(q))}")
+        return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
     off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
     leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat)
     leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:
-        return Release(q, OFF, f"way off: {leave.result.message}")
+        return Release(q, OFF, f"retreat from the place: {leave.result.message}")
     proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))
     clearance = min(down.clearance, leave.clearance)
     return Release(q, TRANSFER, "", down.path, leave.path, parting, proven, clearance)

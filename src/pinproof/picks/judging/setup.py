@@ -81,7 +81,7 @@ class PickSetup:
         start = arm.limits.snap(arm.configuration(stated, "home"))
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
         if trouble:
-            raise InputError(f"home cannot be a start: {'; '.join(trouble)}")
+            raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
         return cls(
             checker,
@@ -115,26 +115,24 @@ class PickSetup:
         urdf = checker.arm.robot.urdf
         solid = {geometry.link for geometry in urdf.collisions}
         ghosts = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
-        carried = (
-            "what is picked is not carried where a pick names no object: from the grasp on the empty tool is judged"
-        )
+        carried = "picks without `object:` are judged with an empty gripper after the grasp"
         fingers = (
-            "how hard the fingers close, and whether the part slips or turns between them: that they touch it on "
-            "opposite sides is judged, where a pick names its object"
+            "gripping force and slip of the part; for picks with `object:`, only contact of the fingers on opposite "
+            "sides of the part is checked"
         )
         tip = (
-            "the grip of a tool without fingers: where a pick names its object, only that the tip is within "
-            f"{self.shared.grip_limits.tip * 1e3:g} mm of its surface is judged"
+            "the holding force of a tool without fingers; for picks with `object:`, only a distance of at most "
+            f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
         )
         notes = [carried, fingers if self.cell.fingers else tip]
         if not solid:
-            notes.append("the robot has no collision geometry: its links touch nothing whatever they meet")
+            notes.append("the robot has no collision geometry, so contact of its links is not detected")
         elif ghosts:
-            notes.append(f"links that are drawn but have no collision geometry: {', '.join(ghosts)}")
+            notes.append(f"links with visual geometry but no collision geometry: {', '.join(ghosts)}")
         if not checker.scene.obstacles:
-            notes.append("there is no obstacle: the robot was only judged against itself")
+            notes.append("the scene has no obstacles, so the robot was checked only against itself")
         if checker.hollow:
-            notes.append(f"not watertight, so being wholly inside is not seen: {', '.join(checker.hollow)}")
+            notes.append(f"bodies completely inside meshes that are not watertight: {', '.join(checker.hollow)}")
         return tuple(notes)
 
     def identity(self) -> dict[str, Any]:
@@ -164,9 +162,11 @@ def refuse_another_hand(arm: Arm, picks: Picks) -> None:
     """Refuse an arm that holds other joints elsewhere than picks say, or lacks what they call the gripper."""
     for name, value in picks.held.items():
         if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
-            at = f"at {arm.held[name]:g}" if name in arm.held else "does not hold it"
-            said = f"the picks hold {name} at {value:g}, the arm {at}"
-            raise InputError(f"{said}; make it with robot.arm(held=picks.held)")
+            actual = f"holds it at {arm.held[name]:g}" if name in arm.held else "does not hold it"
+            raise InputError(
+                f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
+                "robot.arm(held=picks.held)"
+            )
     _refuse_another_grip(arm, picks.grip)
     for name in picks.gripper:
         if name not in arm.robot.urdf.links:
@@ -178,14 +178,16 @@ def _refuse_another_grip(arm: Arm, grip: Mapping[str, float]) -> None:
     for name, closed in grip.items():
         if name not in arm.held or joints[name].mimic is not None:
             others = [each for each in arm.held if joints[each].mimic is None]
-            raise UnknownNameError("joint", name, others, "the joints outside the arm that may grip")
+            raise UnknownNameError("joint", name, others, "the joints outside the arm that can grip")
         low = -np.inf if (lower := joints[name].lower) is None else lower
         high = np.inf if (upper := joints[name].upper) is None else upper
         for when, at in {"open": arm.held[name], "grip": closed}.items():
             if not low <= at <= high:
-                raise InputError(f"{name} cannot stand at {at:g} ({when}); its limits are [{low:g}, {high:g}]")
+                raise InputError(f"{name} = {at:g} ({when}) is outside its limits [{low:g}, {high:g}]")
     if mover := moved_by(arm.robot.urdf, arm.tcp, grip):
-        raise InputError(f"the tcp {arm.tcp!r} is moved by {mover}, which grips; choose one that stays where it is")
+        raise InputError(
+            f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
+        )
 
 
 def _refuse_untimed(arm: Arm) -> None:
@@ -196,6 +198,6 @@ def _refuse_untimed(arm: Arm) -> None:
     ]
     if unknown:
         raise InputError(
-            f"no motion can be timed: {', '.join(unknown)} states no velocity or acceleration limit; "
-            "give the arm limits (robot.arm(limits=JointLimits(...)))"
+            f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
+            "state limits with robot.arm(limits=JointLimits(...))"
         )

@@ -2,8 +2,8 @@
 
 The kinds of change are a shorter line, a vertical retreat, a turn about the approach direction, a tilt, a shift of the
 pick, and a shift of its place. The candidates of each kind are ordered by size. A candidate is written as text, the
-text is applied to the pick (:func:`pinproof.picks.apply_suggestion`), and the result is judged through all stages, so the
-printed text is exactly what was judged. The suggestion is the smallest judged candidate of its kind with a good
+text is applied to the pick (:func:`pinproof.picks.apply_suggestion`), and the result is judged through all stages, so
+the printed text is exactly what was judged. The suggestion is the smallest judged candidate of its kind with a good
 verdict. If none is good, it is the smallest candidate that passes the stage that failed, and the text states the later
 stage at which it fails.
 

@@ -17,7 +17,7 @@ from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 
 __all__ = ["Timed", "time_whole"]
 
-BACKWARDS = "proven of this motion run backwards, along which the object leaves what it is put onto"
+BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,13 +52,12 @@ def time_whole(task: Task, way: Way, path: JointPath, placing: Placing | None) -
             trajectory = Trajectory.join(*timed)
             certificate = _proof(part, trajectory)
             if not certificate.free:
-                said = f"{part.name}: {certificate.message}"
-                return StageResult(Stage.TIMING, False, said), None
+                return StageResult(Stage.TIMING, False, f"{part.name}: {certificate.message}"), None
             if part.passing is not None:
                 passed = certify(trajectory, passing_at(part.passing, way.q))
                 if not passed.free:
-                    said = f"{part.name}: the open fingers meet the object: {passed.message}"
-                    return StageResult(Stage.TIMING, False, said), None
+                    message = f"{part.name}: the open fingers collide with the object: {passed.message}"
+                    return StageResult(Stage.TIMING, False, message), None
             around = part.checker
             motions.append(
                 PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
@@ -77,11 +76,10 @@ def time_whole(task: Task, way: Way, path: JointPath, placing: Placing | None) -
         return StageResult(Stage.TIMING, False, str(error)), None
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
-    said = f"proven free over {pairs} pair{'' if pairs == 1 else 's'} of bodies"
-    if len(motions) > 1:
-        said += f", in {len(motions)} motions"
+    parts = f" in {len(motions)} motions" if len(motions) > 1 else ""
+    message = f"collision-free{parts} ({pairs} body pair{'' if pairs == 1 else 's'} proven)"
     figures = {"duration": whole.duration, "clearance": clearance}
-    return StageResult(Stage.TIMING, True, said, figures), Timed(tuple(motions), whole, grasp_time, release_time)
+    return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), whole, grasp_time, release_time)
 
 
 def _parts(task: Task, way: Way, path: JointPath, placing: Placing | None) -> list[_Part]:

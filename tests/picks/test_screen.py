@@ -36,7 +36,7 @@ def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
     """The stage up to the grasp that the judge of picks says has failed; None if none has."""
     task = Task(pick, cell)
     stages = []
-    for ring in task.rings():
+    for ring in task.groups():
         reached = reach(task, ring, 0)
         said = (*reached.stages, *(screen(task, ring, reached).stages if len(reached.q) else ()))
         if said[-1].ok:
@@ -163,7 +163,7 @@ def test_of_a_family_the_first_ring_with_a_free_grasp_counts(arms) -> None:
     assert found.member[1] > 0
     assert "bar" in found.reason(0)
     cell = _cell(arm, pp.Scene([wall]), picks)
-    member = next(Task(spun, cell).rings())[found.member[1]]
+    member = next(Task(spun, cell).groups())[found.member[1]]
     at = arm.root_from_base * arm.forward_kinematics(found.q[1])
     np.testing.assert_allclose(matrix(at), matrix(spun.pose * member.nominal_from_tip), atol=1e-8)
 

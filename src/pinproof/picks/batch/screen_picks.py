@@ -20,7 +20,7 @@ from pinproof.picks.input.pick import TIP, GraspSpin, GraspTolerance, Pick, Pick
 from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.configurations import limit_margins
 from pinproof.picks.judging.grasp import reach, screen
-from pinproof.picks.judging.setup import refuse_another_hand
+from pinproof.picks.judging.setup import check_held_joints
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
 
@@ -218,7 +218,7 @@ def screen_picks(
         tool=named.tool if tool is None else tuple(tool),
         margin=named.margin if margin is None else margin,
     )
-    refuse_another_hand(arm, shared)
+    check_held_joints(arm, shared)
     told = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
     checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
     cell = Cell(checker, shared, arm.configuration(told, "home"))
@@ -302,7 +302,7 @@ class _Reasons:
             task = Task(item, self.cell)
         except InputError as error:
             return str(error)
-        members = next(task.rings())
+        members = next(task.groups())
         reached = reach(task, members, self.rng)
         stages = (*reached.stages, *(screen(task, members, reached).stages if len(reached.q) else ()))
         return next((stage.message for stage in stages if not stage.ok), "")

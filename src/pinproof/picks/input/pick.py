@@ -38,25 +38,25 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 STEPS = 24
-"""Turns that are tried of a free spin: every 15 degrees."""
+"""Number of tried rotations of a free spin: one every 15 degrees."""
 
 MOST_STEPS = 3600
-"""Of a range of turns: a tenth of a degree each of a whole turn. Every one is tried."""
+"""Largest number of rotations in a range, each of which is tried: 0.1 degrees each over a full rotation."""
 
 SHARES = (0.5, 1.0)
-"""Of a tolerance, where grasps are tried: half way out, then at its end."""
+"""Fractions of a tolerance at which grasps are tried."""
 
 
 @dataclass(frozen=True)
 class GraspSpin:
-    """Turns (rad) of a grasp about the direction of its approach.
+    """Rotations (rad) of a grasp about its approach direction.
 
     Parameters
     ----------
     angles
-        Those that are tried, in this order.
+        The rotations that are tried, in this order.
     sampled
-        Whether they stand for a range of turns: then a "no" to all of them proves nothing about those between.
+        Whether the angles are samples of a range. If all of them fail, nothing is proven about those between.
     """
 
     angles: tuple[float, ...] = (0.0,)
@@ -70,12 +70,12 @@ class GraspSpin:
 
     @classmethod
     def free(cls, steps: int = STEPS) -> GraspSpin:
-        """Any turn at all."""
+        """Any rotation about the approach direction, sampled in ``steps``."""
         return cls(tuple(sorted((2 * np.pi * k / steps for k in _outwards(steps)), key=abs)), sampled=True)
 
     @classmethod
     def between(cls, first: float, last: float, steps: int = STEPS) -> GraspSpin:
-        """Turns from ``first`` to ``last``, the smallest first."""
+        """Rotations from ``first`` to ``last``; those with the smallest magnitude are tried first."""
         if not last >= first or not 1 <= steps <= MOST_STEPS:
             raise InputError(
                 f"spin from {first} to {last} in {steps} steps; the first angle must not exceed the last and the "
@@ -86,14 +86,16 @@ class GraspSpin:
 
 @dataclass(frozen=True)
 class GraspTolerance:
-    """How far a grasp may be moved in the tip's own axes: tried half way and at the end, one axis at a time.
+    """How far a grasp may be moved along and about the axes of the tip.
+
+    Half of the tolerance and all of it are tried, one axis at a time.
 
     Parameters
     ----------
     position
-        (3,) metres to either side along x, y, z.
+        (3,) metres in both directions along x, y, z.
     tilt
-        rad to either side about x and y.
+        rad in both directions about x and y.
     """
 
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -108,8 +110,8 @@ class GraspTolerance:
         object.__setattr__(self, "position", tuple(position.tolist()))
         object.__setattr__(self, "tilt", tilt)
 
-    def rings(self) -> Iterator[list[tuple[str, SE3]]]:
-        """What a grasp is moved by, ``nominal_from_moved`` in words and as a transform, ring by ring outwards."""
+    def groups(self) -> Iterator[list[tuple[str, SE3]]]:
+        """Groups of displacements with increasing size: each as text and as ``nominal_from_moved``."""
         yield [("", SE3.Identity())]
         for share in SHARES:
             ring = []
@@ -127,23 +129,23 @@ class GraspTolerance:
 
 @dataclass(frozen=True, eq=False)
 class Member:
-    """One grasp of a family: ``nominal_from_tip``, and in words how it differs from the nominal one."""
+    """One grasp of a family: ``nominal_from_tip``, and a text that states how it differs from the nominal grasp."""
 
     nominal_from_tip: SE3
     words: str = ""
 
 
 def family(spin: GraspSpin, tolerance: GraspTolerance, axis: Array) -> Iterator[list[Member]]:
-    """The members ring by ring, the nominal grasp and its turns first.
+    """The members in groups of increasing displacement; the nominal grasp and its rotations are the first group.
 
     Parameters
     ----------
     spin, tolerance
-        What may differ.
+        The allowed differences from the nominal grasp.
     axis
-        (3,) the direction in the tip's frame about which it spins, of length 1.
+        (3,) unit vector of the spin axis in the tip frame.
     """
-    for ring in tolerance.rings():
+    for ring in tolerance.groups():
         yield [
             Member(
                 SE3(rotation_about(axis, angle), np.zeros(3)) * shift, ", ".join(filter(None, [_spun(angle), words]))
@@ -167,13 +169,13 @@ def rotation_about(axis: Array, angle: float) -> Array:
 
 
 def _outwards(steps: int) -> list[int]:
-    """0, 1, -1, 2, -2, ... as many as ``steps``."""
+    """The first ``steps`` numbers of 0, 1, -1, 2, -2, ..."""
     return [(k + 1) // 2 * (1 if k % 2 else -1) for k in range(steps)]
 
 
 @dataclass(frozen=True, eq=False)
 class NamedFrame:
-    """``parent_from_frame``, and the name of the parent, which may be any that a pick may be given in."""
+    """``parent_from_frame``, and the name of the parent: any frame in which a pick can be stated."""
 
     pose: SE3
     frame: str = ""
@@ -183,16 +185,16 @@ class NamedFrame:
 
 
 def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, arm: Arm) -> SE3:
-    """Where a named frame is; ``""`` is the frame of the robot's root link itself.
+    """``root_from_frame`` of a named frame; ``""`` is the frame of the robot's root link.
 
-    A frame of ``frames`` goes before an obstacle of its name, and that before a link.
+    A name is looked up first in ``frames``, then in the obstacles, then in the links.
 
     Raises
     ------
     UnknownNameError
-        If nothing is called so.
+        If no frame, obstacle or link has this name.
     InputError
-        If frames hang on each other in a circle, or the link is moved by the arm.
+        If the frames form a cycle, or the arm moves the link.
     """
     placement, seen = SE3.Identity(), list[str]()
     while name in frames:
@@ -212,7 +214,7 @@ def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, a
 
 
 def moved_by(urdf: Urdf, link: str, joints: Collection[str]) -> str:
-    """Which of some joints, or of those that follow one of them, moves a link; empty if none does."""
+    """The joint that moves a link, of the given joints and their mimic followers; empty if there is none."""
     while (joint := urdf.parent_joint(link)) is not None:
         if joint.name in joints or (joint.mimic is not None and joint.mimic.leader in joints):
             return joint.name
@@ -227,13 +229,13 @@ class GripperFingers:
     Parameters
     ----------
     bodies
-        The two, as they stand when closed on nothing; their pose is ``tcp_from_body``.
+        The two bodies, fully closed; their pose is ``tcp_from_body``.
     opening
         Metres between their faces before the grasp.
     grip
-        Metres between them on the object.
+        Metres between their faces on the object.
     axis
-        (3,) the direction in the tcp's frame that the first one moves along when they open; the other moves against it.
+        (3,) the opening direction of the first finger in the tcp frame; the second moves in the opposite direction.
     """
 
     bodies: tuple[Obstacle, Obstacle]
@@ -254,11 +256,11 @@ class GripperFingers:
         object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
 
     def apart(self) -> tuple[Obstacle, Obstacle]:
-        """The bodies before the grasp."""
+        """The open fingers, before the grasp."""
         return self._at(self.opening)
 
     def gripping(self) -> tuple[Obstacle, Obstacle]:
-        """The bodies on the object."""
+        """The fingers on the object."""
         return self._at(self.grip)
 
     def _at(self, gap: float) -> tuple[Obstacle, Obstacle]:
@@ -270,32 +272,32 @@ class GripperFingers:
 Direction = tuple[float, float, float]
 
 TIP, ROOT = "tip", "root"
-"""Whose axes a direction is in: the tool's tip, or the robot's root link."""
+"""The frame of a direction: the tool's tip or the robot's root link."""
 
 WAYS = ("approach", "retreat")
 
 LONGEST_WAY = 20.0
-"""Metres of an approach or a retreat; 50 and 100 are millimetres."""
+"""Metres: the largest approach or retreat. Larger values are probably stated in millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlaceTarget:
-    """Where what was grasped is put down.
+    """Where the grasped object is put down.
 
     Parameters
     ----------
     pose
-        ``frame_from_tip`` where it is let go; of a family of grasps, that of the nominal one, so that the object comes
-        to stand in the same place whichever member holds it.
+        ``frame_from_tip`` at the release. For a family of grasps it is the pose of the nominal grasp, so that the final
+        pose of the object is the same for every member.
     frame
         As for :class:`Pick`.
     approach, approach_direction, approach_frame
-        Metres and direction of the straight way down to it, and the frame of the direction.
+        Length (m) and direction of the straight line to the release, and the frame of the direction.
     retreat, retreat_direction, retreat_frame
-        The same of the empty tool's way off.
+        The same for the straight line of the empty tool after the release.
     support
-        The obstacle that the object is put onto, or several; by default what lies within 1 mm below it there. Kept as
-        a tuple of names.
+        The obstacle or obstacles that the object is put onto; by default those within 1 mm below it. Stored as a tuple
+        of names.
     """
 
     pose: SE3
@@ -324,33 +326,33 @@ class Pick:
     name
         Unique in its list.
     pose
-        ``frame_from_tip`` at the grasp: where the tip of the tool shall be.
+        ``frame_from_tip``: the target pose of the tool's tip at the grasp.
     approach
-        Metres that the tip comes along ``approach_direction`` before the grasp; 0 for none.
+        Metres of the straight line along ``approach_direction`` before the grasp; 0 for none.
     retreat
-        Metres that the tip leaves along ``retreat_direction`` after the grasp; 0 for none.
+        Metres of the straight line along ``retreat_direction`` after the grasp; 0 for none.
     retreat_direction
-        (3,) up in the root frame by default. Its length does not matter.
+        (3,) by default +z of the root frame; it is normalised.
     approach_direction
-        (3,) along the tip's own z axis by default.
+        (3,) by default the z axis of the tip; it is normalised.
     approach_frame, retreat_frame
-        Whose axes the directions are in: ``"tip"`` or ``"root"``.
+        The frames of the directions: ``"tip"`` or ``"root"``.
     frame
-        What the pose is in: ``""``, the frame of the robot's root link; one of :attr:`Picks.frames`; an obstacle; or a
-        link that does not move.
+        The frame of the pose: ``""`` for the robot's root link, one of :attr:`Picks.frames`, an obstacle, or a link
+        that does not move.
     spin
-        Turns about the approach's direction that are as good as none.
+        Equivalent rotations about the approach direction.
     tolerance
-        How far the grasp may be moved, where the nominal one fails.
+        How far the grasp may be moved if the nominal one fails.
     carried
-        What is grasped: the name of an obstacle of the scene, or an obstacle of its own whose pose is
-        ``tip_from_object``. It is carried from the grasp on. None: the way from the grasp on is judged for the empty
-        tool, and whatever stands in the scene stays there.
+        The grasped object: the name of an obstacle of the scene, or an obstacle whose pose is ``tip_from_object``. It
+        moves with the tool after the grasp. If None, the motion after the grasp is judged with the empty tool, and the
+        scene does not change.
     support
-        The obstacle that the object stands on, or several, which it may touch until it has left them; by default what
-        lies within 1 mm below it. Kept as a tuple of names.
+        The obstacle or obstacles that support the object, which it may touch until it separates from them; by default
+        those within 1 mm below it. Stored as a tuple of names.
     place
-        Where it is put; None to end with the retreat.
+        Where the object is put down; None to end with the retreat.
     """
 
     name: str
@@ -379,27 +381,27 @@ class Pick:
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
 
     def approach_pose(self) -> SE3:
-        """``frame_from_tip`` where the approach begins."""
+        """``frame_from_tip`` at the start of the approach."""
         return moved(self.pose, -self.approach, self.approach_direction, self.approach_frame)
 
     def retreat_pose(self) -> SE3:
-        """``frame_from_tip`` where the retreat ends."""
+        """``frame_from_tip`` at the end of the retreat."""
         return moved(self.pose, self.retreat, self.retreat_direction, self.retreat_frame)
 
 
 def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
-    """The pose, shifted by ``distance`` (m) along a direction of its own axes (``"tip"``) or of those it is in."""
+    """The pose shifted by ``distance`` (m) along a direction in its own axes (``"tip"``) or in its parent frame."""
     along = np.array(direction)
     return SE3(pose.rotation, pose.translation + distance * (pose.rotation @ along if frame == TIP else along))
 
 
 def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
-    """The names of the obstacles that support an object: one name or several; None to find them.
+    """The names of the obstacles that support an object; None if they are determined automatically.
 
     Raises
     ------
     InputError
-        If they are no names, none at all, or one is repeated.
+        If the value is not a name or a list of names, or if a name is repeated.
     """
     if stated is None:
         return None
@@ -413,7 +415,7 @@ def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
 
 
 def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
-    """Approach or retreat: a distance, a direction of length 1, and whose axes it is in."""
+    """Validate an approach or retreat, and normalise its direction."""
     value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
     if not 0 <= value <= LONGEST_WAY:
         raise InputError(f"{way} of {of} is {value:g} m; it must be from 0 to {LONGEST_WAY:g} (lengths are in metres)")
@@ -429,7 +431,7 @@ def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
 
 @dataclass(frozen=True)
 class PickProblem:
-    """A row of a picks file that could not be read; the others are judged all the same."""
+    """A row of a picks file that could not be read; the other rows are judged."""
 
     row: int
     name: str
@@ -438,37 +440,37 @@ class PickProblem:
 
 @dataclass(frozen=True, eq=False)
 class Picks:
-    """A list of picks, and what they share.
+    """A list of picks and their shared settings.
 
     Parameters
     ----------
     picks
-        The picks, in order; their names differ.
+        The picks in order; their names are unique.
     problems
         Rows of the file that could not be read.
     tip
-        ``tcp_from_tip``: where the tool's tip is on the arm's tcp.
+        ``tcp_from_tip``: the pose of the tool's tip in the tcp frame.
     tool
         Bodies that move with the tcp; their pose is ``tcp_from_body``.
     fingers
-        Two of the gripper's bodies that stand apart before the grasp and on the object after it.
+        The two fingers of a parallel gripper, which are open before the grasp and closed on the object after it.
     gripper
-        Links of the robot that may touch what is grasped from the approach on, as ``tool`` and ``fingers`` may.
+        Links of the robot that may touch the object during and after the approach, as ``tool`` and ``fingers`` may.
     held
-        Values (rad or m) of joints outside the arm by name, such as those of the robot's own fingers, open: for
-        :meth:`pinproof.Robot.arm`.
+        Values (rad or m) of joints outside the arm by name, for :meth:`pinproof.Robot.arm`; for finger joints of the
+        robot, the open values.
     grip
-        Those of them that stand elsewhere while an object is held, from the grasp to where it is let go. The links that
-        they move may touch what is grasped, as ``gripper`` may.
+        The values of those joints that differ while an object is held, from the grasp to the release. The links that
+        they move may touch the object, as ``gripper`` may.
     grip_limits
-        What counts as holding a part.
+        The criteria for holding a part.
     frames
-        Frames by name that picks may be given in.
+        Named frames in which picks can be stated.
     margin
-        Metres that must stay between any two checked bodies.
+        Smallest allowed distance (m) between any two checked bodies.
     robot, tcp, scene, home
-        What the file names, if it does: a robot (name or path), its tcp frame, a scene file, a home configuration by
-        joint name (rad or m).
+        What the file states, if anything: a robot (name or path), its tcp frame, a scene file, and a home configuration
+        by joint name (rad or m).
     source
         The file they were read from.
     """
@@ -507,20 +509,20 @@ class Picks:
 
     @property
     def open_tool(self) -> tuple[Obstacle, ...]:
-        """All that moves with the tcp before the grasp: the tool, and the fingers apart."""
+        """The bodies attached to the tcp before the grasp: the tool and the open fingers."""
         return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
 
     def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
-        """``base_from_tcp`` that brings the tip to a pose given in the root frame."""
+        """``base_from_tcp`` that places the tip at a pose in the root frame."""
         return root_from_base.actInv(root_from_tip * self.tip.inverse())
 
     def home_configuration(self, joint_names: Iterable[str], default: npt.NDArray[np.float64]) -> list[float]:
-        """The home by joint name where the file gives one, else ``default`` (n,).
+        """The home configuration of the file, or ``default`` (n,) if it states none.
 
         Raises
         ------
         InputError
-            If the file gives some of the joints but not this one, or a joint the arm does not have.
+            If the file states only some of the joints, or a joint that the arm does not have.
         """
         names = list(joint_names)
         if not self.home:

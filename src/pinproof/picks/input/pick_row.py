@@ -28,18 +28,18 @@ PICK_KEYS = ("name", *DEFAULT_KEYS, "pattern")
 PLACE_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "support")
 
 LARGEST_PATTERN = 100_000
-"""Picks of one row. For more, :class:`pinproof.picks.PickGrid` generates them on demand."""
+"""Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
 
 
 def picks_of_row(name: str, row: Mapping[str, Any], defaults: Mapping[str, Any], path: Path) -> list[Pick]:
-    """The pick that a row states, or those of its pattern.
+    """The pick of a row, or the picks of its pattern.
 
     Raises
     ------
     InputError
-        If it makes none; says why.
+        If the row is invalid; the message states the reason.
     """
-    # An orientation of its own, however it is written, goes before the default one; two of its own are refused.
+    # The orientation of the row replaces that of the defaults, in either notation; two in one row are refused.
     given = {key: value for key, value in defaults.items() if not (is_turned(row) and key in ("rpy", "quat_xyzw"))}
     stated = {**given, **row}
     if "xyz" not in stated:
@@ -58,7 +58,7 @@ def is_turned(stated: Mapping[str, Any]) -> bool:
 
 
 def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
-    """A pick of what is stated under :data:`DEFAULT_KEYS`; meshes are named relative to the file at ``path``."""
+    """The pick that is stated with :data:`DEFAULT_KEYS`; mesh paths are relative to the file at ``path``."""
     read: dict[str, Callable[[Any], Any]] = {
         "spin": _spin,
         "tolerance": _tolerance,
@@ -71,7 +71,7 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
 
 
 def mapping_of(key: str, stated: object, keys: tuple[str, ...]) -> dict[str, Any]:
-    """A mapping with none but these keys."""
+    """Check that a value is a mapping whose keys are all known, and return it."""
     if not isinstance(stated, dict):
         raise InputError(f"holds {stated!r}, not a mapping of {', '.join(keys)}")
     for each in stated:
@@ -81,7 +81,7 @@ def mapping_of(key: str, stated: object, keys: tuple[str, ...]) -> dict[str, Any
 
 
 def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
-    """What picks and places have in common: pose and frame, approach and retreat."""
+    """The settings that picks and places share: pose, frame, approach and retreat."""
     settings: dict[str, Any] = {}
     for key in (*POSE_KEYS, "frame", *WAY_KEYS):
         if key in stated:
@@ -92,22 +92,22 @@ def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _spin(stated: object) -> GraspSpin:
-    """``free``, one turn, a list of turns, or ``{range: [first, last], steps: n}``."""
+    """``free``, one angle, a list of angles, or ``{range: [first, last], steps: n}``."""
     if stated == "free":
         return GraspSpin.free()
     if isinstance(stated, dict):
-        told = mapping_of("spin", stated, ("range", "steps"))
-        if "range" not in told:
+        settings = mapping_of("spin", stated, ("range", "steps"))
+        if "range" not in settings:
             raise InputError("spin does not state its range: [first, last]")
-        first, last = finite("spin.range", numbers_of("spin.range", told["range"]), (2,)).tolist()
-        return GraspSpin.between(first, last, _count("spin.steps", told.get("steps", STEPS)))
+        first, last = finite("spin.range", numbers_of("spin.range", settings["range"]), (2,)).tolist()
+        return GraspSpin.between(first, last, _count("spin.steps", settings.get("steps", STEPS)))
     angles = numbers_of("spin", stated)
     return GraspSpin(tuple(angles) if isinstance(angles, list) else (angles,))
 
 
 def _tolerance(stated: object) -> GraspTolerance:
-    told = mapping_of("tolerance", stated, ("position", "tilt"))
-    return GraspTolerance(**{key: numbers_of(f"tolerance.{key}", value) for key, value in told.items()})
+    settings = mapping_of("tolerance", stated, ("position", "tilt"))
+    return GraspTolerance(**{key: numbers_of(f"tolerance.{key}", value) for key, value in settings.items()})
 
 
 def _object(stated: object, path: Path) -> Obstacle | str:
@@ -123,10 +123,12 @@ def _object(stated: object, path: Path) -> Obstacle | str:
 
 
 def _place(stated: object) -> PlaceTarget:
-    told = mapping_of("place", stated, PLACE_KEYS)
-    if "xyz" not in told or not is_turned(told):
+    settings = mapping_of("place", stated, PLACE_KEYS)
+    if "xyz" not in settings or not is_turned(settings):
         raise InputError("place does not state its xyz and rpy or quat_xyzw")
-    return PlaceTarget(**_way(told), support=_support(told["support"], "place") if "support" in told else None)
+    return PlaceTarget(
+        **_way(settings), support=_support(settings["support"], "place") if "support" in settings else None
+    )
 
 
 def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
@@ -135,13 +137,13 @@ def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
 
 
 def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:
-    """The places of a grid and how far (m) each is from the first, along the axes of the pick's frame."""
+    """The indices of a grid and the offset (m) of each from the first, along the axes of the pick's frame."""
     grid = mapping_of("pattern.grid", mapping_of("pattern", stated, ("grid",)).get("grid"), ("counts", "step"))
     if set(grid) != {"counts", "step"}:
         raise InputError("pattern.grid does not state its counts and its step")
     counts = [_count("pattern.grid.counts", count) for count in _three("counts", grid["counts"])]
     step = finite("pattern.grid.step", numbers_of("pattern.grid.step", grid["step"]), (3,)).tolist()
-    if prod(counts) > LARGEST_PATTERN:  # not NumPy's, which overflows
+    if prod(counts) > LARGEST_PATTERN:  # math.prod, because that of NumPy overflows
         raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
     for index in product(*map(range, counts)):
         yield index if counts[2] > 1 else index[:2], [k * d for k, d in zip(index, step, strict=True)]
@@ -160,7 +162,7 @@ def _count(key: str, stated: object) -> int:
 
 
 def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:
-    """One of a pattern; the places ``{i} {j} {k}`` in an object's name stand for its own."""
+    """One pick of a pattern; ``{i} {j} {k}`` in the name of the object are replaced by its indices."""
     carried = first.carried
     if isinstance(carried, str):
         for letter, place in zip("ijk", index, strict=False):

@@ -4,42 +4,42 @@
 
     robot: ur5                             # a catalogue name, or a URDF relative to this file
     tcp: tool0                             # optional: the arm's tcp frame
-    held: {rail: 0.5}                      # optional: joints outside the arm, and where they stand
+    held: {rail: 0.5}                      # optional: values of joints outside the arm
     scene: scene.yaml                      # relative to this file
-    margin: 0.002                          # metres that must stay between any two bodies
+    margin: 0.002                          # smallest allowed distance (m) between any two bodies
     home: {shoulder_pan_joint: 0, ...}     # optional: where transits start; by default the robot's own
-    tip: {xyz: [0, 0, 0.105]}              # tcp_from_tip: what is put onto the pick poses
+    tip: {xyz: [0, 0, 0.105]}              # tcp_from_tip: the frame that is moved to the pick poses
     tool:                                  # bodies that move with the tcp; poses are tcp_from_body
       - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
-    fingers:                               # two more, as they stand when closed; the first opens along the axis
+    fingers:                               # two more, fully closed; the first opens along the axis
       {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
-    gripper: [panda_hand, ...]             # more links of the robot that may touch what is grasped
-    grip_limits: {area: 4.0e-6, tip: 0.005}  # optional: what counts as holding a part, see :class:`GripLimits`
+    gripper: [panda_hand, ...]             # more links of the robot that may touch the object
+    grip_limits: {area: 4.0e-6, tip: 0.005}  # optional criteria for holding a part, see :class:`GripLimits`
     frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
     defaults: {rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
     picks:
       - {name: bolt_1, xyz: [0.46, 0.15, 0.035]}
       - name: part
-        frame: tray                        # root by default; of frames, an obstacle, or a link at rest
+        frame: tray                        # root by default; a named frame, an obstacle, or a fixed link
         xyz: [0, 0, 0.02]
         spin: free                         # about the approach; or an angle, a list, {range: [a, b], steps: 12}
         tolerance: {position: [0.005, 0.005, 0], tilt: 0.1}
-        approach_direction: [0, 0, 1]      # in the axes of approach_frame: tip (or root)
-        retreat_frame: root                # whose axes retreat_direction is in
+        approach_direction: [0, 0, 1]      # in approach_frame: tip (default) or root
+        retreat_frame: root                # frame of retreat_direction
         object: part_{i}_{j}               # an obstacle of the scene; or a shape, its pose tip_from_object
         support: tray_floor                # or a list of names; by default what lies within 1 mm below the object
         place: {frame: tray, xyz: [0, 0.3, 0.02], rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
         pattern: {grid: {counts: [4, 3, 1], step: [0.05, 0.05, 0]}}    # part[0,0], part[0,1], ...
 
-A robot's own fingers are joints outside the arm that stand in two places, open before the grasp and on the object from
-there until it is let go; the links they move may touch what is grasped, and fingers that follow go along::
+Fingers of the robot are joints outside the arm with two values: open before the grasp, and on the object from the grasp
+to the release. The links they move may touch the object, and mimic joints follow::
 
     held: {panda_finger_joint1: {open: 0.04, grip: 0.02}}
 
 Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); see :class:`Pick` and :class:`PlaceTarget` for the keys.
-``defaults`` fill in what a pick does not state; where a pick states neither orientation, nothing is guessed. A row that
-makes no sense is reported and the others are kept; what all rows share must make sense. In place of the list,
-``picks: many.csv`` names a table (:mod:`pinproof.picks.input.sources`) beside this file, of any length.
+``defaults`` apply where a pick states nothing; an orientation is required. An invalid row is reported as a problem and
+the others are kept; invalid shared settings are an error. Instead of the list, ``picks: many.csv`` names a table of any
+length (:mod:`pinproof.picks.input.sources`), relative to this file.
 """
 
 from __future__ import annotations
@@ -81,23 +81,23 @@ FINGER_KEYS = ("opening", "grip", "axis", "bodies")
 
 
 def read_picks(path: str | Path) -> Picks:
-    """Read a picks file, all of it; see :func:`open_picks`.
+    """Read a complete picks file; see :func:`open_picks`.
 
     Returns
     -------
     Picks
-        The picks, and in ``problems`` the rows that could not be read.
+        The picks; ``problems`` lists the rows that could not be read.
 
     Raises
     ------
     PicksError
-        If the file, or what all rows share, cannot be used; names file, line and key.
+        If the file or its shared settings are invalid; the message names file, line and key.
     """
     return open_picks(path).load()
 
 
 def open_picks(path: str | Path) -> PickSource:
-    """A picks file as a source, of which a table with many rows is not held in memory.
+    """Open a picks file as a source; the rows of a table are not held in memory.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def open_picks(path: str | Path) -> PickSource:
     Raises
     ------
     PicksError
-        If the file, or what all rows share, cannot be used; names file, line and key.
+        If the file or its shared settings are invalid; the message names file, line and key.
     """
     path = Path(path)
     if path.suffix.lower() == TABLE_SUFFIX:
@@ -161,7 +161,7 @@ def _list(path: Path, rows: list[Any], shared: Picks, defaults: dict[str, Any]) 
 
 
 def _shared(path: Path, content: LinedMapping, key: str, default: object, read: Callable[[Any], Value]) -> Value:
-    """What all picks share under ``key``; what makes no sense there is refused with the key, and its line if known."""
+    """Read the shared setting ``key``; an error names the key, and the line if it is known."""
     stated = content.get(key, default)
     try:
         return read(stated)
@@ -171,7 +171,7 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
-    """The defaults as stated, after a pick was made of them: what is wrong here would be wrong in every row."""
+    """The defaults, validated with a pick made from them, because an error would recur in every row."""
     settings = dict(mapping_of("", stated, DEFAULT_KEYS))
     turned = {} if is_turned(settings) else {"rpy": [0, 0, 0]}
     make_pick("defaults", {"xyz": [0, 0, 0], "object": "any", **turned, **settings}, path)
@@ -179,7 +179,7 @@ def _defaults(stated: object, path: Path) -> dict[str, Any]:
 
 
 def _picks(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> list[Pick]:
-    """The picks of a row, their names added to those that are taken."""
+    """The picks of a row; their names are added to ``taken``."""
     if not isinstance(row, LinedMapping):
         raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK_KEYS)}")
     refuse_unknown(PicksError, path, "key", row, PICK_KEYS, "")
@@ -198,23 +198,23 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
         raise InputError(f"holds {stated!r}, not a mapping of names to frames")
     found = {}
     for name, frame in stated.items():
-        told = dict(mapping_of(str(name), frame, (*POSE_KEYS, "frame")))
-        parent = told.pop("frame", "")
+        settings = dict(mapping_of(str(name), frame, (*POSE_KEYS, "frame")))
+        parent = settings.pop("frame", "")
         if not isinstance(parent, str):
             raise InputError(f"{name}: its frame {parent!r} is not a name")
-        found[str(name)] = NamedFrame(_tip(told), parent)
+        found[str(name)] = NamedFrame(_tip(settings), parent)
     return found
 
 
 def _fingers(path: Path, content: LinedMapping) -> GripperFingers | None:
     if "fingers" not in content:
         return None
-    told = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGER_KEYS))
-    missing = [key for key in FINGER_KEYS if key not in told and key != "axis"]
+    settings = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGER_KEYS))
+    missing = [key for key in FINGER_KEYS if key not in settings and key != "axis"]
     if missing:
         raise PicksError(path, f"does not state {' and '.join(missing)}", "key fingers")
-    bodies = _bodies(path, told, "bodies")
-    numbers = {key: value for key, value in told.items() if key != "bodies"}
+    bodies = _bodies(path, settings, "bodies")
+    numbers = {key: value for key, value in settings.items() if key != "bodies"}
 
     def made(_: object) -> GripperFingers:
         return GripperFingers(bodies, **{key: numbers_of(key, value) for key, value in numbers.items()})  # type: ignore[arg-type]
@@ -231,8 +231,8 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
 
 
 def _grip_limits(stated: object) -> GripLimits:
-    told = mapping_of("", stated, tuple(each.name for each in fields(GripLimits)))
-    return GripLimits(**{key: _number(key, value) for key, value in told.items()})
+    settings = mapping_of("", stated, tuple(each.name for each in fields(GripLimits)))
+    return GripLimits(**{key: _number(key, value) for key, value in settings.items()})
 
 
 def _tip(stated: object) -> SE3:
@@ -267,16 +267,16 @@ def _home(stated: object) -> dict[str, float]:
 
 
 def _held(stated: object, when: str) -> dict[str, float]:
-    """Where joints stand when the hand is open, or grips: of the latter only those that are told it."""
+    """The joint values of the open or of the gripping hand; for the latter only joints that state one."""
     if not isinstance(stated, dict):
         raise InputError(f"holds {stated!r}, not a mapping of joint names to values, or to {' and '.join(HELD_KEYS)}")
     found: dict[str, float] = {}
     for name, value in stated.items():
         if isinstance(value, dict):
-            told = mapping_of(str(name), value, HELD_KEYS)
-            if set(told) != set(HELD_KEYS):
+            values = mapping_of(str(name), value, HELD_KEYS)
+            if set(values) != set(HELD_KEYS):
                 raise InputError(f"{name} does not state its {' and its '.join(HELD_KEYS)}")
-            found[str(name)] = _number(f"{name}.{when}", told[when])
+            found[str(name)] = _number(f"{name}.{when}", values[when])
         elif when == "open":
             found[str(name)] = _number(str(name), value)
     return found
@@ -287,7 +287,7 @@ def _number(name: str, stated: object) -> float:
 
 
 def _robot(path: Path, content: LinedMapping) -> str | None:
-    """A catalogue name as it stands; a file relative to the picks file."""
+    """A catalogue name, or a path relative to the picks file."""
     name = _text(path, content, "robot")
     if name is None or not (Path(name).suffix or "/" in name):
         return name

@@ -16,18 +16,18 @@ __all__ = ["GripLimits", "PickBudget", "PickWeights"]
 
 @dataclass(frozen=True, kw_only=True)
 class PickWeights:
-    """How much each part counts where good picks are compared; each part is from 0 to 1.
+    """Weights of the four parts of the score, each from 0 to 1, by which motions of a pick are compared.
 
     Parameters
     ----------
     clearance
-        The least clearance seen on the way, 1 from 50 mm on.
+        The smallest clearance observed on the motion; 50 mm or more score 1.
     limit_margin
-        How far the joints stay from their limits, 1 in the middle of every range.
+        The smallest distance of a joint from its limits; the middle of every range scores 1.
     manipulability
-        Yoshikawa's measure at the grasp, 1 for the best of the configurations.
+        Yoshikawa's measure at the grasp, relative to the best configuration.
     duration
-        The share of the time at full speed that no pick from any of the configurations can undercut; 1 at best.
+        The lower bound of the time over all configurations, divided by the time at full speed.
     """
 
     clearance: float = 1.0
@@ -44,22 +44,22 @@ class PickWeights:
 
 @dataclass(frozen=True, kw_only=True)
 class PickBudget:
-    """How much is tried for one pick.
+    """The search budget of one pick.
 
     Parameters
     ----------
     configurations
-        Of the configurations that are free at the grasp, how many are taken on, those with the highest bounds first:
-        more than any arm with a closed form has for one grasp.
+        Largest number of collision-free configurations at the grasp that are planned, those with the highest bounds
+        first. The default exceeds the number of IK solutions of any arm with a closed form for one grasp.
     compared
-        How many whole picks are made at most, of which the best is returned. Fewer are made where bounds of the scores
-        of the others tell that none is better.
+        Largest number of complete motions, of which the best is returned. Fewer are planned if the bounds of the other
+        candidates show that none of them is better.
     quick_nodes
-        Nodes of the trees that look for a transit to one configuration.
+        Nodes of the RRT for a transit to one configuration.
     nodes
-        Nodes of those that look for one to any, where no quick one was found.
+        Nodes of the RRT for a transit to any configuration, used if no quick one was found.
     remedies
-        Changed picks of each kind (moved, turned, shortened) that are judged for a suggestion; 0 for no suggestions.
+        Number of changed picks of each kind (moved, turned, shortened) that are judged to find suggestions; 0 for none.
     """
 
     configurations: int = 32
@@ -75,25 +75,25 @@ class PickBudget:
 
 @dataclass(frozen=True, kw_only=True)
 class GripLimits:
-    """What counts as holding a part.
+    """The criteria for holding a part.
 
     Parameters
     ----------
     area
-        m^2 that each finger must touch at least: 2 x 2 mm by default, less than which is a corner or an edge.
+        m^2: smallest contact area of each finger. The default is 2 x 2 mm; less is contact at a corner or an edge.
     overlap
-        Metres that each contact must extend along the finger at least.
+        Metres: smallest extent of each contact along the finger.
     angle
         rad: the largest angle between a contact normal and the closing direction, and the half angle of the friction
         cones. The default is the arc tangent of 0.5, the coefficient of friction of rubber on dry metal at its lowest.
     gap, depth
-        Metres that a closed finger may stay from the part, or be pressed into it: what is measured or taught is off by
-        that much, and rubber pads and the part's own play make up for it.
+        Metres: largest distance of a closed finger from the part, and largest penetration. They allow for measurement
+        errors, which soft pads and play of the part compensate.
     compliance
-        Metres by which pads and part give way: surfaces that are no farther apart where a finger touches first belong
-        to the contact patch. 0.2 mm is little for a rubber pad; with it, round parts touch over an area, not in a line.
+        Metres: compliance of pads and part. Surfaces within this distance at first contact belong to the contact patch,
+        so that round parts have an area of contact instead of a line. 0.2 mm is small for a rubber pad.
     tip
-        Metres that the tip of a tool without fingers may be from the part's surface.
+        Metres: largest distance of the tip of a tool without fingers from the surface of the part.
     """
 
     area: float = 4e-6

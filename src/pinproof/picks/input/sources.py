@@ -41,31 +41,31 @@ __all__ = ["TABLE_SUFFIX", "PickGrid", "PickList", "PickSource", "PickTable", "a
 
 
 class Part(Protocol):
-    """A stretch of picks, which pickles to little; they are made where they are looked at."""
+    """A range of picks that pickles compactly; the picks are created when it is iterated."""
 
     def __iter__(self) -> Iterator[Pick | PickProblem]: ...
 
 
 class PickSource(ABC):
-    """Picks in an order. A row that makes no pick is a :class:`PickProblem` in its place, and stops nobody."""
+    """An ordered source of picks. An invalid row is a :class:`PickProblem` at its index."""
 
     shared: Picks
-    """What the picks share: tip, tool, margin, home, and the robot and the scene if they are named. It lists none."""
+    """Shared settings: tip, tool, margin, home, and robot and scene if they are stated. Its list of picks is empty."""
 
     @abstractmethod
     def __len__(self) -> int:
-        """How many there are."""
+        """The number of picks and problems."""
 
     @abstractmethod
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
-        """Those from place ``start`` up to ``stop``; it pickles."""
+        """The picks from index ``start`` to ``stop`` (exclusive); the result can be pickled."""
 
     @abstractmethod
     def digest(self) -> str:
-        """A hash of all of them."""
+        """A hash of all picks."""
 
     def load(self) -> Picks:
-        """All of them at once, as a list."""
+        """All picks in memory."""
         items = list(self.part(0, len(self)))
         picks = tuple(item for item in items if isinstance(item, Pick))
         return replace(
@@ -74,7 +74,7 @@ class PickSource(ABC):
 
 
 class PickList(PickSource):
-    """Picks that are held in memory; rows that could not be read stand behind them."""
+    """Picks in memory, followed by the rows that could not be read."""
 
     def __init__(self, picks: Picks) -> None:
         self.shared = replace(picks, picks=(), problems=())
@@ -84,30 +84,30 @@ class PickList(PickSource):
         return len(self._items)
 
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
-        """Those from place ``start`` up to ``stop``."""
+        """The picks from index ``start`` to ``stop`` (exclusive)."""
         return self._items[start:stop]
 
     def digest(self) -> str:
-        """A hash of all of them."""
+        """A hash of all picks."""
         return digest_many(self._items)
 
 
 @dataclass(frozen=True, eq=False)
 class PickGrid(PickSource):
-    """Copies of one pick, set off along the axes of the robot's root link: bolts in rows, a volume to be tried.
+    """Copies of one pick on a grid along the axes of the robot's root link.
 
-    They are named after the first and their place: ``bolt_0_2_1``. The last axis runs fastest.
+    The names consist of the first name and the indices: ``bolt_0_2_1``. The last axis varies fastest.
 
     Parameters
     ----------
     first
         The pick at the corner of the grid.
     counts
-        How many along x, y and z; 1 or more each.
+        Number of picks along x, y and z; at least 1 each.
     step
         (3,) metres between neighbours along x, y and z.
     shared
-        What the picks share.
+        The settings that the picks share.
     """
 
     first: Pick
@@ -127,11 +127,11 @@ class PickGrid(PickSource):
         return prod(self.counts)
 
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
-        """Those from place ``start`` up to ``stop``."""
+        """The picks from index ``start`` to ``stop`` (exclusive)."""
         return _GridPart(self.first, self.counts, self.step, start, min(stop, len(self)))
 
     def digest(self) -> str:
-        """A hash of all of them."""
+        """A hash of all picks."""
         return digest((self.first, self.counts, self.step))
 
 
@@ -155,14 +155,14 @@ class _GridPart:
 
 
 def as_source(picks: Picks | PickSource) -> PickSource:
-    """A list of picks as a source; a source is handed back as it is."""
+    """A list of picks as a source; a source is returned unchanged."""
     return PickList(picks) if isinstance(picks, Picks) else picks
 
 
 TABLE_SUFFIX = ".csv"
 
 LONGEST_LINE = 2**20
-"""Bytes: a file without line ends is not taken into memory to be refused."""
+"""Bytes: limits the memory for a file without line feeds."""
 
 SEPARATOR = ";"
 """Between the names in a cell that holds several."""
@@ -189,25 +189,25 @@ KEYS = {
     "place.retreat": ("place_retreat",),
     "place.support": ("place_support",),
 }
-"""What a row may state, and the columns that state it."""
+"""The settings of a row and the columns that state them."""
 
 
 class PickTable(PickSource):
-    """The picks of a CSV file; 16 bytes a row are held in memory.
+    """The picks of a CSV file; 16 bytes per row are held in memory.
 
     Parameters
     ----------
     path
         The file.
     shared
-        What the picks share.
+        The settings that the picks share.
     defaults
-        What a row does not state, by key as in a picks file.
+        Defaults by key, as in a picks file.
 
     Raises
     ------
     PicksError
-        If the file cannot be read, or its header makes no sense, or it has no rows.
+        If the file cannot be read, its header is invalid, or it has no rows.
     """
 
     def __init__(self, path: str | Path, *, shared: Picks | None = None, defaults: Mapping[str, Any] | None = None):
@@ -241,7 +241,7 @@ class PickTable(PickSource):
         return len(self._begin) - 1
 
     def digest(self) -> str:
-        """A hash of all of them."""
+        """A hash of all picks."""
         return digest(self._digest)
 
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
@@ -250,7 +250,7 @@ class PickTable(PickSource):
         Raises
         ------
         PicksError
-            If the file is not what it was when it was opened.
+            If the file has changed since it was opened.
         """
         stop = min(stop, len(self))
         try:
@@ -265,7 +265,7 @@ class PickTable(PickSource):
         return _TablePart(self.path, self._columns, self._defaults, text, start, frozenset(repeated))
 
     def _header(self, file: Any, content: Any) -> tuple[tuple[str, ...], int]:
-        """The columns, and where the lines after them begin."""
+        """The columns, and the offset of the line after them."""
         at = 0
         for number, line in enumerate(self._lines(file), start=1):
             content.update(line)
@@ -292,7 +292,7 @@ class PickTable(PickSource):
         return _name(self._where, cells, number)
 
     def _repeats(self, hashes: np.ndarray[Any, Any]) -> frozenset[int]:
-        """Places of picks whose name one before them has."""
+        """The indices of picks whose name an earlier pick has."""
         order = np.argsort(hashes, kind="stable")
         same = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])
         first: dict[str, int] = {}
@@ -320,7 +320,7 @@ class _TablePart:
 
     def __iter__(self) -> Iterator[Pick | PickProblem]:
         where = _where(self.columns)
-        lines = (line for line in self.text.split(b"\n") if _counts(line))  # as the file was cut into lines
+        lines = (line for line in self.text.split(b"\n") if _counts(line))  # the same splitting as in the index
         for place, line in enumerate(lines, start=self.start):
             cells = _cells(line)
             name = _name(where, cells, place + 1)
@@ -335,7 +335,7 @@ class _TablePart:
 
 
 def _where(columns: tuple[str, ...]) -> dict[str, list[int]]:
-    """For each key that the columns state, the places of its cells."""
+    """For each stated key the indices of its cells."""
     return {
         key: [columns.index(name) for name in names] for key, names in KEYS.items() if columns and names[0] in columns
     }
@@ -357,7 +357,7 @@ def _check_columns(columns: tuple[str, ...]) -> None:
 
 
 def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dict[str, Any]:
-    """What a row states, by key."""
+    """The settings of a row by key."""
     if len(cells) != width:
         more = "; decimals have a point, not a comma" if len(cells) > width else ""
         raise InputError(f"has {len(cells)} cells under {width} columns{more}")
@@ -376,7 +376,7 @@ def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dic
 
 
 def _cells(line: bytes) -> list[str] | None:
-    """The cells of a line; None if it is not to be read."""
+    """The cells of a line; None if it is not valid CSV."""
     try:
         return next(csv.reader([line.decode().rstrip("\r\n")], strict=True))
     except (UnicodeDecodeError, csv.Error, StopIteration):

@@ -345,7 +345,7 @@ def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
 
 def members(task: Task) -> list[Member]:
     """The grasps that are screened: those that are not moved within the tolerance."""
-    return next(iter(task.rings()))
+    return next(iter(task.groups()))
 
 
 def _approach_axis(task: Task) -> Array:

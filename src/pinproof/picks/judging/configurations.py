@@ -27,19 +27,22 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 SWEEP = AnalyticIk(redundant_steps=24)
-"""Of an arm of seven: values of the redundant joint; every 15 degrees of a whole turn."""
+"""The solver for arms of seven joints: 24 values of the redundant joint, 15 degrees apart for a full rotation."""
 
 BEYOND = 2 * np.pi, 0.5
-"""rad and m by which limits are widened to tell whether they alone stand in the way."""
+"""rad and m by which limits are widened to determine whether only the limits prevent a solution."""
 
 TURN = 2 * np.pi
 
 SAMPLES, STARTS = 8, 64
-"""Different configurations that are looked for where there is no closed form, and from how many starts."""
+"""Number of different configurations that the numerical search returns, and its number of starts."""
 
 
 def has_closed_form(arm: Arm, most: int = 6) -> bool:
-    """Whether every branch is told. Arms of seven are swept (``most=7``): that gives many, never all."""
+    """Whether the closed form applies to an arm with at most ``most`` joints.
+
+    For seven joints the redundant joint is swept, which gives many solutions but not all.
+    """
     if arm.dof > most:
         return False
     try:
@@ -50,7 +53,7 @@ def has_closed_form(arm: Arm, most: int = 6) -> bool:
 
 
 def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.NDArray[np.int64], Array]:
-    """Configurations inside the limits, each with the whole turns nearest to q0.
+    """Configurations within the limits, each with the full rotations nearest to q0.
 
     Parameters
     ----------
@@ -59,13 +62,13 @@ def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.N
     targets
         (N, 4, 4) ``base_from_tcp``.
     q0
-        (n,) where to choose from.
+        (n,) the reference for the choice of full rotations.
     rng
-        Seed of the search, where there is no closed form.
+        Seed of the search for arms without a closed form.
 
     Returns
     -------
-    (k,) which target each is for, in order; and (k, n) the configurations.
+    (k,) index of the target of each configuration, ascending; and (k, n) the configurations.
     """
     if has_closed_form(arm, most=7):
         found = SWEEP.solve_all_batch(arm, targets, q0)
@@ -86,7 +89,7 @@ def manipulability(arm: Arm, Q: Array) -> Array:
 
 
 def limit_margins(arm: Arm, q: Array) -> Array:
-    """(N,) how far (share of half its range) the joint nearest to a limit is from it at q (N, n): at most 1."""
+    """(N,) smallest distance of a joint from its limits at q (N, n), as a fraction of half its range: at most 1."""
     lower, upper = arm.limits.lower, arm.limits.upper
     half = (upper - lower) / 2
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -95,30 +98,30 @@ def limit_margins(arm: Arm, q: Array) -> Array:
 
 
 def widened(arm: Arm) -> Arm:
-    """The arm under limits that are a turn, or half a metre, wider on either side."""
+    """The arm with limits that are one rotation, or half a metre, wider on both sides."""
     limits, beyond = arm.limits, BEYOND[0] * arm.angular + BEYOND[1] * ~arm.angular
     wider = JointLimits(limits.lower - beyond, limits.upper + beyond, limits.velocity, limits.acceleration)
     return arm.with_limits(wider)
 
 
 def turned_inside(arm: Arm, q: Array) -> Array:
-    """The same poses, with each joint that is outside its limits inside them where whole turns do it; q (..., n)."""
+    """The same poses with joints of q (..., n) outside their limits moved inside by full rotations where possible."""
     lower, upper = arm.limits.lower, arm.limits.upper
     turned = q + np.ceil((lower - q) / TURN) * TURN
     return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)
 
 
 def at_full_speed(arm: Arm, points: Array) -> float:
-    """Seconds from each of some points (k, n) to the next at full speed, corners without a stop.
+    """Seconds along points (k, n) at full speed, without stops at corners.
 
-    Of the control points of a curve it is a bound of what the curve takes at full speed, and never less than
-    :func:`least_seconds` from end to end.
+    For the control points of a curve this is an upper bound of the time of the curve at full speed, and at least
+    :func:`least_seconds` between its ends.
     """
     return float((np.abs(np.diff(points, axis=0)) / arm.limits.velocity).max(axis=1, initial=0.0).sum())
 
 
 def least_seconds(arm: Arm, here: Array, there: Array) -> Array:
-    """(k, m) seconds from each of (k, n) to each of (m, n), or to any whole turn of it, that no motion undercuts."""
-    way = np.abs(here[:, None, :] - there[None, :, :])
-    nearest = np.abs(way - TURN * np.round(way / TURN))
-    return np.asarray((np.where(arm.periodic, nearest, way) / arm.limits.velocity).max(axis=2))
+    """(k, m) lower bound (s) of the time of any motion from each of (k, n) to each of (m, n) modulo full rotations."""
+    distance = np.abs(here[:, None, :] - there[None, :, :])
+    nearest = np.abs(distance - TURN * np.round(distance / TURN))
+    return np.asarray((np.where(arm.periodic, nearest, distance) / arm.limits.velocity).max(axis=2))

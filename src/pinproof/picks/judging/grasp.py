@@ -53,15 +53,15 @@ class Reached:
     Parameters
     ----------
     q
-        (k, n) inside the limits.
+        (k, n) within the limits.
     member
-        (k,) which of the members each is for.
+        (k,) index of the family member of each configuration.
     stages
-        What is to be said of reach and limits.
+        The results of the stages reach and limits.
     refuted
-        If there is none: every branch there would be, each with the limit that refutes it.
+        If there is no configuration: every IK branch with the limit that excludes it.
     complete
-        Whether these are proven to be all.
+        Whether the configurations are proven to be all.
     """
 
     q: Array
@@ -72,11 +72,11 @@ class Reached:
 
 
 def reach(task: Task, members: list[Member], seed: int) -> Reached:
-    """The configurations that bring the tip to each of some grasps."""
+    """The configurations at each of the given grasps."""
     arm, home = task.arm, task.cell.home
     targets = [task.target(task.grasp(member)) for member in members]
     row, q = configurations(arm, task.targets([task.grasp(member) for member in members]), home, seed)
-    if not len(q) and not task.cell.closed_form:  # brings the nearest miss to its end, which may be the target
+    if not len(q) and not task.cell.closed_form:  # the nearest configuration may still converge to the target
         nearest = Clik().solve(arm, targets[0], home, rng=seed)
         if nearest.ok:
             row, q = np.zeros(1, dtype=np.int64), np.array([nearest.q])
@@ -98,7 +98,7 @@ def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDA
 
 
 def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None) -> bool:
-    """Whether the closed form is proven to give every configuration for each of some targets."""
+    """Whether the closed form is proven to give every configuration for each target."""
     if not task.cell.closed_form:
         return False
     for target in targets:
@@ -109,14 +109,14 @@ def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None
 
 
 def every_branch(task: Task, root_from_tip: SE3, wanted: bool = True) -> Array:
-    """(m, n) all configurations at a pose; none where not all are known, or they are not wanted."""
+    """(m, n) all configurations at a pose; empty if not all are known, or if they are not wanted."""
     if not wanted or not every_branch_is_known(task, [task.target(root_from_tip)]):
         return np.empty((0, task.arm.dof))
     return configurations(task.arm, task.targets([root_from_tip]), task.cell.home, 0)[1]
 
 
 def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: int) -> Reached:
-    """Why no configuration was found: limits alone, or reach."""
+    """The result if no configuration was found: the reason is either the limits or the reach."""
     arm, wide, limits = task.arm, task.cell.wide_arm, task.arm.limits
     empty = np.empty((0, arm.dof)), np.empty(0, dtype=np.int64)
     row, free = configurations(wide, task.targets([task.grasp(m) for m in members]), task.cell.home, seed)
@@ -158,21 +158,21 @@ def _of(member: Member) -> str:
 Mask = npt.NDArray[np.bool_]
 
 MOST_CONTACTS = 6
-"""Contacts that a reason names at most."""
+"""Largest number of contacts in a reason."""
 
 
 @dataclass(frozen=True, eq=False)
 class Gripped:
-    """Which configurations hold the object, and what is to be said of the stage.
+    """Which configurations hold the object, and the result of the grip stage.
 
     Parameters
     ----------
     kept
-        (k,) those whose grasp holds the object, and at which the hand can close.
+        (k,) whether the grasp holds the object and the hand can close.
     result
-        The stage.
+        The result of the stage.
     refuted
-        (k,) why each of the others is out; empty for those that are kept.
+        (k,) why each of the others is excluded; empty for those that are kept.
     """
 
     kept: Mask
@@ -181,7 +181,7 @@ class Gripped:
 
 
 def grip_holds(task: Task, member: Member) -> bool:
-    """Whether a grasp holds the object; without an object there is nothing to hold."""
+    """Whether a grasp holds the object; True without an object."""
     return task.name is None or task.grip(member).held
 
 
@@ -191,7 +191,7 @@ def not_held_words(task: Task, member: Member) -> str:
 
 
 def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.int64]) -> Gripped:
-    """Judge configurations q (k, n) that are free at the grasp, each of the member ``of`` (k,)."""
+    """Judge collision-free configurations q (k, n) at the grasp; ``of`` (k,) is the member of each."""
     if task.name is None:
         message = "not checked: the pick states no object"
         return Gripped(np.ones(len(q), dtype=bool), StageResult(Stage.GRIP, True, message), ("",) * len(q))
@@ -228,7 +228,7 @@ def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.i
 
 
 def closing_words(task: Task, result: CheckResult) -> str:
-    """What the fingers meet while they close or open, each pair once, the deepest first."""
+    """The contacts of the fingers while they close or open, each pair once, the deepest first."""
     finger_of = {body.name: name for name, bodies in task.cell.swept.items() for body in bodies}
     by_pair: dict[frozenset[str], str] = {}
     for contact in result.contacts:
@@ -240,15 +240,15 @@ def closing_words(task: Task, result: CheckResult) -> str:
 
 
 AMPLE = 0.05
-"""Metres of clearance from which on more is worth nothing."""
+"""Metres: the clearance beyond which the score does not increase."""
 
 RANKED = 256
-"""Free configurations that are measured and ranked; of more, those nearest to home in the time that joints take."""
+"""Largest number of ranked configurations; of more, those with the shortest time from home are ranked."""
 
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A configuration that is free at the grasp, with the parts (0 to 1) by which it is ranked."""
+    """A collision-free configuration at the grasp, with the parts (0 to 1) of its score."""
 
     q: Array
     member: Member
@@ -258,10 +258,10 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Screened:
-    """Those that are free and hold the object, the best first, and what is to be said of the stages.
+    """The configurations that are collision-free and hold the object, the best first, and the results of the stages.
 
-    ``refuted``, where there are none: why each configuration is out. ``not_held``: whether no grasp holds the object,
-    so that no other configuration would.
+    If there are none, ``refuted`` states why each configuration is excluded; ``not_held`` is True if no grasp holds the
+    object, which does not depend on the configuration.
     """
 
     candidates: tuple[Candidate, ...]
@@ -271,7 +271,7 @@ class Screened:
 
 
 def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
-    """Look at all configurations at the grasp."""
+    """Judge all configurations at the grasp."""
     checker = task.at_grasp
     free = checker.is_free_batch(reached.q)
     if not free.any():
@@ -295,7 +295,7 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
 
 
 def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
-    """Free configurations q (k, n), the best first by the weights of the cell."""
+    """The collision-free configurations q (k, n), ordered by score with the weights of the cell."""
     arm, home = task.arm, task.cell.home
     seconds = (np.abs(q - home) / arm.limits.velocity).max(axis=1)
     if len(q) > RANKED:
@@ -321,7 +321,7 @@ def weighed(parts: dict[str, float], weights: PickWeights) -> float:
 
 
 def limit_margin(task: Task, low: Array, high: Array) -> Array:
-    """How far joints that span from low to high (..., n) stay from limits: 1 in the middle of all ranges, 0 at one."""
+    """Distance of joint ranges low to high (..., n) from the limits: 1 in the middle of all ranges, 0 at a limit."""
     limits = task.arm.limits
     half = (limits.upper - limits.lower) / 2
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -367,7 +367,7 @@ def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: R
 
 
 def _contacts_of_each(found: list[CheckResult], members: list[Member], of: npt.NDArray[np.int64]) -> tuple[str, ...]:
-    """What each configuration touches, and which grasp it is of."""
+    """The contacts of each configuration, with its grasp."""
     return tuple(
         f"{members[i].words + ': ' if members[i].words else ''}{'; '.join(contact_words(each))}"
         for i, each in zip(of, found, strict=True)
@@ -395,12 +395,12 @@ NO_SOLUTION = "no IK solution within the limits reaches"
 
 
 def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
-    """Why each branch of each grasp is out, at the grasp or at the far end of a line; empty if not every one is.
+    """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
 
-    A line that a search could not follow proves nothing; an end that no branch reaches, or that each branch reaches in
-    contact, does.
+    A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines, or if
+    every branch is in contact there.
     """
-    said: list[str] = []
+    reasons: list[str] = []
     for member in members:
         grasp, pick = task.grasp(member), task.pick
         found = _branches_refuted(task, grasp, task.at_grasp, "the grasp", seed)
@@ -412,26 +412,26 @@ def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, 
             )
         if not found:
             return ()
-        said += [f"{member.words}: {words}" if member.words else words for words in found]
-    return tuple(said)
+        reasons += [_of(member) + words for words in found]
+    return tuple(reasons)
 
 
 def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int) -> list[str]:
-    """Why each branch at a pose is out; empty if one is not, or not all are known."""
+    """Why each IK branch at a pose is excluded; empty if one is not, or if not all are known."""
     if not every_branch_is_known(task, [task.target(root_from_tip)]):
         return []
     _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
     if checker.is_free_batch(many).any():
         return []
-    said = []
+    reasons = []
     for q in many:
-        result = checker.finer_at(q).check(q)  # a contact of hulls alone refutes nothing
+        result = checker.finer_at(q).check(q)  # contact between convex hulls is no proof of contact between the meshes
         if result.free:
             return []
-        said.append(f"at {where}: {'; '.join(contact_words(result))}")
-    return said or [f"{NO_SOLUTION} {where}"]
+        reasons.append(f"at {where}: {'; '.join(contact_words(result))}")
+    return reasons or [f"{NO_SOLUTION} {where}"]
 
 
 def unreached(member: Member) -> str:
-    """Why a grasp is out that no branch reaches."""
+    """The reason for a grasp without an IK solution."""
     return f"{_of(member)}{NO_SOLUTION} the grasp"

@@ -54,19 +54,19 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 CONE_EDGES = 16
-"""Edges of the pyramids inscribed in friction cones: what they allow, the cones allow. They are 2 % narrower."""
+"""Edges of the pyramids inscribed in the friction cones, which are conservative by 2 %."""
 
 SAME_PLACE = 1e-7
-"""Metres: contacts that are nearer to each other than this are in one place."""
+"""Metres: contacts closer to each other than this are considered coincident."""
 
 
 def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
-    """Whether forces within the friction cones at some points of the patches add up to no force and no torque.
+    """Whether forces within the friction cones at points of the patches can sum to zero force and zero torque.
 
     Parameters
     ----------
     patches
-        Of each contact: its points (N, 3) in metres, and the unit normal (3,) in which the finger presses.
+        For each contact its points (N, 3) in metres and the unit normal (3,) in which the finger presses.
     angle
         rad: the half angle of the friction cones.
     """
@@ -91,7 +91,7 @@ def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
 
 
 def _cone(normal: Array, angle: float) -> Array:
-    """(E, 3) unit vectors on the cone of half angle (rad) about a normal."""
+    """(E, 3) unit vectors on the cone with the given half angle (rad) about a normal."""
     least = np.eye(3)[np.abs(normal).argmin()]
     u = np.cross(normal, least)
     u /= np.linalg.norm(u)
@@ -102,26 +102,26 @@ def _cone(normal: Array, angle: float) -> Array:
 
 
 def _outermost(points: Array, normal: Array) -> Array:
-    """(P, 3) the points of a patch that are outermost in some directions across its normal."""
+    """(P, 3) the extreme points of a patch in several directions perpendicular to its normal."""
     axes = _cone(normal, np.pi / 2)
     return np.unique(points[(points @ axes.T).argmax(axis=0)], axis=0)
 
 
 SAGITTA = 2e-4
-"""Metres: how far the points of a rotating finger may leave the chords by which its closing motion is bounded. The
-swept bodies are larger by it, so it is small beside the margins of a cell."""
+"""Metres: largest distance of the points of a rotating finger from the chords that approximate its closing motion. The
+swept bodies are enlarged by it, so it is small compared to the margins of a cell."""
 
 MOST_STEPS = 64
-"""Chords of a closing motion; a finger that needs more is bounded less closely."""
+"""Largest number of chords of a closing motion; with fewer than needed the bound is less tight."""
 
 SHARE = 1e-4
-"""The share of the closing motion over which the direction of its end is measured."""
+"""Fraction of the closing motion over which the final closing direction is measured."""
 
 LEAST_TRAVEL = 1e-9
-"""Metres: a finger that moves less does not move."""
+"""Metres: a finger that moves less is considered fixed."""
 
 FLAT = 1e-4
-"""Metres by which swept bodies without thickness are grown, so that they have a hull."""
+"""Metres by which flat swept bodies are enlarged, so that they have a convex hull."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,46 +134,46 @@ class MovingFinger:
         The link or the attached body.
     surfaces
         Its bodies, each with ``finger_from_body``.
-    way
-        ``tcp_from_finger`` from open (first) to closed (last).
+    placements
+        ``tcp_from_finger`` at the ends of the chords, from open (first) to closed (last).
     direction
-        (3,) the unit direction in the tcp's frame in which it moves when it is nearly closed.
+        (3,) unit vector of its motion in the tcp frame just before it is closed.
     sagitta
-        Metres by which its points may leave the chords between the placements of ``way``.
+        Metres: largest distance of its points from the chords between the placements.
     """
 
     name: str
     surfaces: tuple[tuple[LineSurface, SE3], ...]
-    way: tuple[SE3, ...]
+    placements: tuple[SE3, ...]
     direction: Array
     sagitta: float = 0.0
 
     @property
     def open(self) -> SE3:
         """``tcp_from_finger`` before the grasp."""
-        return self.way[0]
+        return self.placements[0]
 
     @property
     def closed(self) -> SE3:
         """``tcp_from_finger`` on the part."""
-        return self.way[-1]
+        return self.placements[-1]
 
     @property
     def travel(self) -> float:
-        """Metres that the middle of the finger moves along its closing direction from open to closed."""
+        """Metres that the centre of the finger moves along its closing direction."""
         middle = np.mean([at.translation + at.rotation @ _middle(surface) for surface, at in self.surfaces], axis=0)
         start, end = (at.translation + at.rotation @ middle for at in (self.open, self.closed))
         return float((end - start) @ self.direction)
 
     def swept(self) -> tuple[Obstacle, ...]:
-        """Convex bodies in the tcp's frame that hold every point of the finger at every instant of the closing motion.
+        """Convex bodies in the tcp frame that contain the finger during the complete closing motion.
 
-        Over each chord the hull of the body at both of its ends, grown by the sagitta.
+        For each chord this is the hull of the body at both ends, enlarged by the sagitta.
         """
         bodies = []
         for number, (surface, at) in enumerate(self.surfaces):
             own = outer_points(surface)
-            placed = [at_finger * at for at_finger in self.way]
+            placed = [at_finger * at for at_finger in self.placements]
             for step, (one, other) in enumerate(pairwise(placed)):
                 ends = np.concatenate([own @ each.rotation.T + each.translation for each in (one, other)])
                 bodies.append(Obstacle(f"{self.name} closing {number}.{step}", _hull(ends, self.sagitta)))
@@ -185,7 +185,7 @@ def _middle(surface: LineSurface) -> Array:
 
 
 def _hull(points: Array, grow: float) -> ConvexHull:
-    """The hull of points (V, 3), grown by a cube of half side ``grow``, and somewhat if they have no thickness."""
+    """The hull of points (V, 3), enlarged by a cube of half side ``grow``, or by FLAT if they are coplanar."""
     corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
     thin = np.linalg.svd(points - points.mean(axis=0), compute_uv=False).min() < FLAT
     by = max(grow, FLAT if thin else 0.0)
@@ -195,11 +195,11 @@ def _hull(points: Array, grow: float) -> ConvexHull:
 
 
 def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
-    """All that moves while the hand closes: the gripper's two bodies, and the links moved by the joints that grip."""
-    return (*_sliding(fingers), *_links(arm, grip))
+    """The moving fingers: the two bodies of the gripper, and the links moved by the gripping joints."""
+    return (*_translating(fingers), *_links(arm, grip))
 
 
-def _sliding(fingers: GripperFingers | None) -> list[MovingFinger]:
+def _translating(fingers: GripperFingers | None) -> list[MovingFinger]:
     if fingers is None:
         return []
     found, axis = [], np.array(fingers.axis)
@@ -210,7 +210,7 @@ def _sliding(fingers: GripperFingers | None) -> list[MovingFinger]:
 
 
 def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
-    """The links that the joints move, each with its exact surface."""
+    """The links that the gripping joints move, each with its exact surface."""
     urdf = arm.robot.urdf
     start = {name: arm.held[name] for name in grip}
     if all(abs(start[name] - value) < LEAST_TRAVEL for name, value in grip.items()):
@@ -229,12 +229,14 @@ def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
     ]
     found = []
     for link, surfaces in own.items():
-        *way, before = [each.forward_kinematics(arm.home).actInv(each.frame_placement(arm.home, link)) for each in arms]
+        *placements, before = [
+            each.forward_kinematics(arm.home).actInv(each.frame_placement(arm.home, link)) for each in arms
+        ]
         middle = np.mean([at.translation + at.rotation @ _middle(surface) for surface, at in surfaces], axis=0)
-        last = (way[-1].act(middle) - before.act(middle)) / SHARE
+        last = (placements[-1].act(middle) - before.act(middle)) / SHARE
         if (length := float(np.linalg.norm(last))) < LEAST_TRAVEL:
             continue
-        found.append(MovingFinger(link, surfaces, tuple(way), last / length, bounds[link] / (8 * steps**2)))
+        found.append(MovingFinger(link, surfaces, tuple(placements), last / length, bounds[link] / (8 * steps**2)))
     return found
 
 
@@ -267,23 +269,23 @@ def _acceleration(arm: Arm, link: str, surfaces: Sequence[tuple[LineSurface, SE3
 
 
 def _rate(arm: Arm, joint: UrdfJoint, grip: Mapping[str, float]) -> float:
-    """How far (rad or m) a joint moves from open to grip."""
+    """The travel (rad or m) of a joint from open to grip."""
     leader, factor = (joint.name, 1.0) if joint.mimic is None else (joint.mimic.leader, joint.mimic.multiplier)
     return abs(factor * (grip[leader] - arm.held[leader])) if leader in grip else 0.0
 
 
 COARSE, FINE = 32, 48
-"""Lines along each side of the rectangle in which finger and part overlap, and of that around the contact patch."""
+"""Number of lines along each side of the overlap rectangle of finger and part, and of that around the patch."""
 
 ZOOMS, ZOOMED = 10, 9
 """Refinements of the place where a finger touches first, each to a third of the one before, and lines along each side
 of it: to 2e-6 of the overlap."""
 
 NOTICED = 5e-5
-"""Metres by which a touch must be earlier than the first one on the lines to be taken for another one."""
+"""Metres by which a contact must precede the first contact on the lines to be a different one."""
 
 LEAST_WIDTH = 1e-7
-"""Metres: an overlap that is narrower is none."""
+"""Metres: a narrower overlap is ignored."""
 
 
 @dataclass(frozen=True)
@@ -295,17 +297,17 @@ class FingerContact:
     finger
         The link or the attached body.
     closing_direction
-        (3,) the unit direction, in the tcp's frame, in which it moves when it is nearly closed.
+        (3,) unit vector of its motion in the tcp frame just before it is closed.
     contact_area
-        m^2 of the contact patch, across the closing direction; 0 where there is none, NaN where it was not measured
+        m^2 of the contact patch perpendicular to the closing direction; 0 without contact, NaN if it was not measured
         because the fingers do not stop at the part.
     overlap
-        Metres that the contact patch extends along the finger; likewise.
+        Metres: extent of the contact patch along the finger, with the same special values.
     gap
-        Metres between finger and part where the finger stops, along the closing direction; below 0: how far the finger
-        would be pressed into the part. inf where the finger would pass by the part.
+        Metres between the closed finger and the part along the closing direction; negative values are penetration
+        depths, inf means that the finger misses the part.
     open_distance, closed_distance
-        Metres between the open, and the closed, finger and the part in any direction; below 0 where they overlap.
+        Distance (m) of the open and of the closed finger from the part; negative if they overlap.
     """
 
     finger: str
@@ -319,18 +321,18 @@ class FingerContact:
 
 @dataclass(frozen=True)
 class GripResult:
-    """Whether a part is held, and by what.
+    """Whether a part is held, and the contacts that hold it.
 
     Parameters
     ----------
     held
-        Whether it is.
+        Whether the part is held.
     message
-        The figures, and what is missing.
+        The figures, and the criterion that is not met.
     contacts
-        Of the fingers that touch the part, the widest contacts first; of a hand that does not hold it, of all fingers.
+        The contacts of the fingers that touch the part, the largest first; if it is not held, those of all fingers.
     tip_distance
-        Metres from the tip to the part's surface, for a tool without fingers.
+        Metres from the tip to the surface of the part, for a tool without fingers.
     """
 
     held: bool
@@ -340,7 +342,7 @@ class GripResult:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures of the stage (m and m^2): the least area and overlap, the largest gap, the closing direction."""
+        """The figures of the stage (m and m^2): smallest area and overlap, largest gap, closing direction."""
         if self.tip_distance is not None:
             return {"tip_distance": self.tip_distance}
         if not self.contacts:
@@ -361,7 +363,7 @@ class GripResult:
 
 @dataclass(frozen=True, eq=False)
 class HeldPart:
-    """What is grasped: its surface, and ``tcp_from_part``."""
+    """The grasped part: its surface and ``tcp_from_part``."""
 
     surface: LineSurface
     pose: SE3
@@ -374,7 +376,7 @@ class HeldPart:
 
 @dataclass(frozen=True, eq=False)
 class _Patch:
-    """Where a finger touches first: points (N, 3) in the tcp's frame, the finger's mean outward normal there."""
+    """The contact patch of a finger: points (N, 3) in the tcp frame and the mean outward normal of the finger."""
 
     contact: FingerContact
     points: Array
@@ -382,7 +384,7 @@ class _Patch:
 
 
 def grip_by_tip(tip: SE3, part: HeldPart, limits: GripLimits) -> GripResult:
-    """A tool without fingers, such as a magnet or a suction cup: its tip is near the surface of the part."""
+    """Whether the tip of a tool without fingers, such as a magnet or a suction cup, is close to the part."""
     distance = point_distance(part.surface, part.pose.actInv(tip.translation))
     words = f"the tip is {_mm(distance)} from the surface of {part.name}"
     if distance <= limits.tip:
@@ -396,16 +398,16 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     Parameters
     ----------
     fingers
-        All that moves while the hand closes.
+        The moving fingers.
     part
         The part.
     along
-        (3,) the direction in the tcp's frame in which the fingers extend: that of the approach.
+        (3,) the direction in the tcp frame in which the fingers extend: that of the approach.
     limits
-        What counts as holding.
+        The criteria for holding a part.
     """
-    met = [_Meeting(finger, part, along) for finger in fingers]
-    stops = [each.contact for each in met]
+    paths = [_FingerPath(finger, part, along) for finger in fingers]
+    stops = [each.contact for each in paths]
     for each in stops:
         if each.open_distance <= 0.0:
             return GripResult(
@@ -419,7 +421,7 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         apart = [each for each in stops if each.gap > limits.gap]
         reason = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
         return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
-    touching = [each.patch(limits) for each in met if each.contact.gap <= limits.gap]
+    touching = [each.patch(limits) for each in paths if each.contact.gap <= limits.gap]
     contacts = [patch.contact for patch in touching]
     enough = [
         patch
@@ -466,8 +468,8 @@ def _mm2(square_metres: float) -> str:
 # -- one finger -------------------------------------------------------------------------------------------------------
 
 
-class _Meeting:
-    """A finger on its way to the part: where it stops, and on request its contact patch."""
+class _FingerPath:
+    """The closing motion of a finger: the gap where it stops, and on request its contact patch."""
 
     def __init__(self, finger: MovingFinger, part: HeldPart, along: Array) -> None:
         self._finger, self._tcp_from_closing = finger, _closing_frame(finger.direction, along)
@@ -478,7 +480,7 @@ class _Meeting:
         self._bodies = [(body, body.first_touch()) for body in facing if body.overlaps]
         gap = min((start for _, start in self._bodies), default=np.inf)
         placed = [(surface, finger.closed * at) for surface, at in finger.surfaces]
-        gap = min([gap, *(_touch_before(gap, surface, at, part, finger) for surface, at in placed)])
+        gap = min([gap, *(_earlier_contact(gap, surface, at, part, finger) for surface, at in placed)])
         apart = [
             min(body_distance(surface, place * at, part.surface, part.pose) for surface, at in finger.surfaces)
             for place in (finger.open, finger.closed)
@@ -488,7 +490,7 @@ class _Meeting:
         self.contact = FingerContact(finger.name, (x, y, z), unknown, unknown, gap, *apart)
 
     def patch(self, limits: GripLimits) -> _Patch:
-        """Where the finger touches first, of a finger that touches."""
+        """The contact patch of a finger that touches the part."""
         most = self.contact.gap + limits.compliance
         found = [body.patch(most, np.cos(limits.angle)) for body, start in self._bodies if start <= most]
         points, normals = (np.concatenate([np.empty((0, 3)), *(each[k] for each in found)]) for k in (0, 2))
@@ -505,8 +507,10 @@ class _Meeting:
         )
 
 
-def _touch_before(gap: float, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, finger: MovingFinger) -> float:
-    """The gap at which a body touches the part before ``gap``, at a feature between the lines; inf if it does not."""
+def _earlier_contact(
+    gap: float, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, finger: MovingFinger
+) -> float:
+    """The gap of an earlier contact than ``gap``, at a feature between the lines; inf if there is none."""
     start, end = -finger.travel, gap if np.isfinite(gap) else 0.0
     if end <= start:
         return np.inf
@@ -527,7 +531,7 @@ def _closing_frame(direction: Array, along: Array) -> Array:
 
 
 class _Facing:
-    """A body of a closed finger and the part, seen along the closing direction."""
+    """A body of a closed finger and the part, projected along the closing direction."""
 
     def __init__(
         self, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, tcp_from_closing: Array, finger: MovingFinger
@@ -545,11 +549,11 @@ class _Facing:
 
     @property
     def overlaps(self) -> bool:
-        """Whether any line along the closing direction can meet both."""
+        """Whether any line along the closing direction can intersect both."""
         return bool((self._high - self._low > LEAST_WIDTH).all())
 
     def first_touch(self) -> float:
-        """How far (m) the body may go on from where it stops until it touches; below 0 if it touched before."""
+        """Distance (m) from the final position of the body to the contact; negative if the contact is earlier."""
         low, high, count, best = self._low, self._high, COARSE, np.inf
         for _ in range(ZOOMS):
             lines, cell = _lines(low, high, count)
@@ -592,7 +596,7 @@ def _enter(surface: LineSurface, at: SE3, lines: Array, direction: Array, after:
 
 
 def _span(surface: LineSurface, at: SE3, axis: Array) -> tuple[float, float]:
-    """How far a surface extends along an axis, from and to."""
+    """The extent of a surface along an axis: minimum and maximum."""
     own, offset = at.rotation.T @ axis, float(at.translation @ axis)
     return offset - surface.reach(-own), offset + surface.reach(own)
 

@@ -16,21 +16,21 @@ import numpy as np
 from pinproof.errors import InputError
 from pinproof.picks.input.pick import Member, Pick
 from pinproof.picks.judging.grasp import Reached, every_branch_is_known, reach, refuted_by_name, screen, unreached
-from pinproof.picks.judging.lines import Way
-from pinproof.picks.judging.search import BestFirst, Whole
+from pinproof.picks.judging.lines import Attempt
+from pinproof.picks.judging.search import BestFirst, CompleteMotion
 from pinproof.picks.judging.suggest import suggest
 from pinproof.picks.judging.task import Cell, Task
-from pinproof.picks.judging.timing import Timed, time_whole
+from pinproof.picks.judging.timing import Timed, time_motion
 from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
 
 __all__ = ["judge"]
 
 
-class _Ring(NamedTuple):
-    """The verdict on a ring, and, if a line failed, the way that came farthest."""
+class _GroupVerdict(NamedTuple):
+    """The verdict on a group of grasps, and the attempt that passed the most stages if a line failed."""
 
     verdict: PickVerdict
-    way: Way | None = None
+    attempt: Attempt | None = None
 
 
 def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
@@ -41,9 +41,9 @@ def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
     pick
         The pick.
     cell
-        Where it is judged.
+        The cell in which it is judged.
     rng
-        Where random choices come from.
+        The random generator.
     """
     return _judge(pick, cell, rng.integers(2**31, size=4).tolist())
 
@@ -53,71 +53,75 @@ def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
         task = Task(pick, cell)
     except InputError as error:
         return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
-    tried, members, judged = 0, 0, list[_Ring]()
-    for ring in task.rings():
-        judged.append(_ring(task, ring, seeds))
+    tried, members, judged = 0, 0, list[_GroupVerdict]()
+    for group in task.groups():
+        judged.append(_judge_group(task, group, seeds))
         verdict = judged[-1].verdict
-        tried, members = tried + verdict.configurations, members + len(ring)
+        tried, members = tried + verdict.configurations, members + len(group)
         if verdict.ok:
             return replace(verdict, pick=pick, configurations=tried)
-    verdict, way = _no(task, judged, tried, members)
-    suggestions = suggest(task, pick, verdict.stages[-1], way, lambda other: _judge(other, cell.for_trials, seeds))
+    verdict, attempt = _failed(task, judged, tried, members)
+    suggestions = suggest(task, pick, verdict.stages[-1], attempt, lambda other: _judge(other, cell.for_trials, seeds))
     return replace(verdict, pick=pick, suggestions=suggestions)
 
 
-def _no(task: Task, rings: list[_Ring], tried: int, members: int) -> tuple[PickVerdict, Way | None]:
-    """The verdict on a pick of which no ring is good: that of the ring that came farthest, and its way."""
-    farthest, way = max(rings, key=lambda ring: len(ring.verdict.stages))
+def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -> tuple[PickVerdict, Attempt | None]:
+    """The verdict on a pick without a good group: that of the group that passed the most stages, and its attempt."""
+    farthest, attempt = max(groups, key=lambda group: len(group.verdict.stages))
     status, stages = farthest.status, farthest.stages
-    # of a range of turns or a tolerance only some places were tried: the grasps between them are not refuted
+    # a range of rotations or a tolerance is only sampled, so the grasps between the samples are not refuted
     if task.sampled:
         status = PickStatus.NOT_FOUND
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
     refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
-    return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), way
+    return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), attempt
 
 
-def _ring(task: Task, ring: list[Member], seeds: list[int]) -> _Ring:
-    """The verdict on grasps that are as far from the nominal one as each other."""
+def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVerdict:
+    """The verdict on a group of grasps with equal displacement from the nominal grasp."""
     pick = task.pick
     start = (StageResult(Stage.INPUT, True, "valid"),)
-    reached = reach(task, ring, seeds[0])
+    reached = reach(task, group, seeds[0])
     stages = (*start, *reached.stages)
     if not len(reached.q):
         status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
-        return _Ring(PickVerdict(pick, status, stages, refuted=reached.refuted))
+        return _GroupVerdict(PickVerdict(pick, status, stages, refuted=reached.refuted))
     tried = len(reached.q)
-    screened = screen(task, ring, reached)
+    screened = screen(task, group, reached)
     stages = (*stages, *screened.stages)
     if not screened.candidates:
         if screened.not_held:
-            return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
+            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
         if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
-            return _ring(finer, ring, seeds)
-        known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in ring])
+            return _judge_group(finer, group, seeds)
+        known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in group])
         if known:
             reachable = set(reached.member.tolist())
-            refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(ring) if i not in reachable))
-            return _Ring(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
+            refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
+            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
         stages = (*stages[:-1], replace(stages[-1], message=message))
-        return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
+        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
     search = BestFirst(task, screened.candidates, seeds[1:3])
-    while (whole := search.run() or search.anyhow()) is not None:
-        result, timed = time_whole(task, whole.way, whole.path, whole.placing)
+    while (motion := search.run() or search.with_full_budget()) is not None:
+        result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
         if timed is not None:
-            return _Ring(_good(task, whole, (*stages, *whole.stages, _compared(result, search)), timed, tried))
-        search.give_up(whole, (*whole.stages, result))
+            return _GroupVerdict(
+                _good(task, motion, (*stages, *motion.stages, _compared(result, search)), timed, tried)
+            )
+        search.reject(motion, (*motion.stages, result))
     if search.failed:
-        return _Ring(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried))
-    best = max(search.ways, key=lambda way: (len(way.stages), way.fraction))
-    refuted = () if task.cell.trial else refuted_by_name(task, ring, seeds[0])
+        return _GroupVerdict(
+            PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried)
+        )
+    best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
+    refuted = () if task.cell.trial else refuted_by_name(task, group, seeds[0])
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
     last = best.stages[-1]
     if not refuted:
-        tries = f"; {len(search.ways)} of {len(screened.candidates)} collision-free IK solutions were tried"
+        tries = f"; {len(search.attempts)} of {len(screened.candidates)} collision-free IK solutions were tried"
         last = replace(last, message=last.message + tries)
-    return _Ring(PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted), best)
+    return _GroupVerdict(PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted), best)
 
 
 def _compared(result: StageResult, search: BestFirst) -> StageResult:
@@ -135,8 +139,8 @@ def _compared(result: StageResult, search: BestFirst) -> StageResult:
 
 
 def _finer(task: Task, reached: Reached) -> Task | None:
-    """The same with closer bodies, if a configuration is in contact by the hulls of meshes alone."""
-    # of a sample, which proves nothing anyway, the first; else all, for a contact of hulls alone refutes nothing
+    """The task with finer bodies, if a configuration is in contact only between convex hulls of meshes."""
+    # all configurations are checked if they can prove that the pick is impossible, otherwise only the first ones
     for q in reached.q[: task.cell.budget.configurations] if task.sampled else reached.q:
         finer = task.at_grasp.finer_at(q)
         if finer is not task.at_grasp and finer.is_free(q):
@@ -144,20 +148,20 @@ def _finer(task: Task, reached: Reached) -> Task | None:
     return None
 
 
-def _good(task: Task, whole: Whole, stages: tuple[StageResult, ...], timed: Timed, tried: int) -> PickVerdict:
+def _good(task: Task, motion: CompleteMotion, stages: tuple[StageResult, ...], timed: Timed, tried: int) -> PickVerdict:
     """The verdict on a pick that passed every stage."""
     return PickVerdict(
         task.pick,
         PickStatus.GOOD,
         stages,
         tried,
-        whole.way.q,
+        motion.attempt.q,
         timed.trajectory,
         timed.grasp_time,
         timed.motions[0].certificate if task.name is None else None,
         timed.motions,
         timed.release_time,
-        member=whole.way.candidate.member.words,
-        score=whole.parts,
-        grip=None if task.name is None else task.grip(whole.way.candidate.member),
+        member=motion.attempt.candidate.member.words,
+        score=motion.parts,
+        grip=None if task.name is None else task.grip(motion.attempt.candidate.member),
     )

@@ -13,7 +13,7 @@ from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.input.pick import Member, PlaceTarget, moved
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
-from pinproof.picks.judging.lines import Pairs, Way, line, passing, planner, shifted, shortened, span
+from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, planner, shifted, shortened, span
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.planning.ends import with_turns
@@ -23,16 +23,16 @@ __all__ = ["Placer", "Placing", "Release"]
 Array = npt.NDArray[np.float64]
 
 Score = Callable[["Placing | Release", float], float]
-"""The score of a whole pick with a placing; of one with a release, to which a transfer takes some seconds at least, an
-upper bound of the score."""
+"""The score of a complete motion with a placing; with a release and a lower bound (s) of the transfer time, an upper
+bound of the score."""
 
 DOWN, OFF, TRANSFER = 1, 2, 3
-"""How many parts of a place were possible where one of them was not."""
+"""Number of possible parts of a place if one part failed."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placing:
-    """The parts: ``lift`` and ``leave`` lead from the release outwards; None for what was not asked for."""
+    """The parts of a place: ``lift`` and ``leave`` start at the release; None if they are not requested."""
 
     transfer: JointPath
     lift: CubicPath | None
@@ -43,9 +43,9 @@ class Placing:
 
 @dataclass(frozen=True, eq=False)
 class Release:
-    """The straight lines from a release q (n,); without them, how many parts were possible, and why not more.
+    """The straight lines from a release q (n,), or the number of possible parts and the reason of the failure.
 
-    The transfer to it is not planned, so the full rotations at which the lines are taken are not known.
+    The transfer is not planned yet, so the full rotations of the lines are not known.
     """
 
     q: Array
@@ -59,19 +59,19 @@ class Release:
 
     @property
     def entrance(self) -> Array:
-        """(n,) where the transfer ends."""
+        """(n,) the end of the transfer."""
         return self.q if self.lift is None else self.lift.end
 
 
 class Placer:
-    """Puts down what ways have grasped; what does not depend on the way is found once.
+    """Plans the place of grasped objects; what does not depend on the attempt is computed once.
 
     Parameters
     ----------
     task
         The pick.
     seed
-        Of the search for configurations at the release, where there is no closed form.
+        Seed of the IK search at the release for arms without a closed form.
     """
 
     def __init__(self, task: Task, seed: int) -> None:
@@ -81,7 +81,7 @@ class Placer:
         self._tails: dict[tuple[str, bool], tuple[Array, Array]] = {}
 
     def releases(self, member: Member) -> Array:
-        """(m, n) the configurations at which a member of the family lets go; none where nothing is put down."""
+        """(m, n) the configurations of a family member at the release; empty without a place."""
         task = self._task
         if task.place is None:
             return np.empty((0, task.arm.dof))
@@ -91,9 +91,9 @@ class Placer:
         return self._releases[member.words]
 
     def rest(self, member: Member, q: Array, exact: bool = True) -> Array:
-        """(k,) seconds that it takes at least from each of q (k, n), behind the retreat, to the end; 0 without a place.
+        """(k,) lower bound (s) of the time from each of q (k, n), after the retreat, to the end; 0 without a place.
 
-        If ``exact``, by way of the configurations at both ends of the lines, where all of them are known.
+        If ``exact``, through the configurations at both ends of the lines, if all of them are known.
         """
         key = member.words, exact
         if key not in self._tails:
@@ -104,7 +104,7 @@ class Placer:
         return np.asarray((least_seconds(self._task.arm, q, first) + seconds).min(axis=1))
 
     def _tail(self, member: Member, exact: bool) -> tuple[Array, Array]:
-        """Where a transfer may end (m, n), and the seconds (m,) that it takes at least from there on."""
+        """The possible ends of a transfer (m, n), and the lower bound (s) (m,) of the time from each to the end."""
         task, arm, here = self._task, self._task.arm, self.releases(member)
         seconds, asked = np.zeros(len(here)), task.place
         if asked is None or not len(here):
@@ -118,41 +118,41 @@ class Placer:
             return before, (least_seconds(arm, before, here) + seconds).min(axis=1)
         return here, seconds
 
-    def place(self, way: Way, seeds: list[int], score: Score) -> tuple[StageResult, Placing | None]:
-        """Put down what a way has grasped, at the release that gives the best whole pick.
+    def place(self, attempt: Attempt, seeds: list[int], score: Score) -> tuple[StageResult, Placing | None]:
+        """Plan the place of a grasped object at the release that gives the best complete motion.
 
         Parameters
         ----------
-        way
-            From home to the end of the retreat.
+        attempt
+            The attempt, from home to the end of the retreat.
         seeds
-            Of plans, and of what shortens them.
+            Seeds of the planner and of the shortening.
         score
-            The score of the whole pick, or its upper bound: releases whose bound is not above the best score are not
-            planned.
+            The score of the complete motion, or its upper bound; releases whose bound does not exceed the best score
+            are not planned.
         """
-        task, member = self._task, way.candidate.member
+        task, member = self._task, attempt.candidate.member
         if task.place is None:
             return StageResult(Stage.PLACE, True, "none requested"), None
         many = self.releases(member)
         if not len(many):
             return self._out_of_reach(member), None
-        nearest = np.argsort(least_seconds(task.arm, way.exit[None], many)[0], kind="stable")
+        nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
         tried = nearest[: task.cell.budget.configurations].tolist()
         failed: list[StageResult] = []
-        open_ones: list[tuple[float, int, Release]] = []
+        candidates: list[tuple[float, int, Release]] = []
         for order, index in enumerate(tried):
             down = self._down(task.place, member, index)
             if down.why:
-                failed.append(_no(down))
+                failed.append(_failure(down))
                 continue
-            left = float(least_seconds(task.arm, way.exit[None], down.entrance[None])[0, 0])
-            open_ones.append((-score(down, left), order, down))
+            left = float(least_seconds(task.arm, attempt.exit[None], down.entrance[None])[0, 0])
+            candidates.append((-score(down, left), order, down))
         best: tuple[float, StageResult, Placing] | None = None
-        for bound, _, down in sorted(open_ones, key=lambda each: each[:2]):
+        for bound, _, down in sorted(candidates, key=lambda each: each[:2]):
             if best is not None and -bound <= best[0]:
                 break
-            result, placing = self._transfer(task.place, way, down, seeds)
+            result, placing = self._transfer(task.place, attempt, down, seeds)
             if placing is None:
                 failed.append(result)
             elif best is None or score(placing, 0.0) > best[0]:
@@ -181,19 +181,21 @@ class Placer:
         return self._downs[key]
 
     def _transfer(
-        self, asked: PlaceTarget, way: Way, down: Release, seeds: list[int]
+        self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int]
     ) -> tuple[StageResult, Placing | None]:
-        """From the end of the retreat to where the way down begins, whole turns away if limits and lines allow."""
+        """The transfer from the end of the retreat to the approach of the place, at any full rotations."""
         task, arm = self._task, self._task.arm
-        carrying, limits = task.carrying(way.candidate.member), arm.limits
+        carrying, limits = task.carrying(attempt.candidate.member), arm.limits
         low, high = span(down.q, down.lift, down.leave)
-        goals, _ = with_turns(arm, way.exit, down.entrance[None])
+        goals, _ = with_turns(arm, attempt.exit, down.entrance[None])
         shifts = [goal - down.entrance for goal in goals]
         inside = [s for s in shifts if (low + s >= limits.lower).all() and (high + s <= limits.upper).all()]
         shifts = inside or shifts[:1]
-        plan = planner(task.cell.budget.nodes).plan(carrying, way.exit, down.entrance + np.array(shifts), rng=seeds[0])
+        plan = planner(task.cell.budget.nodes).plan(
+            carrying, attempt.exit, down.entrance + np.array(shifts), rng=seeds[0]
+        )
         if plan.path is None or plan.goal is None:
-            return _no(replace(down, why=f"transfer: {plan.message}")), None
+            return _failure(replace(down, why=f"transfer: {plan.message}")), None
         path, clearance = shortened(plan, carrying, seeds[1])
         by = shifts[plan.goal]
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
@@ -208,12 +210,12 @@ class Placer:
         )
 
 
-def _no(down: Release) -> StageResult:
+def _failure(down: Release) -> StageResult:
     return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
 
 
 def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
-    """The lines down to a release q (n,), and off it with the empty hand."""
+    """The approach to a release q (n,), and the retreat from it with the empty hand."""
     release = task.release(member)
     carrying, free_hand = task.carrying(member), task.letting_go(member)
     if not free_hand.is_free(q):

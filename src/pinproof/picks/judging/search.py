@@ -36,33 +36,33 @@ from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.configurations import TURN, at_full_speed, least_seconds
 from pinproof.picks.judging.grasp import AMPLE, Candidate, every_branch, limit_margin
-from pinproof.picks.judging.lines import Crossing, Way, along, transit, whole_turns
+from pinproof.picks.judging.lines import Attempt, Crossing, along, full_rotations, transit
 from pinproof.picks.judging.place import Placer, Placing, Release
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 
-__all__ = ["BestFirst", "Scoring", "Whole"]
+__all__ = ["BestFirst", "CompleteMotion", "Scoring"]
 
 Array = npt.NDArray[np.float64]
 
 INSTANT = 0.1
-"""Seconds that are added to durations before they are compared: what differs by less is as good."""
+"""Seconds that are added to durations before they are compared, so that small differences have little weight."""
 
 TURNS = range(-2, 3)
-"""Whole turns at which a joint is looked for inside its limits; limits that are wider bound nothing anyway."""
+"""Numbers of full rotations at which a joint is searched within its limits."""
 
 MANY = 64
-"""Grasps of a family up to which the poses at the ends of their lines are solved, to bound the time more closely."""
+"""Largest number of grasps for which the ends of the lines are solved to obtain tighter bounds of the time."""
 
 
 @dataclass(frozen=True, eq=False)
 class Scoring:
-    """How the whole picks from some configurations are scored.
+    """The scores of complete motions from given configurations.
 
     Parameters
     ----------
     bounds
-        (k,) the score that a whole pick from each configuration has at most, at whichever whole turns.
+        (k,) upper bounds of the score of complete motions from each configuration, at any full rotations.
     least
         T_0, in seconds.
     """
@@ -73,7 +73,7 @@ class Scoring:
 
     @classmethod
     def of(cls, task: Task, candidates: tuple[Candidate, ...], rest: Callable[[Member, Array, bool], Array]) -> Scoring:
-        """The scoring of picks from some configurations; ``rest`` is :meth:`Placer.rest`."""
+        """The scoring for the given configurations; ``rest`` is :meth:`Placer.rest`."""
         seconds = np.empty(len(candidates))
         members: dict[str, list[int]] = {}
         for i, candidate in enumerate(candidates):
@@ -94,8 +94,8 @@ class Scoring:
 
     def parts(self, clearance: float, margin: float, manipulability: float, seconds: float) -> dict[str, float]:
         """The four parts (0 to 1), and their weighted sum as ``score``."""
-        told = (np.array(each) for each in (clearance, margin, manipulability, seconds))
-        parts = _parts(self.least, *told)
+        arrays = (np.array(each) for each in (clearance, margin, manipulability, seconds))
+        parts = _parts(self.least, *arrays)
         return {**{name: float(part) for name, part in parts.items()}, "score": float(_sum(parts, self.task))}
 
 
@@ -114,7 +114,7 @@ def _sum(parts: dict[str, Array], task: Task) -> Array:
 
 
 def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool) -> Array:
-    """(k,) seconds that a whole pick takes at least that grasps at q (k, n)."""
+    """(k,) lower bound (s) of the time of a complete motion with the grasp at q (k, n)."""
     arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
     ends = (task.approach_end(grasp), task.pick.approach), (task.retreat_end(grasp), task.pick.retreat)
     before, after = (every_branch(task, pose, exact and length > 0) for pose, length in ends)
@@ -127,7 +127,7 @@ def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, 
 
 
 def _widest(arm: Arm, q: Array) -> Array:
-    """(k,) what :func:`limit_margin` says of each of q (k, n) at most, at any whole turns inside the limits."""
+    """(k,) upper bound of :func:`limit_margin` for each of q (k, n), at any full rotations within the limits."""
     limits = arm.limits
     half = (limits.upper - limits.lower) / 2
     best = np.full(q.shape, -np.inf)
@@ -140,14 +140,14 @@ def _widest(arm: Arm, q: Array) -> Array:
 
 
 Key = tuple[float, int, int]
-"""What is taken first: minus its bound, then the place of its configuration, then of its whole turns."""
+"""The order of the search: minus the bound, then the index of the configuration, then of the full rotations."""
 
 
 @dataclass(frozen=True, eq=False)
-class Whole:
-    """A pick that passed every stage but the timing, with the parts of its score."""
+class CompleteMotion:
+    """A complete motion that passed every stage before the timing, with the parts of its score."""
 
-    way: Way
+    attempt: Attempt
     stages: tuple[StageResult, ...]
     path: JointPath
     placing: Placing | None
@@ -156,32 +156,33 @@ class Whole:
 
 
 @dataclass(order=True)
-class _Open:
-    """A way that may become a whole pick, at the whole turns it has."""
+class _OpenAttempt:
+    """An attempt that can be extended to a complete motion, at given full rotations."""
 
     key: Key
-    way: Way = field(compare=False)
+    attempt: Attempt = field(compare=False)
     shift: Array = field(compare=False)
     crossing: Crossing | None = field(default=None, compare=False)
 
-    def moved(self) -> Way:
-        """The way at its whole turns."""
-        return replace(self.way, shift=self.shift)
+    def moved(self) -> Attempt:
+        """The attempt at its full rotations."""
+        return replace(self.attempt, shift=self.shift)
 
 
 class BestFirst:
-    """The search.
+    """The branch-and-bound search for the best motion.
 
     Parameters
     ----------
     task
         The pick.
     candidates
-        Free configurations at the grasp.
+        The collision-free configurations at the grasp.
     seeds
-        Two: of plans, and of what shortens them.
+        Seeds of the planner and of the shortening.
     bounded
-        Whether it ends where no bound is above the best score; else all are made, within the budget.
+        Whether the search stops when no bound exceeds the best score; otherwise all motions within the budget are
+        planned.
     """
 
     def __init__(
@@ -193,27 +194,27 @@ class BestFirst:
         self._scoring = Scoring.of(task, candidates, self._placer.rest)
         self._order = np.argsort(-self._scoring.bounds, kind="stable").tolist()
         self._next = 0
-        self._open: list[_Open] = []
+        self._open: list[_OpenAttempt] = []
         self._stuck: set[int] = set()
-        self.ways: list[Way] = []
-        """As far as each configuration came whose lines were tried."""
-        self.wholes: list[Whole] = []
-        """Those that were made and not given up."""
+        self.attempts: list[Attempt] = []
+        """The attempts: one for each configuration whose lines were planned."""
+        self.motions: list[CompleteMotion] = []
+        """The complete motions that are not rejected."""
         self.made = 0
-        """How many there were in all."""
+        """The number of complete motions, rejected ones included."""
         self.failed: list[tuple[StageResult, ...]] = []
-        """What was said of ways whose lines are possible, and which are not whole."""
+        """The stages of attempts whose lines are possible but which cannot be completed."""
 
     # -- what is known ------------------------------------------------------------------------------------------------
 
     @property
-    def best(self) -> Whole | None:
-        """The best of those made."""
-        return min(self.wholes, key=lambda whole: whole.key, default=None)
+    def best(self) -> CompleteMotion | None:
+        """The best complete motion."""
+        return min(self.motions, key=lambda motion: motion.key, default=None)
 
     @property
     def excluded(self) -> int:
-        """How many cannot be better than the best by their bounds: configurations, and whole turns of those tried."""
+        """Number of configurations and full rotations whose bound does not exceed the best score."""
         best = self.best
         if best is None:
             return 0
@@ -223,14 +224,14 @@ class BestFirst:
 
     @property
     def untried(self) -> int:
-        """How many could be better, and were not tried because a budget ran out."""
+        """Number of candidates that could be better but were not tried within the budget."""
         left = len(self._order) - self._next
         return left + sum(each.key[1] not in self._stuck for each in self._open) - self.excluded
 
     # -- the search ---------------------------------------------------------------------------------------------------
 
-    def run(self) -> Whole | None:
-        """The best whole pick; None if none was found within the budget."""
+    def run(self) -> CompleteMotion | None:
+        """The best complete motion; None if none was found within the budget."""
         while self.made < self._budget.compared:
             best, key = self.best, self._first()
             if key is None or (self._bounded and best is not None and key > best.key):
@@ -238,42 +239,46 @@ class BestFirst:
             self._step()
         return self.best
 
-    def give_up(self, whole: Whole, told: tuple[StageResult, ...]) -> None:
-        """It came out that a whole pick is none."""
-        self.wholes.remove(whole)
-        self.failed.append(told)
+    def reject(self, motion: CompleteMotion, stages: tuple[StageResult, ...]) -> None:
+        """Remove a motion that failed a later stage."""
+        self.motions.remove(motion)
+        self.failed.append(stages)
 
-    def anyhow(self) -> Whole | None:
-        """One of the ways that have lines, by trees with the larger budget; None if there is none."""
-        while self._next < len(self._order) and len(self.ways) < self._budget.configurations:
+    def with_full_budget(self) -> CompleteMotion | None:
+        """A motion to any attempt with possible lines, planned with the larger budget; None if there is none."""
+        while self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
             self._lines()
-        passed = [way for way in self.ways if way.passed]
-        if not passed or any(told[-1].stage is not Stage.TRANSIT for told in self.failed):
+        passed = [attempt for attempt in self.attempts if attempt.passed]
+        if not passed or any(stages[-1].stage is not Stage.TRANSIT for stages in self.failed):
             return None
         home = self._task.cell.home
-        every = [replace(way, shift=shift) for way in passed for shift in whole_turns(self._task.arm, home, way)]
+        every = [
+            replace(attempt, shift=shift)
+            for attempt in passed
+            for shift in full_rotations(self._task.arm, home, attempt)
+        ]
         crossing = transit(self._task, every, self._budget.nodes, self._seeds)
-        if crossing.way is None:
+        if crossing.attempt is None:
             self.failed.append((*passed[0].stages, crossing.result))
             return None
         self._place((0.0, 0, 0), crossing)
         return self.best
 
     def _first(self) -> Key | None:
-        """The key of what is next: the first of the open ways, or a configuration that was not looked at yet."""
+        """The key of the next step: the best open attempt, or a configuration that is not planned yet."""
         while self._open and self._open[0].key[1] in self._stuck:
             heapq.heappop(self._open)
         keys = [self._open[0].key] if self._open else []
-        if self._next < len(self._order) and len(self.ways) < self._budget.configurations:
-            keys.append(self._unseen())
+        if self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
+            keys.append(self._next_configuration())
         return min(keys, default=None)
 
-    def _unseen(self) -> Key:
+    def _next_configuration(self) -> Key:
         index = self._order[self._next]
         return -float(self._scoring.bounds[index]), index, -1
 
     def _step(self) -> None:
-        """Take what is first a step further."""
+        """Extend the attempt with the highest bound by one step."""
         if not self._open or self._first() != self._open[0].key:
             self._lines()
             return
@@ -282,73 +287,73 @@ class BestFirst:
             self._place(here.key, here.crossing)
             return
         crossing = transit(self._task, [here.moved()], self._budget.quick_nodes, self._seeds)
-        if crossing.way is None:
-            self._stop(here.key, (*here.way.stages, crossing.result))
+        if crossing.attempt is None:
+            self._stop(here.key, (*here.attempt.stages, crossing.result))
         elif self._task.place is None:
             self._place(here.key, crossing)
         else:
             score = self._parts(crossing, None)["score"]
-            heapq.heappush(self._open, _Open((-score, *here.key[1:]), here.way, here.shift, crossing))
+            heapq.heappush(self._open, _OpenAttempt((-score, *here.key[1:]), here.attempt, here.shift, crossing))
 
     def _lines(self) -> None:
-        """The lines of the next configuration, and with them its whole turns."""
+        """Plan the lines of the next configuration at all its full rotations."""
         index = self._order[self._next]
         self._next += 1
-        way = along(self._task, self._candidates[index])
-        self.ways.append(way)
-        if not way.passed:
+        attempt = along(self._task, self._candidates[index])
+        self.attempts.append(attempt)
+        if not attempt.passed:
             return
-        shifts = whole_turns(self._task.arm, self._task.cell.home, way)
-        for k, (score, shift) in enumerate(zip(self._bounds(way, shifts).tolist(), shifts, strict=True)):
-            heapq.heappush(self._open, _Open((-score, index, k), way, shift))
+        shifts = full_rotations(self._task.arm, self._task.cell.home, attempt)
+        for k, (score, shift) in enumerate(zip(self._bounds(attempt, shifts).tolist(), shifts, strict=True)):
+            heapq.heappush(self._open, _OpenAttempt((-score, index, k), attempt, shift))
 
     def _place(self, key: Key, crossing: Crossing) -> None:
-        """The last step: down it goes, and the pick is whole."""
-        way, path = crossing.way, crossing.path
-        if way is None or path is None:
+        """Plan the place, which completes the motion."""
+        attempt, path = crossing.attempt, crossing.path
+        if attempt is None or path is None:
             return
         placed, placing = self._placer.place(
-            way, self._seeds, lambda placing, seconds: self._parts(crossing, placing, seconds)["score"]
+            attempt, self._seeds, lambda placing, seconds: self._parts(crossing, placing, seconds)["score"]
         )
-        told = (*way.stages, crossing.result, placed)
+        stages = (*attempt.stages, crossing.result, placed)
         if not placed.ok:
-            self._stop(key, told)
+            self._stop(key, stages)
             return
         parts = self._parts(crossing, placing)
-        self.wholes.append(Whole(way, told, path, placing, parts, (-parts["score"], *key[1:])))
+        self.motions.append(CompleteMotion(attempt, stages, path, placing, parts, (-parts["score"], *key[1:])))
         self.made += 1
 
-    def _stop(self, key: Key, told: tuple[StageResult, ...]) -> None:
-        """What stopped one way stops its other whole turns, as far as this search goes."""
+    def _stop(self, key: Key, stages: tuple[StageResult, ...]) -> None:
+        """Record a failure, which also excludes the other full rotations of the attempt."""
         self._stuck.add(key[1])
-        self.failed.append(told)
+        self.failed.append(stages)
 
     # -- scores -------------------------------------------------------------------------------------------------------
 
-    def _bounds(self, way: Way, shifts: Array) -> Array:
-        """(k,) what the score is at most of whole picks with the lines of a way, at whole turns (k, n)."""
-        arm, (low, high) = self._task.arm, way.span()
-        far = np.abs(way.entrance + shifts - self._task.cell.home)
-        seconds = (far / arm.limits.velocity).max(axis=1) + self._rest(way)
-        seconds += sum(at_full_speed(arm, each) for each in _points([way.approach, way.retreat], arm.dof))
+    def _bounds(self, attempt: Attempt, shifts: Array) -> Array:
+        """(k,) upper bounds of the score of complete motions with the lines of an attempt, at full rotations (k, n)."""
+        arm, (low, high) = self._task.arm, attempt.span()
+        far = np.abs(attempt.entrance + shifts - self._task.cell.home)
+        seconds = (far / arm.limits.velocity).max(axis=1) + self._rest(attempt)
+        seconds += sum(at_full_speed(arm, each) for each in _points([attempt.approach, attempt.retreat], arm.dof))
         margins = limit_margin(self._task, low + shifts, high + shifts)
-        clearance = min(way.candidate.clearance, way.clearance)
-        return self._scoring.scores(clearance, margins, way.candidate.parts["manipulability"], seconds)
+        clearance = min(attempt.candidate.clearance, attempt.clearance)
+        return self._scoring.scores(clearance, margins, attempt.candidate.parts["manipulability"], seconds)
 
-    def _rest(self, way: Way) -> float:
-        """Seconds that it takes at least from the end of the retreat on."""
-        return float(self._placer.rest(way.candidate.member, way.exit[None])[0])
+    def _rest(self, attempt: Attempt) -> float:
+        """Lower bound (s) of the time after the retreat."""
+        return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
 
     def _parts(self, crossing: Crossing, placing: Placing | Release | None, more: float = 0.0) -> dict[str, float]:
-        """The parts of the score of a whole pick; of one without a placing, or with a release alone, upper bounds.
+        """The parts of the score of a complete motion; without a placing, or with a release only, upper bounds.
 
-        ``more`` are seconds to add: the least that the transfer to the release takes.
+        ``more`` is a lower bound (s) of the time of the transfer to the release.
         """
-        way, arm = crossing.way, self._task.arm
-        if way is None:
-            raise InputError("a transit that leads nowhere has no score")
-        curves: list[CubicPath | JointPath | None] = [crossing.path, way.line_in(), way.line_out()]
-        clearances = [way.candidate.clearance, way.clearance, crossing.clearance]
+        attempt, arm = crossing.attempt, self._task.arm
+        if attempt is None:
+            raise InputError("a failed transit has no score")
+        curves: list[CubicPath | JointPath | None] = [crossing.path, attempt.line_in(), attempt.line_out()]
+        clearances = [attempt.candidate.clearance, attempt.clearance, crossing.clearance]
         seconds = more
         if isinstance(placing, Placing):
             curves += [placing.transfer, placing.lift, placing.leave]
@@ -357,16 +362,16 @@ class BestFirst:
         if placing is not None:
             clearances.append(placing.clearance)
         else:
-            seconds += self._rest(way)
-        points = [way.q[None], *_points(curves, arm.dof)]
+            seconds += self._rest(attempt)
+        points = [attempt.q[None], *_points(curves, arm.dof)]
         every = np.vstack(points)
         seconds += sum(at_full_speed(arm, each) for each in points)
         margin = float(limit_margin(self._task, every.min(axis=0), every.max(axis=0)))
-        return self._scoring.parts(min(clearances), margin, way.candidate.parts["manipulability"], seconds)
+        return self._scoring.parts(min(clearances), margin, attempt.candidate.parts["manipulability"], seconds)
 
 
 def _points(curves: list[CubicPath | JointPath | None], n: int) -> Iterator[Array]:
-    """(k, n) the control points of each curve there is."""
+    """(k, n) the control points of each curve that is not None."""
     for curve in curves:
         if curve is not None:
             yield curve.bezier()[1].reshape(-1, n)

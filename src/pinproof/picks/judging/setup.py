@@ -23,26 +23,26 @@ from pinproof.picks.judging.task import Cell
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy
 
-__all__ = ["PickSetup", "refuse_another_hand"]
+__all__ = ["PickSetup", "check_held_joints"]
 
 HELD_TOLERANCE = 1e-9
-"""rad or m: two values of a held joint that differ by less are one."""
+"""rad or m: two values of a held joint that differ by less are considered equal."""
 
 
 @dataclass(frozen=True, eq=False)
 class PickSetup:
-    """What the verdict on a pick depends on beside the pick; it pickles, geometry included, so it needs no files.
+    """Everything that a verdict depends on besides the pick. It pickles with all geometry and needs no files.
 
     Parameters
     ----------
     checker
         The arm in its scene, with the tool attached.
     shared
-        What the picks share; it lists none itself.
+        The settings that the picks share; its list of picks is empty.
     home
-        (n,) where transits start; free and inside the limits.
+        (n,) the start of the transits; collision-free and within the limits.
     seeds
-        The random stream of pick i is the child ``first_stream + i`` of it.
+        The random stream of pick i is its child ``first_stream + i``.
     """
 
     checker: CollisionChecker
@@ -65,17 +65,16 @@ class PickSetup:
         weights: PickWeights | None = None,
         budget: PickBudget | None = None,
     ) -> PickSetup:
-        """Bring it all together; ``home`` is by default the one of the picks, else the arm's.
+        """Build and validate the setup; ``home`` is by default that of the picks, otherwise that of the arm.
 
         Raises
         ------
         InputError
-            If home is outside the limits or in contact (with what), or names joints the arm does not have; if a joint
-            has no velocity limit, without which no motion can be timed; or if the arm holds other joints elsewhere than
-            the picks say, has no link that they call part of the gripper, or cannot hold its fingers as they grip.
+            If home is outside the limits, in contact, or for other joints; if a joint has no velocity limit; or if the
+            held joints, the gripper links or the gripping values of the picks do not fit the arm.
         """
-        _refuse_untimed(arm)
-        refuse_another_hand(arm, picks)
+        _check_velocity_limits(arm)
+        check_held_joints(arm, picks)
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
@@ -95,26 +94,26 @@ class PickSetup:
 
     @cached_property
     def cell(self) -> Cell:
-        """What every pick is judged in."""
+        """The cell in which every pick is judged."""
         return Cell(self.checker, self.shared, self.home, self.weights, self.budget)
 
     def rng(self, index: int) -> np.random.Generator:
-        """The random stream of the pick at ``index``: its own, wherever and whenever it is judged."""
+        """The random stream of the pick at ``index``, which does not depend on where or when it is judged."""
         key = (*self.seeds.spawn_key, self.first_stream + index)
         return np.random.default_rng(
             np.random.SeedSequence(self.seeds.entropy, spawn_key=key, pool_size=self.seeds.pool_size)
         )
 
     def judge(self, index: int, pick: Pick) -> PickVerdict:
-        """The verdict on the pick that stands at ``index``."""
+        """The verdict on the pick at ``index``."""
         return judge(pick, self.cell, self.rng(index))
 
     def not_covered(self) -> tuple[str, ...]:
-        """What a yes says nothing about, so that nobody takes it for more than it is."""
+        """What the verdicts do not cover, one sentence each."""
         checker = self.checker
         urdf = checker.arm.robot.urdf
         solid = {geometry.link for geometry in urdf.collisions}
-        ghosts = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
+        visual_only = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
         carried = "picks without `object:` are judged with an empty gripper after the grasp"
         fingers = (
             "gripping force and slip of the part; for picks with `object:`, only contact of the fingers on opposite "
@@ -127,8 +126,8 @@ class PickSetup:
         notes = [carried, fingers if self.cell.fingers else tip]
         if not solid:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
-        elif ghosts:
-            notes.append(f"links with visual geometry but no collision geometry: {', '.join(ghosts)}")
+        elif visual_only:
+            notes.append(f"links with visual geometry but no collision geometry: {', '.join(visual_only)}")
         if not checker.scene.obstacles:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")
         if checker.hollow:
@@ -136,14 +135,14 @@ class PickSetup:
         return tuple(notes)
 
     def identity(self) -> dict[str, Any]:
-        """What tells it from others, part by part, as plain values for JSON; long things by a hash."""
+        """The parts that identify this setup, as plain values for JSON; large parts as hashes."""
         arm = self.checker.arm
-        words = (arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)
-        carried = {each.name for each in self.checker.attached}
+        kinematics = (arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)
+        attached = {each.name for each in self.checker.attached}
         obstacles = [body.content() for body in self.checker.bodies if body.link is None]
-        tool = [body.content() for body in self.checker.bodies if body.owner in carried]
+        tool = [body.content() for body in self.checker.bodies if body.owner in attached]
         return {
-            "robot": f"{arm.robot.name} {digest(words)}",
+            "robot": f"{arm.robot.name} {digest(kinematics)}",
             "limits": digest(arm.limits),
             "scene": f"{len(self.checker.scene.obstacles)} obstacles {digest(obstacles)}",
             "tool": f"{len(self.checker.attached)} bodies {digest(tool)}",
@@ -158,8 +157,8 @@ class PickSetup:
         }
 
 
-def refuse_another_hand(arm: Arm, picks: Picks) -> None:
-    """Refuse an arm that holds other joints elsewhere than picks say, or lacks what they call the gripper."""
+def check_held_joints(arm: Arm, picks: Picks) -> None:
+    """Raise if the held joints, the gripper links or the gripping values of the picks do not fit the arm."""
     for name, value in picks.held.items():
         if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
             actual = f"holds it at {arm.held[name]:g}" if name in arm.held else "does not hold it"
@@ -167,13 +166,13 @@ def refuse_another_hand(arm: Arm, picks: Picks) -> None:
                 f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
                 "robot.arm(held=picks.held)"
             )
-    _refuse_another_grip(arm, picks.grip)
+    _check_gripping_values(arm, picks.grip)
     for name in picks.gripper:
         if name not in arm.robot.urdf.links:
             raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
 
 
-def _refuse_another_grip(arm: Arm, grip: Mapping[str, float]) -> None:
+def _check_gripping_values(arm: Arm, grip: Mapping[str, float]) -> None:
     joints = arm.robot.urdf.joints
     for name, closed in grip.items():
         if name not in arm.held or joints[name].mimic is not None:
@@ -190,7 +189,7 @@ def _refuse_another_grip(arm: Arm, grip: Mapping[str, float]) -> None:
         )
 
 
-def _refuse_untimed(arm: Arm) -> None:
+def _check_velocity_limits(arm: Arm) -> None:
     unknown = [
         name
         for name, *rates in zip(arm.joint_names, arm.limits.velocity, arm.limits.acceleration, strict=True)

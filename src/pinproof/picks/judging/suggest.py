@@ -38,7 +38,7 @@ from pinproof.picks.judging.changes import (
     upwards_words,
 )
 from pinproof.picks.judging.configurations import configurations
-from pinproof.picks.judging.lines import Way, line_in, line_out
+from pinproof.picks.judging.lines import Attempt, line_in, line_out
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
 from pinproof.spatial import SE3
@@ -116,7 +116,7 @@ class _Trials:
         return f"{candidate.words}{REMARK}passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
 
 
-def suggest(task: Task, pick: Pick, failed: StageResult, way: Way | None, judge: Judge) -> tuple[str, ...]:
+def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Judge) -> tuple[str, ...]:
     """What would help a pick, in words, one line for each kind of change; empty if nothing was found.
 
     Parameters
@@ -127,8 +127,8 @@ def suggest(task: Task, pick: Pick, failed: StageResult, way: Way | None, judge:
         The pick as it was stated.
     failed
         The stage that failed.
-    way
-        If a line failed: the way that came farthest.
+    attempt
+        If a line failed: the attempt that came farthest.
     judge
         The verdict on a changed pick, without suggestions.
     """
@@ -142,8 +142,8 @@ def suggest(task: Task, pick: Pick, failed: StageResult, way: Way | None, judge:
         )
 
     found = []
-    if way is not None and stage in (Stage.APPROACH, Stage.RETREAT):
-        found.append(_shorter(task, pick, stage, way, trials()))
+    if attempt is not None and stage in (Stage.APPROACH, Stage.RETREAT):
+        found.append(_shorter(task, pick, stage, attempt, trials()))
         found.append(_upwards(pick, stage, trials()))
     if stage is Stage.PLACE and pick.place is not None:
         found.append(_nearest_shift(pick, *place_shifts(task, pick), partial(_screened_places, task), trials()))
@@ -157,16 +157,18 @@ def suggest(task: Task, pick: Pick, failed: StageResult, way: Way | None, judge:
 # -- lengths ----------------------------------------------------------------------------------------------------------
 
 
-def _shorter(task: Task, pick: Pick, stage: Stage, way: Way, trials: _Trials) -> str:
+def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
     """The longest approach or retreat, to the millimetre, of those tried."""
     key = stage.value
     asked = float(getattr(pick, key))
-    length = np.floor(way.fraction * asked / STEP) * STEP
+    length = np.floor(attempt.fraction * asked / STEP) * STEP
     for _ in range(trials.left):  # the line alone costs much less than a judged pick
         if not 0 < length < asked:
             return ""
         shorter = task.with_pick(**{key: float(length)})
-        line = line_in(shorter, way.candidate) if stage is Stage.APPROACH else line_out(shorter, way.candidate)[0]
+        line = (
+            line_in(shorter, attempt.candidate) if stage is Stage.APPROACH else line_out(shorter, attempt.candidate)[0]
+        )
         if line.result.ok:
             break
         length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP

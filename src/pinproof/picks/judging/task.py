@@ -36,20 +36,20 @@ __all__ = ["SUPPORT_GAP", "Cell", "Task"]
 
 @dataclass(frozen=True, eq=False)
 class Cell:
-    """The arm in its scene.
+    """The arm in its scene, with the checkers of the open, the closed and the closing hand.
 
     Parameters
     ----------
     checker
-        With the tool attached, fingers apart.
+        The checker with the tool and the open fingers attached.
     shared
-        What the picks share.
+        The settings that the picks share.
     home
-        (n,) where transits start.
+        (n,) the start of the transits.
     weights, budget
-        How picks are compared, and how much is tried.
+        The weights of the score and the search budget.
     trial
-        Picks are changed picks, judged for suggestions: of a failed one only the stage matters, not a proof.
+        Whether changed picks are judged for suggestions: then only the failed stage is needed, without a proof.
     """
 
     checker: CollisionChecker
@@ -66,39 +66,39 @@ class Cell:
 
     @cached_property
     def for_trials(self) -> Cell:
-        """The same for judging changed picks: one whole pick is enough, and there are no suggestions."""
+        """The cell for judging changed picks: one complete motion is sufficient, and no suggestions are made."""
         return replace(self, budget=replace(self.budget, compared=1, remedies=0), trial=True)
 
     @cached_property
     def closed_hand(self) -> CollisionChecker:
-        """The same with the fingers on the object."""
+        """The checker with the fingers on the object."""
         closed, fingers = self.checker.with_held(self.shared.grip), self.shared.fingers
         return closed if fingers is None else closed.with_attached(*fingers.gripping())
 
     @cached_property
     def hand(self) -> tuple[str, ...]:
-        """The names of all that may touch what is grasped."""
+        """The names of all bodies and links that may touch the object."""
         urdf, shared = self.arm.robot.urdf, self.shared
         moved = (link for link in urdf.links if moved_by(urdf, link, shared.grip))
         return tuple(dict.fromkeys((*(body.name for body in shared.open_tool), *shared.gripper, *moved)))
 
     @cached_property
     def fingers(self) -> tuple[MovingFinger, ...]:
-        """All that moves while the hand closes; empty for a tool without fingers."""
+        """The moving fingers; empty for a tool without fingers."""
         return fingers_of(self.arm, self.shared.fingers, self.shared.grip)
 
     @cached_property
     def palm(self) -> tuple[str, ...]:
-        """The names of all of the hand that does not move while it closes."""
+        """The names of the bodies and links of the hand that do not move while it closes."""
         moving = {finger.name for finger in self.fingers}
         return tuple(name for name in self.hand if name not in moving)
 
     @cached_property
     def closing_hand(self) -> CollisionChecker:
-        """With the closing motion of all fingers as bodies that hold all of it.
+        """The checker with the swept volumes of the closing fingers attached.
 
-        A link that closes meets the links that it is not checked against as it stands; the fingers are judged against
-        each other open and closed.
+        The swept volume of a finger is not checked against the links that the finger itself is not checked against.
+        Fingers are checked against each other only open and closed.
         """
         checker, swept = self.checker, {body.name: of for of, bodies in self.swept.items() for body in bodies}
         excluded = {frozenset(pair.owners) for pair in checker.excluded}
@@ -116,38 +116,38 @@ class Cell:
 
     @cached_property
     def swept(self) -> dict[str, tuple[Obstacle, ...]]:
-        """By finger, convex bodies that hold all of its closing motion; their poses are ``tcp_from_body``."""
+        """For each finger the convex bodies that contain its closing motion; their poses are ``tcp_from_body``."""
         return {finger.name: finger.swept() for finger in self.fingers}
 
     @cached_property
     def wide_arm(self) -> Arm:
-        """The arm under limits that are a turn, or half a metre, wider on either side."""
+        """The arm with limits that are one rotation, or half a metre, wider on both sides."""
         return widened(self.arm)
 
     @cached_property
     def closed_form(self) -> bool:
-        """Whether every branch of a pose can be told."""
+        """Whether the arm has a closed form that gives every IK branch."""
         return has_closed_form(self.arm)
 
 
 Array = npt.NDArray[np.float64]
 
 SUPPORT_GAP = 1e-3
-"""Metres: what lies no farther than this below an object is what it stands on."""
+"""Metres: an obstacle at most this far below an object is taken for its support."""
 
 DOWN = -0.5
-"""The z of the direction from an object to what it stands on is below this: within 60 degrees of straight down."""
+"""Largest z component of the unit direction from an object to its support: within 60 degrees of straight down."""
 
 
 class Task:
-    """What the stages ask of a pick.
+    """One pick in its cell: poses, object and collision checkers for all stages.
 
     Parameters
     ----------
     pick
-        As it was stated.
+        The pick as stated.
     cell
-        Where it is judged.
+        The cell in which it is judged.
 
     Raises
     ------
@@ -180,19 +180,19 @@ class Task:
 
     @property
     def sampled(self) -> bool:
-        """Whether grasps that are not tried would be as good as those that are."""
+        """Whether the tried grasps are samples of a continuous family."""
         tolerance = self.pick.tolerance
         return self.pick.spin.sampled or any(tolerance.position) or tolerance.tilt > 0
 
-    def rings(self) -> Iterator[list[Member]]:
-        """The grasps of the family, ring by ring outwards."""
+    def groups(self) -> Iterator[list[Member]]:
+        """The grasps of the family in groups of increasing displacement."""
         axis = np.array(self.pick.approach_direction)
         if self.pick.approach_frame != TIP:
             axis = self.pick.pose.rotation.T @ axis
         return family(self.pick.spin, self.pick.tolerance, axis)
 
     def with_pick(self, **changes: object) -> Task:
-        """The same with another approach, retreat or pose: for remedies."""
+        """The task with another approach, retreat or pose, for suggestions."""
         return Task(replace(self.pick, **changes), self.cell)  # type: ignore[arg-type]
 
     # -- poses --------------------------------------------------------------------------------------------------------
@@ -202,24 +202,24 @@ class Task:
         return self.pick.pose * member.nominal_from_tip
 
     def release(self, member: Member) -> SE3:
-        """``root_from_tip`` where the object is let go."""
+        """``root_from_tip`` at the release."""
         return (self.place or self.pick).pose * member.nominal_from_tip
 
     def target(self, root_from_tip: SE3) -> SE3:
-        """``base_from_tcp`` that brings the tip to a pose."""
+        """``base_from_tcp`` that places the tip at a pose."""
         return self.cell.shared.tcp_target(root_from_tip, self.arm.root_from_base)
 
     def targets(self, poses: list[SE3]) -> Array:
-        """The same (N, 4, 4) of many."""
+        """``base_from_tcp`` (N, 4, 4) for many poses of the tip."""
         return np.array([matrix(self.target(pose)) for pose in poses]).reshape(-1, 4, 4)
 
     def approach_end(self, root_from_tip: SE3) -> SE3:
-        """Where the approach to a grasp begins."""
+        """``root_from_tip`` at the start of the approach to a grasp."""
         pick = self.pick
         return moved(root_from_tip, -pick.approach, pick.approach_direction, pick.approach_frame)
 
     def retreat_end(self, root_from_tip: SE3) -> SE3:
-        """Where the retreat from a grasp ends."""
+        """``root_from_tip`` at the end of the retreat from a grasp."""
         pick = self.pick
         return moved(root_from_tip, pick.retreat, pick.retreat_direction, pick.retreat_frame)
 
@@ -227,19 +227,19 @@ class Task:
 
     @property
     def outside(self) -> CollisionChecker:
-        """On the way to the object."""
+        """The checker before the grasp."""
         return self.cell.checker
 
     @cached_property
     def at_grasp(self) -> CollisionChecker:
-        """At the grasp: the hand may touch the object. How the fingers do is judged by :meth:`grip`."""
+        """The checker at the grasp, where the hand may touch the object; :meth:`grip` judges the fingers."""
         return self.outside.allowing(*self._touching(self.outside)) if self.from_scene else self.outside
 
     @cached_property
     def passing(self) -> CollisionChecker | None:
-        """Around nothing but the object, which the open fingers must pass by; None without fingers or such an object.
+        """The checker of the open fingers against the object alone; None without fingers or object.
 
-        On the approach the hand may touch the object, as :attr:`at_grasp` says, but its open fingers may not.
+        :attr:`at_grasp` allows contact of the hand with the object on the approach; the open fingers must not touch it.
         """
         if not self.from_scene or not self.cell.fingers:
             return None
@@ -247,14 +247,14 @@ class Task:
 
     @cached_property
     def closing(self) -> CollisionChecker:
-        """While the fingers close: the hand may touch the object."""
+        """The checker while the fingers close; the hand may touch the object."""
         closing = self.cell.closing_hand
         return closing.allowing(*self._touching(closing)) if self.from_scene else closing
 
     # -- the grip -----------------------------------------------------------------------------------------------------
 
     def grip(self, member: Member) -> GripResult:
-        """How the closed hand holds the object; it does not depend on the configuration of the arm."""
+        """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
         if member.words not in self._grips:
             part = HeldPart(self._surface, self.holding(member).pose)
             limits, tip = self.cell.shared.grip_limits, self.cell.shared.tip
@@ -271,21 +271,21 @@ class Task:
     def _surface(self) -> LineSurface:
         carried = self.pick.carried
         if carried is None:
-            raise InputError(f"pick {self.pick.name!r} names no object to hold")
+            raise InputError(f"pick {self.pick.name!r} states no object")
         return LineSurface.of_obstacle(self.scene[carried] if isinstance(carried, str) else carried)
 
     def holding(self, member: Member) -> Obstacle:
-        """The object as it is held: its pose is ``tcp_from_object``."""
+        """The held object; its pose is ``tcp_from_object``."""
         carried, tip = self.pick.carried, self.cell.shared.tip
         if isinstance(carried, str):
-            stands = self.scene[carried]
-            return replace(stands, pose=tip * self.grasp(member).actInv(stands.pose))
+            obstacle = self.scene[carried]
+            return replace(obstacle, pose=tip * self.grasp(member).actInv(obstacle.pose))
         if carried is None:
-            raise InputError(f"pick {self.pick.name!r} names no object to hold")
+            raise InputError(f"pick {self.pick.name!r} states no object")
         return replace(carried, pose=tip * carried.pose)
 
     def carrying(self, member: Member) -> CollisionChecker:
-        """With the object in the hand, or the empty tool where none is named."""
+        """The checker with the object in the hand, or with the empty tool if no object is stated."""
         if self.name is None:
             return self.outside
         if member.words not in self._carrying:
@@ -295,22 +295,22 @@ class Task:
 
     @cached_property
     def _without_object(self) -> CollisionChecker:
-        """With the hand closed, and nothing where the object was."""
+        """The checker with the closed hand and without the object in the scene."""
         bare = self.cell.closed_hand
         return bare.with_scene(self.scene.remove(str(self.name))) if self.from_scene else bare
 
     def letting_go(self, member: Member) -> CollisionChecker:
-        """With the object where it was put, and the hand open."""
+        """The checker with the object at its place and the hand open."""
         if member.words not in self._letting_go:
             held = self.holding(member)
-            stands = replace(held, pose=self.release(member) * self.cell.shared.tip.actInv(held.pose))
+            placed = replace(held, pose=self.release(member) * self.cell.shared.tip.actInv(held.pose))
             others = self.scene.remove(held.name) if self.from_scene else self.scene
-            there = self.outside.with_scene(others.add(stands))
+            there = self.outside.with_scene(others.add(placed))
             self._letting_go[member.words] = there.allowing(*self._touching(there))
         return self._letting_go[member.words]
 
     def passing_off(self, member: Member) -> CollisionChecker | None:
-        """As :attr:`passing`, of the object where it was put."""
+        """The checker of :attr:`passing` for the object at its place."""
         if not self.cell.fingers:
             return None
         if member.words not in self._passing_off:
@@ -318,7 +318,7 @@ class Task:
         return self._passing_off[member.words]
 
     def opening(self, member: Member) -> CollisionChecker:
-        """While the fingers open where the object was put."""
+        """The checker while the fingers open at the place."""
         if member.words not in self._opening:
             there = self.cell.closing_hand.with_scene(self.letting_go(member).scene)
             self._opening[member.words] = there.allowing(*self._touching(there))
@@ -327,7 +327,7 @@ class Task:
     def supports(
         self, checker: CollisionChecker, q: Array, stated: str | Sequence[str] | None
     ) -> tuple[tuple[str, str], ...]:
-        """The pairs of the object and what it stands on, held at q (n,)."""
+        """The pairs of the object and its supports, with the object held at q (n,)."""
         if self.name is None:
             return ()
         if stated is not None:
@@ -337,14 +337,14 @@ class Task:
             if self.name in contact.bodies and contact.distance <= SUPPORT_GAP:
                 first = contact.bodies[0] == self.name
                 other = contact.bodies[1] if first else contact.bodies[0]
-                # The nearest facet of a bin may be one of its wall while the object stands on its floor.
+                # The facet of a bin that is nearest to the object may belong to a wall instead of the floor.
                 below = (1 if first else -1) * contact.normal[2] < DOWN
                 if other in checker.scene.names and (below or self._has_facets_below(checker, q, other)):
                     found.append((self.name, other))
         return tuple(dict.fromkeys(found))
 
     def _has_facets_below(self, checker: CollisionChecker, q: Array, obstacle: str) -> bool:
-        """Whether the object, held at q (n,), is near facets of an exact mesh that are below it."""
+        """Whether facets of an exact mesh are close below the object, which is held at q (n,)."""
         directions = [
             directions_to_facets(checker, pair, q, SUPPORT_GAP)
             for pair, (i, j) in enumerate(checker.pairs)

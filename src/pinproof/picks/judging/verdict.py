@@ -39,21 +39,21 @@ class PickStatus(Enum):
     """The verdict on a pick."""
 
     GOOD = "good"
-    """It carries certified, timed motions."""
+    """The pick has certified, timed motions."""
     IMPOSSIBLE = "impossible"
-    """Every configuration of every grasp asked for is refuted by name: all were enumerated in closed form, or no grasp
-    holds the part, which does not depend on the configuration."""
+    """Every configuration of every grasp is refuted: all were enumerated in closed form, or no grasp holds the part,
+    which does not depend on the configuration."""
     NOT_FOUND = "not found"
-    """No way was found within the budget that the reason names; there may be one."""
+    """No solution was found within the budget; one may exist."""
     UNREADABLE = "unreadable"
-    """What it states makes no sense in this scene, with this robot."""
+    """The pick is invalid for this scene or robot."""
     CRASHED = "crashed"
-    """It could not be judged: the judge failed, or its process died."""
+    """The pick could not be judged: the judge raised an error or its process died."""
 
 
 @dataclass(frozen=True)
 class StageResult:
-    """One stage: whether it is passed, the reason, and its figures (m, rad, s and counts, by name)."""
+    """One stage: whether it passed, the reason, and its figures by name (m, rad, s and counts)."""
 
     stage: Stage
     ok: bool
@@ -63,24 +63,24 @@ class StageResult:
 
 @dataclass(frozen=True, eq=False)
 class PickMotion:
-    """A part of a pick's motion along which what is carried, and what stands around, stay the same.
+    """A part of a pick's motion with constant attached bodies and constant scene.
 
     Parameters
     ----------
     name
-        ``"pick"``, the only one of a pick that names no object; else ``"transit"``, ``"approach"``, ``"retreat"``,
+        ``"pick"``, the only motion of a pick without an object; otherwise ``"transit"``, ``"approach"``, ``"retreat"``,
         ``"transfer"``, ``"place"``, ``"leave"``.
     trajectory
         From rest to rest.
     certificate
-        FREE, for exactly this trajectory; of ``"place"``, proven of the motion run backwards.
+        FREE for exactly this trajectory; that of ``"place"`` is proven for the reversed motion.
     attached
-        What moves with the tcp: tool, fingers, object; poses are ``tcp_from_body``.
+        The bodies attached to the tcp: tool, fingers, object; poses are ``tcp_from_body``.
     scene
-        What stands around.
+        The scene during this motion.
     held
-        Where the joints outside the arm stand (rad or m by name), such as the robot's own fingers: the arm that the
-        certificate is of is ``arm.with_held(held)``.
+        Values of the joints outside the arm (rad or m by name), such as finger joints. The certificate is for
+        ``arm.with_held(held)``.
     """
 
     name: str
@@ -100,36 +100,36 @@ class PickVerdict:
     pick
         The pick.
     status
-        The kind of answer.
+        The kind of verdict.
     stages
-        Every stage that was judged, for the way that came farthest; the last is the one that failed, if any did.
+        The judged stages of the attempt that passed the most stages; if one failed, it is the last.
     configurations
-        How many different configurations at the grasp were tried.
+        Number of configurations at the grasp that were tried.
     q_grasp
         (n,) the configuration at the grasp; None unless GOOD.
     trajectory
-        All motions joined, at rest where they meet; None unless GOOD.
+        All motions joined, with zero velocity at the joints between them; None unless GOOD.
     grasp_time
         Seconds from the start of the trajectory to the grasp.
     certificate
-        FREE, for exactly the trajectory, of a good pick that names no object. With one, what moves changes on the way,
-        and each of ``motions`` has its own.
+        FREE for exactly the trajectory of a good pick without an object. With an object the moving bodies change, and
+        each of ``motions`` has its own certificate.
     motions
-        The parts in order; none unless GOOD.
+        The parts of the motion in order; empty unless GOOD.
     release_time
-        Seconds to where the object is let go; None without a place.
+        Seconds from the start of the trajectory to the release; None without a place.
     suggestions
-        Changes that help, one line for each kind, each the smallest of those tried. The pick was judged again with each
-        of them exactly as printed: it is then good, or the line states at which later stage it fails. Apply one with
-        :func:`pinproof.picks.apply_suggestion`.
+        One line for each kind of change that helps, each the smallest of those tried. The pick was judged again with
+        the change exactly as printed: it is then good, or the line states the later stage at which it fails. Apply a
+        suggestion with :func:`pinproof.picks.apply_suggestion`.
     refuted
-        Why each configuration is out, if the pick is IMPOSSIBLE: one line each.
+        One line for each configuration with the reason why it is excluded, if the pick is IMPOSSIBLE.
     member
-        How the grasp differs from the nominal one of its family, in words.
+        The difference of the grasp from the nominal grasp of its family, as text.
     grip
-        How the part is held, of a good pick that names an object.
+        How the part is held, for a good pick with an object.
     score
-        The parts by which it was ranked and their weighted sum, of a good pick.
+        The parts of the score and their weighted sum, for a good pick.
     """
 
     pick: Pick
@@ -170,19 +170,19 @@ class PickVerdict:
         return self.stages[-1].message
 
     def save_motion(self, path: str | Path) -> None:
-        """Write the trajectory of a good pick, with a record of what each part of it was certified with.
+        """Write the trajectory of a good pick, with a record of the conditions under which each part is certified.
 
         The formats are those of :meth:`pinproof.Trajectory.save`.
 
         Raises
         ------
         InputError
-            If the pick is not good, so that there is no motion.
+            If the pick is not good and therefore has no motion.
         TrajectoryError
             If the file cannot be written.
         """
         if self.trajectory is None:
-            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion to write")
+            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
         records: list[MotionRecord] = []
         for part in self.motions:
             start = records[-1].end if records else 0.0
@@ -197,5 +197,5 @@ class PickVerdict:
 
     @property
     def clearance(self) -> float:
-        """Metres: the least that is proven of any of the motions; NaN unless GOOD."""
+        """Metres: the smallest proven clearance of all motions; NaN unless GOOD."""
         return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))

@@ -30,7 +30,7 @@ from pinproof.picks import (
     read_picks,
     screen_picks,
 )
-from pinproof.picks.reach.screening import Screening
+from pinproof.picks.batch.screening import Screening
 from pinproof.spatial import SE3, pose
 
 Array = npt.NDArray[np.float64]

@@ -25,7 +25,7 @@ def main(file: Path, folder: Path, shown: list[str]) -> int:
 
     folder.mkdir(parents=True, exist_ok=True)
     report.save(folder / "report.json")
-    pp.write_report_page(folder / "report.html", report, arm, scene, picks)
+    report.save(folder / "report.html")
     print(report.to_markdown())
     for verdict in report.good:
         verdict.trajectory.save(folder / f"{verdict.pick.name}.csv")

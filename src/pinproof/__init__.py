@@ -86,7 +86,6 @@ _HOME = {
         "read_picks",
         "screen_picks",
         "validate_picks",
-        "write_report_page",
     ),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
@@ -252,9 +251,6 @@ if TYPE_CHECKING:
     )
     from pinproof.picks import (
         validate_picks as validate_picks,
-    )
-    from pinproof.picks import (
-        write_report_page as write_report_page,
     )
     from pinproof.planning import (
         OmplPlanner as OmplPlanner,

@@ -50,7 +50,7 @@ def table(count: int, *more: str) -> None:
 def test_rows_stream_to_the_folder_and_all_good_is_0(run: Run) -> None:
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1")
     assert (code, err) == (0, "")
-    assert out.startswith("3 of 3 picks good\nnot covered: what is picked is not carried")
+    assert out.startswith("3 of 3 picks good\nnot covered: picks without `object:`")
     assert out.endswith("wrote out/rows.jsonl\n")
     header, *rows = [json.loads(line) for line in Path("out/rows.jsonl").read_text().splitlines()]
     assert header["setup"]["robot"].startswith("generic_6dof ")

@@ -57,7 +57,7 @@ def test_all_good_is_0(run: Run, write) -> None:
     code, out, err = run("pick", write(GOOD))
     assert (code, err) == (0, "")
     assert "1 of 1 picks good" in out
-    assert "not covered: what is picked is not carried" in out
+    assert "not covered: picks without `object:`" in out
 
 
 def test_one_that_is_not_good_is_1(run: Run, write) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 
 import pinproof as pp
-from pinproof.picks.hand import MovingFinger, fingers_of
+from pinproof.picks.judging.grip import MovingFinger, fingers_of
 from pinproof.spatial import SE3
 
 LIMITS = pp.picks.GripLimits()

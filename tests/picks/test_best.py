@@ -9,11 +9,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.picks.search import BestFirst
-from pinproof.picks.stages.grasp import screen
-from pinproof.picks.stages.place import Placer
-from pinproof.picks.stages.reach import reach
-from pinproof.picks.stages.task import Task
+from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.place import Placer
+from pinproof.picks.judging.search import BestFirst
+from pinproof.picks.judging.task import Task
 
 ALL = pp.picks.PickBudget(configurations=10_000, compared=10_000, remedies=0)
 SEEDS = [1, 2]
@@ -28,7 +27,7 @@ def setup(robot: str, file: str, weights: pp.picks.PickWeights | None = None) ->
 
 def search(made: pp.picks.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFirst:
     task = Task(pick, made.cell)
-    ring = next(iter(task.rings()))
+    ring = next(iter(task.groups()))
     candidates = screen(task, ring, reach(task, ring, 0)).candidates
     found = BestFirst(task, candidates, SEEDS, bounded=bounded)
     found.run()
@@ -51,12 +50,12 @@ def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str |
     pick = picks.picks[0] if name is None else next(each for each in picks if each.name == name)
     quick, whole = (search(made, pick, bounded=bounded) for bounded in (True, False))
     assert quick.best is not None
-    np.testing.assert_array_equal(quick.best.way.q, whole.best.way.q)
+    np.testing.assert_array_equal(quick.best.attempt.q, whole.best.attempt.q)
     assert quick.best.parts == whole.best.parts
     assert quick.best.path.q.tobytes() == whole.best.path.q.tobytes()
     assert quick.made <= whole.made
     # What came out is never above what was said before: each whole pick was bounded from its configuration on.
-    scores = {each.key[1]: each.parts["score"] for each in whole.wholes}
+    scores = {each.key[1]: each.parts["score"] for each in whole.motions}
     assert all(score <= whole._scoring.bounds[index] + 1e-12 for index, score in scores.items())
     assert (whole.excluded, whole.untried) == (0, 0)
     assert quick.untried == 0
@@ -71,7 +70,7 @@ def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> No
     assert figures["whole"] >= 1
     assert figures["excluded"] > 10
     assert figures["untried"] == 0
-    assert f"{figures['excluded']:.0f} others excluded by the bound of their score" in verdict.reason
+    assert f"best of {figures['whole'] + figures['excluded']:.0f} candidates" in verdict.reason
 
 
 def test_a_budget_that_runs_out_is_told() -> None:
@@ -103,7 +102,7 @@ def test_the_best_release_is_taken_and_not_the_nearest(monkeypatch, xyz, yaw) ->
     pick = replace(first, place=drop)
     best = search(made, pick, bounded=True).best
     every, place = Placer.releases, Placer.place
-    count = len(every(Placer(Task(pick, made.cell), SEEDS[0]), next(iter(Task(pick, made.cell).rings()))[0]))
+    count = len(every(Placer(Task(pick, made.cell), SEEDS[0]), next(iter(Task(pick, made.cell).groups()))[0]))
     assert count > 1
     scores = []
     for index in range(count):

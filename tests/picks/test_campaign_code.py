@@ -10,8 +10,8 @@ import pytest
 
 import pinproof as pp
 from pinproof.errors import CampaignError
-from pinproof.picks.campaign import rows
-from pinproof.picks.campaign.rows import RowTask, judge_row
+from pinproof.picks.batch import campaign as rows
+from pinproof.picks.batch.campaign import RowTask, judge_row
 
 
 @pytest.fixture
@@ -65,7 +65,7 @@ def test_a_campaign_begun_with_other_code_is_refused(stick, many, judges, tmp_pa
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
     made.run(tmp_path, workers=1)
     before = (tmp_path / "rows.jsonl").read_bytes()
-    monkeypatch.setattr("pinproof.picks.campaign.campaign.code_here", lambda: "0.1.0 otherwise")
+    monkeypatch.setattr("pinproof.picks.batch.campaign.code_here", lambda: "0.1.0 otherwise")
     with pytest.raises(CampaignError, match=r"differs in pinproof \(0.1.0 .* there, 0.1.0 otherwise here\)"):
         made.run(tmp_path, workers=1)
     assert (tmp_path / "rows.jsonl").read_bytes() == before
@@ -75,13 +75,13 @@ def test_a_worker_of_other_code_takes_no_task(stick, many, monkeypatch) -> None:
     setup = pp.picks.PickSetup.make(stick, pp.Scene(), many.shared, home=None, rng=0)
     package = pickle.dumps(RowTask(setup, judge_row))
     assert isinstance(pickle.loads(package), RowTask)
-    monkeypatch.setattr("pinproof.picks.campaign.rows.code_here", lambda: "0.1.0 otherwise")
-    with pytest.raises(CampaignError, match=r"a worker has pinproof 0.1.0 otherwise; .* give the workers the same"):
+    monkeypatch.setattr("pinproof.picks.batch.campaign.code_here", lambda: "0.1.0 otherwise")
+    with pytest.raises(CampaignError, match=r"a worker .* 0.1.0 otherwise, "):
         pickle.loads(package)
 
 
 def test_a_judge_of_ones_own_is_known_by_its_source(judges) -> None:
-    assert rows.judge_words(judge_row) == "pinproof.picks.campaign.rows.judge_row"
+    assert rows.judge_words(judge_row) == "pinproof.picks.batch.campaign.judge_row"
     echo, slow = rows.judge_words(judges.echo), rows.judge_words(judges.slow)
     assert echo.startswith("campaign_judges.echo ")
     assert echo.split()[1] != slow.split()[1]

@@ -10,7 +10,7 @@ import pytest
 import pinproof as pp
 from pinproof.ik import Clik
 from pinproof.picks import PickStatus, Stage, apply_suggestion
-from pinproof.picks.family import family
+from pinproof.picks.input.pick import family
 
 DOWN = (np.pi, 0, 0)
 PICK = pp.Pick("part", pp.pose((0.45, 0.1, 0.2), DOWN), approach=0.05, retreat=0.05)

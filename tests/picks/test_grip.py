@@ -11,7 +11,7 @@ import trimesh
 import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.picks import Stage, apply_suggestion
-from pinproof.picks.report import verdict_row
+from pinproof.picks.report.report import verdict_row
 
 DOWN = (np.pi, 0, 0)
 QUICK = pp.picks.PickBudget(compared=1, remedies=0)
@@ -191,7 +191,7 @@ def test_without_an_object_the_grip_is_not_judged_and_the_report_says_so(arm) ->
     verdict = judge(arm, replace(grasp((0, 0, 0.10)), carried=None))
     assert verdict.ok
     assert verdict.grip is None
-    assert next(stage for stage in verdict.stages if stage.stage is Stage.GRIP).message.startswith("not judged")
+    assert next(stage for stage in verdict.stages if stage.stage is Stage.GRIP).message.startswith("not checked")
 
 
 def test_suggestions_stay_within_grasps_that_hold_the_part(arm) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.collision.line_surface import LineSurface
-from pinproof.picks.grip import HeldPart, grip_by_fingers
+from pinproof.picks.judging.grip import HeldPart, grip_by_fingers
 
 COUNT = 100
 ROUNDING = 0.05

@@ -8,7 +8,7 @@ from scipy.spatial import Delaunay
 
 import pinproof as pp
 from pinproof.model import load_robot_from_text
-from pinproof.picks.hand import SAGITTA, fingers_of
+from pinproof.picks.judging.grip import SAGITTA, fingers_of
 
 FINGER = """
 <link name="{side}_knuckle"><collision><origin xyz="0 0 0.03"/><geometry><box size="0.01 0.012 0.06"/></geometry>
@@ -89,7 +89,7 @@ def test_the_closing_direction_is_that_of_the_end_of_the_motion(arm) -> None:
 def test_rotating_fingers_hold_a_part_between_their_pads(arm) -> None:
     """The pads are nearly parallel cylinders; a block as wide as they leave is held, others are not."""
     from pinproof.collision.line_surface import LineSurface
-    from pinproof.picks.grip import HeldPart, grip_by_fingers
+    from pinproof.picks.judging.grip import HeldPart, grip_by_fingers
 
     closed = 0.25
     found = fingers_of(arm, None, {"left_joint": closed})

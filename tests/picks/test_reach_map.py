@@ -79,7 +79,7 @@ def test_a_redundant_arm_is_searched_and_what_is_free_is_free() -> None:
 
 def test_what_is_beyond_the_span_of_an_arm_is_not_searched_for() -> None:
     """On an arm that is searched: poses that its own configurations take are never left out."""
-    from pinproof.picks.reach.span import Span
+    from pinproof.picks.batch.proposals import Span
 
     rng = np.random.default_rng(1)
     for name in ("panda", "stanford", "scara", "ur5", "iiwa14"):

@@ -12,7 +12,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.picks import PickStatus, Stage, StageResult
-from pinproof.picks.pick import PickProblem
+from pinproof.picks.input.pick import PickProblem
 from pinproof.picks.report.report import CSV_COLUMNS, SCHEMA, SUFFIXES
 
 PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")

@@ -9,12 +9,10 @@ import pytest
 
 import pinproof as pp
 from pinproof.model import JointLimits
-from pinproof.picks.configurations import limit_margins
-from pinproof.picks.pick import PickProblem
-from pinproof.picks.stages.cell import Cell
-from pinproof.picks.stages.grasp import screen
-from pinproof.picks.stages.reach import reach
-from pinproof.picks.stages.task import Task
+from pinproof.picks.input.pick import PickProblem
+from pinproof.picks.judging.configurations import limit_margins
+from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import SE3, matrix
 
 ROBOTS = ("ur5", "generic_6dof", "panda")
@@ -38,7 +36,7 @@ def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
     """The stage up to the grasp that the judge of picks says has failed; None if none has."""
     task = Task(pick, cell)
     stages = []
-    for ring in task.rings():
+    for ring in task.groups():
         reached = reach(task, ring, 0)
         said = (*reached.stages, *(screen(task, ring, reached).stages if len(reached.q) else ()))
         if said[-1].ok:
@@ -131,13 +129,13 @@ def test_limits_alone_are_told_from_reach(arms) -> None:
     root = matrix(arm.root_from_base)
     found = pp.screen_picks(narrow, pp.Scene(), root @ np.array([near, far]))
     assert found.status == (pp.picks.ScreenStatus.LIMITS, pp.picks.ScreenStatus.REACH)
-    assert "outside the limits" in found.reason(0)
+    assert "outside the joint limits" in found.reason(0)
     assert "out of reach" in found.reason(1)
     assert pp.screen_picks(arm, pp.Scene(), root @ near[None]).status == (pp.picks.ScreenStatus.FREE,)
 
 
 def test_an_arm_that_is_searched_is_told_apart_in_the_same_way(arms, monkeypatch) -> None:
-    monkeypatch.setattr("pinproof.picks.reach.proposals.has_closed_form", lambda arm, most=6: False)
+    monkeypatch.setattr("pinproof.picks.batch.proposals.has_closed_form", lambda arm, most=6: False)
     arm = arms["generic_6dof"]
     low, high = arm.limits.sampling_range()
     middle = JointLimits(low / 2, high / 2, arm.limits.velocity)
@@ -165,7 +163,7 @@ def test_of_a_family_the_first_ring_with_a_free_grasp_counts(arms) -> None:
     assert found.member[1] > 0
     assert "bar" in found.reason(0)
     cell = _cell(arm, pp.Scene([wall]), picks)
-    member = next(Task(spun, cell).rings())[found.member[1]]
+    member = next(Task(spun, cell).groups())[found.member[1]]
     at = arm.root_from_base * arm.forward_kinematics(found.q[1])
     np.testing.assert_allclose(matrix(at), matrix(spun.pose * member.nominal_from_tip), atol=1e-8)
 

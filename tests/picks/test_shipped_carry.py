@@ -12,9 +12,9 @@ EXPECTED = {
     "over_the_wall": (PickStatus.GOOD, None, ""),
     "any_turn": (PickStatus.GOOD, None, ""),
     "dragged": (PickStatus.IMPOSSIBLE, Stage.RETREAT, "bolt_1"),
-    "too_high": (PickStatus.IMPOSSIBLE, Stage.APPROACH, "of 900 mm"),
+    "too_high": (PickStatus.IMPOSSIBLE, Stage.APPROACH, "900 mm"),
     "in_the_corner": (PickStatus.NOT_FOUND, Stage.GRASP, "picker penetrates bin_"),
-    "too_far": (PickStatus.NOT_FOUND, Stage.PLACE, "no configuration was found"),
+    "too_far": (PickStatus.NOT_FOUND, Stage.PLACE, "release is out of reach"),
     "missing": (PickStatus.UNREADABLE, Stage.INPUT, "unknown object 'bolt_9'"),
 }
 

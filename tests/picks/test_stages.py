@@ -58,7 +58,7 @@ def pick(arm) -> pp.Pick:
 def test_good(arm, pick, recheck) -> None:
     verdict = judge_one(arm, pick)
     assert verdict.ok
-    assert verdict.reason.startswith("proven free over ")
+    assert verdict.reason.startswith("collision-free")
     recheck(verdict, arm, pp.Scene(), pp.Picks((pick,), margin=0.002))
 
 
@@ -75,7 +75,7 @@ def test_limits(arm, pick) -> None:
     near = {name: (float(q) - 0.1, float(q) + 0.1) for name, q in zip(names, home, strict=True)}
     verdict = judge_one(arm.with_limits(arm.limits.replace(names, near)), pick)
     assert verdict.failed is Stage.LIMITS
-    assert verdict.reason.startswith("found only outside the limits: ")
+    assert verdict.reason.startswith("reachable only outside the joint limits: ")
     assert " is outside [" in verdict.reason
     assert any(name in verdict.reason for name in names)
 
@@ -101,7 +101,7 @@ def test_grasp(arm, pick) -> None:
 def test_approach_out_of_reach(arm, pick) -> None:
     verdict = judge_one(arm, replace(pick, approach=4.0))
     assert verdict.failed is Stage.APPROACH
-    assert verdict.reason.startswith("of 4000 mm, seen from the grasp, stops at ")
+    assert verdict.reason.startswith("4000 mm path, planned outwards from the grasp, stops at ")
 
 
 def test_approach_blocked(arms) -> None:
@@ -147,7 +147,7 @@ def test_without_approach_and_retreat_the_motion_ends_at_the_grasp(arm, pick, re
     still = replace(pick, approach=0.0, retreat=0.0)
     verdict = judge_one(arm, still)
     assert verdict.grasp_time == verdict.trajectory.duration
-    assert [s.message for s in verdict.stages if s.stage in (Stage.APPROACH, Stage.RETREAT)] == ["none asked for"] * 2
+    assert [s.message for s in verdict.stages if s.stage in (Stage.APPROACH, Stage.RETREAT)] == ["none requested"] * 2
     recheck(verdict, arm, pp.Scene(), pp.Picks((still,), margin=0.002))
 
 
@@ -187,4 +187,4 @@ def test_the_margin_decides(arms) -> None:
     assert judge_one(arm, pick, near, margin=0.0195).ok
     verdict = judge_one(arm, pick, near, margin=0.0205)
     assert verdict.failed is Stage.GRASP
-    assert "is near near" in verdict.reason
+    assert "from near" in verdict.reason

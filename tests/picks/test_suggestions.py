@@ -14,8 +14,7 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import InputError
 from pinproof.picks import NamedFrame, Stage, apply_suggestion
-from pinproof.picks.stages.changes import DIRECTIONS, DISTANCES
-from pinproof.picks.suggestion import move_words, shorten_words, turn_words
+from pinproof.picks.judging.changes import DIRECTIONS, DISTANCES, move_words, shorten_words, turn_words
 from pinproof.spatial import SE3
 
 DOWN = (np.pi, 0, 0)
@@ -219,7 +218,7 @@ def test_suggestions_read_as_documented() -> None:
     ],
 )  # fmt: skip
 def test_text_that_does_not_fit_the_pick_is_refused(text) -> None:
-    with pytest.raises(InputError, match=r"no suggestion that can be applied|does not fit pick 'part'"):
+    with pytest.raises(InputError, match=r"not a suggestion that can be applied|does not fit pick 'part'"):
         apply_suggestion(PICK, text)
 
 

@@ -14,6 +14,7 @@ import pytest
 from pinproof.collision import Box, CollisionChecker, Obstacle, Scene, certify
 from pinproof.motion import Trajectory
 from pinproof.picks import (
+    CampaignResult,
     Pick,
     PickMotion,
     PickReport,
@@ -22,15 +23,11 @@ from pinproof.picks import (
     PickVerdict,
     Stage,
     StageResult,
-    write_report_page,
 )
-from pinproof.picks.frames import NamedFrame
-from pinproof.picks.gripper import GripperFingers
-from pinproof.picks.pick import PickProblem
-from pinproof.picks.report import entries as entries_module
+from pinproof.picks.input.pick import GripperFingers, NamedFrame, PickProblem
 from pinproof.picks.report import page as page_module
-from pinproof.picks.report.motions import BYTES_A_LINK, MOST_BYTES, RATE, Reel
-from pinproof.picks.report.rows import verdict_row
+from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, Reel
+from pinproof.picks.report.report import verdict_row
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Phase, film
 from pinproof.viewer.stage import set_stage
@@ -96,7 +93,7 @@ def report() -> PickReport:
 def page(browser: Browser, pages: Callable[[str], Path], report: PickReport) -> Iterator[Page]:
     path = pages("report")
     if not path.exists():
-        write_report_page(path, report, ARM, SCENE, SHARED)
+        report.save(path, arm=ARM, scene=SCENE, picks=SHARED)
     opened = browser.open(path.as_uri(), 1200, 800)
     yield opened
     assert opened.complaints == []
@@ -212,7 +209,7 @@ def test_nothing_sticks_out_of_a_window(
     browser: Browser, pages: Callable[[str], Path], report: PickReport, width: int, height: int
 ) -> None:
     path = pages("widths")
-    write_report_page(path, report, ARM, SCENE, SHARED)
+    report.save(path, arm=ARM, scene=SCENE, picks=SHARED)
     opened = browser.open(path.as_uri(), width, height)
     assert opened.evaluate("document.documentElement.scrollWidth") <= width
     assert opened.canvas().std() > 10
@@ -221,7 +218,7 @@ def test_nothing_sticks_out_of_a_window(
 
 def test_an_empty_report_is_a_page_too(browser: Browser, pages: Callable[[str], Path]) -> None:
     path = pages("empty")
-    write_report_page(path, make_report(), ARM, SCENE, SHARED)
+    make_report().save(path, arm=ARM, scene=SCENE, picks=SHARED)
     opened = browser.open(path.as_uri())
     assert opened.text("#none") == "No pick to show."
     assert opened.complaints == []
@@ -236,7 +233,8 @@ def test_what_is_carried_moves_with_the_hand_and_stays_where_it_was_put(
         carried("fixture"),
         replace(bad("framed", (0.0, 0.0, 0.0)), pick=Pick("framed", pose(), frame="fixture")),
     )
-    write_report_page(path, PickReport("swing", verdicts, (), "the arm"), ARM, standing(0.5), Picks((), frames=frames))
+    report = PickReport("swing", verdicts, (), "the arm")
+    report.save(path, arm=ARM, scene=standing(0.5), picks=Picks((), frames=frames))
     opened = browser.open(path.as_uri())
     assert opened.text("#verdict") == "FREE"
     assert opened.evaluate("[...document.querySelectorAll('#motions li')].map((li) => li.firstChild.textContent)") == [
@@ -262,7 +260,7 @@ def test_fingers_are_seen_apart_where_no_motion_brings_them(
 ) -> None:
     path, thin = pages("fingers"), Box(0.02, 0.01, 0.06)
     fingers = GripperFingers((Obstacle("left", thin), Obstacle("right", thin)), opening=0.06, grip=0.04)
-    write_report_page(path, report, ARM, SCENE, Picks((), fingers=fingers))
+    report.save(path, arm=ARM, scene=SCENE, picks=Picks((), fingers=fingers))
     opened = browser.open(path.as_uri())
     assert opened.text("#verdict") == "NOT VALIDATED"  # it was proven without fingers
     hand = "pinproof.viewer.scene_tree.find(['open hand']).object.visible"
@@ -283,6 +281,8 @@ class Rows:
     summary: str = "of a campaign"
     acceleration_source: str = "the arm"
     notes: tuple[str, ...] = ()
+    setup: None = None
+    save = CampaignResult.save
 
     @property
     def total(self) -> int:
@@ -303,7 +303,7 @@ def test_500_rows_of_a_campaign_play_nothing_and_claim_no_proof_of_the_page(
     lone = [verdict_row(verdict) for verdict in report.verdicts]
     rows = [{**lone[k % 4], "name": f"p{k}", "xyz": [0.3, 0.01 * (k % 25), 0.02 * (k // 25)]} for k in range(500)]
     path = pages("campaign")
-    write_report_page(path, Rows(rows), ARM, SCENE, SHARED)
+    Rows(rows).save(path, arm=ARM, scene=SCENE, picks=SHARED)
     opened = browser.open(path.as_uri())
     opened.evaluate("pinproof.choose(1)")
     assert opened.text("#verdict") == "GOOD"
@@ -316,17 +316,17 @@ def test_500_rows_of_a_campaign_play_nothing_and_claim_no_proof_of_the_page(
 
 def test_of_too_many_rows_the_first_are_shown_and_the_page_says_so(tmp_path, monkeypatch, report: PickReport) -> None:
     monkeypatch.setattr(page_module, "MOST_ROWS", 3)
-    write_report_page(tmp_path / "few.html", report, ARM, SCENE, SHARED)
+    report.save(tmp_path / "few.html", arm=ARM, scene=SCENE, picks=SHARED)
     text = (tmp_path / "few.html").read_text(encoding="utf-8")
-    assert "Of 5 rows the first 3 are shown." in text
+    assert "the first 3 of 5 rows" in text
     assert '"name":"away"' not in text
 
 
 def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
     tmp_path, monkeypatch, report: PickReport
 ) -> None:
-    monkeypatch.setattr(entries_module, "MOST_DETAILS", 0)
-    write_report_page(tmp_path / "full.html", report, ARM, SCENE, SHARED)
+    monkeypatch.setattr(page_module, "MOST_DETAILS", 0)
+    report.save(tmp_path / "full.html", arm=ARM, scene=SCENE, picks=SHARED)
     text = (tmp_path / "full.html").read_text(encoding="utf-8")
     assert "Of 5 rows there is no room here for stages and parts" in text
     assert text.count('"stages":[]') == 5
@@ -335,7 +335,7 @@ def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
 
 def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport) -> None:
     other = Scene([POST, Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))])
-    write_report_page(tmp_path / "other.html", report, ARM, other, SHARED)
+    report.save(tmp_path / "other.html", arm=ARM, scene=other, picks=SHARED)
     text = (tmp_path / "other.html").read_text(encoding="utf-8")
     assert '"headline":"FREE"' not in text
     assert text.count('"headline":"NOT VALIDATED"') == 2
@@ -347,16 +347,15 @@ def test_a_part_proven_among_other_obstacles_is_no_proof(tmp_path) -> None:
     way = done.motions[2].trajectory
     doctored = PickMotion("leave", way, certify(way, CollisionChecker(ARM, more)), (), more)
     for verdict, headline in ((done, "FREE"), (replace(done, motions=(*done.motions[:2], doctored)), "NOT VALIDATED")):
-        write_report_page(
-            tmp_path / "a.html", PickReport("swing", (verdict,), (), "the arm"), ARM, standing(0.5), SHARED
-        )
+        report = PickReport("swing", (verdict,), (), "the arm")
+        report.save(tmp_path / "a.html", arm=ARM, scene=standing(0.5), picks=SHARED)
         assert f'"headline":"{headline}"' in (tmp_path / "a.html").read_text(encoding="utf-8")
 
 
 def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp_path, report: PickReport) -> None:
     texts = []
     for name in ("a.html", "b.html"):
-        write_report_page(tmp_path / name, report, ARM, SCENE, SHARED, title="<i>{{buffers}}")
+        report.save(tmp_path / name, arm=ARM, scene=SCENE, picks=SHARED, title="<i>{{buffers}}")
         texts.append((tmp_path / name).read_text(encoding="utf-8"))
     assert texts[0] == texts[1]
     assert EVIL not in texts[0]

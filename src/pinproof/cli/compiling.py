@@ -109,7 +109,7 @@ def _lines() -> None:
 
 
 def _proofs() -> None:
-    from pinproof.picks.configurations import manipulability
+    from pinproof.picks.judging.configurations import manipulability
 
     arm = pp.load_robot(ROBOT).arm()
     scene = pp.Scene([pp.Obstacle("box", pp.Box(0.1, 0.1, 0.1), pp.pose((0.9, 0.0, 0.9)))])

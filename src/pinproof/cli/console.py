@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.box import ROUNDED
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
@@ -94,18 +94,17 @@ def working(text: str) -> Iterator[Callable[[str], None]]:
 def print_report(report: PickReport) -> None:
     """The verdict table and its summary, to stdout."""
     console = Console(highlight=False)
-    # few columns, so that the reason has room in a hundred characters: stage, figures and remedy stand below
-    table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=ROUNDED, show_lines=True)
-    for column, least in (("pick", 8), ("verdict", 10), ("clearance\nduration", 9), ("reason", 40)):
+    table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    for column, least in (("pick", 8), ("verdict", 10), ("clearance", 9), ("duration", 8), ("reason", 40)):
         table.add_column(column, overflow="fold", min_width=least)
     suggestions = {verdict.pick.name: verdict.suggestions for verdict in report.verdicts}
     for name, verdict, stage, clearance, duration, reason, _ in report.rows():
-        # Texts, not strings: what stands between brackets in a name would be taken for a style.
-        judged = Text.assemble((verdict, _STYLES.get(verdict, "")), f"\nat {stage}" if stage else "")
+        # Text objects, because rich would interpret brackets in a string as a style.
+        judged = Text.assemble((verdict.upper(), _STYLES.get(verdict, "")), f" at {stage}" if stage else "")
         words = Text(reason)
         for suggestion in suggestions.get(name, ()):
             words.append(f"\nsuggestion: {suggestion}", "bold")
-        table.add_row(Text(name), judged, Text("\n".join(filter(None, (clearance, duration)))), words)
+        table.add_row(Text(name), judged, Text(clearance), Text(duration), words)
     console.print(table)
     say(report.summary)
     for note in report.notes:

@@ -144,7 +144,7 @@ def run_campaign(
 
             result = campaign.run(folder, progress=progress, **where)
     except KeyboardInterrupt:
-        from pinproof.picks.campaign.journal import rows_there
+        from pinproof.picks.batch.journal import rows_there
 
         # Counted, not remembered: it may have come between a row and its being counted.
         there = f"after {rows_there(folder):,} of {len(campaign):,} picks"
@@ -215,7 +215,7 @@ def pick(
             compile_ahead()
         result = run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
         if output is not None:
-            pp.write_report_page(output, result, arm, world, source.shared)
+            result.save(output)
             if not as_json:
                 say(f"wrote {output}")
         if not result.ok:
@@ -224,13 +224,13 @@ def pick(
     if output is not None:
         _check_output(output)
     with working(f"judging {file}"), chosen_workers(workers, dask) as where:
-        arm, world, picks, report = judge_file(file, robot, tcp, scene, seed, **where)
+        arm, _, _, report = judge_file(file, robot, tcp, scene, seed, **where)
     if as_json:
         print_json(report.to_dict())
     else:
         print_report(report)
     if output is not None:
-        written = _write(output, arm, world, picks, report)
+        written = _write(output, arm, report)
         if not as_json:
             say(f"wrote {', '.join(str(path) for path in written)}")
     if not report.ok:
@@ -278,13 +278,10 @@ def _check_output(output: Path) -> None:
         raise InputError(f"{output}: there is no folder {output.parent}")
 
 
-def _write(output: Path, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, report: pp.PickReport) -> list[Path]:
+def _write(output: Path, arm: pp.Arm, report: pp.PickReport) -> list[Path]:
     written = [output] if not _is_folder(output) else [output / f"report{kind}" for kind in KINDS]
     for path in written:
-        if path.suffix.lower() == PAGE:
-            pp.write_report_page(path, report, arm, scene, picks)
-        else:
-            report.save(path)
+        report.save(path)
     if _is_folder(output):
         for verdict, stem in zip(report.good, file_stems(v.pick.name for v in report.good), strict=True):
             written += write_motion(verdict, arm, output / f"{stem}.html", output / f"{stem}.json")

@@ -1,31 +1,34 @@
-"""Picks: what to grasp, the stages of a pick, verdicts with reasons, reports, campaigns, reach maps."""
+"""Picks: input, judgement stage by stage with reasons and suggestions, reports, campaigns and reach maps.
 
-from pinproof.picks.campaign import Campaign, CampaignResult
-from pinproof.picks.family import GraspSpin, GraspTolerance
-from pinproof.picks.frames import NamedFrame
-from pinproof.picks.grip import FingerContact, GripResult
-from pinproof.picks.gripper import GripperFingers
-from pinproof.picks.pick import Pick, PickProblem, Picks, PlaceTarget
-from pinproof.picks.picks_file import open_picks, read_picks
-from pinproof.picks.reach import (
-    ReachComparison,
-    ReachMap,
-    ReachRegion,
-    ScreenResult,
-    ScreenStatus,
-    approach_directions,
-    reach_map,
-    screen_picks,
-    tool_orientations,
+The data flows through four packages, each of which imports only from those before it: ``input`` (picks and their
+files), ``judging`` (one pick, from reach to the timed and certified motion), ``report`` (tables and the HTML page) and
+``batch`` (lists, campaigns, screening, reach maps).
+"""
+
+from pinproof.picks.batch.campaign import Campaign, CampaignResult
+from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, reach_map
+from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
+from pinproof.picks.batch.screen_picks import screen_picks
+from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
+from pinproof.picks.batch.validate import validate_picks
+from pinproof.picks.input.pick import (
+    GraspSpin,
+    GraspTolerance,
+    GripperFingers,
+    NamedFrame,
+    Pick,
+    PickProblem,
+    Picks,
+    PlaceTarget,
 )
-from pinproof.picks.report import PickReport, write_report_page
-from pinproof.picks.settings import GripLimits, PickBudget, PickWeights
-from pinproof.picks.setup import PickSetup
-from pinproof.picks.source import PickGrid, PickList, PickSource
-from pinproof.picks.suggestion import apply_suggestion
-from pinproof.picks.table import PickTable
-from pinproof.picks.validate import validate_picks
-from pinproof.picks.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.input.picks_file import open_picks, read_picks
+from pinproof.picks.input.settings import GripLimits, PickBudget, PickWeights
+from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable
+from pinproof.picks.judging.changes import apply_suggestion
+from pinproof.picks.judging.grip import FingerContact, GripResult
+from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
+from pinproof.picks.report.report import PickReport
 
 __all__ = [
     "Campaign",
@@ -67,5 +70,4 @@ __all__ = [
     "screen_picks",
     "tool_orientations",
     "validate_picks",
-    "write_report_page",
 ]

@@ -1,48 +1,356 @@
-"""One page on many picks: summary, table, the picture with every grasp, and the motions of the good ones.
+"""The HTML page of a report: summary, table, a 3D view with every grasp, and the motions of the good picks.
 
-The page is a file that opens anywhere, offline. Motions in it are for the eye: they are resampled, and say so. What is
-proven is said of the motions themselves, which the page does not hold.
+The page is one file that opens offline in any browser. Its motions are resampled for display, and the page states so;
+the proofs hold for the original motions, which the page does not contain. A pick is captioned FREE only if a
+certificate matches exactly what is shown.
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Scene
+from pinproof.collision import Obstacle, Scene
+from pinproof.collision.certificate import proven_millimetres, setup_hash
 from pinproof.common.files import write_text_whole
-from pinproof.errors import InputError, ViewerError
+from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm
-from pinproof.picks.frames import root_from_frame
-from pinproof.picks.pick import Picks
-from pinproof.picks.report.entries import KINDS, entry, without_more_details
-from pinproof.picks.report.framing import frame_picks
-from pinproof.picks.report.motions import Reel, surfaces_of
-from pinproof.picks.report.report import PickReport
-from pinproof.picks.report.rows import problem_row, verdict_row
-from pinproof.picks.verdict import PickVerdict
+from pinproof.picks.input.pick import Picks, root_from_frame
+from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.animation import still
+from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
-from pinproof.viewer.overlays import PoseMarkers
+from pinproof.viewer.camera import View, choose_view
+from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
 from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.stage import Stage, set_stage
-from pinproof.viewer.wire import Commands, node_path
+from pinproof.viewer.stage import DrawnLink, Stage, set_stage
+from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
+from pinproof.viewer.wire import Commands, node_path, transform_command
 
-if TYPE_CHECKING:
-    from pinproof.picks.campaign import CampaignResult
+__all__ = [
+    "KINDS",
+    "MOST_ROWS",
+    "Kind",
+    "PageContent",
+    "PageRow",
+    "Reel",
+    "entry",
+    "frame_picks",
+    "surfaces_of",
+    "without_more_details",
+    "write_page",
+]
 
-__all__ = ["MOST_ROWS", "write_report_page"]
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of verdict: its colour, and what it means in a sentence."""
+
+    css: str
+    means: str
+
+    @property
+    def rgb(self) -> tuple[float, float, float]:
+        """0 to 1 each."""
+        r, g, b = (int(self.css[k : k + 2], 16) / 255 for k in (1, 3, 5))
+        return r, g, b
+
+
+KINDS = {
+    "good": Kind("#0b7a43", "Every stage is passed, and the motion is proven."),
+    "impossible": Kind("#b3191f", "Every configuration was enumerated, and each is refuted."),
+    "not found": Kind("#c05a00", "No way was found within the budget; there may be one."),
+    "unreadable": Kind("#5b6673", "The row could not be read."),
+    "crashed": Kind("#7a2aa3", "The pick could not be judged."),
+}
+
+DETAILS = ("stages", "motions", "refuted")
+
+MOST_DETAILS = 2_000_000
+"""Characters of what entries tell beside verdict, reason and figures: a page of thousands stays one that opens."""
+
+PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
+
+
+def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks) -> dict[str, Any]:
+    """The row as the page's table and caption need it."""
+    kind = row["verdict"]
+    headline, tone, said = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
+    if kind == "good" and verdict is None:
+        said = "Judged good, with its motion proven. The rows of a campaign keep no motions, so none is played."
+    elif kind == "good" and verdict is not None:
+        if _proven(verdict, arm, scene, picks):
+            headline, tone, said = "FREE", "free", PROVEN
+        else:
+            headline, tone = "NOT VALIDATED", "open"
+            said = "The certificate belongs to another motion, arm, scene or tool than those of this page."
+    clearance, duration = row.get("clearance_proven"), row.get("duration")
+    proven = _proven_text(row)
+    figures = {
+        "Proven clearance": proven,
+        "Duration": _seconds(duration),
+        "Grasp at": _seconds(row.get("grasp_time")),
+        "Let go at": _seconds(row.get("release_time")),
+        "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
+        "In the frame": row.get("frame", ""),
+        "Member": row.get("member", ""),
+    }
+    return {
+        "name": row["name"],
+        "verdict": kind,
+        "failed": row.get("failed_at") or "",
+        "clearance": clearance,
+        "clearanceText": proven,
+        "duration": duration,
+        "reason": row.get("reason", ""),
+        "remedy": row.get("remedy", ""),
+        "headline": headline,
+        "tone": tone,
+        "said": said,
+        "figures": [[name, text] for name, text in figures.items() if text],
+        "stages": [[stage["stage"], stage["ok"], stage["message"]] for stage in row.get("stages", ())],
+        "motions": [[each["name"], _seconds(each["duration"]), _proven_text(each)] for each in row.get("motions", ())],
+        "refuted": list(row.get("refuted", ())),
+    }
+
+
+def without_more_details(entries: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any]], int]:
+    """Entries of which those behind :data:`MOST_DETAILS` lose their details, and how many those are."""
+    kept, room, bare = [], MOST_DETAILS, 0
+    for each in entries:
+        room -= len(json.dumps([each[name] for name in DETAILS]))
+        if room < 0:
+            each, bare = {**each, **dict.fromkeys(DETAILS, ())}, bare + 1
+        kept.append(each)
+    return kept, bare
+
+
+def _seconds(value: float | None) -> str:
+    return "" if value is None else f"{value:.2f} s"
+
+
+def _proven_text(row: dict[str, Any]) -> str:
+    """The clearance that a row, or a motion of it, is proven to keep; empty without a proof."""
+    clearance = row.get("clearance_proven")
+    if clearance is not None:
+        return proven_millimetres(clearance)
+    return "" if row.get("pairs_proven") is None else "unbounded"
+
+
+def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
+    """Whether the motion begins with this arm, tool and scene, and every part of it has a FREE certificate of its own.
+
+    Of what stands around, the later parts may differ by what is carried alone.
+    """
+    motions = verdict.motions
+    if not verdict.ok or not motions:
+        return False
+    first, own = motions[0], {thing.name for thing in picks.open_tool}
+    if not first.certificate.matches(first.trajectory, arm, scene, picks.open_tool):
+        return False
+    carried = {thing.name for motion in motions for thing in motion.attached} - own
+    around = _without(scene, carried, arm)
+    return all(
+        each.certificate.free
+        and each.certificate.matches(each.trajectory, arm.with_held(each.held), each.scene, each.attached)
+        and _without(each.scene, carried, arm) == around
+        for each in motions
+    )
+
+
+def _without(scene: Scene, names: set[str], arm: Arm) -> str:
+    """A hash of what stands around beside some things."""
+    return setup_hash(arm, scene.remove(*names.intersection(scene.names)))
+
 
 Array = npt.NDArray[np.float64]
+
+FRAMED = 1.3
+"""Grasps within so many times the robot's own extent about its root are framed; one far away would shrink the rest."""
+
+GROUPS, A_GROUP = 6, 30
+"""Groups of neighbouring grasps that should be seen as well as the links, and how many grasps stand for each."""
+
+
+def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array) -> View:
+    """The view of a stage, of its links at poses (F, L, 4, 4), of the tcp's ways (N, 3), and of grasps (G, 4, 4)."""
+    near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * _extent(stage, poses)]
+    tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
+    groups = _groups(near)
+    standing = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
+    seen = replace(stage, links=(*stage.links, *groups))
+    return choose_view(seen, np.concatenate([poses, standing], axis=1), np.concatenate([tcp, near[:, :3, 3], tails]))
+
+
+def _extent(stage: Stage, poses: Array) -> float:
+    """Metres from the root to the farthest point that the robot may have."""
+    sizes = [max(float(np.linalg.norm(each.vertices, axis=1).max()) for each in link.surfaces) for link in stage.links]
+    return float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + sizes).max())
+
+
+def _groups(grasps: Array) -> list[DrawnLink]:
+    """Arrows at grasps as bodies that the choice of a view takes for links: what is seen of them counts."""
+    order = np.argsort(np.arctan2(grasps[:, 1, 3], grasps[:, 0, 3]), kind="stable")  # neighbours, about the root
+    parts = [group for group in np.array_split(grasps[order], GROUPS) if len(group)]
+    bodies = []
+    for number, group in enumerate(parts):
+        few = group[:: -(-len(group) // A_GROUP)]
+        surfaces = merge_by_colour([arrow(LONGEST).moved(each) for each in few])
+        bodies.append(DrawnLink(f"grasps {number}", tuple(surfaces)))
+    return bodies
+
+
+RATE, LEAST_RATE = 30.0, 5.0
+"""Key frames a second of a motion: at best, and where there is so much motion that fewer fit."""
+
+MOST_BYTES = 5e6
+"""Of all motions together, as text."""
+
+BYTES_A_POSE = 28 * 4 / 3
+"""Seven numbers of four bytes, as base64."""
+
+BYTES_A_LINK = 450
+"""What a motion says of a link beside the poses."""
+
+SHOWN_MOMENTS = 40
+"""Moments of all motions together that the camera frames."""
+
+
+SHOWN_PLACES = 4000
+"""Places on all ways together that it frames."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reel:
+    """The motions of a page.
+
+    Parameters
+    ----------
+    stage
+        What they move.
+    scene
+        What stands around; of an obstacle that is carried, the drawn one moves.
+    films
+        One a verdict; None where there is nothing to play.
+    bodies
+        What is carried, by name, of each film; drawn only if the scene has none of that name.
+    notes
+        What was changed for show, in sentences.
+    """
+
+    stage: Stage
+    scene: Scene
+    films: tuple[Film | None, ...]
+    bodies: tuple[dict[str, Obstacle], ...]
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, stage: Stage, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]) -> Reel:
+        """The motions of verdicts; ``tool`` is what the stage draws with the tcp always."""
+        always = {thing.name for thing in tool}
+        parts = [_phases(verdict, always) for verdict in verdicts]
+        seconds = [sum(phase.trajectory.duration for phase in phases) for phases in parts]
+        room = MOST_BYTES / max(len(stage.links), 1)
+        said = BYTES_A_LINK * np.array([bool(phases) for phases in parts])
+        fits = np.cumsum(np.array(seconds) * LEAST_RATE * BYTES_A_POSE + said) <= room
+        spare = room - said[fits].sum()  # for poses
+        rate = min(RATE, spare / (BYTES_A_POSE * max(float(np.array(seconds)[fits].sum()), 1e-9)))
+        films = tuple(
+            film(stage, phases, rate=rate) if phases and fit else None for phases, fit in zip(parts, fits, strict=True)
+        )
+        bodies = tuple({thing.name: thing for phase in phases for thing in phase.attached} for phases in parts)
+        notes = []
+        if any(films):
+            notes.append(f"Motions are resampled for show, {rate:.0f} poses a second; the proofs are of the motions.")
+        if left := sum(bool(phases) and not fit for phases, fit in zip(parts, fits, strict=True)):
+            notes.append(f"{left} more good picks have motions that found no room in this page.")
+        return cls(stage, scene, films, bodies, tuple(notes))
+
+    @property
+    def moments(self) -> Array:
+        """(M, L, 4, 4) poses of the links at some moments of the motions, for the camera."""
+        films = [each for each in self.films if each is not None]
+        none = np.empty((0, len(self.stage.links), 4, 4))
+        chosen = films[:: max(1, len(films) * 2 // SHOWN_MOMENTS)]
+        return np.concatenate([none, *(each.poses[[len(each.times) // 2, -1]] for each in chosen)])
+
+    @property
+    def ways(self) -> Array:
+        """(N, 3) places on the ways of the tcp, and of what is carried, for the camera."""
+        films = [each for each in self.films if each is not None]
+        carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
+        ways = np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
+        return ways[:: -(-len(ways) // SHOWN_PLACES) or 1]
+
+    def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
+        """The tracks of each motion; draws what is carried, hidden until its pick is chosen."""
+        drawn: dict[tuple[str, bytes], str] = {}
+        motions: list[dict[str, Any] | None] = []
+        for shown, bodies in zip(self.films, self.bodies, strict=True):
+            if shown is None:
+                motions.append(None)
+                continue
+            places = {name: self._place(thing, commands, drawn) for name, thing in bodies.items()}
+            motions.append(
+                {
+                    "duration": float(shown.times[-1]),
+                    "tracks": tracks(commands, self.stage, shown, places),
+                    "path": commands.array(shown.tcp.astype(np.float32).ravel()),
+                    "riders": {places[name]: _column(poses[0]) for name, poses in shown.riders.items()},
+                }
+            )
+        return motions
+
+    def at_rest(self, rest: Film) -> list[dict[str, Any]]:
+        """Commands that put everything back that a motion has moved."""
+        names = {name for bodies in self.bodies for name in bodies}
+        back = [
+            transform_command(node_path("robot", link.name), at)
+            for link, at in zip(self.stage.links, rest.poses[0], strict=True)
+        ]
+        things = (thing for thing in self.stage.obstacles if thing.name in names)
+        return back + [transform_command(node_path("scene", thing.name), thing.pose) for thing in things]
+
+    def _place(self, thing: Obstacle, commands: Commands, drawn: dict[tuple[str, bytes], str]) -> str:
+        """The node of something carried, drawn once however many picks carry the like."""
+        if any(thing.name == each.name for each in self.scene.obstacles):
+            return node_path("scene", thing.name)
+        surfaces = surfaces_of(thing)
+        key = (thing.name, b"".join(surface.vertices.tobytes() for surface in surfaces))
+        if key not in drawn:
+            drawn[key] = path = node_path("riders", str(len(drawn)))
+            for number, surface in enumerate(surfaces):
+                commands.set_surface(f"{path}/{number}", surface)
+            commands.set_property(path, "visible", False)
+        return drawn[key]
+
+
+def _phases(verdict: PickVerdict | None, always: set[str]) -> list[Phase]:
+    if verdict is None:
+        return []
+    return [Phase(each.trajectory, tuple(t for t in each.attached if t.name not in always)) for each in verdict.motions]
+
+
+def surfaces_of(thing: Obstacle) -> list[Surface]:
+    """The pictures of a thing; none where they cannot be read."""
+    try:
+        return obstacle_surfaces(thing)
+    except MeshError:  # a picture that is missing is no reason to show none
+        return []
+
+
+def _column(a_from_b: Array) -> list[float]:
+    return [float(value) for value in a_from_b.T.ravel()]
+
 
 OPEN_HAND = "open hand"
 """The node of the fingers at home; the page's script knows it by this name."""
@@ -52,20 +360,49 @@ MOST_ROWS = 5000
 
 
 @dataclass(frozen=True)
-class _Row:
-    """A row of plain values, with its verdict if there is one."""
+class PageRow:
+    """A row of plain values, and its verdict if there is one."""
 
     values: dict[str, Any]
     verdict: PickVerdict | None = None
 
 
-def write_report_page(
+@dataclass(frozen=True)
+class PageContent:
+    """What a page shows.
+
+    Parameters
+    ----------
+    rows
+        The rows in order; the page shows the first :data:`MOST_ROWS`.
+    total
+        The number of rows.
+    verdicts
+        The number of rows with each verdict.
+    summary
+        One line on all rows.
+    notes
+        What the verdicts do not cover, in sentences.
+    acceleration_source
+        The origin of the acceleration limits of the timing.
+    """
+
+    rows: Iterable[PageRow]
+    total: int
+    verdicts: Mapping[str, int]
+    summary: str
+    notes: tuple[str, ...]
+    acceleration_source: str
+
+
+def write_page(
     path: str | Path,
-    report: PickReport | CampaignResult,
-    arm: Arm,
-    scene: Scene,
-    picks: Picks,
+    content: PageContent,
+    setup: PickSetup | None,
     *,
+    arm: Arm | None = None,
+    scene: Scene | None = None,
+    picks: Picks | None = None,
     title: str | None = None,
 ) -> None:
     """Write the page of a report or of a campaign.
@@ -73,43 +410,46 @@ def write_report_page(
     Parameters
     ----------
     path
-        The file; written whole or not at all.
-    report
-        What was found. The rows of a campaign keep no motions: their page has the table and the coloured grasps.
-    arm, scene
-        What the picks were judged with.
-    picks
-        What the picks share: their tool and home.
+        The file; it is written completely or not at all.
+    content
+        What the page shows.
+    setup
+        What the picks were judged with, if it is known.
+    arm, scene, picks
+        The arm, the scene, and the tool and home that the picks share. By default those of ``setup``.
     title
         By default the robot's name.
 
     Raises
     ------
+    InputError
+        If ``setup`` is None and one of ``arm``, ``scene`` and ``picks`` is missing.
     ViewerError
         If the robot has nothing to draw, or meshcat's viewer is not installed.
     FileError
-        For a place that cannot be written to.
+        If the file cannot be written.
     """
-    if isinstance(report, PickReport):
-        rows = [_Row(verdict_row(verdict), verdict) for verdict in report.verdicts]
-        rows += [_Row(problem_row(problem)) for problem in report.problems]
-        total, kinds = len(rows), Counter(row.values["verdict"] for row in rows)
-    else:
-        rows = [_Row(values) for values in islice(report.rows(), MOST_ROWS)]
-        total, kinds = report.total, Counter(report.verdicts)
-    shown = rows[:MOST_ROWS]
-    notes = [f"Not covered: {note}" for note in report.notes]
-    notes.append(f"Acceleration limits: {report.acceleration_source}")
-    if len(shown) < total:
-        notes.insert(0, f"Of {total:,} rows the first {len(shown):,} are shown.")
-    words = {"title": title or f"Picks of {arm.robot.name}", "summary": report.summary}
-    text = _render(shown, kinds, arm, scene, picks, words, notes)
-    write_text_whole(path, text)
+    if setup is not None:
+        checker = setup.checker
+        arm, scene, picks = arm or checker.arm, scene or checker.scene, picks or setup.shared
+    if arm is None or scene is None or picks is None:
+        missing = [name for name, value in {"arm": arm, "scene": scene, "picks": picks}.items() if value is None]
+        raise InputError(
+            f"{path}: this result does not contain what its picks were judged with, which the 3D view needs; "
+            f"add to save(): {', '.join(f'{name}=...' for name in missing)}"
+        )
+    shown = list(islice(content.rows, MOST_ROWS))
+    notes = [f"Not covered: {note}" for note in content.notes]
+    notes.append(f"Acceleration limits: {content.acceleration_source}")
+    if len(shown) < content.total:
+        notes.insert(0, f"This page shows the first {len(shown):,} of {content.total:,} rows.")
+    words = {"title": title or f"Picks of {arm.robot.name}", "summary": content.summary}
+    write_text_whole(path, _render(shown, content.verdicts, arm, scene, picks, words, notes))
 
 
 def _render(
-    rows: list[_Row],
-    kinds: Counter[str],
+    rows: list[PageRow],
+    kinds: Mapping[str, int],
     arm: Arm,
     scene: Scene,
     picks: Picks,
@@ -165,9 +505,9 @@ def _render(
     return assemble(words["title"], style, body, part("page.js", __package__), settings, commands)
 
 
-def _chips(kinds: Counter[str]) -> str:
+def _chips(kinds: Mapping[str, int]) -> str:
     """A button for each verdict that occurs: it tells the colour and the number, and filters."""
-    known = [name for name in KINDS if kinds[name]] + [name for name in kinds if name not in KINDS]
+    known = [name for name in KINDS if kinds.get(name)] + [name for name in kinds if name not in KINDS]
     return "".join(
         f'<button type="button" class="chip" data-verdict="{escape(name)}" aria-pressed="false">'
         f'<span class="swatch" style="background:{KINDS[name].css if name in KINDS else "#51606f"}"></span>'

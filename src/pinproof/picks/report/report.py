@@ -1,22 +1,129 @@
-"""A report on picks: as a table, as Markdown, as CSV and as JSON."""
+"""The report on a list of picks as a table, Markdown, CSV, JSON and HTML, and the row of values of a verdict."""
 
 from __future__ import annotations
 
 import csv
 import io
 import json
-from dataclasses import dataclass
+import math
+from collections import Counter
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError
-from pinproof.picks.pick import PickProblem
-from pinproof.picks.report.rows import problem_row, proofs, verdict_row
-from pinproof.picks.verdict import PickVerdict
+from pinproof.model import Arm
+from pinproof.picks.input.pick import PickProblem, Picks
+from pinproof.picks.judging.grip import GripResult
+from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.verdict import PickMotion, PickVerdict, StageResult
+from pinproof.spatial import xyz_rpy
 
-__all__ = ["COLUMNS", "CSV_COLUMNS", "SCHEMA", "SUFFIXES", "PickReport"]
+if TYPE_CHECKING:
+    from pinproof.picks.report.page import PageContent
+
+__all__ = ["COLUMNS", "CSV_COLUMNS", "SCHEMA", "SUFFIXES", "PickReport", "problem_row", "proofs", "verdict_row"]
+
+
+def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
+    """The certificates of a verdict, one for each part of its motion; none unless good."""
+    return tuple(motion.certificate for motion in verdict.motions)
+
+
+def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
+    """A verdict as plain values for JSON; lengths in metres, angles in radians, times in seconds.
+
+    A clearance of None beside ``pairs_proven`` is unbounded: nothing there can touch.
+    """
+    certificates, trajectory, pick = proofs(verdict), verdict.trajectory, verdict.pick
+    placed = [float(value) + 0.0 for value in xyz_rpy(pick.pose)]  # + 0.0: no negative zeros
+    left_out = dict.fromkeys((*pair.owners, pair.reason) for each in certificates for pair in each.excluded)
+    return {
+        "name": pick.name,
+        "verdict": verdict.status.value,
+        "failed_at": None if verdict.failed is None else verdict.failed.value,
+        "reason": verdict.reason,
+        "remedy": verdict.remedy,
+        "frame": pick.frame,
+        "xyz": placed[:3],
+        "rpy": placed[3:],
+        "member": verdict.member,
+        "configurations_tried": verdict.configurations,
+        "grip": None if verdict.grip is None else _grip(verdict.grip),
+        "stages": [_stage(stage) for stage in verdict.stages],
+        "refuted": list(verdict.refuted),
+        "q_grasp": None if verdict.q_grasp is None else [float(value) for value in verdict.q_grasp],
+        "grasp_time": verdict.grasp_time,
+        "release_time": verdict.release_time,
+        "duration": None if trajectory is None else trajectory.duration,
+        "score": {name: _finite(float(value)) for name, value in verdict.score.items()},
+        **_proven(certificates),
+        "margin": min((each.margin for each in certificates), default=None),
+        "motions": [_motion(motion) for motion in verdict.motions],
+        "excluded_pairs": [list(each) for each in left_out],
+    }
+
+
+def problem_row(problem: PickProblem) -> dict[str, Any]:
+    """A row of the file that could not be read."""
+    row = {"name": problem.name, "verdict": "unreadable", "failed_at": "input", "reason": problem.reason}
+    return {**row, "row": problem.row}
+
+
+def _stage(result: StageResult) -> dict[str, Any]:
+    figures = {name: _finite(float(value)) for name, value in result.figures.items()}
+    return {"stage": result.stage.value, "ok": result.ok, "message": result.message, "figures": figures}
+
+
+def _grip(grip: GripResult) -> dict[str, Any]:
+    """How a part is held; lengths in metres, areas in square metres."""
+    contacts = [
+        {
+            "finger": each.finger,
+            "closing_direction": list(each.closing_direction),
+            "contact_area": each.contact_area,
+            "overlap": each.overlap,
+            "gap": _finite(each.gap),
+            "open_distance": each.open_distance,
+            "closed_distance": each.closed_distance,
+        }
+        for each in grip.contacts
+    ]
+    return {"contacts": contacts, "tip_distance": grip.tip_distance}
+
+
+def _motion(motion: PickMotion) -> dict[str, Any]:
+    return {
+        "name": motion.name,
+        "duration": motion.trajectory.duration,
+        **_proven((motion.certificate,)),
+        "attached": [thing.name for thing in motion.attached],
+        "backwards": motion.certificate.backwards,
+        "partings": [str(parting) for parting in motion.certificate.partings],
+    }
+
+
+def _proven(certificates: tuple[Certificate, ...]) -> dict[str, Any]:
+    """What certificates prove together."""
+    return {
+        "clearance_proven": _least([each.clearance for each in certificates]),
+        "clearance_observed": _least([each.observed for each in certificates]),
+        "pairs_proven": max((each.pairs for each in certificates), default=None),
+    }
+
+
+def _least(values: list[float]) -> float | None:
+    return _finite(float(np.min(values))) if values else None
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
 
 COLUMNS = ("pick", "verdict", "failed at", "clearance", "duration", "reason", "remedy")
 
@@ -32,7 +139,7 @@ CSV_COLUMNS = (
 ``motions`` are the names of the parts in order. Of ``refuted``, each configuration stands on a line of the cell.
 """
 
-SUFFIXES = (".json", ".md", ".csv")
+SUFFIXES = (".json", ".md", ".csv", ".html")
 
 SCHEMA = "pinproof/picks/2"
 """The form of the JSON; ``schema.json`` beside this file is its JSON Schema. The number counts breaking changes.
@@ -56,7 +163,9 @@ class PickReport:
     acceleration_source
         Where the acceleration limits of the timing came from.
     notes
-        What no verdict covers, in sentences.
+        What the verdicts do not cover, in sentences.
+    setup
+        What the picks were judged with, for the page; None if it is not known.
     """
 
     robot: str
@@ -64,6 +173,7 @@ class PickReport:
     problems: tuple[PickProblem, ...]
     acceleration_source: str
     notes: tuple[str, ...] = ()
+    setup: PickSetup | None = field(default=None, repr=False)
 
     @property
     def good(self) -> tuple[PickVerdict, ...]:
@@ -135,24 +245,60 @@ class PickReport:
             "problems": [{"row": p.row, "name": p.name, "reason": p.reason} for p in self.problems],
         }
 
-    def save(self, path: str | Path) -> None:
-        """Write the report, whole or not at all: JSON, Markdown or CSV by the ending of its name.
+    def save(
+        self,
+        path: str | Path,
+        *,
+        arm: Arm | None = None,
+        scene: Scene | None = None,
+        picks: Picks | None = None,
+        title: str | None = None,
+    ) -> None:
+        """Write the report as JSON, Markdown, CSV or HTML, according to the suffix of the path.
+
+        The file is written completely or not at all. The HTML page has a table, a 3D view with every grasp, and the
+        motions of the good picks.
+
+        Parameters
+        ----------
+        path
+            The file, which ends in ``.json``, ``.md``, ``.csv`` or ``.html``.
+        arm, scene, picks
+            Only for HTML: the arm, the scene, and the picks, whose tool and home are drawn. By default those that the
+            picks were judged with; a report that was not made by :func:`pinproof.validate_picks` does not have them.
+        title
+            Only for HTML; by default the robot's name.
 
         Raises
         ------
         InputError
-            For another ending.
+            For another suffix, or if ``arm``, ``scene`` or ``picks`` is needed and missing.
+        ViewerError
+            If the robot has nothing to draw.
         FileError
-            For a place that cannot be written to.
+            If the file cannot be written.
         """
         kind = Path(path).suffix.lower()
         if kind not in SUFFIXES:
-            raise InputError(f"{path}: a report is a file of {', '.join(SUFFIXES)}, not {kind or 'without ending'}")
+            raise InputError(f"{path}: the suffix of a report is {', '.join(SUFFIXES)}, not {kind or 'empty'}")
+        if kind == ".html":
+            from pinproof.picks.report.page import write_page
+
+            write_page(path, self._page_content(), self.setup, arm=arm, scene=scene, picks=picks, title=title)
+            return
         if kind == ".json":
             text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
         else:
             text = self.to_markdown() if kind == ".md" else self.to_csv()
         write_text_whole(path, text)
+
+    def _page_content(self) -> PageContent:
+        from pinproof.picks.report.page import PageContent, PageRow
+
+        rows = [PageRow(verdict_row(verdict), verdict) for verdict in self.verdicts]
+        rows += [PageRow(problem_row(problem)) for problem in self.problems]
+        verdicts = Counter(row.values["verdict"] for row in rows)
+        return PageContent(rows, len(rows), verdicts, self.summary, self.notes, self.acceleration_source)
 
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,1 @@
+"""Many picks: validation in memory, campaigns on disk, fast screening, and reach maps."""

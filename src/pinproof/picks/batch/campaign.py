@@ -1,0 +1,512 @@
+"""Campaigns: any number of picks, judged by any number of workers, with the rows on disk; and their results.
+
+A worker computes the rows of a chunk of picks as lines of JSON. All rows of a file come from the same version of the
+code, which the header of the file names.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import json
+import pickle
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from pinproof.collision import Scene
+from pinproof.common.content_hash import LENGTH, digest
+from pinproof.common.validation import whole
+from pinproof.errors import CampaignError, FileError, InputError
+from pinproof.model import Arm
+from pinproof.picks.batch.journal import (
+    CRASHED,
+    JOURNAL,
+    RETRY,
+    ROWS,
+    SCHEMA,
+    Journal,
+    LineFile,
+    is_to_retry,
+    read_header,
+    refuse_foreign,
+    row_checker,
+    to_line,
+)
+from pinproof.picks.batch.workers import IN_FLIGHT, Outcome, Workers, do_chunks
+from pinproof.picks.input.pick import Pick, PickProblem, Picks
+from pinproof.picks.input.sources import PickSource, as_source
+from pinproof.picks.judging.setup import PickSetup
+from pinproof.picks.judging.verdict import PickStatus
+from pinproof.picks.report.report import problem_row, verdict_row
+
+__all__ = [
+    "TIMINGS",
+    "Campaign",
+    "CampaignResult",
+    "Judge",
+    "RowTask",
+    "code_here",
+    "crashed_row",
+    "judge_row",
+    "judge_words",
+]
+
+PACKAGE = Path(__file__).parents[2]
+
+BESIDE_IT = ("benchmarks", "cli", "viewer")
+"""Rooms that no verdict comes from: a folder is not to be refused for a word of help that was mended."""
+
+LIBRARIES = ("pin", "coal", "numpy", "numba")
+"""The libraries whose numbers stand in verdicts."""
+
+
+@cache
+def code_here() -> str:
+    """The code of this process in a line: version and hash of pinproof's own source, and the libraries beneath it.
+
+    A version is not enough: it stays the same in a checkout that is worked on.
+    """
+    into = hashlib.sha256()
+    for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
+        name = path.relative_to(PACKAGE)
+        if name.parts[0] not in BESIDE_IT:
+            content = path.read_bytes()
+            into.update(f"{name.as_posix()}\0{len(content)}\0".encode() + content)
+    libraries = ", ".join(f"{name} {_version(name)}" for name in LIBRARIES)
+    return f"{_version('pinproof')} {into.hexdigest()[:LENGTH]} on {libraries}"
+
+
+def judge_words(judge: Callable[..., Any]) -> str:
+    """A judge by its name and, if it is not one of pinproof's own, a hash of its source."""
+    name = f"{judge.__module__}.{judge.__qualname__}"
+    if judge.__module__.partition(".")[0] == PACKAGE.name:
+        return name
+    try:
+        return f"{name} {digest(inspect.getsource(judge))}"
+    except (OSError, TypeError):  # without a source file it goes by its name
+        return name
+
+
+def _version(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return "unknown"
+
+
+Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
+"""Judges the pick at a place, to a row of plain values with a ``verdict``. Importable, as it is sent by name."""
+
+
+def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
+    """The verdict through all stages. What is not checked is the same in every row, and stands in the header."""
+    row = verdict_row(setup.judge(index, pick))
+    del row["excluded_pairs"]
+    return row
+
+
+@dataclass(frozen=True, eq=False)
+class RowTask:
+    """Judges chunks with one set-up; the lines of a chunk come back, one a pick."""
+
+    setup: PickSetup
+    judge: Judge
+
+    def __call__(self, start: int, part: Iterable[Pick | PickProblem]) -> list[bytes]:
+        """The rows of the picks from place ``start`` on."""
+        return [self._line(index, item) for index, item in enumerate(part, start)]
+
+    def __reduce__(self) -> tuple[Callable[[str, bytes], RowTask], tuple[str, bytes]]:
+        return _unpacked, (code_here(), pickle.dumps((self.setup, self.judge), protocol=pickle.HIGHEST_PROTOCOL))
+
+    def _line(self, index: int, item: Pick | PickProblem) -> bytes:
+        if isinstance(item, PickProblem):
+            return to_line({"index": index, **problem_row(item)})
+        try:
+            row = self.judge(self.setup, index, item)
+            return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})
+        except Exception as error:  # noqa: BLE001  # one pick that cannot be judged never stops the others
+            reason = f"the judge failed: {type(error).__name__}: {error}"
+            return crashed_row(index, item.name, reason, retry=isinstance(error, MemoryError))
+
+
+def _unpacked(code: str, packed: bytes) -> RowTask:
+    """The task in a worker, which must have the code of the one who sent it: before anything of it is unpickled."""
+    if code != code_here():
+        raise CampaignError(
+            f"a worker runs pinproof {code_here()}, the campaign runs {code}; install the same version on all workers"
+        )
+    return RowTask(*pickle.loads(packed))
+
+
+def crashed_row(index: int, name: str, reason: str, *, retry: bool) -> bytes:
+    """The row of a pick that could not be judged; if ``retry``, the next run of the campaign judges it again."""
+    row = {"index": index, "name": name, "verdict": CRASHED, "failed_at": None, "reason": reason}
+    return to_line({**row, RETRY: True} if retry else row)
+
+
+@dataclass(frozen=True)
+class CampaignResult:
+    """The rows of a campaign, which stay on disk.
+
+    Parameters
+    ----------
+    path
+        The file of the rows, in the order of the picks: JSON lines after a header.
+    verdicts
+        How many rows have each verdict.
+    failed_at
+        How many fail at each stage; those that crashed at none.
+    acceleration_source
+        Where the acceleration limits of the timing came from.
+    notes
+        What no verdict covers, in sentences.
+    resumed
+        How many of the rows existed when the campaign was resumed; 0 if it ran without interruption.
+    damaged
+        How many rows were damaged or edited when the campaign was resumed; their picks were judged again.
+    to_retry
+        How many picks crashed because their workers died or ran out of memory; another run judges these again.
+    setup
+        What the picks were judged with, for the page; None for a result that was opened from its folder.
+    """
+
+    path: Path
+    verdicts: dict[str, int]
+    failed_at: dict[str, int]
+    acceleration_source: str
+    notes: tuple[str, ...]
+    resumed: int = 0
+    damaged: int = 0
+    to_retry: int = 0
+    setup: PickSetup | None = field(default=None, repr=False, compare=False)
+
+    @classmethod
+    def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:
+        """The result in the folder of a campaign that is done.
+
+        Raises
+        ------
+        CampaignError
+            If the campaign is not done, or there is none.
+        FileError
+            If the file cannot be read or is damaged.
+        """
+        path = Path(folder) / ROWS
+        if not path.exists():
+            begun = (Path(folder) / JOURNAL).exists()
+            raise CampaignError(f"{folder}: " + ("this campaign is not finished; run it again" if begun else "no rows"))
+        header = read_header(path)
+        verdicts: Counter[str] = Counter()
+        failed_at: Counter[str] = Counter()
+        to_retry = 0
+        for row in _rows(path):
+            verdicts[str(row.get("verdict"))] += 1
+            if row.get("failed_at") is not None:
+                failed_at[str(row["failed_at"])] += 1
+            to_retry += is_to_retry(row)
+        if verdicts.total() != header["picks"]:
+            raise FileError(path, f"has {verdicts.total()} rows of {header['picks']}; run the campaign again")
+        return cls(
+            path,
+            dict(verdicts),
+            dict(failed_at),
+            header["acceleration_source"],
+            tuple(header["notes"]),
+            resumed,
+            damaged,
+            to_retry,
+        )
+
+    def rows(self) -> Iterator[dict[str, Any]]:
+        """The rows in order, each read when it is asked for."""
+        return _rows(self.path)
+
+    @property
+    def total(self) -> int:
+        """How many rows there are."""
+        return sum(self.verdicts.values())
+
+    @property
+    def good(self) -> int:
+        """How many are good."""
+        return self.verdicts.get(PickStatus.GOOD.value, 0)
+
+    @property
+    def ok(self) -> bool:
+        """Whether every row is good, and there is one."""
+        return 0 < self.good == self.total
+
+    @property
+    def summary(self) -> str:
+        """One line: how many are good, and where the others fail."""
+        places = dict(self.failed_at)
+        if crashed := self.total - self.good - sum(places.values()):
+            places["no stage (crashed)"] = crashed
+        failed = ", ".join(f"{count} at {stage}" for stage, count in places.items())
+        return f"{self.good} of {self.total} picks good" + (f"; failed: {failed}" if failed else "")
+
+    def save(
+        self,
+        path: str | Path,
+        *,
+        arm: Arm | None = None,
+        scene: Scene | None = None,
+        picks: Picks | None = None,
+        title: str | None = None,
+    ) -> None:
+        """Write an HTML page with the table and a 3D view with every grasp; the rows themselves are in :attr:`path`.
+
+        The rows of a campaign contain no motions, so the page plays none.
+
+        Parameters
+        ----------
+        path
+            The file, which ends in ``.html``.
+        arm, scene, picks
+            The arm, the scene, and what the picks share. By default those of the campaign that was run; a result that
+            was opened from its folder does not have them.
+        title
+            By default the robot's name.
+
+        Raises
+        ------
+        InputError
+            For another suffix, or if ``arm``, ``scene`` or ``picks`` is needed and missing.
+        ViewerError
+            If the robot has nothing to draw.
+        FileError
+            If the rows cannot be read or the page cannot be written.
+        """
+        from pinproof.picks.report.page import PageContent, PageRow, write_page
+
+        if Path(path).suffix.lower() != ".html":
+            raise InputError(f"{path}: the page of a campaign is a .html file; its rows are in {self.path}")
+        rows = (PageRow(row) for row in self.rows())
+        content = PageContent(rows, self.total, self.verdicts, self.summary, self.notes, self.acceleration_source)
+        write_page(path, content, self.setup, arm=arm, scene=scene, picks=picks, title=title)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but the rows, as plain values for JSON."""
+        return {
+            "schema": "pinproof/campaign-summary/1",
+            "rows": str(self.path),
+            "summary": self.summary,
+            "ok": self.ok,
+            "total": self.total,
+            "resumed": self.resumed,
+            "damaged": self.damaged,
+            "to_retry": self.to_retry,
+            "verdicts": self.verdicts,
+            "failed_at": self.failed_at,
+            "acceleration_source": self.acceleration_source,
+            "notes": list(self.notes),
+        }
+
+
+def _rows(path: Path) -> Iterator[dict[str, Any]]:
+    try:
+        with path.open("rb") as file:
+            read = row_checker(file.readline())
+            for index, line in enumerate(file):
+                row = read(line)
+                if row is None or row["index"] != index:
+                    said = "is damaged or was edited; run the campaign again to judge this pick again"
+                    raise FileError(path, said, f"line {index + 2}")
+                yield row
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+
+
+TIMINGS = "timings.jsonl"
+"""Beside the rows: which chunk took how long, and where. Times are never part of a row, which would differ each run."""
+
+KILLED = "every worker process that judged this pick alone died"
+
+
+class Campaign:
+    """Many picks to be judged, from tens to millions.
+
+    ``run`` may be killed at any time and called again, from another program too: it goes on where it was. The rows are
+    the same, byte for byte, for any number of workers and however often it was killed.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    scene
+        What stands around it.
+    picks
+        The picks: a list, or a source of which nothing is held in memory (:func:`pinproof.picks.open_picks`,
+        :class:`pinproof.picks.PickGrid`). Rows that could not be read are rows of the result too.
+    home
+        (n,) where each transit starts; by default the one of the picks, else the arm's.
+    rng
+        The seed. Each pick has a stream of its own by its place.
+    judge
+        What judges a pick: ``judge(setup, index, pick)`` gives a row of plain values, which has a ``verdict`` and a
+        ``failed_at``; a function that can be imported by name. By default all stages.
+
+    Raises
+    ------
+    InputError
+        If home cannot be a start, or a joint has no velocity limit, or an argument makes no sense.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        scene: Scene,
+        picks: Picks | PickSource,
+        *,
+        home: npt.ArrayLike | None = None,
+        rng: int = 0,
+        judge: Judge = judge_row,
+    ) -> None:
+        whole("rng", rng, 0)
+        self._picks = as_source(picks)
+        self._setup = PickSetup.make(arm, scene, self._picks.shared, home=home, rng=rng)
+        self._judge = judge
+
+    def __len__(self) -> int:
+        return len(self._picks)
+
+    def header(self) -> dict[str, Any]:
+        """The first line of the rows: what the campaign is of, and what its verdicts do not cover."""
+        checker = self._setup.checker
+        header = {
+            "schema": SCHEMA,
+            "picks": len(self),
+            "setup": {
+                "pinproof": code_here(),
+                **self._setup.identity(),
+                "picks": f"{len(self)} picks {self._picks.digest()}",
+                "judge": judge_words(self._judge),
+            },
+            "acceleration_source": checker.arm.limits.acceleration_source,
+            "notes": list(self._setup.not_covered()),
+            "excluded_pairs": [[*pair.owners, pair.reason] for pair in checker.excluded],
+        }
+        return dict(json.loads(to_line(header)))
+
+    def run(
+        self,
+        folder: str | Path,
+        *,
+        executor: Workers | None = None,
+        workers: int | None = None,
+        in_flight: int = IN_FLIGHT,
+        chunk: int | None = None,
+        progress: Callable[[int, int], None] | None = None,
+    ) -> CampaignResult:
+        """Judge what has not been judged yet, to ``folder/rows.jsonl``.
+
+        A chunk whose worker dies is tried again. A chunk that three workers died of is halved until the pick at fault
+        is found; its row says ``crashed``. Such a pick may be innocent if the workers were killed from outside, so each
+        further run judges it once more. Rows that are damaged or were edited by hand are judged again too.
+
+        Parameters
+        ----------
+        folder
+            Where the rows are, or shall be; made if need be. Until all are there they stand in ``journal.jsonl``, in
+            the order in which they came; ``timings.jsonl`` tells how long they took.
+        executor
+            Any :class:`concurrent.futures.Executor`, such as ``distributed.Client(...).get_executor()``; or a function
+            that makes one, which is called again when it breaks. By default processes of this machine.
+        workers
+            How many processes, without an executor; by default one a core.
+        in_flight
+            How many chunks are handed to ``executor`` at a time: twice its workers is right.
+        chunk
+            How many picks make a chunk; by default about a second of work. It changes no row.
+        progress
+            Called with (rows there, rows in all) at the start and after each chunk.
+
+        Raises
+        ------
+        CampaignError
+            If ``folder`` holds another campaign, or rows of other code (names the difference), or the workers cannot
+            work or have other code.
+        FileError
+            If the folder cannot be written to; what was judged until then is kept.
+        KeyboardInterrupt
+            When interrupted; what was judged is kept.
+        """
+        folder, header = Path(folder), self.header()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            done = (folder / ROWS).exists()
+        except OSError as error:
+            raise FileError(folder, f"cannot be created: {error.strerror or error}") from error
+        if done and (finished := self._finished(folder, header)) is not None:
+            return replace(finished, setup=self._setup)
+        task = RowTask(self._setup, self._judge)
+        with Journal(folder, header) as journal, LineFile(folder / TIMINGS) as timings:
+            there = before = int(journal.done.sum())
+            if progress is not None:
+                progress(there, len(self))
+            work = do_chunks(
+                task,
+                self._picks.part,
+                journal.missing(),
+                executor=executor,
+                workers=workers,
+                in_flight=in_flight,
+                chunk=chunk,
+            )
+            with closing(work) as outcomes:
+                for outcome in outcomes:
+                    journal.append(outcome.start, self._lines(outcome))
+                    timings.append(to_line(_timing(outcome)))
+                    there += outcome.stop - outcome.start
+                    if progress is not None:
+                        progress(there, len(self))
+            journal.finish()
+        result = CampaignResult.open(folder, resumed=before, damaged=journal.damaged)
+        return replace(result, setup=self._setup)
+
+    def _finished(self, folder: Path, header: dict[str, Any]) -> CampaignResult | None:
+        """The result of a finished campaign; None if some rows must be judged again, after they were made a journal."""
+        rows, journal = folder / ROWS, folder / JOURNAL
+        refuse_foreign(rows, read_header(rows), header)
+        if journal.exists():  # of a run that was killed between writing the rows and removing the journal
+            with LineFile(journal):
+                if rows.exists():
+                    journal.unlink()
+        try:
+            result = CampaignResult.open(folder, resumed=len(self))
+        except FileError:
+            result = None
+        if result is not None and not result.to_retry:
+            return result
+        try:
+            rows.rename(journal)
+        except OSError as error:
+            raise FileError(rows, f"cannot be renamed to {JOURNAL}: {error.strerror or error}") from error
+        return None
+
+    def _lines(self, outcome: Outcome) -> list[bytes]:
+        if outcome.crashed:
+            (item,) = self._picks.part(outcome.start, outcome.stop)
+            return [crashed_row(outcome.start, item.name, KILLED, retry=True)]
+        lines: list[bytes] = outcome.result
+        if len(lines) != outcome.stop - outcome.start:
+            raise InputError(f"the source gave {len(lines)} picks for {outcome.start} to {outcome.stop - 1}")
+        return lines
+
+
+def _timing(outcome: Outcome) -> dict[str, Any]:
+    return {
+        "start": outcome.start,
+        "stop": outcome.stop,
+        "seconds": round(outcome.seconds, 6),
+        "worker": outcome.worker,
+    }

@@ -1,0 +1,387 @@
+"""The rows of a campaign on disk: a journal in order of arrival, then a file in the order of the picks.
+
+Both are JSON lines: a header, then one row per pick with its position under ``index``. A running campaign appends to
+``journal.jsonl``. At the end ``rows.jsonl`` is written from it, completely or not at all, and replaces it. Memory use
+is nine bytes per row.
+
+Each row ends with a checksum over the header and the row. A row whose checksum does not match was damaged, edited by
+hand, or copied from another campaign; its pick is judged again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from pinproof.errors import CampaignError, FileError
+
+__all__ = [
+    "CRASHED",
+    "JOURNAL",
+    "RETRY",
+    "ROWS",
+    "SCHEMA",
+    "Journal",
+    "LineFile",
+    "differences",
+    "is_to_retry",
+    "read_header",
+    "refuse_foreign",
+    "row_checker",
+    "rows_there",
+    "to_line",
+]
+
+SYNC_SECONDS = 1.0
+"""How often what was written is forced to the disk. A killed process loses nothing; only a machine that goes down
+may lose this much."""
+
+
+class LineFile:
+    """A file open for appending; a torn last line is taken off by the first :meth:`append`.
+
+    ``size`` is the number of bytes in whole lines, ``torn`` that of a last line without an end.
+
+    Raises
+    ------
+    FileError
+        If it cannot be opened or written to, a full disk for instance, or if another process has it open.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            # Unbuffered: what is written has left this process, and what failed is not tried again behind its back.
+            self._file = path.open("a+b", buffering=0)
+        except OSError as error:
+            raise FileError(path, f"cannot be written: {error.strerror or error}") from error
+        try:
+            self._lock()
+            self.size = self._whole_size()
+            self.torn = self._file.seek(0, os.SEEK_END) - self.size
+        except OSError as error:
+            self._file.close()
+            raise FileError(path, f"cannot be written: {error.strerror or error}") from error
+        except FileError:
+            self._file.close()
+            raise
+        self._synced = time.monotonic()
+
+    def _lock(self) -> None:
+        import fcntl
+
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise FileError(self.path, "is in use by another process") from error
+        except OSError:
+            pass  # some network file systems know no locks; they keep nobody from working alone
+
+    def _whole_size(self) -> int:
+        """How many bytes make whole lines."""
+        end = self._file.seek(0, os.SEEK_END)
+        while end > 0:
+            begin = max(0, end - (1 << 16))
+            self._file.seek(begin)
+            found = self._file.read(end - begin).rfind(b"\n")
+            if found >= 0:
+                return begin + found + 1
+            end = begin
+        return 0
+
+    def append(self, lines: bytes) -> None:
+        """Add whole lines.
+
+        Raises
+        ------
+        FileError
+            If they cannot be written, wholly or in part; a part is taken off when the file is next opened.
+        """
+        rest = memoryview(lines)
+        try:
+            if self.torn:
+                self._file.truncate(self.size)
+                self.torn = 0
+            while rest:
+                rest = rest[self._file.write(rest) :]
+            if time.monotonic() - self._synced > SYNC_SECONDS:
+                os.fsync(self._file.fileno())
+                self._synced = time.monotonic()
+        except OSError as error:
+            raise FileError(self.path, f"cannot be written: {error.strerror or error}") from error
+        self.size += len(lines)
+
+    def close(self) -> None:
+        """Let go of it."""
+        self._file.close()
+
+    def __enter__(self) -> LineFile:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+SCHEMA = "pinproof/campaign/2"
+
+JOURNAL, ROWS = "journal.jsonl", "rows.jsonl"
+
+CRASHED = "crashed"
+"""The verdict on a pick that could not be judged: the judge failed, or the process died."""
+
+RETRY = "retry"
+"""The key of rows whose picks are judged again by the next run: their worker died, perhaps killed from outside."""
+
+_CHECKSUM = re.compile(rb',"checksum":"([0-9a-f]{16})"\}\n\Z')
+"""How each row ends. 64 bits detect damage and edits by hand; they are no protection against forgery."""
+
+
+def to_line(value: Mapping[str, Any]) -> bytes:
+    """A value as a line of JSON.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it holds what JSON does not know, such as NaN.
+    """
+    return json.dumps(value, allow_nan=False, separators=(",", ":")).encode() + b"\n"
+
+
+class _Checksum:
+    """Adds and checks the checksums of rows that belong to one header."""
+
+    def __init__(self, header: bytes) -> None:
+        self._header = hashlib.sha256(header)
+
+    def _of(self, content: bytes) -> bytes:
+        digest = self._header.copy()
+        digest.update(content)
+        return digest.hexdigest()[:16].encode()
+
+    def add(self, line: bytes) -> bytes:
+        """A row with its checksum; ``line`` is a JSON object and ends with a line feed."""
+        content = line[: line.rindex(b"}")]
+        return content + b',"checksum":"' + self._of(content) + b'"}\n'
+
+    def row(self, line: bytes) -> dict[str, Any] | None:
+        """A row without its checksum; None if the checksum does not match."""
+        found = _CHECKSUM.search(line)
+        if found is None or self._of(line[: found.start()]) != found[1]:
+            return None
+        return dict(json.loads(line[: found.start()] + b"}"))
+
+
+def is_to_retry(row: Mapping[str, Any]) -> bool:
+    """Whether the next run judges the pick of a row again."""
+    return row.get("verdict") == CRASHED and row.get(RETRY) is True
+
+
+def row_checker(header: bytes) -> Callable[[bytes], dict[str, Any] | None]:
+    """A function that reads a line of a file with this header: the row, or None if it is damaged."""
+    return _Checksum(header).row
+
+
+class Journal:
+    """The journal of a campaign, new or resumed.
+
+    Parameters
+    ----------
+    folder
+        Where it is.
+    header
+        What stands in its first line; ``header["picks"]`` is the number of rows, ``header["setup"]`` tells this
+        campaign from others.
+
+    Raises
+    ------
+    CampaignError
+        If what is there is of another campaign; names the difference.
+    FileError
+        If it cannot be read or written.
+    """
+
+    def __init__(self, folder: Path, header: Mapping[str, Any]) -> None:
+        self.path, self.rows_path = folder / JOURNAL, folder / ROWS
+        self._header = to_line(header)
+        self._checksum = _Checksum(self._header)
+        self.damaged = 0
+        """How many lines are not rows of this campaign; they are ignored."""
+        total = int(header["picks"])
+        self.done = np.zeros(total, dtype=bool)
+        """(picks,) which rows are there."""
+        self._at = np.zeros(total, dtype=np.int64)  # where each begins
+        self._file = LineFile(self.path)
+        try:
+            if self._file.size:
+                self._go_on(header)
+            else:
+                self._begin()
+        except BaseException:
+            self._file.close()
+            raise
+
+    def _begin(self) -> None:
+        """Write the header; over a torn one too, but over nothing else."""
+        if self._file.torn > len(self._header) or not self._header.startswith(_content(self.path)):
+            raise CampaignError(f"{self.path}: does not belong to a campaign; choose another folder")
+        self._file.append(self._header)
+
+    def _go_on(self, header: Mapping[str, Any]) -> None:
+        """Read what is there."""
+        try:
+            with self.path.open("rb") as file:
+                refuse_foreign(self.path, _parsed_header(self.path, file.readline()), header)
+                for at, line in _lines(file):
+                    if at == self._file.size:
+                        break  # a torn line
+                    row = self._checksum.row(line)
+                    if row is None:
+                        self.damaged += 1
+                        continue
+                    index = int(row["index"])
+                    self._at[index], self.done[index] = at, not is_to_retry(row)  # a later row replaces an earlier one
+        except OSError as error:
+            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from error
+
+    def missing(self) -> list[tuple[int, int]]:
+        """(start, stop) of the rows that are not there yet."""
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], ~self.done, [False]]).astype(np.int8)))
+        return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
+
+    def append(self, start: int, lines: list[bytes]) -> None:
+        """Write the rows from position ``start`` on, each with its checksum."""
+        if self.done[start : start + len(lines)].any():
+            raise RuntimeError(f"rows {start} to {start + len(lines) - 1} are there already")
+        lines = [self._checksum.add(line) for line in lines]
+        lengths = np.array([len(line) for line in lines], dtype=np.int64)
+        at = self._file.size
+        self._file.append(b"".join(lines))
+        self._at[start : start + len(lines)] = at + np.cumsum(lengths) - lengths
+        self.done[start : start + len(lines)] = True
+
+    def finish(self) -> None:
+        """Put the rows in order into the final file, and take the journal away.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written; the journal is then still there.
+        """
+        if not self.done.all():
+            raise RuntimeError(f"{np.count_nonzero(~self.done)} rows are missing")
+        scratch = self.rows_path.with_name(f".{ROWS}.tmp")  # nobody else writes here: the journal is locked
+        try:
+            with self.path.open("rb") as journal, scratch.open("wb") as rows:
+                rows.write(self._header)
+                for at in map(int, self._at):
+                    if journal.tell() != at:  # mostly they follow each other
+                        journal.seek(at)
+                    rows.write(journal.readline())
+                rows.flush()
+                os.fsync(rows.fileno())
+            scratch.replace(self.rows_path)
+            _sync_folder(self.rows_path.parent)  # the journal goes when the rows are there for good
+            self.path.unlink(missing_ok=True)
+        except OSError as error:
+            scratch.unlink(missing_ok=True)
+            raise FileError(self.rows_path, f"cannot be written: {error.strerror or error}") from error
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def rows_there(folder: Path) -> int:
+    """How many picks the journal of a campaign has rows for; 0 where there is no journal."""
+    try:
+        with (folder / JOURNAL).open("rb") as file:
+            read = row_checker(file.readline())
+            return len({row["index"] for line in file if (row := read(line)) is not None})
+    except OSError:
+        return 0
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """The header of a journal or of a file of rows.
+
+    Raises
+    ------
+    CampaignError
+        If the file is of no campaign, or of another version of its schema.
+    FileError
+        If it cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return _parsed_header(path, file.readline())
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+
+
+def _parsed_header(path: Path, line: bytes) -> dict[str, Any]:
+    try:
+        header = json.loads(line)
+        schema = header["schema"]
+    except (ValueError, TypeError, KeyError) as error:
+        raise CampaignError(f"{path}: does not belong to a campaign; choose another folder") from error
+    if schema != SCHEMA:
+        raise CampaignError(f"{path}: has the schema {schema}, but {SCHEMA} is required; choose another folder")
+    return dict(header)
+
+
+def refuse_foreign(path: Path, there: Mapping[str, Any], header: Mapping[str, Any]) -> None:
+    """Refuse to go on with a file whose header is not ``header``; names what differs."""
+    different = differences(there, header)
+    if different:
+        raise CampaignError(
+            f"{path}: belongs to another campaign, which differs in {'; '.join(different)}. Choose another folder, or "
+            "remove this one to start again"
+        )
+
+
+def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
+    """What two headers do not share, in words."""
+    a, b = (dict(header.get("setup", {})) for header in (there, here))
+    named = [
+        f"{name} ({a.get(name, 'nothing')} there, {b.get(name, 'nothing')} here)"
+        for name in dict.fromkeys([*b, *a])
+        if a.get(name) != b.get(name)
+    ]
+    return named or (["its header"] if to_line(there) != to_line(here) else [])
+
+
+def _content(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+
+
+def _lines(file: Any) -> Iterator[tuple[int, bytes]]:
+    at = file.tell()
+    for line in file:
+        yield at, line
+        at += len(line)

@@ -1,0 +1,168 @@
+"""The points and the tool orientations of a reach map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.common.validation import whole
+from pinproof.errors import InputError
+from pinproof.spatial import finite
+
+__all__ = ["MOST_POINTS", "ReachRegion", "approach_directions", "tool_orientations"]
+
+Array = npt.NDArray[np.float64]
+
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+"""Radians between neighbours on the spiral."""
+
+
+def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: float = 0.0, count: int = 1) -> Array:
+    """(count, 3) unit vectors spread evenly over the cone of ``half_angle`` (rad) about ``axis`` (3,).
+
+    A Fibonacci spiral: each stands for the same area of the sphere. ``half_angle`` pi is the whole sphere; with a
+    count of 1 only the axis is left.
+
+    Raises
+    ------
+    InputError
+        If the axis is zero, the angle is outside [0, pi], or the count is not a whole number above 0.
+
+    References
+    ----------
+    Swinbank, Purser (2006), "Fibonacci grids: a novel approach to global modelling".
+    """
+    direction = finite("axis", axis, (3,))
+    length = float(np.linalg.norm(direction))
+    if length < 1e-9:
+        raise InputError("axis is zero")
+    if not 0.0 <= half_angle <= np.pi:
+        raise InputError(f"half_angle = {half_angle}; it must be from 0 to pi rad")
+    whole("count", count, 1)
+    if count == 1 or half_angle == 0.0:
+        return (direction / length)[None]
+    index = np.arange(count)
+    height = 1.0 - (1.0 - np.cos(half_angle)) * (index + 0.5) / count
+    radius, turn = np.sqrt(1.0 - height**2), GOLDEN_ANGLE * index
+    around = np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=1)
+    return np.asarray(around @ _with_z(direction / length).T)
+
+
+def tool_orientations(directions: npt.ArrayLike = (0.0, 0.0, -1.0), spins: int = 8) -> Array:
+    """(d * spins, 3, 3) ``root_from_tip`` rotations whose z runs along each of the directions (3,) or (d, 3).
+
+    ``spins`` turns about that z, evenly spread over a whole turn; the first has its x as near to the root's x as
+    possible (to its y where the direction is along x).
+
+    Raises
+    ------
+    InputError
+        If a direction is zero or the number of spins is not a whole number above 0.
+    """
+    many = np.atleast_2d(np.asarray(directions, dtype=float))
+    many = finite("directions", many, (None, 3))
+    lengths = np.linalg.norm(many, axis=1)
+    if not (lengths > 1e-9).all():
+        raise InputError(f"direction {int(np.flatnonzero(lengths <= 1e-9)[0])} is zero")
+    whole("spins", spins, 1)
+    turns = 2.0 * np.pi * np.arange(spins) / spins
+    about_z = np.zeros((spins, 3, 3))
+    about_z[:, 0, 0] = about_z[:, 1, 1] = np.cos(turns)
+    about_z[:, 1, 0] = np.sin(turns)
+    about_z[:, 0, 1] = -about_z[:, 1, 0]
+    about_z[:, 2, 2] = 1.0
+    frames = np.stack([_with_z(z) for z in many / lengths[:, None]])
+    return np.asarray((frames[:, None] @ about_z[None]).reshape(-1, 3, 3))
+
+
+def _with_z(z: Array) -> Array:
+    """A rotation (3, 3) whose third column is the unit vector z (3,)."""
+    near = np.array([1.0, 0.0, 0.0]) if abs(z[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    x = near - (near @ z) * z
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+MOST_POINTS = 5_000_000
+"""A grid of more is taken for a step given in millimetres."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachRegion:
+    """Points in the frame of the robot's root link.
+
+    Parameters
+    ----------
+    points
+        (N, 3) in metres.
+    axes
+        The coordinates of a grid along x, y and z, whose points come with z running fastest; None for single points.
+
+    Raises
+    ------
+    InputError
+        If there is no point, or a number is not finite.
+    """
+
+    points: Array
+    axes: tuple[Array, Array, Array] | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        points = finite("points", self.points, (None, 3))
+        if not len(points):
+            raise InputError("points is empty; a region needs at least one point")
+        points.flags.writeable = False
+        object.__setattr__(self, "points", points)
+
+    @classmethod
+    def box(cls, lower: npt.ArrayLike, upper: npt.ArrayLike, step: float) -> ReachRegion:
+        """A grid over the box from ``lower`` to ``upper`` (3,), both included.
+
+        Equal coordinates make it a surface, a line or a point. The points are evenly spread, ``step`` (m) apart at
+        most.
+
+        Raises
+        ------
+        InputError
+            If an upper corner lies below a lower one, the step is not above 0, or the points are too many.
+        """
+        low, high = finite("lower", lower, (3,)), finite("upper", upper, (3,))
+        for name, a, b in zip("xyz", low, high, strict=True):
+            if b < a:
+                raise InputError(f"the region's upper {name} = {b} is below its lower {name} = {a}")
+        if not 0.0 < step < np.inf:
+            raise InputError(f"step = {step}; it must be a distance in metres above 0")
+        # a side that is a multiple of the step but for rounding gets no further point
+        counts = [int(np.ceil((b - a) / step * (1.0 - 1e-12))) + 1 for a, b in zip(low, high, strict=True)]
+        if np.prod([float(count) for count in counts]) > MOST_POINTS:
+            raise InputError(
+                f"a step of {step} m makes {' x '.join(map(str, counts))} points, more than {MOST_POINTS}; "
+                "choose a larger step"
+            )
+        x, y, z = (np.linspace(a, b, count) for a, b, count in zip(low, high, counts, strict=True))
+        grid = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
+        return cls(grid.reshape(-1, 3), (x, y, z))
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The numbers of points along x, y and z of a grid; (N,) of single points."""
+        return (len(self.points),) if self.axes is None else tuple(len(axis) for axis in self.axes)
+
+    def equals(self, other: ReachRegion) -> bool:
+        """Whether both hold the same points in the same order."""
+        return bool(np.array_equal(self.points, other.points))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def __repr__(self) -> str:
+        return f"ReachRegion({' x '.join(map(str, self.shape))} points)"
+
+    @staticmethod
+    def along(values: Sequence[Array]) -> tuple[Array, Array, Array]:
+        """Three axes out of a file."""
+        x, y, z = (np.array(axis, dtype=float) for axis in values)
+        return x, y, z

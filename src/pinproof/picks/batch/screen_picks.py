@@ -1,0 +1,308 @@
+"""Screening of many picks: families of grasps, named frames, and objects that the hand may touch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import groupby
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, Obstacle, Scene
+from pinproof.common.validation import whole
+from pinproof.errors import InputError
+from pinproof.model import Arm
+from pinproof.picks.batch.screening import Looked, Screening, ScreenResult, ScreenStatus, code_of
+from pinproof.picks.input.pick import TIP, GraspSpin, GraspTolerance, Pick, PickProblem, Picks, family
+from pinproof.picks.input.sources import PickSource, as_source
+from pinproof.picks.judging.configurations import limit_margins
+from pinproof.picks.judging.grasp import reach, screen
+from pinproof.picks.judging.setup import check_held_joints
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.spatial import SE3, matrix, rigid, rigid_many
+
+__all__ = ["GraspScreening", "LookedPicks", "screen_picks"]
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+UNREADABLE, CONTACT, FREE = map(code_of, (ScreenStatus.UNREADABLE, ScreenStatus.CONTACT, ScreenStatus.FREE))
+
+
+@dataclass(frozen=True, eq=False)
+class LookedPicks:
+    """What became of some picks: their names, what became of the best grasp of each, and which of the family it is."""
+
+    names: tuple[str, ...]
+    looked: Looked
+    member: Indices
+
+    @classmethod
+    def joined(cls, parts: Sequence[LookedPicks], dof: int) -> LookedPicks:
+        """Parts one behind the other; there may be none."""
+        some = [cls((), Looked.nothing(0, dof), np.empty(0, dtype=np.int64)), *parts]
+        return cls(
+            tuple(name for part in some for name in part.names),
+            Looked.joined([part.looked for part in some]),
+            np.concatenate([part.member for part in some]),
+        )
+
+
+@dataclass(eq=False)
+class _Open:
+    """A pick of which some grasps are still to be looked at, ring by ring, and whether the hand may touch an object."""
+
+    index: int
+    pose: Array
+    rings: list[Array]
+    object: str | None
+    done: int = 0
+
+
+class GraspScreening:
+    """Looks at picks of a cell; several threads may use it.
+
+    Parameters
+    ----------
+    cell
+        What the picks are judged in.
+    attempts, rng, clearance
+        As for :class:`~pinproof.picks.batch.screening.Screening`.
+    """
+
+    def __init__(self, cell: Cell, *, attempts: int, rng: int, clearance: bool) -> None:
+        def screening(checker: CollisionChecker) -> Screening:
+            return Screening(checker, cell.home, attempts=attempts, rng=rng, clearance=clearance)
+
+        self._cell, self._make, self._screening = cell, screening, screening(cell.checker)
+        self._hand = [each for each in cell.hand if each in cell.checker.obstacles_and_links]
+        self._before = np.linalg.inv(matrix(cell.arm.root_from_base))
+        self._after = np.linalg.inv(matrix(cell.shared.tip))
+
+    @property
+    def complete(self) -> bool:
+        """Whether every configuration of a grasp is looked at."""
+        return self._screening.complete
+
+    def poses(self, poses: Array) -> Looked:
+        """What becomes of ``root_from_tip`` (N, 4, 4)."""
+        return self._screening.look(self._targets(poses))
+
+    def picks(self, part: Iterable[Pick | PickProblem]) -> LookedPicks:
+        """What becomes of picks; the grasps of a family are looked at ring by ring until one is free."""
+        items = list(part)
+        best, member = Looked.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
+        left = list(self._readable(items))
+        while left:
+            sizes = np.array([len(each.rings[0]) for each in left])
+            owner, starts = np.repeat(np.arange(len(left)), sizes), np.cumsum(sizes) - sizes
+            poses = np.concatenate([each.pose @ each.rings[0] for each in left])
+            looked = self._look(poses, [each.object for each in left], owner)
+            order = np.lexsort((-np.nan_to_num(looked.manipulability), -looked.codes, owner))
+            top, index = order[starts], np.array([each.index for each in left])
+            better = looked.codes[top] > best.codes[index]
+            done = np.array([each.done for each in left])
+            member[index[better]] = (done + top - starts)[better]
+            best.put(index[better], looked, top[better])
+            for each in left:
+                each.done += len(each.rings.pop(0))
+            left = [each for each in left if best.codes[each.index] != FREE and each.rings]
+        return LookedPicks(tuple(item.name for item in items), best, member)
+
+    def _targets(self, poses: Array) -> Array:
+        return np.ascontiguousarray(self._before @ poses @ self._after)
+
+    def _readable(self, items: Sequence[Pick | PickProblem]) -> Iterator[_Open]:
+        for index, item in enumerate(items):
+            if isinstance(item, PickProblem):
+                continue
+            pick, taken = item, None
+            if item.frame or item.carried is not None:
+                try:
+                    task = Task(item, self._cell)
+                except InputError:
+                    continue
+                pick, taken = task.pick, task.name if task.from_scene and self._hand else None
+            axis = pick.approach_direction
+            if pick.approach_frame != TIP and pick.spin.angles != (0.0,):
+                axis = tuple((pick.pose.rotation.T @ axis).tolist())
+            yield _Open(index, matrix(pick.pose), list(_rings(pick.spin, pick.tolerance, axis)), taken)
+
+    def _look(self, poses: Array, objects: Sequence[str | None], owner: Indices) -> Looked:
+        """What becomes of poses, of picks ``owner`` (N,), each with the object of its pick that the hand may touch.
+
+        Without that leave first, which is nothing to make: what is free so is free.
+        """
+        targets = self._targets(poses)
+        looked = self._screening.look(targets)
+        again = [(objects[owner[k]], int(k)) for k in np.flatnonzero(looked.codes == CONTACT)]
+        with_object = sorted((name, k) for name, k in again if name is not None)
+        for name, group in groupby(with_object, key=lambda each: each[0]):
+            rows = np.array([k for _, k in group])
+            allowed = self._make(self._cell.checker.allowing(*((each, name) for each in self._hand)))
+            looked.put(rows, allowed.look(targets[rows]), np.arange(len(rows)))
+        return looked
+
+
+@lru_cache(maxsize=64)
+def _rings(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float, float]) -> tuple[Array, ...]:
+    """``nominal_from_tip`` (m, 4, 4) ring by ring; the first grasp, which mostly is free, stands alone."""
+    rings = [np.array([matrix(each.nominal_from_tip) for each in r]) for r in family(spin, tolerance, np.array(axis))]
+    return tuple(ring for ring in (rings[0][:1], rings[0][1:], *rings[1:]) if len(ring))
+
+
+CHUNK = 4096
+"""Picks looked at together: their answers stay in the processor's cache, and progress can be told."""
+
+
+def screen_picks(
+    arm: Arm,
+    scene: Scene,
+    picks: Picks | PickSource | npt.ArrayLike,
+    *,
+    tip: SE3 | npt.ArrayLike | None = None,
+    tool: Sequence[Obstacle] | None = None,
+    margin: float | None = None,
+    home: npt.ArrayLike | None = None,
+    clearance: bool = False,
+    attempts: int = 4,
+    rng: int = 0,
+    threads: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> ScreenResult:
+    """Tell of very many picks, or poses, which can be grasped: reached inside the limits, free of contact.
+
+    The stages reach, limits, self-collision and collision at the grasp of :func:`pinproof.validate_picks` alone, with
+    the same checks, tens of thousands a second. What is free here may still fail on its ways; what is not free need not
+    be judged in full, where ``complete``.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    scene
+        What stands around it.
+    picks
+        Picks, or (N, 4, 4) poses ``root_from_tip``.
+    tip, tool, margin
+        ``tcp_from_tip``, the bodies that move with the tcp, and the metres to keep between any two bodies. By default
+        those of the picks; of poses the tcp itself, none, and 0.
+    home
+        (n,) near which whole turns are chosen, and where searches begin; by default the one of the picks, else the
+        arm's.
+    clearance
+        Whether the clearance of what is free is measured, too; it costs as much as all the rest.
+    attempts
+        Starts of the search, for arms without a closed form.
+    rng
+        Seed of the searches.
+    threads
+        Threads that share the work; the answers do not depend on their number.
+    progress
+        Called with the number of picks done and of all.
+
+    Raises
+    ------
+    InputError
+        If a pose is none, a setting makes no sense, or the arm holds other joints elsewhere than the picks say.
+    """
+    whole("threads", threads, 1)
+    source = as_source(picks) if isinstance(picks, (Picks, PickSource)) else _Poses(rigid_many("poses", picks))
+    named = source.shared
+    shared = replace(
+        named,
+        tip=named.tip if tip is None else rigid("tip", tip),
+        tool=named.tool if tool is None else tuple(tool),
+        margin=named.margin if margin is None else margin,
+    )
+    check_held_joints(arm, shared)
+    told = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
+    checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
+    cell = Cell(checker, shared, arm.configuration(told, "home"))
+    screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
+    total = len(source)
+
+    def share(start: int) -> LookedPicks:
+        stop = min(start + CHUNK, total)
+        if isinstance(source, _Poses):
+            return LookedPicks((), screening.poses(source.poses[start:stop]), np.zeros(stop - start, dtype=np.int64))
+        return screening.picks(source.part(start, stop))
+
+    parts = []
+    with ThreadPoolExecutor(threads) as pool:
+        for part in pool.map(share, range(0, total, CHUNK)):
+            parts.append(part)
+            if progress is not None:
+                progress(min(len(parts) * CHUNK, total), total)
+    found = LookedPicks.joined(parts, arm.dof)
+    looked, free = found.looked, found.looked.codes == code_of(ScreenStatus.FREE)
+    margins = np.full(total, np.nan)
+    margins[free] = np.clip(limit_margins(arm, looked.q[free]), 0.0, 1.0)
+    return ScreenResult(
+        source.names if isinstance(source, _Poses) else found.names,
+        arm.joint_names,
+        looked.codes,
+        looked.q,
+        found.member,
+        margins,
+        looked.manipulability,
+        looked.clearance,
+        screening.complete,
+        _Reasons(cell, source, rng),
+    )
+
+
+class _Poses(PickSource):
+    """Poses as picks without ways."""
+
+    def __init__(self, poses: Array) -> None:
+        self.poses, self.shared = poses, Picks(())
+        self.names = _Numbered(len(poses))
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def part(self, start: int, stop: int) -> list[Pick]:
+        return [Pick(self.names[i], rigid("pose", self.poses[i]), 0.0, 0.0) for i in range(start, min(stop, len(self)))]
+
+    def digest(self) -> str:
+        raise NotImplementedError
+
+
+class _Numbered(Sequence[str]):
+    """``pose_0``, ``pose_1``, ..."""
+
+    def __init__(self, count: int) -> None:
+        self._count = count
+
+    def __len__(self) -> int:
+        return self._count
+
+    def __getitem__(self, index):  # type: ignore[no-untyped-def]  # a name, or a tuple of them for a slice
+        places = range(self._count)[index]
+        return tuple(f"pose_{i}" for i in places) if isinstance(places, range) else f"pose_{places}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Reasons:
+    """Judges a single pick again, for what the stages say of it."""
+
+    cell: Cell
+    source: PickSource
+    rng: int
+
+    def __call__(self, index: int) -> str:
+        (item,) = self.source.part(index, index + 1)
+        if isinstance(item, PickProblem):
+            return item.reason
+        try:
+            task = Task(item, self.cell)
+        except InputError as error:
+            return str(error)
+        members = next(task.groups())
+        reached = reach(task, members, self.rng)
+        stages = (*reached.stages, *(screen(task, members, reached).stages if len(reached.q) else ()))
+        return next((stage.message for stage in stages if not stage.ok), "")

@@ -1,0 +1,534 @@
+"""Picks: grasps with approach and retreat, families of grasps, named frames, grippers, and lists of picks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Obstacle, Scene
+from pinproof.description import Urdf
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm
+from pinproof.picks.input.settings import GripLimits
+from pinproof.spatial import SE3, finite, frozen, pose, rigid
+
+__all__ = [
+    "GraspSpin",
+    "GraspTolerance",
+    "GripperFingers",
+    "Member",
+    "NamedFrame",
+    "Pick",
+    "PickProblem",
+    "Picks",
+    "PlaceTarget",
+    "family",
+    "moved",
+    "moved_by",
+    "root_from_frame",
+    "rotation_about",
+    "support_names",
+]
+
+Array = npt.NDArray[np.float64]
+
+STEPS = 24
+"""Number of tried rotations of a free spin: one every 15 degrees."""
+
+MOST_STEPS = 3600
+"""Largest number of rotations in a range, each of which is tried: 0.1 degrees each over a full rotation."""
+
+SHARES = (0.5, 1.0)
+"""Fractions of a tolerance at which grasps are tried."""
+
+
+@dataclass(frozen=True)
+class GraspSpin:
+    """Rotations (rad) of a grasp about its approach direction.
+
+    Parameters
+    ----------
+    angles
+        The rotations that are tried, in this order.
+    sampled
+        Whether the angles are samples of a range. If all of them fail, nothing is proven about those between.
+    """
+
+    angles: tuple[float, ...] = (0.0,)
+    sampled: bool = False
+
+    def __post_init__(self) -> None:
+        angles = finite("spin", self.angles, (None,))
+        if not len(angles):
+            raise InputError("spin has no angle; state at least one or omit spin")
+        object.__setattr__(self, "angles", tuple(angles.tolist()))
+
+    @classmethod
+    def free(cls, steps: int = STEPS) -> GraspSpin:
+        """Any rotation about the approach direction, sampled in ``steps``."""
+        return cls(tuple(sorted((2 * np.pi * k / steps for k in _outwards(steps)), key=abs)), sampled=True)
+
+    @classmethod
+    def between(cls, first: float, last: float, steps: int = STEPS) -> GraspSpin:
+        """Rotations from ``first`` to ``last``; those with the smallest magnitude are tried first."""
+        if not last >= first or not 1 <= steps <= MOST_STEPS:
+            raise InputError(
+                f"spin from {first} to {last} in {steps} steps; the first angle must not exceed the last and the "
+                f"number of steps must be from 1 to {MOST_STEPS}"
+            )
+        return cls(tuple(sorted(np.linspace(first, last, steps + 1).tolist(), key=abs)), sampled=last > first)
+
+
+@dataclass(frozen=True)
+class GraspTolerance:
+    """How far a grasp may be moved along and about the axes of the tip.
+
+    Half of the tolerance and all of it are tried, one axis at a time.
+
+    Parameters
+    ----------
+    position
+        (3,) metres in both directions along x, y, z.
+    tilt
+        rad in both directions about x and y.
+    """
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    tilt: float = 0.0
+
+    def __post_init__(self) -> None:
+        sides = np.full(3, self.position) if np.ndim(self.position) == 0 else self.position
+        position = finite("tolerance.position", sides, (3,))
+        tilt = float(finite("tolerance.tilt", [self.tilt], (1,))[0])
+        if (position < 0).any() or tilt < 0:
+            raise InputError(f"tolerance of {position.tolist()} m and {tilt} rad; both must be 0 or more")
+        object.__setattr__(self, "position", tuple(position.tolist()))
+        object.__setattr__(self, "tilt", tilt)
+
+    def groups(self) -> Iterator[list[tuple[str, SE3]]]:
+        """Groups of displacements with increasing size: each as text and as ``nominal_from_moved``."""
+        yield [("", SE3.Identity())]
+        for share in SHARES:
+            ring = []
+            for axis, side in enumerate(self.position):
+                for shift in (share * side, -share * side) if side else ():
+                    words = f"{shift * 1e3:+.1f} mm along the tip's {'xyz'[axis]}"
+                    ring.append((words, pose(xyz=[shift * (axis == k) for k in range(3)])))
+            for axis in (0, 1) if self.tilt else ():
+                for turn in (share * self.tilt, -share * self.tilt):
+                    words = f"tilted by {np.degrees(turn):+.1f} deg about the tip's {'xy'[axis]}"
+                    ring.append((words, pose(rpy=[turn * (axis == k) for k in range(3)])))
+            if ring:
+                yield ring
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """One grasp of a family: ``nominal_from_tip``, and a text that states how it differs from the nominal grasp."""
+
+    nominal_from_tip: SE3
+    words: str = ""
+
+
+def family(spin: GraspSpin, tolerance: GraspTolerance, axis: Array) -> Iterator[list[Member]]:
+    """The members in groups of increasing displacement; the nominal grasp and its rotations are the first group.
+
+    Parameters
+    ----------
+    spin, tolerance
+        The allowed differences from the nominal grasp.
+    axis
+        (3,) unit vector of the spin axis in the tip frame.
+    """
+    for ring in tolerance.groups():
+        yield [
+            Member(
+                SE3(rotation_about(axis, angle), np.zeros(3)) * shift, ", ".join(filter(None, [_spun(angle), words]))
+            )
+            for words, shift in ring
+            for angle in spin.angles
+        ]
+
+
+def _spun(angle: float) -> str:
+    return f"spun by {np.degrees(angle):+.0f} deg" if angle else ""
+
+
+def rotation_about(axis: Array, angle: float) -> Array:
+    """The rotation (3, 3) about an axis by an angle (Rodrigues' formula)."""
+    if angle == 0.0:
+        return np.eye(3)
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * (cross @ cross)
+
+
+def _outwards(steps: int) -> list[int]:
+    """The first ``steps`` numbers of 0, 1, -1, 2, -2, ..."""
+    return [(k + 1) // 2 * (1 if k % 2 else -1) for k in range(steps)]
+
+
+@dataclass(frozen=True, eq=False)
+class NamedFrame:
+    """``parent_from_frame``, and the name of the parent: any frame in which a pick can be stated."""
+
+    pose: SE3
+    frame: str = ""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", frozen(rigid("pose of a frame", self.pose)))
+
+
+def root_from_frame(name: str, frames: Mapping[str, NamedFrame], scene: Scene, arm: Arm) -> SE3:
+    """``root_from_frame`` of a named frame; ``""`` is the frame of the robot's root link.
+
+    A name is looked up first in ``frames``, then in the obstacles, then in the links.
+
+    Raises
+    ------
+    UnknownNameError
+        If no frame, obstacle or link has this name.
+    InputError
+        If the frames form a cycle, or the arm moves the link.
+    """
+    placement, seen = SE3.Identity(), list[str]()
+    while name in frames:
+        if name in seen:
+            raise InputError(f"the frames {', '.join(seen)} form a cycle")
+        seen.append(name)
+        placement, name = frames[name].pose * placement, frames[name].frame
+    if name in ("", arm.robot.urdf.root):
+        return placement
+    if name in scene.names:
+        return scene[name].pose * placement
+    if name not in arm.robot.urdf.links:
+        raise UnknownNameError("frame", name, [*frames, *scene.names, *arm.robot.urdf.links])
+    if moving := moved_by(arm.robot.urdf, name, (*arm.joint_names, *arm.followers)):
+        raise InputError(f"the frame {name!r} is a link that joint {moving} moves; picks need a fixed frame")
+    return arm.root_from_base * arm.frame_placement(arm.home, name) * placement
+
+
+def moved_by(urdf: Urdf, link: str, joints: Collection[str]) -> str:
+    """The joint that moves a link, of the given joints and their mimic followers; empty if there is none."""
+    while (joint := urdf.parent_joint(link)) is not None:
+        if joint.name in joints or (joint.mimic is not None and joint.mimic.leader in joints):
+            return joint.name
+        link = joint.parent
+    return ""
+
+
+@dataclass(frozen=True, eq=False)
+class GripperFingers:
+    """Two fingers of a parallel gripper.
+
+    Parameters
+    ----------
+    bodies
+        The two bodies, fully closed; their pose is ``tcp_from_body``.
+    opening
+        Metres between their faces before the grasp.
+    grip
+        Metres between their faces on the object.
+    axis
+        (3,) the opening direction of the first finger in the tcp frame; the second moves in the opposite direction.
+    """
+
+    bodies: tuple[Obstacle, Obstacle]
+    opening: float
+    grip: float
+    axis: tuple[float, float, float] = (0.0, 1.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if len(self.bodies) != 2:
+            raise InputError(f"a gripper has 2 finger bodies, not {len(self.bodies)}")
+        opening, grip = finite("opening and grip of the fingers", [self.opening, self.grip], (2,)).tolist()
+        if not 0 <= grip <= opening:
+            raise InputError(f"the fingers open to {opening} m and grip at {grip} m; required: 0 <= grip <= opening")
+        axis = finite("axis of the fingers", self.axis, (3,))
+        if (largest := float(np.abs(axis).max())) < 1e-9:
+            raise InputError("axis of the fingers is zero")
+        axis /= largest  # so that no square overflows
+        object.__setattr__(self, "axis", tuple((axis / np.linalg.norm(axis)).tolist()))
+
+    def apart(self) -> tuple[Obstacle, Obstacle]:
+        """The open fingers, before the grasp."""
+        return self._at(self.opening)
+
+    def gripping(self) -> tuple[Obstacle, Obstacle]:
+        """The fingers on the object."""
+        return self._at(self.grip)
+
+    def _at(self, gap: float) -> tuple[Obstacle, Obstacle]:
+        aside = SE3(np.eye(3), gap / 2 * np.array(self.axis))
+        first, second = self.bodies
+        return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
+
+
+Direction = tuple[float, float, float]
+
+TIP, ROOT = "tip", "root"
+"""The frame of a direction: the tool's tip or the robot's root link."""
+
+WAYS = ("approach", "retreat")
+
+LONGEST_WAY = 20.0
+"""Metres: the largest approach or retreat. Larger values are probably stated in millimetres."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlaceTarget:
+    """Where the grasped object is put down.
+
+    Parameters
+    ----------
+    pose
+        ``frame_from_tip`` at the release. For a family of grasps it is the pose of the nominal grasp, so that the final
+        pose of the object is the same for every member.
+    frame
+        As for :class:`Pick`.
+    approach, approach_direction, approach_frame
+        Length (m) and direction of the straight line to the release, and the frame of the direction.
+    retreat, retreat_direction, retreat_frame
+        The same for the straight line of the empty tool after the release.
+    support
+        The obstacle or obstacles that the object is put onto; by default those within 1 mm below it. Stored as a tuple
+        of names.
+    """
+
+    pose: SE3
+    frame: str = ""
+    approach: float = 0.1
+    approach_direction: Direction = (0.0, 0.0, -1.0)
+    approach_frame: str = ROOT
+    retreat: float = 0.1
+    retreat_direction: Direction = (0.0, 0.0, -1.0)
+    retreat_frame: str = TIP
+    support: str | Sequence[str] | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
+        object.__setattr__(self, "support", support_names(self.support, "place"))
+        for way in WAYS:
+            _check_way(self, way, "place")
+
+
+@dataclass(frozen=True, eq=False)
+class Pick:
+    """One grasp, or a family of them, with its straight approach and retreat.
+
+    Parameters
+    ----------
+    name
+        Unique in its list.
+    pose
+        ``frame_from_tip``: the target pose of the tool's tip at the grasp.
+    approach
+        Metres of the straight line along ``approach_direction`` before the grasp; 0 for none.
+    retreat
+        Metres of the straight line along ``retreat_direction`` after the grasp; 0 for none.
+    retreat_direction
+        (3,) by default +z of the root frame; it is normalised.
+    approach_direction
+        (3,) by default the z axis of the tip; it is normalised.
+    approach_frame, retreat_frame
+        The frames of the directions: ``"tip"`` or ``"root"``.
+    frame
+        The frame of the pose: ``""`` for the robot's root link, one of :attr:`Picks.frames`, an obstacle, or a link
+        that does not move.
+    spin
+        Equivalent rotations about the approach direction.
+    tolerance
+        How far the grasp may be moved if the nominal one fails.
+    carried
+        The grasped object: the name of an obstacle of the scene, or an obstacle whose pose is ``tip_from_object``. It
+        moves with the tool after the grasp. If None, the motion after the grasp is judged with the empty tool, and the
+        scene does not change.
+    support
+        The obstacle or obstacles that support the object, which it may touch until it separates from them; by default
+        those within 1 mm below it. Stored as a tuple of names.
+    place
+        Where the object is put down; None to end with the retreat.
+    """
+
+    name: str
+    pose: SE3
+    approach: float = 0.1
+    retreat: float = 0.1
+    retreat_direction: Direction = (0.0, 0.0, 1.0)
+    approach_direction: Direction = (0.0, 0.0, 1.0)
+    approach_frame: str = TIP
+    retreat_frame: str = ROOT
+    frame: str = ""
+    spin: GraspSpin = field(default_factory=GraspSpin)
+    tolerance: GraspTolerance = field(default_factory=GraspTolerance)
+    carried: Obstacle | str | None = None
+    support: str | Sequence[str] | None = None
+    place: PlaceTarget | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"a pick needs a name, not {self.name!r}")
+        object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
+        object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
+        for way in WAYS:
+            _check_way(self, way, f"pick {self.name!r}")
+        if self.carried is None and (self.place is not None or self.support is not None):
+            raise InputError(f"pick {self.name!r} states a place or a support but no object")
+
+    def approach_pose(self) -> SE3:
+        """``frame_from_tip`` at the start of the approach."""
+        return moved(self.pose, -self.approach, self.approach_direction, self.approach_frame)
+
+    def retreat_pose(self) -> SE3:
+        """``frame_from_tip`` at the end of the retreat."""
+        return moved(self.pose, self.retreat, self.retreat_direction, self.retreat_frame)
+
+
+def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
+    """The pose shifted by ``distance`` (m) along a direction in its own axes (``"tip"``) or in its parent frame."""
+    along = np.array(direction)
+    return SE3(pose.rotation, pose.translation + distance * (pose.rotation @ along if frame == TIP else along))
+
+
+def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
+    """The names of the obstacles that support an object; None if they are determined automatically.
+
+    Raises
+    ------
+    InputError
+        If the value is not a name or a list of names, or if a name is repeated.
+    """
+    if stated is None:
+        return None
+    names = (stated,) if isinstance(stated, str) else tuple(stated) if isinstance(stated, (list, tuple)) else ()
+    where = f" of {of}" if of else ""
+    if not names or not all(isinstance(name, str) and name for name in names):
+        raise InputError(f"support{where} is {stated!r}; it must be the name of an obstacle or a list of names")
+    if len(set(names)) < len(names):
+        raise InputError(f"support{where} names an obstacle twice: {', '.join(names)}")
+    return names
+
+
+def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
+    """Validate an approach or retreat, and normalise its direction."""
+    value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
+    if not 0 <= value <= LONGEST_WAY:
+        raise InputError(f"{way} of {of} is {value:g} m; it must be from 0 to {LONGEST_WAY:g} (lengths are in metres)")
+    direction = finite(f"{way}_direction of {of}", getattr(thing, f"{way}_direction"), (3,))
+    if (largest := float(np.abs(direction).max())) < 1e-9:
+        raise InputError(f"{way}_direction of {of} is zero")
+    direction /= largest  # so that no square overflows
+    if getattr(thing, f"{way}_frame") not in (TIP, ROOT):
+        raise UnknownNameError(f"{way}_frame", getattr(thing, f"{way}_frame"), (TIP, ROOT), of)
+    object.__setattr__(thing, way, value)
+    object.__setattr__(thing, f"{way}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
+
+
+@dataclass(frozen=True)
+class PickProblem:
+    """A row of a picks file that could not be read; the other rows are judged."""
+
+    row: int
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Picks:
+    """A list of picks and their shared settings.
+
+    Parameters
+    ----------
+    picks
+        The picks in order; their names are unique.
+    problems
+        Rows of the file that could not be read.
+    tip
+        ``tcp_from_tip``: the pose of the tool's tip in the tcp frame.
+    tool
+        Bodies that move with the tcp; their pose is ``tcp_from_body``.
+    fingers
+        The two fingers of a parallel gripper, which are open before the grasp and closed on the object after it.
+    gripper
+        Links of the robot that may touch the object during and after the approach, as ``tool`` and ``fingers`` may.
+    held
+        Values (rad or m) of joints outside the arm by name, for :meth:`pinproof.Robot.arm`; for finger joints of the
+        robot, the open values.
+    grip
+        The values of those joints that differ while an object is held, from the grasp to the release. The links that
+        they move may touch the object, as ``gripper`` may.
+    grip_limits
+        The criteria for holding a part.
+    frames
+        Named frames in which picks can be stated.
+    margin
+        Smallest allowed distance (m) between any two checked bodies.
+    robot, tcp, scene, home
+        What the file states, if anything: a robot (name or path), its tcp frame, a scene file, and a home configuration
+        by joint name (rad or m).
+    source
+        The file they were read from.
+    """
+
+    picks: tuple[Pick, ...]
+    problems: tuple[PickProblem, ...] = ()
+    tip: SE3 = field(default_factory=SE3.Identity)
+    tool: tuple[Obstacle, ...] = ()
+    fingers: GripperFingers | None = None
+    gripper: tuple[str, ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    grip: Mapping[str, float] = field(default_factory=dict)
+    grip_limits: GripLimits = field(default_factory=GripLimits)
+    frames: Mapping[str, NamedFrame] = field(default_factory=dict)
+    margin: float = 0.0
+    robot: str | None = None
+    tcp: str | None = None
+    scene: Path | None = None
+    home: Mapping[str, float] = field(default_factory=dict)
+    source: Path | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("picks", "problems", "tool", "gripper"):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
+        names = Counter(pick.name for pick in self.picks)
+        doubled = sorted(name for name, count in names.items() if count > 1)
+        if doubled:
+            raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
+        object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
+
+    def __len__(self) -> int:
+        return len(self.picks)
+
+    def __iter__(self) -> Iterator[Pick]:
+        return iter(self.picks)
+
+    @property
+    def open_tool(self) -> tuple[Obstacle, ...]:
+        """The bodies attached to the tcp before the grasp: the tool and the open fingers."""
+        return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
+
+    def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
+        """``base_from_tcp`` that places the tip at a pose in the root frame."""
+        return root_from_base.actInv(root_from_tip * self.tip.inverse())
+
+    def home_configuration(self, joint_names: Iterable[str], default: npt.NDArray[np.float64]) -> list[float]:
+        """The home configuration of the file, or ``default`` (n,) if it states none.
+
+        Raises
+        ------
+        InputError
+            If the file states only some of the joints, or a joint that the arm does not have.
+        """
+        names = list(joint_names)
+        if not self.home:
+            return [float(value) for value in default]
+        missing, foreign = [n for n in names if n not in self.home], [n for n in self.home if n not in names]
+        if missing or foreign:
+            what = f"lacks {', '.join(missing)}" if missing else f"names {', '.join(foreign)}"
+            raise InputError(f"the home of the picks {what}; the arm's joints are {', '.join(names)}")
+        return [float(self.home[name]) for name in names]

@@ -1,0 +1,182 @@
+"""One row of a picks file or table, completed with the defaults, as one or several picks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from itertools import product
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pinproof.collision import Obstacle
+from pinproof.collision.scene_file import read_obstacle
+from pinproof.collision.shape_file import numbers_of, pose_of
+from pinproof.common.yaml_file import LinedMapping, refuse_millimetres
+from pinproof.errors import FileError, InputError, UnknownNameError
+from pinproof.picks.input.pick import STEPS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names
+from pinproof.spatial import SE3, finite
+
+__all__ = ["DEFAULT_KEYS", "PICK_KEYS", "POSE_KEYS", "is_turned", "make_pick", "mapping_of", "picks_of_row"]
+
+POSE_KEYS = ("xyz", "rpy", "quat_xyzw")
+WAY_KEYS = tuple(f"{way}{part}" for way in ("approach", "retreat") for part in ("", "_direction", "_frame"))
+DEFAULT_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "spin", "tolerance", "object", "support", "place")
+PICK_KEYS = ("name", *DEFAULT_KEYS, "pattern")
+PLACE_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "support")
+
+LARGEST_PATTERN = 100_000
+"""Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
+
+
+def picks_of_row(name: str, row: Mapping[str, Any], defaults: Mapping[str, Any], path: Path) -> list[Pick]:
+    """The pick of a row, or the picks of its pattern.
+
+    Raises
+    ------
+    InputError
+        If the row is invalid; the message states the reason.
+    """
+    # The orientation of the row replaces that of the defaults, in either notation; two in one row are refused.
+    given = {key: value for key, value in defaults.items() if not (is_turned(row) and key in ("rpy", "quat_xyzw"))}
+    stated = {**given, **row}
+    if "xyz" not in stated:
+        raise InputError("does not state its xyz")
+    if not is_turned(stated):
+        raise InputError("states no orientation; add rpy or quat_xyzw to the pick or to the defaults")
+    if "pattern" not in stated:
+        return [make_pick(name, stated, path)]
+    first = make_pick(name, stated, path)
+    return [_shifted(first, index, shift) for index, shift in _pattern(stated["pattern"])]
+
+
+def is_turned(stated: Mapping[str, Any]) -> bool:
+    """Whether an orientation is stated."""
+    return "rpy" in stated or "quat_xyzw" in stated
+
+
+def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
+    """The pick that is stated with :data:`DEFAULT_KEYS`; mesh paths are relative to the file at ``path``."""
+    read: dict[str, Callable[[Any], Any]] = {
+        "spin": _spin,
+        "tolerance": _tolerance,
+        "object": lambda value: _object(value, path),
+        "support": _support,
+        "place": _place,
+    }
+    settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
+    return Pick(name, **_way(stated), **settings)
+
+
+def mapping_of(key: str, stated: object, keys: tuple[str, ...]) -> dict[str, Any]:
+    """Check that a value is a mapping whose keys are all known, and return it."""
+    if not isinstance(stated, dict):
+        raise InputError(f"holds {stated!r}, not a mapping of {', '.join(keys)}")
+    for each in stated:
+        if each not in keys:
+            raise UnknownNameError(f"key of {key}" if key else "key", each, keys)
+    return stated
+
+
+def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
+    """The settings that picks and places share: pose, frame, approach and retreat."""
+    settings: dict[str, Any] = {}
+    for key in (*POSE_KEYS, "frame", *WAY_KEYS):
+        if key in stated:
+            settings[key] = _text(key, stated[key]) if key.endswith("frame") else numbers_of(key, stated[key])
+    placed = pose_of({key: settings.pop(key) for key in POSE_KEYS if key in settings})
+    refuse_millimetres("xyz", placed.translation.tolist())
+    return {"pose": placed, **settings}
+
+
+def _spin(stated: object) -> GraspSpin:
+    """``free``, one angle, a list of angles, or ``{range: [first, last], steps: n}``."""
+    if stated == "free":
+        return GraspSpin.free()
+    if isinstance(stated, dict):
+        settings = mapping_of("spin", stated, ("range", "steps"))
+        if "range" not in settings:
+            raise InputError("spin does not state its range: [first, last]")
+        first, last = finite("spin.range", numbers_of("spin.range", settings["range"]), (2,)).tolist()
+        return GraspSpin.between(first, last, _count("spin.steps", settings.get("steps", STEPS)))
+    angles = numbers_of("spin", stated)
+    return GraspSpin(tuple(angles) if isinstance(angles, list) else (angles,))
+
+
+def _tolerance(stated: object) -> GraspTolerance:
+    settings = mapping_of("tolerance", stated, ("position", "tilt"))
+    return GraspTolerance(**{key: numbers_of(f"tolerance.{key}", value) for key, value in settings.items()})
+
+
+def _object(stated: object, path: Path) -> Obstacle | str:
+    """The name of an obstacle, or a shape with its pose in the tip's frame."""
+    if not isinstance(stated, dict):
+        return _text("object", stated)
+    named = LinedMapping({"name": "object", **stated})
+    named.line = getattr(stated, "line", 0)
+    try:
+        return read_obstacle(path, 1, named)
+    except FileError as error:
+        raise InputError(f"object: {error.reason}") from error
+
+
+def _place(stated: object) -> PlaceTarget:
+    settings = mapping_of("place", stated, PLACE_KEYS)
+    if "xyz" not in settings or not is_turned(settings):
+        raise InputError("place does not state its xyz and rpy or quat_xyzw")
+    return PlaceTarget(
+        **_way(settings), support=_support(settings["support"], "place") if "support" in settings else None
+    )
+
+
+def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
+    """One name or several; an empty value is not a name."""
+    return support_names("" if stated is None else stated, of)
+
+
+def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:
+    """The indices of a grid and the offset (m) of each from the first, along the axes of the pick's frame."""
+    grid = mapping_of("pattern.grid", mapping_of("pattern", stated, ("grid",)).get("grid"), ("counts", "step"))
+    if set(grid) != {"counts", "step"}:
+        raise InputError("pattern.grid does not state its counts and its step")
+    counts = [_count("pattern.grid.counts", count) for count in _three("counts", grid["counts"])]
+    step = finite("pattern.grid.step", numbers_of("pattern.grid.step", grid["step"]), (3,)).tolist()
+    if prod(counts) > LARGEST_PATTERN:  # math.prod, because that of NumPy overflows
+        raise InputError(f"pattern.grid has {prod(counts)} picks; at most {LARGEST_PATTERN} are allowed")
+    for index in product(*map(range, counts)):
+        yield index if counts[2] > 1 else index[:2], [k * d for k, d in zip(index, step, strict=True)]
+
+
+def _three(key: str, stated: object) -> list[Any]:
+    if not isinstance(stated, list) or len(stated) != 3:
+        raise InputError(f"pattern.grid.{key} is {stated!r}; it must have three numbers")
+    return stated
+
+
+def _count(key: str, stated: object) -> int:
+    if isinstance(stated, bool) or not isinstance(stated, int) or stated < 1:
+        raise InputError(f"{key} is {stated!r}; it must be an integer above 0")
+    return stated
+
+
+def _shifted(first: Pick, index: tuple[int, ...], shift: list[float]) -> Pick:
+    """One pick of a pattern; ``{i} {j} {k}`` in the name of the object are replaced by its indices."""
+    carried = first.carried
+    if isinstance(carried, str):
+        for letter, place in zip("ijk", index, strict=False):
+            carried = carried.replace(f"{{{letter}}}", str(place))
+    name = f"{first.name}[{','.join(map(str, index))}]"
+    return replace(
+        first,
+        name=name,
+        pose=SE3(first.pose.rotation, first.pose.translation + np.array(shift)),
+        carried=carried,
+    )
+
+
+def _text(key: str, stated: object) -> str:
+    if not isinstance(stated, str) or not stated:
+        raise InputError(f"{key}: {stated!r} is not a name")
+    return stated

@@ -1,0 +1,115 @@
+"""Settings of the judgement: the weights of the score, the budget of the search, and the limits of a grip.
+
+Budgets count work instead of seconds, so that the verdict is the same on every machine.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+from pinproof.common.validation import whole
+from pinproof.errors import InputError
+
+__all__ = ["GripLimits", "PickBudget", "PickWeights"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickWeights:
+    """Weights of the four parts of the score, each from 0 to 1, by which motions of a pick are compared.
+
+    Parameters
+    ----------
+    clearance
+        The smallest clearance observed on the motion; 50 mm or more score 1.
+    limit_margin
+        The smallest distance of a joint from its limits; the middle of every range scores 1.
+    manipulability
+        Yoshikawa's measure at the grasp, relative to the best configuration.
+    duration
+        The lower bound of the time over all configurations, divided by the time at full speed.
+    """
+
+    clearance: float = 1.0
+    limit_margin: float = 1.0
+    manipulability: float = 1.0
+    duration: float = 1.0
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not 0 <= value < float("inf"):
+                raise InputError(f"PickWeights.{each.name} = {value}; it must be a finite number, 0 or more")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PickBudget:
+    """The search budget of one pick.
+
+    Parameters
+    ----------
+    configurations
+        Largest number of collision-free configurations at the grasp that are planned, those with the highest bounds
+        first. The default exceeds the number of IK solutions of any arm with a closed form for one grasp.
+    compared
+        Largest number of complete motions, of which the best is returned. Fewer are planned if the bounds of the other
+        candidates show that none of them is better.
+    quick_nodes
+        Nodes of the RRT for a transit to one configuration.
+    nodes
+        Nodes of the RRT for a transit to any configuration, used if no quick one was found.
+    remedies
+        Number of changed picks of each kind (moved, turned, shortened) that are judged to find suggestions; 0 for none.
+    """
+
+    configurations: int = 32
+    compared: int = 16
+    quick_nodes: int = 300
+    nodes: int = 4000
+    remedies: int = 12
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            whole(f"PickBudget.{each.name}", getattr(self, each.name), 0 if each.name == "remedies" else 1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class GripLimits:
+    """The criteria for holding a part.
+
+    Parameters
+    ----------
+    area
+        m^2: smallest contact area of each finger. The default is 2 x 2 mm; less is contact at a corner or an edge.
+    overlap
+        Metres: smallest extent of each contact along the finger.
+    angle
+        rad: the largest angle between a contact normal and the closing direction, and the half angle of the friction
+        cones. The default is the arc tangent of 0.5, the coefficient of friction of rubber on dry metal at its lowest.
+    gap, depth
+        Metres: largest distance of a closed finger from the part, and largest penetration. They allow for measurement
+        errors, which soft pads and play of the part compensate.
+    compliance
+        Metres: compliance of pads and part. Surfaces within this distance at first contact belong to the contact patch,
+        so that round parts have an area of contact instead of a line. 0.2 mm is small for a rubber pad.
+    tip
+        Metres: largest distance of the tip of a tool without fingers from the surface of the part.
+    """
+
+    area: float = 4e-6
+    overlap: float = 2e-3
+    angle: float = math.atan(0.5)
+    gap: float = 1e-3
+    depth: float = 1e-3
+    compliance: float = 2e-4
+    tip: float = 5e-3
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if not (isinstance(value, int | float) and 0 <= value < float("inf")):
+                raise InputError(f"GripLimits.{each.name} = {value!r}; it must be a finite number, 0 or more")
+        if self.compliance == 0:
+            raise InputError("GripLimits.compliance = 0; it must be above 0 for round parts to have a contact area")
+        if not self.angle < math.pi / 2:
+            raise InputError(f"GripLimits.angle = {self.angle}; it must be below pi/2")

@@ -1,0 +1,405 @@
+"""Sources of picks: a list in memory, a grid that generates picks on demand, and a table on disk.
+
+A table is a CSV file of any length. It is indexed once, and its rows are read on demand::
+
+    name,x,y,z,roll,pitch,yaw,approach
+    bolt_1,0.46,0.15,0.035,pi,0,0,0.1
+    bolt_2,0.48,0.15,0.035,pi,0,0,
+
+Each line is a pick. An empty cell or a missing column counts as not stated. Empty lines and lines that start with ``#``
+are skipped. The orientation is given as ``roll,pitch,yaw`` or as ``qx,qy,qz,qw``, directions as
+``approach_x,approach_y,approach_z`` and ``retreat_x,...``. Further columns are ``frame``, ``approach_frame``,
+``retreat_frame``, ``spin`` (``free`` or an angle), ``object`` (a name), ``support`` (a name, or several separated by
+``;``), and for a place ``place_x``, ..., ``place_yaw``, ``place_frame``, ``place_approach``, ``place_retreat`` and
+``place_support``. A pick without a name is named after its row.
+"""
+
+from __future__ import annotations
+
+import csv
+from abc import ABC, abstractmethod
+from array import array
+from codecs import BOM_UTF16_BE, BOM_UTF16_LE
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from hashlib import blake2b
+from math import prod
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from pinproof.common.content_hash import digest, digest_many
+from pinproof.common.files import refuse_unreadable
+from pinproof.description.dh import other_separator
+from pinproof.errors import InputError, PicksError, UnknownNameError
+from pinproof.picks.input.pick import Pick, PickProblem, Picks
+from pinproof.picks.input.pick_row import picks_of_row
+from pinproof.spatial import SE3, finite
+
+__all__ = ["TABLE_SUFFIX", "PickGrid", "PickList", "PickSource", "PickTable", "as_source"]
+
+
+class Part(Protocol):
+    """A range of picks that pickles compactly; the picks are created when it is iterated."""
+
+    def __iter__(self) -> Iterator[Pick | PickProblem]: ...
+
+
+class PickSource(ABC):
+    """An ordered source of picks. An invalid row is a :class:`PickProblem` at its index."""
+
+    shared: Picks
+    """Shared settings: tip, tool, margin, home, and robot and scene if they are stated. Its list of picks is empty."""
+
+    @abstractmethod
+    def __len__(self) -> int:
+        """The number of picks and problems."""
+
+    @abstractmethod
+    def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
+        """The picks from index ``start`` to ``stop`` (exclusive); the result can be pickled."""
+
+    @abstractmethod
+    def digest(self) -> str:
+        """A hash of all picks."""
+
+    def load(self) -> Picks:
+        """All picks in memory."""
+        items = list(self.part(0, len(self)))
+        picks = tuple(item for item in items if isinstance(item, Pick))
+        return replace(
+            self.shared, picks=picks, problems=tuple(item for item in items if isinstance(item, PickProblem))
+        )
+
+
+class PickList(PickSource):
+    """Picks in memory, followed by the rows that could not be read."""
+
+    def __init__(self, picks: Picks) -> None:
+        self.shared = replace(picks, picks=(), problems=())
+        self._items: tuple[Pick | PickProblem, ...] = (*picks.picks, *picks.problems)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+    def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
+        """The picks from index ``start`` to ``stop`` (exclusive)."""
+        return self._items[start:stop]
+
+    def digest(self) -> str:
+        """A hash of all picks."""
+        return digest_many(self._items)
+
+
+@dataclass(frozen=True, eq=False)
+class PickGrid(PickSource):
+    """Copies of one pick on a grid along the axes of the robot's root link.
+
+    The names consist of the first name and the indices: ``bolt_0_2_1``. The last axis varies fastest.
+
+    Parameters
+    ----------
+    first
+        The pick at the corner of the grid.
+    counts
+        Number of picks along x, y and z; at least 1 each.
+    step
+        (3,) metres between neighbours along x, y and z.
+    shared
+        The settings that the picks share.
+    """
+
+    first: Pick
+    counts: tuple[int, int, int]
+    step: tuple[float, float, float]
+    shared: Picks = field(default_factory=lambda: Picks(()))
+
+    def __post_init__(self) -> None:
+        counts = tuple(self.counts)
+        if len(counts) != 3 or not all(isinstance(n, int) and not isinstance(n, bool) and n > 0 for n in counts):
+            raise InputError(f"counts of a grid must be three integers above 0, not {self.counts!r}")
+        object.__setattr__(self, "counts", counts)
+        object.__setattr__(self, "step", tuple(finite("step of a grid", self.step, (3,)).tolist()))
+        object.__setattr__(self, "shared", replace(self.shared, picks=(), problems=()))
+
+    def __len__(self) -> int:
+        return prod(self.counts)
+
+    def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
+        """The picks from index ``start`` to ``stop`` (exclusive)."""
+        return _GridPart(self.first, self.counts, self.step, start, min(stop, len(self)))
+
+    def digest(self) -> str:
+        """A hash of all picks."""
+        return digest((self.first, self.counts, self.step))
+
+
+@dataclass(frozen=True, eq=False)
+class _GridPart:
+    first: Pick
+    counts: tuple[int, int, int]
+    step: tuple[float, float, float]
+    start: int
+    stop: int
+
+    def __iter__(self) -> Iterator[Pick]:
+        _, along_y, along_z = self.counts
+        corner = self.first.pose
+        for index in range(self.start, self.stop):
+            row, k = divmod(index, along_z)
+            i, j = divmod(row, along_y)
+            shift = [n * step for n, step in zip((i, j, k), self.step, strict=True)]
+            placed = SE3(corner.rotation, corner.translation + shift)
+            yield replace(self.first, name=f"{self.first.name}_{i}_{j}_{k}", pose=placed)
+
+
+def as_source(picks: Picks | PickSource) -> PickSource:
+    """A list of picks as a source; a source is returned unchanged."""
+    return PickList(picks) if isinstance(picks, Picks) else picks
+
+
+TABLE_SUFFIX = ".csv"
+
+LONGEST_LINE = 2**20
+"""Bytes: limits the memory for a file without line feeds."""
+
+SEPARATOR = ";"
+"""Between the names in a cell that holds several."""
+
+KEYS = {
+    "name": ("name",),
+    "xyz": ("x", "y", "z"),
+    "rpy": ("roll", "pitch", "yaw"),
+    "quat_xyzw": ("qx", "qy", "qz", "qw"),
+    "frame": ("frame",),
+    "approach": ("approach",),
+    "approach_direction": ("approach_x", "approach_y", "approach_z"),
+    "approach_frame": ("approach_frame",),
+    "retreat": ("retreat",),
+    "retreat_direction": ("retreat_x", "retreat_y", "retreat_z"),
+    "retreat_frame": ("retreat_frame",),
+    "spin": ("spin",),
+    "object": ("object",),
+    "support": ("support",),
+    "place.xyz": ("place_x", "place_y", "place_z"),
+    "place.rpy": ("place_roll", "place_pitch", "place_yaw"),
+    "place.frame": ("place_frame",),
+    "place.approach": ("place_approach",),
+    "place.retreat": ("place_retreat",),
+    "place.support": ("place_support",),
+}
+"""The settings of a row and the columns that state them."""
+
+
+class PickTable(PickSource):
+    """The picks of a CSV file; 16 bytes per row are held in memory.
+
+    Parameters
+    ----------
+    path
+        The file.
+    shared
+        The settings that the picks share.
+    defaults
+        Defaults by key, as in a picks file.
+
+    Raises
+    ------
+    PicksError
+        If the file cannot be read, its header is invalid, or it has no rows.
+    """
+
+    def __init__(self, path: str | Path, *, shared: Picks | None = None, defaults: Mapping[str, Any] | None = None):
+        self.path = Path(path)
+        named = Picks((), source=self.path) if shared is None else shared
+        self.shared = replace(named, picks=(), problems=())
+        self._defaults = dict(defaults or {})
+        content = blake2b(digest_size=16)
+        self._begin, names = array("q"), array("Q")
+        refuse_unreadable(self.path, PicksError, largest=None)
+        try:
+            with self.path.open("rb") as file:
+                self._stamp = _stamp(file)
+                self._columns, at = self._header(file, content)
+                self._where = _where(self._columns)
+                for line in self._lines(file):
+                    content.update(line)
+                    if _counts(line):
+                        self._begin.append(at)
+                        names.append(_short(self._name(_cells(line), len(self._begin))))
+                    at += len(line)
+        except OSError as error:
+            raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
+        if not self._begin:
+            raise PicksError(self.path, "contains no picks")
+        self._begin.append(at)
+        self._digest = f"{content.hexdigest()} {digest(self._defaults)}"
+        self._repeated = self._repeats(np.frombuffer(names, dtype=np.uint64))
+
+    def __len__(self) -> int:
+        return len(self._begin) - 1
+
+    def digest(self) -> str:
+        """A hash of all picks."""
+        return digest(self._digest)
+
+    def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
+        """Those from place ``start`` up to ``stop``.
+
+        Raises
+        ------
+        PicksError
+            If the file has changed since it was opened.
+        """
+        stop = min(stop, len(self))
+        try:
+            with self.path.open("rb") as file:
+                if _stamp(file) != self._stamp:
+                    raise PicksError(self.path, "was changed while its picks were being judged")
+                file.seek(self._begin[start])
+                text = file.read(self._begin[stop] - self._begin[start])
+        except OSError as error:
+            raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
+        repeated = self._repeated & set(range(start, stop)) if self._repeated else frozenset()
+        return _TablePart(self.path, self._columns, self._defaults, text, start, frozenset(repeated))
+
+    def _header(self, file: Any, content: Any) -> tuple[tuple[str, ...], int]:
+        """The columns, and the offset of the line after them."""
+        at = 0
+        for number, line in enumerate(self._lines(file), start=1):
+            content.update(line)
+            at += len(line)
+            if not _counts(line):
+                continue
+            try:
+                if line.startswith((BOM_UTF16_LE, BOM_UTF16_BE)):
+                    raise InputError("is UTF-16 text; save it as UTF-8")
+                columns = tuple(cell.strip() for cell in next(csv.reader([line.decode("utf-8-sig")], strict=True)))
+                _check_columns(columns)
+            except (UnicodeDecodeError, csv.Error, InputError) as error:
+                raise PicksError(self.path, str(error), f"line {number}") from error
+            return columns, at
+        raise PicksError(self.path, "is empty; its first line names the columns, such as name,x,y,z,roll,pitch,yaw")
+
+    def _lines(self, file: Any) -> Iterator[bytes]:
+        while line := file.readline(LONGEST_LINE):
+            if len(line) == LONGEST_LINE and not line.endswith(b"\n"):
+                raise PicksError(self.path, f"has a line of more than {LONGEST_LINE} bytes; this is not a table")
+            yield line
+
+    def _name(self, cells: list[str] | None, number: int) -> str:
+        return _name(self._where, cells, number)
+
+    def _repeats(self, hashes: np.ndarray[Any, Any]) -> frozenset[int]:
+        """The indices of picks whose name an earlier pick has."""
+        order = np.argsort(hashes, kind="stable")
+        same = np.flatnonzero(hashes[order[1:]] == hashes[order[:-1]])
+        first: dict[str, int] = {}
+        repeated = set()
+        for place in np.unique(np.concatenate([order[same], order[same + 1]])).tolist():  # by name, not by hash
+            name = next(iter(_TablePart(self.path, self._columns, self._defaults, self._line(place), place))).name
+            if first.setdefault(name, place) != place:
+                repeated.add(place)
+        return frozenset(repeated)
+
+    def _line(self, place: int) -> bytes:
+        with self.path.open("rb") as file:
+            file.seek(self._begin[place])
+            return file.readline()
+
+
+@dataclass(frozen=True, eq=False)
+class _TablePart:
+    path: Path
+    columns: tuple[str, ...]
+    defaults: Mapping[str, Any]
+    text: bytes
+    start: int
+    repeated: frozenset[int] = frozenset()
+
+    def __iter__(self) -> Iterator[Pick | PickProblem]:
+        where = _where(self.columns)
+        lines = (line for line in self.text.split(b"\n") if _counts(line))  # the same splitting as in the index
+        for place, line in enumerate(lines, start=self.start):
+            cells = _cells(line)
+            name = _name(where, cells, place + 1)
+            try:
+                if cells is None:
+                    raise InputError("is not a valid line of a UTF-8 CSV file")
+                if place in self.repeated:
+                    raise InputError(f"a second pick is named {name!r}")
+                yield from picks_of_row(name, _stated(where, len(self.columns), cells), self.defaults, self.path)
+            except InputError as error:
+                yield PickProblem(place + 1, name, str(error))
+
+
+def _where(columns: tuple[str, ...]) -> dict[str, list[int]]:
+    """For each stated key the indices of its cells."""
+    return {
+        key: [columns.index(name) for name in names] for key, names in KEYS.items() if columns and names[0] in columns
+    }
+
+
+def _check_columns(columns: tuple[str, ...]) -> None:
+    if other := other_separator(columns):
+        raise InputError(other)
+    known = [name for names in KEYS.values() for name in names]
+    for column in columns:
+        if column not in known:
+            raise UnknownNameError("column", column, known)
+    if len(set(columns)) < len(columns):
+        raise InputError("states a column twice")
+    for names in KEYS.values():
+        missing = [name for name in names if name not in columns]
+        if missing and len(missing) < len(names):
+            raise InputError(f"lacks the column {missing[0]} beside {next(name for name in names if name in columns)}")
+
+
+def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dict[str, Any]:
+    """The settings of a row by key."""
+    if len(cells) != width:
+        more = "; decimals have a point, not a comma" if len(cells) > width else ""
+        raise InputError(f"has {len(cells)} cells under {width} columns{more}")
+    stated: dict[str, Any] = {}
+    for key, places in where.items():
+        values: list[Any] = [cells[place].strip() for place in places]
+        if key == "name" or not any(values):
+            continue
+        if not all(values):
+            raise InputError(f"states only some of {', '.join(KEYS[key])}")
+        into, _, own = key.rpartition(".")
+        if own == "support" and SEPARATOR in values[0]:
+            values = [[name.strip() for name in values[0].split(SEPARATOR)]]
+        (stated.setdefault(into, {}) if into else stated)[own] = values if len(values) > 1 else values[0]
+    return stated
+
+
+def _cells(line: bytes) -> list[str] | None:
+    """The cells of a line; None if it is not valid CSV."""
+    try:
+        return next(csv.reader([line.decode().rstrip("\r\n")], strict=True))
+    except (UnicodeDecodeError, csv.Error, StopIteration):
+        return None
+
+
+def _name(where: Mapping[str, list[int]], cells: list[str] | None, number: int) -> str:
+    at = where.get("name", [-1])[0]
+    stated = cells[at].strip() if cells is not None and 0 <= at < len(cells) else ""
+    return stated or f"row_{number}"
+
+
+def _counts(line: bytes) -> bool:
+    text = line.strip()
+    return bool(text) and not text.startswith(b"#")
+
+
+def _short(name: str) -> int:
+    return int.from_bytes(blake2b(name.encode("utf-8", "backslashreplace"), digest_size=8).digest(), "big")
+
+
+def _stamp(file: Any) -> tuple[int, int]:
+    from os import fstat
+
+    found = fstat(file.fileno())
+    return found.st_size, found.st_mtime_ns

@@ -1,0 +1,358 @@
+"""Changes of a pick: their text, their application, and the candidates that are tried for suggestions.
+
+A suggestion is one line that states every number, so that it can be applied exactly as printed, for example::
+
+    move the pick 20 mm along -x (base frame)
+    move the pick by (+3, 0, -3) mm (frame 'bin') and the place by (+3, 0, -3) mm (base frame)
+    turn the pick by +30 deg about the z axis of the tip
+    turn the pick and the place by -15 deg about the z axis of the tip
+    shorten the approach from 300 mm to 222 mm
+    retreat straight up, along +z (base frame)
+
+Vectors are in the frame in which the pick, or its place, is stated; the base frame is that of the robot's root link.
+A remark may follow after :data:`REMARK`; it changes nothing.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.ik import Clik
+from pinproof.picks.input.pick import ROOT, TIP, Member, Pick, rotation_about
+from pinproof.picks.judging.configurations import has_closed_form
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import Stage
+from pinproof.spatial import SE3
+
+__all__ = [
+    "DIRECTIONS",
+    "DISTANCES",
+    "REMARK",
+    "Candidate",
+    "Shift",
+    "Words",
+    "apply_suggestion",
+    "members",
+    "move_place_words",
+    "move_words",
+    "place_shifts",
+    "shifted",
+    "shifts_of",
+    "shorten_words",
+    "tilts",
+    "turn_words",
+    "turns",
+    "upwards_words",
+]
+
+Array = npt.NDArray[np.float64]
+
+RESOLUTION = 0.01
+"""Millimetres: printed lengths and components of vectors are multiples of this."""
+
+REMARK = "; it then "
+"""What separates a suggestion from the stages that the changed pick passes and fails."""
+
+_NUMBER = r"[-+]?\d+(?:\.\d+)?"
+_SHIFT = rf"({_NUMBER}) mm along ([-+][xyz])|by \(({_NUMBER}), ({_NUMBER}), ({_NUMBER})\) mm"
+_FRAME = r"\((base frame|frame '.+?')\)"
+_MOVE = re.compile(rf"move the (pick|place) (?:{_SHIFT}) {_FRAME}(?: and the (place) (?:{_SHIFT}) {_FRAME})?")
+_AXIS = rf"the ([xyz]) axis|\(({_NUMBER}), ({_NUMBER}), ({_NUMBER})\)"
+_TURN = re.compile(rf"turn the pick( and the place)? by ({_NUMBER}) deg about (?:{_AXIS}) of the tip")
+_SHORTEN = re.compile(rf"shorten the (approach|retreat) from ({_NUMBER}) mm to ({_NUMBER}) mm")
+_UPWARDS = "retreat straight up, along +z (base frame)"
+
+
+def apply_suggestion(pick: Pick, suggestion: str) -> Pick:
+    """The pick, changed exactly as a suggestion states.
+
+    Parameters
+    ----------
+    pick
+        The pick that the suggestion was made for.
+    suggestion
+        A line of :attr:`pinproof.picks.PickVerdict.suggestions`.
+
+    Raises
+    ------
+    InputError
+        If the text is no suggestion, or does not fit the pick: another frame, another length, no place.
+    """
+    text = suggestion.partition(REMARK)[0].strip()
+    if text == _UPWARDS:
+        return replace(pick, retreat_direction=(0.0, 0.0, 1.0), retreat_frame=ROOT)
+    if found := _MOVE.fullmatch(text):
+        groups = found.groups()
+        for part in (groups[:7], groups[7:]):
+            if part[0]:
+                pick = _apply_move(pick, text, *part)
+        return pick
+    if found := _TURN.fullmatch(text):
+        return _apply_turn(pick, text, *found.groups())
+    if found := _SHORTEN.fullmatch(text):
+        way, before, after = found[1], float(found[2]) / 1e3, float(found[3]) / 1e3
+        if abs(getattr(pick, way) - before) > RESOLUTION / 1e3:
+            raise InputError(f"{text!r} does not fit pick {pick.name!r}: its {way} is {getattr(pick, way) * 1e3:g} mm")
+        return replace(pick, approach=after) if way == "approach" else replace(pick, retreat=after)
+    raise InputError(f"{suggestion!r} is not a suggestion that can be applied")
+
+
+def move_words(pick: Pick, by: Array, place_by: Array | None = None) -> str:
+    """The pick moved by (3,) mm in its frame, and its place by (3,) mm in that of the place."""
+    words = f"move the pick {_shift_words(by)} {_frame_words(pick.frame)}"
+    if place_by is None or pick.place is None:
+        return words
+    return f"{words} and the place {_shift_words(place_by)} {_frame_words(pick.place.frame)}"
+
+
+def move_place_words(pick: Pick, by: Array) -> str:
+    """The place of the pick moved by (3,) mm in its frame."""
+    return f"move the place {_shift_words(by)} {_frame_words('' if pick.place is None else pick.place.frame)}"
+
+
+def turn_words(degrees: float, axis: Array, *, with_place: bool) -> str:
+    """The pick turned about an axis (3,) of the tip, and its place with it."""
+    main = int(np.argmax(np.abs(axis)))
+    if axis[main] < 0:
+        degrees, axis = -degrees, -axis
+    about = f"({', '.join(f'{value:.6f}' for value in axis)})"
+    if abs(axis[main]) > 1 - 1e-12:
+        about = f"the {'xyz'[main]} axis"
+    what = "the pick and the place" if with_place else "the pick"
+    return f"turn {what} by {degrees:+g} deg about {about} of the tip"
+
+
+def shorten_words(way: str, before: float, after: float) -> str:
+    """The approach or the retreat shortened; lengths in metres."""
+    return f"shorten the {way} from {round(before * 1e3, 2):.10g} mm to {round(after * 1e3, 2):.10g} mm"
+
+
+def upwards_words() -> str:
+    """The retreat along +z of the base frame."""
+    return _UPWARDS
+
+
+def _shift_words(by: Array) -> str:
+    by = np.round(np.asarray(by, dtype=float), 2) + 0.0
+    axes = np.flatnonzero(by)
+    if len(axes) == 1:
+        return f"{_digits(abs(by[axes[0]]))} mm along {'+' if by[axes[0]] > 0 else '-'}{'xyz'[axes[0]]}"
+    return f"by ({', '.join(('+' if value > 0 else '') + _digits(value) for value in by)}) mm"
+
+
+def _digits(value: float) -> str:
+    return f"{value + 0.0:.2f}".rstrip("0").rstrip(".")
+
+
+def _frame_words(frame: str) -> str:
+    return f"(frame '{frame}')" if frame else "(base frame)"
+
+
+def _apply_move(pick: Pick, text: str, what: str, *stated: str | None) -> Pick:
+    distance, axis, x, y, z, frame = stated
+    thing = pick if what == "pick" else pick.place
+    if thing is None or frame != _frame_words(thing.frame)[1:-1]:
+        has = "no place" if thing is None else f"its {what} is stated in the {_frame_words(thing.frame)[1:-1]}"
+        raise InputError(f"{text!r} does not fit pick {pick.name!r}: {has}")
+    if distance is not None and axis is not None:
+        by = np.array([float(distance) * (1 if axis[0] == "+" else -1) * (axis[1] == name) for name in "xyz"])
+    else:
+        by = np.array([float(value or "nan") for value in (x, y, z)])
+    moved = replace(thing, pose=SE3(thing.pose.rotation, thing.pose.translation + by / 1e3))
+    return moved if isinstance(moved, Pick) else replace(pick, place=moved)
+
+
+def _apply_turn(
+    pick: Pick, text: str, and_place: str | None, degrees: str, axis: str | None, *stated: str | None
+) -> Pick:
+    if axis is not None:
+        about = np.array([float(axis == name) for name in "xyz"])
+    else:
+        about = np.array([float(value or "nan") for value in stated])
+    turn = SE3(rotation_about(about / np.linalg.norm(about), np.radians(float(degrees))), np.zeros(3))
+    if not and_place:
+        return replace(pick, pose=pick.pose * turn)
+    if pick.place is None:
+        raise InputError(f"{text!r} does not fit pick {pick.name!r}: it has no place")
+    return replace(pick, pose=pick.pose * turn, place=replace(pick.place, pose=pick.place.pose * turn))
+
+
+Words = Callable[[Array], str]
+"""Puts a shift by (3,) mm in words."""
+
+DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
+"""Millimetres by which a pick is moved."""
+
+EARLY_DISTANCES, EARLY_STRETCHES, EARLY_TURNS, EARLY_TILTS = (5, 20, 50, 100), (1.1, 1.5), (45, 90, 135, 180), (10, 30)
+"""Sizes that are judged first where the budget is less than the number of candidates."""
+
+DIRECTIONS = sorted((d for d in product((0, 1, -1), repeat=3) if any(d)), key=lambda d: sum(map(abs, d)))
+"""Along the axes of the pick's frame, between two of them, and between all three."""
+
+AXES = 6
+"""How many of the directions are axes; they come first."""
+
+STRETCHES = (1.0, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1, 1.15, 1.2, 1.25, 1.35, 1.5, 1.75, 2.0)
+"""Times the gap to the nearest pose found by inverse kinematics: shifts of a pose that is out of reach."""
+
+TURNS = tuple(range(15, 181, 15))
+"""Degrees about the approach direction, to either side."""
+
+TILTS = (5, 10, 15, 20, 30)
+"""Degrees about the axes across the approach direction, to either side."""
+
+POSES = 6000
+"""Poses of the tip, weighted by the cost of their inverse kinematics, that are screened before any pick is judged."""
+
+SWEPT, SEARCHED = 8, 40
+"""The weight of a pose where a redundant joint is swept, and where a numerical method searches; 1 in closed form."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A change in words, the pick that it makes, its size (mm, degrees or metres of length lost), and its direction.
+
+    ``early``: it is among the few that are judged first where the budget is less than the number of candidates.
+    """
+
+    words: str
+    pick: Pick
+    size: float
+    direction: tuple[int, ...] = ()
+    early: bool = False
+
+
+class Shift(NamedTuple):
+    """A shift by (3,) mm; those along one line share a direction."""
+
+    by: Array
+    direction: tuple[int, ...]
+    early: bool
+
+
+def shifted(pick: Pick, shifts: Iterable[Shift], words: Words) -> list[Candidate]:
+    """Candidates by length, each vector once."""
+    made: dict[str, Candidate] = {}
+    for by, direction, early in shifts:
+        if (text := words(by)) not in made:
+            made[text] = Candidate(text, apply_suggestion(pick, text), float(np.linalg.norm(by)), direction, early)
+    return sorted(made.values(), key=lambda each: each.size)
+
+
+def _keeps_place(task: Task, pick: Pick) -> bool:
+    """Whether the place moves with the grasp, so that the object comes to stand where it was to stand."""
+    return pick.place is not None and task.from_scene
+
+
+def turns(task: Task, pick: Pick) -> list[Candidate]:
+    """The pick turned about its approach direction."""
+    return [
+        _turn_candidate(task, pick, sign * degrees, _approach_axis(task), (sign,), degrees in EARLY_TURNS)
+        for degrees in TURNS
+        for sign in (1, -1)
+        if sign * degrees != -180
+    ]
+
+
+def tilts(task: Task, pick: Pick) -> list[Candidate]:
+    """The pick tilted about the axes of the tip that are most nearly across its approach direction."""
+    across = np.delete(np.arange(3), int(np.argmax(np.abs(_approach_axis(task)))))
+    return [
+        _turn_candidate(task, pick, sign * degrees, np.eye(3)[axis], (sign, int(axis)), degrees in EARLY_TILTS)
+        for degrees in TILTS
+        for axis in across
+        for sign in (1, -1)
+    ]
+
+
+def _turn_candidate(
+    task: Task, pick: Pick, degrees: int, axis: Array, direction: tuple[int, ...], early: bool
+) -> Candidate:
+    words = turn_words(float(degrees), axis, with_place=_keeps_place(task, pick))
+    return Candidate(words, apply_suggestion(pick, words), float(abs(degrees)), direction, early)
+
+
+def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Words]:
+    """Shifts of the pick along the axes of its frame and between them; if out of reach, also towards what is reached.
+
+    With what puts a shift in words.
+    """
+    shifts = list(_vectors(_detail(task, len(members(task)))))
+    if stage is Stage.REACH:
+        rotation = _root_from_frame(task, pick).rotation
+        shifts += _towards_reach(task, task.pick.pose, rotation)
+
+    def words(by: Array) -> str:
+        if not _keeps_place(task, pick) or pick.place is None:
+            return move_words(pick, by)
+        return move_words(pick, by, pick.place.pose.rotation @ (pick.pose.rotation.T @ by))
+
+    return shifts, words
+
+
+def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Words]:
+    """The same for the place."""
+    if task.place is None or pick.place is None:
+        raise InputError(f"pick {pick.name!r} has no place")
+    rotation = (task.place.pose * pick.place.pose.inverse()).rotation
+    shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
+    return shifts, lambda by: move_place_words(pick, by)
+
+
+def _vectors(detail: tuple[Sequence[int], int]) -> Iterable[Shift]:
+    """Shifts by whole millimetres along the axes and between them."""
+    distances, directions = detail
+    for distance in distances:
+        for direction in DIRECTIONS[:directions]:
+            along = np.array(direction, dtype=float)
+            by = along * max(1.0, np.round(distance / np.linalg.norm(along)))
+            yield Shift(by, direction, distance in EARLY_DISTANCES and np.count_nonzero(along) == 1)
+
+
+def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> Iterable[Shift]:
+    """Shifts of a pose, in the axes of a frame, towards the nearest pose that inverse kinematics finds.
+
+    All of the gap, its part across the z axis of the frame, and its largest component; rounded away from the pose.
+    """
+    target = task.target(root_from_tip)
+    nearest = Clik().solve(task.arm, target, task.cell.home, rng=0)
+    gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
+    whole = root_from_frame.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
+    along = np.where(np.arange(3) == np.argmax(np.abs(whole)), whole, 0.0)
+    for line, part in enumerate((whole, whole * [1, 1, 0], along)):
+        for stretch in STRETCHES:
+            by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
+            if by.any():
+                yield Shift(by, (line,), stretch in EARLY_STRETCHES)
+
+
+def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
+    """As many distances and directions as the screening can afford."""
+    weight = 1 if task.cell.closed_form else SWEPT if has_closed_form(task.arm, most=7) else SEARCHED
+    for directions in (len(DIRECTIONS), AXES):
+        if len(DISTANCES) * directions * members * weight <= POSES:
+            return DISTANCES, directions
+    return (1, 2, 5, 10, 20, 50, 100), AXES
+
+
+def members(task: Task) -> list[Member]:
+    """The grasps that are screened: those that are not moved within the tolerance."""
+    return next(iter(task.groups()))
+
+
+def _approach_axis(task: Task) -> Array:
+    """(3,) the approach direction in the tip's axes."""
+    axis = np.array(task.pick.approach_direction)
+    return axis if task.pick.approach_frame == TIP else np.asarray(task.pick.pose.rotation.T @ axis)
+
+
+def _root_from_frame(task: Task, pick: Pick) -> SE3:
+    return task.pick.pose * pick.pose.inverse()

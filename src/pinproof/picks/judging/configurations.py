@@ -1,0 +1,127 @@
+"""IK solutions for many poses in one call, their ranking figures, and lower bounds of motion times.
+
+Arms with a closed form give every IK branch; for other arms a numerical search gives a sample.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import NoClosedForm
+from pinproof.ik import AnalyticIk, Clik
+from pinproof.model import Arm, JointLimits
+
+__all__ = [
+    "TURN",
+    "at_full_speed",
+    "configurations",
+    "has_closed_form",
+    "least_seconds",
+    "limit_margins",
+    "manipulability",
+    "turned_inside",
+    "widened",
+]
+
+Array = npt.NDArray[np.float64]
+
+SWEEP = AnalyticIk(redundant_steps=24)
+"""The solver for arms of seven joints: 24 values of the redundant joint, 15 degrees apart for a full rotation."""
+
+BEYOND = 2 * np.pi, 0.5
+"""rad and m by which limits are widened to determine whether only the limits prevent a solution."""
+
+TURN = 2 * np.pi
+
+SAMPLES, STARTS = 8, 64
+"""Number of different configurations that the numerical search returns, and its number of starts."""
+
+
+def has_closed_form(arm: Arm, most: int = 6) -> bool:
+    """Whether the closed form applies to an arm with at most ``most`` joints.
+
+    For seven joints the redundant joint is swept, which gives many solutions but not all.
+    """
+    if arm.dof > most:
+        return False
+    try:
+        AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(arm.home[None]))
+    except NoClosedForm:
+        return False
+    return True
+
+
+def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.NDArray[np.int64], Array]:
+    """Configurations within the limits, each with the full rotations nearest to q0.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    targets
+        (N, 4, 4) ``base_from_tcp``.
+    q0
+        (n,) the reference for the choice of full rotations.
+    rng
+        Seed of the search for arms without a closed form.
+
+    Returns
+    -------
+    (k,) index of the target of each configuration, ascending; and (k, n) the configurations.
+    """
+    if has_closed_form(arm, most=7):
+        found = SWEEP.solve_all_batch(arm, targets, q0)
+        row, column = np.nonzero(np.isfinite(found.q[:, :, 0]))
+        return row, np.ascontiguousarray(found.q[row, column])
+    many = [Clik().solve_many(arm, T, q0, rng=rng, count=SAMPLES, attempts=STARTS).q for T in targets]
+    row = np.repeat(np.arange(len(many)), [len(q) for q in many])
+    return row, np.concatenate([*many, np.empty((0, arm.dof))])
+
+
+def manipulability(arm: Arm, Q: Array) -> Array:
+    """(N,) Yoshikawa's measure at Q (N, n)."""
+    from pinproof.kernels.manipulability import manipulability_many
+
+    out = np.empty(len(Q))
+    manipulability_many(arm.packed, np.ascontiguousarray(Q), out)
+    return out
+
+
+def limit_margins(arm: Arm, q: Array) -> Array:
+    """(N,) smallest distance of a joint from its limits at q (N, n), as a fraction of half its range: at most 1."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    half = (upper - lower) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.minimum(q - lower, upper - q) / half
+    return np.asarray(np.where(np.isfinite(share), share, 1.0).min(axis=1, initial=1.0))
+
+
+def widened(arm: Arm) -> Arm:
+    """The arm with limits that are one rotation, or half a metre, wider on both sides."""
+    limits, beyond = arm.limits, BEYOND[0] * arm.angular + BEYOND[1] * ~arm.angular
+    wider = JointLimits(limits.lower - beyond, limits.upper + beyond, limits.velocity, limits.acceleration)
+    return arm.with_limits(wider)
+
+
+def turned_inside(arm: Arm, q: Array) -> Array:
+    """The same poses with joints of q (..., n) outside their limits moved inside by full rotations where possible."""
+    lower, upper = arm.limits.lower, arm.limits.upper
+    turned = q + np.ceil((lower - q) / TURN) * TURN
+    return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)
+
+
+def at_full_speed(arm: Arm, points: Array) -> float:
+    """Seconds along points (k, n) at full speed, without stops at corners.
+
+    For the control points of a curve this is an upper bound of the time of the curve at full speed, and at least
+    :func:`least_seconds` between its ends.
+    """
+    return float((np.abs(np.diff(points, axis=0)) / arm.limits.velocity).max(axis=1, initial=0.0).sum())
+
+
+def least_seconds(arm: Arm, here: Array, there: Array) -> Array:
+    """(k, m) lower bound (s) of the time of any motion from each of (k, n) to each of (m, n) modulo full rotations."""
+    distance = np.abs(here[:, None, :] - there[None, :, :])
+    nearest = np.abs(distance - TURN * np.round(distance / TURN))
+    return np.asarray((np.where(arm.periodic, nearest, distance) / arm.limits.velocity).max(axis=2))

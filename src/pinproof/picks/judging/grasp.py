@@ -1,0 +1,437 @@
+"""The stages at the grasp: reach, limits, self-collision, grasp (collision with the scene) and grip.
+
+Every IK solution of every grasp of the family is checked. Those that pass all stages are ranked.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker
+from pinproof.collision.contact import CheckResult, Contact
+from pinproof.ik import AnalyticIk, Clik
+from pinproof.model import Arm
+from pinproof.picks.input.pick import Member
+from pinproof.picks.input.settings import PickWeights
+from pinproof.picks.judging.configurations import STARTS, configurations, limit_margins, manipulability, turned_inside
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import Stage, StageResult
+from pinproof.spatial import SE3, twist_size
+
+__all__ = [
+    "Candidate",
+    "Gripped",
+    "Reached",
+    "Screened",
+    "closing_words",
+    "contact_words",
+    "every_branch",
+    "every_branch_is_known",
+    "grip_holds",
+    "judge_grip",
+    "limit_margin",
+    "not_held_words",
+    "rank",
+    "reach",
+    "refuted_by_name",
+    "screen",
+    "unreached",
+    "weighed",
+]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """Configurations at the grasp.
+
+    Parameters
+    ----------
+    q
+        (k, n) within the limits.
+    member
+        (k,) index of the family member of each configuration.
+    stages
+        The results of the stages reach and limits.
+    refuted
+        If there is no configuration: every IK branch with the limit that excludes it.
+    complete
+        Whether the configurations are proven to be all.
+    """
+
+    q: Array
+    member: npt.NDArray[np.int64]
+    stages: tuple[StageResult, ...]
+    refuted: tuple[str, ...] = ()
+    complete: bool = False
+
+
+def reach(task: Task, members: list[Member], seed: int) -> Reached:
+    """The configurations at each of the given grasps."""
+    arm, home = task.arm, task.cell.home
+    targets = [task.target(task.grasp(member)) for member in members]
+    row, q = configurations(arm, task.targets([task.grasp(member) for member in members]), home, seed)
+    if not len(q) and not task.cell.closed_form:  # the nearest configuration may still converge to the target
+        nearest = Clik().solve(arm, targets[0], home, rng=seed)
+        if nearest.ok:
+            row, q = np.zeros(1, dtype=np.int64), np.array([nearest.q])
+    return _reached(task, members, targets, row, q) if len(q) else _not_reached(task, members, targets, seed)
+
+
+def _reached(task: Task, members: list[Member], targets: list[SE3], row: npt.NDArray[np.int64], q: Array) -> Reached:
+    arm = task.arm
+    off = max(twist_size(targets[i], arm.forward_kinematics(each))[0] for i, each in zip(row[:8], q[:8], strict=True))
+    spread = f" for {len(members)} grasps" if len(members) > 1 else ""
+    message = f"{len(q)} IK solution{'' if len(q) == 1 else 's'}{spread}, position error {off:.1e} m"
+    figures = {"configurations": float(len(q)), "grasps": float(len(members)), "position_error": off}
+    margins = limit_margins(arm, q)
+    stages = (
+        StageResult(Stage.REACH, True, message, figures),
+        StageResult(Stage.LIMITS, True, "within all limits", {"widest_margin": float(margins.max())}),
+    )
+    return Reached(q, row, stages)
+
+
+def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None) -> bool:
+    """Whether the closed form is proven to give every configuration for each target."""
+    if not task.cell.closed_form:
+        return False
+    for target in targets:
+        found = AnalyticIk().solve_all(arm or task.arm, target, task.cell.home)
+        if not found.complete or found.families:
+            return False
+    return True
+
+
+def every_branch(task: Task, root_from_tip: SE3, wanted: bool = True) -> Array:
+    """(m, n) all configurations at a pose; empty if not all are known, or if they are not wanted."""
+    if not wanted or not every_branch_is_known(task, [task.target(root_from_tip)]):
+        return np.empty((0, task.arm.dof))
+    return configurations(task.arm, task.targets([root_from_tip]), task.cell.home, 0)[1]
+
+
+def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: int) -> Reached:
+    """The result if no configuration was found: the reason is either the limits or the reach."""
+    arm, wide, limits = task.arm, task.cell.wide_arm, task.arm.limits
+    empty = np.empty((0, arm.dof)), np.empty(0, dtype=np.int64)
+    row, free = configurations(wide, task.targets([task.grasp(m) for m in members]), task.cell.home, seed)
+    inside = [turned_inside(arm, q) for q in free]
+    complete = every_branch_is_known(task, targets)
+    if not inside:
+        nearest = Clik().solve(arm, targets[0], task.cell.home, rng=seed)
+        error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
+        message = f"out of reach: the nearest configuration found is {error} from the target"
+        complete = complete and every_branch_is_known(task, targets, wide)
+        if not task.cell.closed_form:
+            message += f" (best of {STARTS} starts)"
+        figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
+        failed = StageResult(Stage.REACH, False, message, figures)
+        refuted = tuple(f"{_of(member)}no IK solution reaches the pose" for member in members)
+        return Reached(*empty, (failed,), refuted if complete else (), complete)
+    by = [float(np.abs(q - limits.clip(q)).sum()) for q in inside]
+    best = int(np.argmin(by))
+    if by[best] == 0.0:  # found by the search only with the wider limits
+        return _reached(task, members, targets, row[[best]], np.array([inside[best]]))
+    beyond = np.abs(inside[best] - limits.clip(inside[best]))
+    outside = "; ".join(limits.violations(inside[best], arm.joint_names))
+    outside += f" ({', '.join(f'{arm.joint_names[j]} by {beyond[j]:.3g}' for j in np.flatnonzero(beyond))})"
+    figures = {"outside": by[best], "configurations": float(len(inside))}
+    reached = StageResult(
+        Stage.REACH, True, "reachable if the joint limits are ignored", {"configurations": float(len(inside))}
+    )
+    failed = StageResult(Stage.LIMITS, False, f"reachable only outside the joint limits: {outside}", figures)
+    refuted = tuple(
+        f"{_of(members[i])}{'; '.join(limits.violations(q, arm.joint_names))}" for i, q in zip(row, inside, strict=True)
+    )
+    return Reached(*empty, (reached, failed), refuted if complete else (), complete)
+
+
+def _of(member: Member) -> str:
+    return f"{member.words}: " if member.words else ""
+
+
+Mask = npt.NDArray[np.bool_]
+
+MOST_CONTACTS = 6
+"""Largest number of contacts in a reason."""
+
+
+@dataclass(frozen=True, eq=False)
+class Gripped:
+    """Which configurations hold the object, and the result of the grip stage.
+
+    Parameters
+    ----------
+    kept
+        (k,) whether the grasp holds the object and the hand can close.
+    result
+        The result of the stage.
+    refuted
+        (k,) why each of the others is excluded; empty for those that are kept.
+    """
+
+    kept: Mask
+    result: StageResult
+    refuted: tuple[str, ...]
+
+
+def grip_holds(task: Task, member: Member) -> bool:
+    """Whether a grasp holds the object; True without an object."""
+    return task.name is None or task.grip(member).held
+
+
+def not_held_words(task: Task, member: Member) -> str:
+    """Why a grasp does not hold the object."""
+    return _of(member) + task.grip(member).message
+
+
+def judge_grip(task: Task, members: list[Member], q: Array, of: npt.NDArray[np.int64]) -> Gripped:
+    """Judge collision-free configurations q (k, n) at the grasp; ``of`` (k,) is the member of each."""
+    if task.name is None:
+        message = "not checked: the pick states no object"
+        return Gripped(np.ones(len(q), dtype=bool), StageResult(Stage.GRIP, True, message), ("",) * len(q))
+    refuted = ["" if task.grip(members[i]).held else not_held_words(task, members[i]) for i in of]
+    kept = np.array([not why for why in refuted])
+    if not kept.any():
+        tried = sorted(set(of.tolist()))
+        best = task.grip(members[tried[0]])
+        more = f"; none of the {len(tried)} grasps holds the part" if len(tried) > 1 else ""
+        return Gripped(kept, StageResult(Stage.GRIP, False, best.message + more, best.figures), tuple(refuted))
+    if not task.cell.fingers:
+        grip = task.grip(members[of[kept][0]])
+        return Gripped(kept, StageResult(Stage.GRIP, True, grip.message, grip.figures), tuple(refuted))
+    closing = task.closing
+    closes = kept.copy()
+    closes[kept] = closing.is_free_batch(q[kept])
+    if not closes.any():
+        found = [(int(i), closing.check(q[i])) for i in np.flatnonzero(kept)]
+        for i, contact in found:
+            refuted[i] = _of(members[of[i]]) + closing_words(task, contact)
+        worst = max(found, key=lambda each: min((c.distance for c in each[1].contacts), default=-np.inf))
+        more = f"; all {len(found)} IK solutions collide" if len(found) > 1 else ""
+        message = closing_words(task, worst[1]) + more
+        figures = {"distance": min((c.distance for c in worst[1].contacts), default=np.nan)}
+        return Gripped(closes, StageResult(Stage.GRIP, False, message, figures), tuple(refuted))
+    for i in np.flatnonzero(kept & ~closes).tolist():
+        refuted[i] = _of(members[of[i]]) + closing_words(task, closing.check(q[i]))
+    first = int(np.flatnonzero(closes)[0])
+    grip = task.grip(members[of[first]])
+    clear = closing.clearance(q[first])
+    message = f"{grip.message}; {clear * 1e3:.1f} mm clearance while closing"
+    figures = {**grip.figures, "closing_clearance": clear}
+    return Gripped(closes, StageResult(Stage.GRIP, True, message, figures), tuple(refuted))
+
+
+def closing_words(task: Task, result: CheckResult) -> str:
+    """The contacts of the fingers while they close or open, each pair once, the deepest first."""
+    finger_of = {body.name: name for name, bodies in task.cell.swept.items() for body in bodies}
+    by_pair: dict[frozenset[str], str] = {}
+    for contact in result.contacts:
+        first, second = (finger_of.get(name, name) for name in contact.bodies)
+        by_pair.setdefault(frozenset((first, second)), contact_text(replace(contact, bodies=(first, second))))
+    words = list(by_pair.values())
+    more = f"; and {len(words) - MOST_CONTACTS} more" if len(words) > MOST_CONTACTS else ""
+    return f"while the fingers move: {'; '.join(words[:MOST_CONTACTS])}{more}"
+
+
+AMPLE = 0.05
+"""Metres: the clearance beyond which the score does not increase."""
+
+RANKED = 256
+"""Largest number of ranked configurations; of more, those with the shortest time from home are ranked."""
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A collision-free configuration at the grasp, with the parts (0 to 1) of its score."""
+
+    q: Array
+    member: Member
+    clearance: float
+    parts: dict[str, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Screened:
+    """The configurations that are collision-free and hold the object, the best first, and the results of the stages.
+
+    If there are none, ``refuted`` states why each configuration is excluded; ``not_held`` is True if no grasp holds the
+    object, which does not depend on the configuration.
+    """
+
+    candidates: tuple[Candidate, ...]
+    stages: tuple[StageResult, ...]
+    refuted: tuple[str, ...] = ()
+    not_held: bool = False
+
+
+def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
+    """Judge all configurations at the grasp."""
+    checker = task.at_grasp
+    free = checker.is_free_batch(reached.q)
+    if not free.any():
+        return _all_in_contact(checker, members, reached)
+    q, of_member = reached.q[free], reached.member[free]
+    gripped = judge_grip(task, members, q, of_member)
+    count = f"{int(free.sum())} of {len(free)} IK solution{'' if len(free) == 1 else 's'} collision-free"
+    own = StageResult(Stage.SELF, True, "no self-collision")
+    if not gripped.kept.any():
+        stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)
+        if not any(grip_holds(task, member) for member in members):
+            return Screened((), stages, tuple(not_held_words(task, member) for member in members), True)
+        touching = _contacts_of_each([checker.check(each) for each in reached.q[~free]], members, reached.member[~free])
+        return Screened((), stages, (*gripped.refuted, *touching))
+    kept = np.flatnonzero(gripped.kept)
+    candidates = rank(task, q[kept], [members[i] for i in of_member[kept]])
+    clearance = max(candidate.clearance for candidate in candidates)
+    message = f"{count}, clearance up to {clearance * 1e3:.1f} mm"
+    figures = {"free": float(free.sum()), "clearance": clearance}
+    return Screened(tuple(candidates), (own, StageResult(Stage.GRASP, True, message, figures), gripped.result))
+
+
+def rank(task: Task, q: Array, members: list[Member]) -> list[Candidate]:
+    """The collision-free configurations q (k, n), ordered by score with the weights of the cell."""
+    arm, home = task.arm, task.cell.home
+    seconds = (np.abs(q - home) / arm.limits.velocity).max(axis=1)
+    if len(q) > RANKED:
+        near = np.sort(np.argsort(seconds, kind="stable")[:RANKED])
+        q, members, seconds = q[near], [members[i] for i in near], seconds[near]
+    clearance, volume = task.at_grasp.clearance_batch(q), manipulability(arm, q)
+    margins = limit_margin(task, q, q)
+    ranked = []
+    for i, member in enumerate(members):
+        parts = {
+            "clearance": float(np.clip(clearance[i], 0.0, AMPLE)) / AMPLE,
+            "limit_margin": float(margins[i]),
+            "manipulability": float(volume[i] / max(volume.max(), np.finfo(float).tiny)),
+            "duration": float((seconds.min() + 0.1) / (seconds[i] + 0.1)),
+        }
+        ranked.append(Candidate(q[i], member, float(clearance[i]), parts))
+    return sorted(ranked, key=lambda candidate: -weighed(candidate.parts, task.cell.weights))
+
+
+def weighed(parts: dict[str, float], weights: PickWeights) -> float:
+    """The weighted sum of parts."""
+    return sum(getattr(weights, name) * value for name, value in parts.items())
+
+
+def limit_margin(task: Task, low: Array, high: Array) -> Array:
+    """Distance of joint ranges low to high (..., n) from the limits: 1 in the middle of all ranges, 0 at a limit."""
+    limits = task.arm.limits
+    half = (limits.upper - limits.lower) / 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.minimum(low - limits.lower, limits.upper - high) / half
+    return np.asarray(np.clip(np.where(np.isfinite(share), share, 1.0).min(axis=-1), 0.0, 1.0))
+
+
+def contact_words(result: CheckResult) -> list[str]:
+    """The deepest contact of each pair of links, attached bodies and obstacles as text, the deepest pair first."""
+    deepest = {contact.bodies: contact for contact in reversed(result.contacts)}
+    return [contact_text(contact) for contact in result.contacts if deepest[contact.bodies] is contact]
+
+
+def contact_text(contact: Contact) -> str:
+    """A contact with its penetration depth, or with its distance if only the margin is violated."""
+    first, second = contact.bodies
+    if contact.distance < 0:
+        return f"{first} penetrates {second} by {-contact.distance * 1e3:.1f} mm"
+    return f"{first} is {contact.distance * 1e3:.1f} mm from {second}, less than the margin"
+
+
+def _all_in_contact(checker: CollisionChecker, members: list[Member], reached: Reached) -> Screened:
+    """The result if every IK solution is in contact; the reason describes the one with the smallest penetration."""
+    found = [checker.check(q) for q in reached.q]
+    own = [[c for c in each.contacts if not _with_obstacle(c, checker)] for each in found]
+    refuted = _contacts_of_each(found, members, reached.member)
+    stage = Stage.SELF if all(own) else Stage.GRASP
+    # if some have no self-collision, the reason describes one of these
+    eligible = [i for i in range(len(found)) if stage is Stage.SELF or not own[i]]
+    best = max(eligible, key=lambda i: min((c.distance for c in found[i].contacts), default=-np.inf))
+    words = contact_words(found[best])
+    message = "; ".join(words[:MOST_CONTACTS])
+    if len(words) > MOST_CONTACTS:
+        message += f"; and {len(words) - MOST_CONTACTS} more"
+    if len(found) > 1:
+        message += f"; all {len(found)} IK solutions collide{_other_pairs(found, found[best])}"
+    figures = {"configurations": float(len(found)), "distance": min(c.distance for c in found[best].contacts)}
+    failed = StageResult(stage, False, message, figures)
+    if stage is Stage.SELF:
+        return Screened((), (failed,), refuted)
+    passed = StageResult(Stage.SELF, True, f"{len(eligible)} of {len(found)} IK solutions without self-collision")
+    return Screened((), (passed, failed), refuted)
+
+
+def _contacts_of_each(found: list[CheckResult], members: list[Member], of: npt.NDArray[np.int64]) -> tuple[str, ...]:
+    """The contacts of each configuration, with its grasp."""
+    return tuple(
+        f"{members[i].words + ': ' if members[i].words else ''}{'; '.join(contact_words(each))}"
+        for i, each in zip(of, found, strict=True)
+    )
+
+
+def _with_obstacle(contact: Contact, checker: CollisionChecker) -> bool:
+    return any(name in checker.scene.names for name in contact.bodies)
+
+
+def _other_pairs(found: list[CheckResult], described: CheckResult) -> str:
+    """The most frequent pairs in contact beside those of the described result, and their number of IK solutions."""
+    counts: Counter[tuple[str, str]] = Counter()
+    for each in found:
+        counts.update({contact.bodies for contact in each.contacts})
+    for contact in described.contacts:
+        counts.pop(contact.bodies, None)
+    common = sorted(counts.items(), key=lambda item: (-item[1], item[0]))[:3]
+    if not common:
+        return ""
+    return f" ({', '.join(f'{first} with {second} in {count}' for (first, second), count in common)})"
+
+
+NO_SOLUTION = "no IK solution within the limits reaches"
+
+
+def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, ...]:
+    """Why each IK branch of each grasp is excluded, at the grasp or at the end of a line; empty if one is not.
+
+    A line that could not be planned proves nothing. A grasp is refuted if no branch reaches an end of its lines, or if
+    every branch is in contact there.
+    """
+    reasons: list[str] = []
+    for member in members:
+        grasp, pick = task.grasp(member), task.pick
+        found = _branches_refuted(task, grasp, task.at_grasp, "the grasp", seed)
+        if not found and pick.approach:
+            found = _branches_refuted(task, task.approach_end(grasp), task.at_grasp, "the end of the approach", seed)
+        if not found and pick.retreat:
+            found = _branches_refuted(
+                task, task.retreat_end(grasp), task.carrying(member), "the end of the retreat", seed
+            )
+        if not found:
+            return ()
+        reasons += [_of(member) + words for words in found]
+    return tuple(reasons)
+
+
+def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int) -> list[str]:
+    """Why each IK branch at a pose is excluded; empty if one is not, or if not all are known."""
+    if not every_branch_is_known(task, [task.target(root_from_tip)]):
+        return []
+    _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
+    if checker.is_free_batch(many).any():
+        return []
+    reasons = []
+    for q in many:
+        result = checker.finer_at(q).check(q)  # contact between convex hulls is no proof of contact between the meshes
+        if result.free:
+            return []
+        reasons.append(f"at {where}: {'; '.join(contact_words(result))}")
+    return reasons or [f"{NO_SOLUTION} {where}"]
+
+
+def unreached(member: Member) -> str:
+    """The reason for a grasp without an IK solution."""
+    return f"{_of(member)}{NO_SOLUTION} the grasp"

@@ -1,0 +1,609 @@
+"""Whether the closed fingers of a gripper hold a part.
+
+Fingers are bodies of the gripper that translate along an axis (:class:`~pinproof.picks.GripperFingers`), or links that
+are moved by joints outside the arm (``held: {joint: {open, grip}}``). Neither depends on the configuration of the arm,
+so all computations are in the frame of the tcp.
+
+Every finger is moved along its closing direction until it touches the part. The contact patch is the region where, at
+that moment, the distance between the facing surfaces along the closing direction is at most the compliance of pads and
+part, and where both normals lie within the friction cone about that direction. A part is held if the fingers touch it
+at their stated closed positions, each over a sufficient area, and if forces within the friction cones at the patches
+can balance each other: the fingers then press on opposite sides.
+
+Sources of the force balance: V.-D. Nguyen (1988), "Constructing force-closure grasps", International Journal of
+Robotics Research 7(3); for several contacts with linearised cones: J. Ponce, S. Sullivan, A. Sudsang, J.-D. Boissonnat,
+J.-P. Merlet (1997), "On computing four-finger equilibrium and force-closure grasps of polyhedral objects", IJRR 16(1).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import ConvexHull, Obstacle
+from pinproof.collision.line_surface import (
+    LineSurface,
+    SurfacePoints,
+    body_distance,
+    outer_points,
+    point_distance,
+    travel_to_touch,
+)
+from pinproof.collision.links import link_bodies
+from pinproof.description import UrdfJoint
+from pinproof.model import Arm
+from pinproof.picks.input.pick import GripperFingers, moved_by
+from pinproof.picks.input.settings import GripLimits
+from pinproof.spatial import SE3
+
+__all__ = [
+    "FingerContact",
+    "GripResult",
+    "HeldPart",
+    "MovingFinger",
+    "balanced",
+    "fingers_of",
+    "grip_by_fingers",
+    "grip_by_tip",
+]
+
+Array = npt.NDArray[np.float64]
+
+CONE_EDGES = 16
+"""Edges of the pyramids inscribed in the friction cones, which are conservative by 2 %."""
+
+SAME_PLACE = 1e-7
+"""Metres: contacts closer to each other than this are considered coincident."""
+
+
+def balanced(patches: Sequence[tuple[Array, Array]], angle: float) -> bool:
+    """Whether forces within the friction cones at points of the patches can sum to zero force and zero torque.
+
+    Parameters
+    ----------
+    patches
+        For each contact its points (N, 3) in metres and the unit normal (3,) in which the finger presses.
+    angle
+        rad: the half angle of the friction cones.
+    """
+    from scipy.optimize import linprog
+
+    points, forces, normals = [], [], []
+    for touched, normal in patches:
+        edges = _cone(normal, angle)
+        for point in _outermost(touched, normal):
+            points.append(np.tile(point, (len(edges), 1)))
+            forces.append(edges)
+            normals.append(edges @ normal)
+    at, force = np.concatenate(points), np.concatenate(forces)
+    centre = at.mean(axis=0)
+    size = max(float(np.linalg.norm(at - centre, axis=1).max()), SAME_PLACE)
+    torque = np.cross((at - centre) / size, force)
+    balance = np.concatenate([force.T, torque.T, np.concatenate(normals)[None]])
+    answer = linprog(
+        np.zeros(len(at)), A_eq=balance, b_eq=np.array([0.0] * 6 + [1.0]), bounds=(0, None), method="highs"
+    )
+    return bool(answer.status == 0)
+
+
+def _cone(normal: Array, angle: float) -> Array:
+    """(E, 3) unit vectors on the cone with the given half angle (rad) about a normal."""
+    least = np.eye(3)[np.abs(normal).argmin()]
+    u = np.cross(normal, least)
+    u /= np.linalg.norm(u)
+    v = np.cross(normal, u)
+    turns = np.arange(CONE_EDGES) * 2 * np.pi / CONE_EDGES
+    across = np.cos(turns)[:, None] * u + np.sin(turns)[:, None] * v
+    return np.asarray(np.cos(angle) * normal + np.sin(angle) * across)
+
+
+def _outermost(points: Array, normal: Array) -> Array:
+    """(P, 3) the extreme points of a patch in several directions perpendicular to its normal."""
+    axes = _cone(normal, np.pi / 2)
+    return np.unique(points[(points @ axes.T).argmax(axis=0)], axis=0)
+
+
+SAGITTA = 2e-4
+"""Metres: largest distance of the points of a rotating finger from the chords that approximate its closing motion. The
+swept bodies are enlarged by it, so it is small compared to the margins of a cell."""
+
+MOST_STEPS = 64
+"""Largest number of chords of a closing motion; with fewer than needed the bound is less tight."""
+
+SHARE = 1e-4
+"""Fraction of the closing motion over which the final closing direction is measured."""
+
+LEAST_TRAVEL = 1e-9
+"""Metres: a finger that moves less is considered fixed."""
+
+FLAT = 1e-4
+"""Metres by which flat swept bodies are enlarged, so that they have a convex hull."""
+
+
+@dataclass(frozen=True, eq=False)
+class MovingFinger:
+    """A part of the hand that moves while the hand closes.
+
+    Parameters
+    ----------
+    name
+        The link or the attached body.
+    surfaces
+        Its bodies, each with ``finger_from_body``.
+    placements
+        ``tcp_from_finger`` at the ends of the chords, from open (first) to closed (last).
+    direction
+        (3,) unit vector of its motion in the tcp frame just before it is closed.
+    sagitta
+        Metres: largest distance of its points from the chords between the placements.
+    """
+
+    name: str
+    surfaces: tuple[tuple[LineSurface, SE3], ...]
+    placements: tuple[SE3, ...]
+    direction: Array
+    sagitta: float = 0.0
+
+    @property
+    def open(self) -> SE3:
+        """``tcp_from_finger`` before the grasp."""
+        return self.placements[0]
+
+    @property
+    def closed(self) -> SE3:
+        """``tcp_from_finger`` on the part."""
+        return self.placements[-1]
+
+    @property
+    def travel(self) -> float:
+        """Metres that the centre of the finger moves along its closing direction."""
+        middle = np.mean([at.translation + at.rotation @ _middle(surface) for surface, at in self.surfaces], axis=0)
+        start, end = (at.translation + at.rotation @ middle for at in (self.open, self.closed))
+        return float((end - start) @ self.direction)
+
+    def swept(self) -> tuple[Obstacle, ...]:
+        """Convex bodies in the tcp frame that contain the finger during the complete closing motion.
+
+        For each chord this is the hull of the body at both ends, enlarged by the sagitta.
+        """
+        bodies = []
+        for number, (surface, at) in enumerate(self.surfaces):
+            own = outer_points(surface)
+            placed = [at_finger * at for at_finger in self.placements]
+            for step, (one, other) in enumerate(pairwise(placed)):
+                ends = np.concatenate([own @ each.rotation.T + each.translation for each in (one, other)])
+                bodies.append(Obstacle(f"{self.name} closing {number}.{step}", _hull(ends, self.sagitta)))
+        return tuple(bodies)
+
+
+def _middle(surface: LineSurface) -> Array:
+    return np.asarray(surface.body.box.mean(axis=0))
+
+
+def _hull(points: Array, grow: float) -> ConvexHull:
+    """The hull of points (V, 3), enlarged by a cube of half side ``grow``, or by FLAT if they are coplanar."""
+    corners = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
+    thin = np.linalg.svd(points - points.mean(axis=0), compute_uv=False).min() < FLAT
+    by = max(grow, FLAT if thin else 0.0)
+    if by > 0.0:
+        points = (points[:, None] + by * corners).reshape(-1, 3)
+    return ConvexHull(points)
+
+
+def fingers_of(arm: Arm, fingers: GripperFingers | None, grip: Mapping[str, float]) -> tuple[MovingFinger, ...]:
+    """The moving fingers: the two bodies of the gripper, and the links moved by the gripping joints."""
+    return (*_translating(fingers), *_links(arm, grip))
+
+
+def _translating(fingers: GripperFingers | None) -> list[MovingFinger]:
+    if fingers is None:
+        return []
+    found, axis = [], np.array(fingers.axis)
+    for sign, before, after in zip((-1.0, 1.0), fingers.apart(), fingers.gripping(), strict=True):
+        surface = (LineSurface.of_obstacle(after), SE3.Identity())
+        found.append(MovingFinger(after.name, (surface,), (before.pose, after.pose), sign * axis))
+    return found
+
+
+def _links(arm: Arm, grip: Mapping[str, float]) -> list[MovingFinger]:
+    """The links that the gripping joints move, each with its exact surface."""
+    urdf = arm.robot.urdf
+    start = {name: arm.held[name] for name in grip}
+    if all(abs(start[name] - value) < LEAST_TRAVEL for name, value in grip.items()):
+        return []
+    own: dict[str, tuple[tuple[LineSurface, SE3], ...]] = {}
+    for geometry in urdf.collisions:
+        if moved_by(urdf, geometry.link, grip):
+            made = tuple((LineSurface.of_body(body), body.link_from_body) for body in link_bodies(geometry, "surface"))
+            own[geometry.link] = (*own.get(geometry.link, ()), *made)
+    bounds = {link: _acceleration(arm, link, own[link], grip) for link in own}
+    steps = int(np.clip(np.ceil(np.sqrt(max(bounds.values(), default=0.0) / (8 * SAGITTA))), 1, MOST_STEPS))
+    shares = [*np.linspace(0.0, 1.0, steps + 1).tolist(), 1.0 - SHARE]
+    arms = [
+        arm.with_held({name: start[name] + share * (value - start[name]) for name, value in grip.items()})
+        for share in shares
+    ]
+    found = []
+    for link, surfaces in own.items():
+        *placements, before = [
+            each.forward_kinematics(arm.home).actInv(each.frame_placement(arm.home, link)) for each in arms
+        ]
+        middle = np.mean([at.translation + at.rotation @ _middle(surface) for surface, at in surfaces], axis=0)
+        last = (placements[-1].act(middle) - before.act(middle)) / SHARE
+        if (length := float(np.linalg.norm(last))) < LEAST_TRAVEL:
+            continue
+        found.append(MovingFinger(link, surfaces, tuple(placements), last / length, bounds[link] / (8 * steps**2)))
+    return found
+
+
+def _acceleration(arm: Arm, link: str, surfaces: Sequence[tuple[LineSurface, SE3]], grip: Mapping[str, float]) -> float:
+    """A bound (m) of the second derivative of every point of a link over the share of the closing motion.
+
+    Joints at constant rates w_i (revolute) and v_i (prismatic) accelerate a point by at most (sum w)^2 R + 2 sum w
+    sum v, where R bounds its distance from every one of the axes; along a chord of the share h it leaves the chord by
+    at most h^2 / 8 times that.
+    """
+    urdf = arm.robot.urdf
+    joints: list[UrdfJoint] = []
+    at: str = link
+    while (joint := urdf.parent_joint(at)) is not None and moved_by(urdf, at, grip):
+        if _rate(arm, joint, grip):
+            joints.append(joint)
+        at = joint.parent
+    rates = [_rate(arm, joint, grip) for joint in joints]
+    turning = sum(rate for joint, rate in zip(joints, rates, strict=True) if joint.type != "prismatic")
+    sliding = sum(rate for joint, rate in zip(joints, rates, strict=True) if joint.type == "prismatic")
+    if turning == 0.0:
+        return 0.0
+    origins = [arm.frame_placement(arm.home, joint.child).translation for joint in joints]
+    placed = arm.frame_placement(arm.home, link)
+    own = np.concatenate([outer_points(surface) @ pose.rotation.T + pose.translation for surface, pose in surfaces])
+    points = own @ placed.rotation.T + placed.translation
+    radius = float(np.linalg.norm(points - origins[0], axis=1).max()) + sliding
+    radius += sum(float(np.linalg.norm(b - a)) for a, b in pairwise(origins))
+    return turning**2 * radius + 2 * turning * sliding
+
+
+def _rate(arm: Arm, joint: UrdfJoint, grip: Mapping[str, float]) -> float:
+    """The travel (rad or m) of a joint from open to grip."""
+    leader, factor = (joint.name, 1.0) if joint.mimic is None else (joint.mimic.leader, joint.mimic.multiplier)
+    return abs(factor * (grip[leader] - arm.held[leader])) if leader in grip else 0.0
+
+
+COARSE, FINE = 32, 48
+"""Number of lines along each side of the overlap rectangle of finger and part, and of that around the patch."""
+
+ZOOMS, ZOOMED = 10, 9
+"""Refinements of the place where a finger touches first, each to a third of the one before, and lines along each side
+of it: to 2e-6 of the overlap."""
+
+NOTICED = 5e-5
+"""Metres by which a contact must precede the first contact on the lines to be a different one."""
+
+LEAST_WIDTH = 1e-7
+"""Metres: a narrower overlap is ignored."""
+
+
+@dataclass(frozen=True)
+class FingerContact:
+    """How one finger touches the part.
+
+    Parameters
+    ----------
+    finger
+        The link or the attached body.
+    closing_direction
+        (3,) unit vector of its motion in the tcp frame just before it is closed.
+    contact_area
+        m^2 of the contact patch perpendicular to the closing direction; 0 without contact, NaN if it was not measured
+        because the fingers do not stop at the part.
+    overlap
+        Metres: extent of the contact patch along the finger, with the same special values.
+    gap
+        Metres between the closed finger and the part along the closing direction; negative values are penetration
+        depths, inf means that the finger misses the part.
+    open_distance, closed_distance
+        Distance (m) of the open and of the closed finger from the part; negative if they overlap.
+    """
+
+    finger: str
+    closing_direction: tuple[float, float, float]
+    contact_area: float
+    overlap: float
+    gap: float
+    open_distance: float
+    closed_distance: float
+
+
+@dataclass(frozen=True)
+class GripResult:
+    """Whether a part is held, and the contacts that hold it.
+
+    Parameters
+    ----------
+    held
+        Whether the part is held.
+    message
+        The figures, and the criterion that is not met.
+    contacts
+        The contacts of the fingers that touch the part, the largest first; if it is not held, those of all fingers.
+    tip_distance
+        Metres from the tip to the surface of the part, for a tool without fingers.
+    """
+
+    held: bool
+    message: str
+    contacts: tuple[FingerContact, ...] = ()
+    tip_distance: float | None = None
+
+    @property
+    def figures(self) -> dict[str, float]:
+        """The figures of the stage (m and m^2): smallest area and overlap, largest gap, closing direction."""
+        if self.tip_distance is not None:
+            return {"tip_distance": self.tip_distance}
+        if not self.contacts:
+            return {}
+        x, y, z = self.contacts[0].closing_direction
+        return {
+            "contact_area": min(each.contact_area for each in self.contacts),
+            "overlap": min(each.overlap for each in self.contacts),
+            "gap": max(each.gap for each in self.contacts),
+            "pressed_in": max(max(-each.gap, 0.0) for each in self.contacts),
+            "open_distance": min(each.open_distance for each in self.contacts),
+            "closed_distance": max(each.closed_distance for each in self.contacts),
+            "closing_x": x,
+            "closing_y": y,
+            "closing_z": z,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class HeldPart:
+    """The grasped part: its surface and ``tcp_from_part``."""
+
+    surface: LineSurface
+    pose: SE3
+
+    @property
+    def name(self) -> str:
+        """The name of the object."""
+        return self.surface.body.owner
+
+
+@dataclass(frozen=True, eq=False)
+class _Patch:
+    """The contact patch of a finger: points (N, 3) in the tcp frame and the mean outward normal of the finger."""
+
+    contact: FingerContact
+    points: Array
+    normal: Array
+
+
+def grip_by_tip(tip: SE3, part: HeldPart, limits: GripLimits) -> GripResult:
+    """Whether the tip of a tool without fingers, such as a magnet or a suction cup, is close to the part."""
+    distance = point_distance(part.surface, part.pose.actInv(tip.translation))
+    words = f"the tip is {_mm(distance)} from the surface of {part.name}"
+    if distance <= limits.tip:
+        return GripResult(True, words, tip_distance=distance)
+    return GripResult(False, f"{words}; at most {_mm(limits.tip)} is allowed", tip_distance=distance)
+
+
+def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Array, limits: GripLimits) -> GripResult:
+    """Whether closed fingers hold a part.
+
+    Parameters
+    ----------
+    fingers
+        The moving fingers.
+    part
+        The part.
+    along
+        (3,) the direction in the tcp frame in which the fingers extend: that of the approach.
+    limits
+        The criteria for holding a part.
+    """
+    paths = [_FingerPath(finger, part, along) for finger in fingers]
+    stops = [each.contact for each in paths]
+    for each in stops:
+        if each.open_distance <= 0.0:
+            return GripResult(
+                False, f"the open {each.finger} overlaps {part.name} by {_mm(-each.open_distance)}", tuple(stops)
+            )
+    deep = min(stops, key=lambda each: each.gap)
+    if -deep.gap > limits.depth:
+        reason = f"the closed {deep.finger} would penetrate {part.name} by {_mm(-deep.gap)}"
+        return GripResult(False, f"{reason}; at most {_mm(limits.depth)} is allowed", tuple(stops))
+    if sum(each.gap <= limits.gap for each in stops) < 2:
+        apart = [each for each in stops if each.gap > limits.gap]
+        reason = " and ".join(_missed(each, part) for each in sorted(apart, key=lambda each: each.gap)[:2])
+        return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
+    touching = [each.patch(limits) for each in paths if each.contact.gap <= limits.gap]
+    contacts = [patch.contact for patch in touching]
+    enough = [
+        patch
+        for patch in touching
+        if patch.contact.contact_area >= limits.area and patch.contact.overlap >= limits.overlap
+    ]
+    if len(enough) < 2:
+        weak = min((patch.contact for patch in touching), key=lambda each: (each.contact_area, each.overlap))
+        reason = (
+            f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
+        )
+        return GripResult(
+            False, f"{reason}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", tuple(contacts)
+        )
+    if not balanced([(patch.points, patch.normal) for patch in enough], limits.angle):
+        reason = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
+        cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
+        return GripResult(False, f"{reason} of {part.name}: {cone}", tuple(contacts))
+    held = sorted((patch.contact for patch in enough), key=lambda each: -each.contact_area)
+    least = min(held, key=lambda each: each.contact_area)
+    overlap = min(each.overlap for each in held)
+    direction = " ".join(f"{value + 0.0:.2f}" for value in np.round(held[0].closing_direction, 2))
+    area = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
+    message = (
+        f"{len(held)} fingers touch {part.name}, each over {area}; closing direction ({direction}) in the tcp frame"
+    )
+    return GripResult(True, message, tuple(held))
+
+
+def _missed(each: FingerContact, part: HeldPart) -> str:
+    if np.isfinite(each.gap):
+        return f"the closed {each.finger} is {_mm(each.gap)} from {part.name}"
+    return f"the closed {each.finger} misses {part.name} by {_mm(each.closed_distance)}"
+
+
+def _mm(metres: float) -> str:
+    return f"{metres * 1e3:.2f} mm"
+
+
+def _mm2(square_metres: float) -> str:
+    return f"{square_metres * 1e6:.1f} mm^2"
+
+
+# -- one finger -------------------------------------------------------------------------------------------------------
+
+
+class _FingerPath:
+    """The closing motion of a finger: the gap where it stops, and on request its contact patch."""
+
+    def __init__(self, finger: MovingFinger, part: HeldPart, along: Array) -> None:
+        self._finger, self._tcp_from_closing = finger, _closing_frame(finger.direction, along)
+        facing = [
+            _Facing(surface, finger.closed * at, part, self._tcp_from_closing, finger)
+            for surface, at in finger.surfaces
+        ]
+        self._bodies = [(body, body.first_touch()) for body in facing if body.overlaps]
+        gap = min((start for _, start in self._bodies), default=np.inf)
+        placed = [(surface, finger.closed * at) for surface, at in finger.surfaces]
+        gap = min([gap, *(_earlier_contact(gap, surface, at, part, finger) for surface, at in placed)])
+        apart = [
+            min(body_distance(surface, place * at, part.surface, part.pose) for surface, at in finger.surfaces)
+            for place in (finger.open, finger.closed)
+        ]
+        x, y, z = finger.direction.tolist()
+        unknown = 0.0 if np.isinf(gap) else np.nan
+        self.contact = FingerContact(finger.name, (x, y, z), unknown, unknown, gap, *apart)
+
+    def patch(self, limits: GripLimits) -> _Patch:
+        """The contact patch of a finger that touches the part."""
+        most = self.contact.gap + limits.compliance
+        found = [body.patch(most, np.cos(limits.angle)) for body, start in self._bodies if start <= most]
+        points, normals = (np.concatenate([np.empty((0, 3)), *(each[k] for each in found)]) for k in (0, 2))
+        area = float(sum(each[1] for each in found))
+        normal = np.array([0.0, 0.0, 1.0])
+        overlap = 0.0
+        if len(points):
+            normal = normals.mean(axis=0)
+            overlap = float(np.ptp(points[:, 1])) + max(each[3] for each in found if len(each[0]))
+        return _Patch(
+            replace(self.contact, contact_area=area, overlap=overlap),
+            points @ self._tcp_from_closing.T,
+            self._tcp_from_closing @ (normal / np.linalg.norm(normal)),
+        )
+
+
+def _earlier_contact(
+    gap: float, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, finger: MovingFinger
+) -> float:
+    """The gap of an earlier contact than ``gap``, at a feature between the lines; inf if there is none."""
+    start, end = -finger.travel, gap if np.isfinite(gap) else 0.0
+    if end <= start:
+        return np.inf
+    at = SE3(tcp_from_body.rotation, tcp_from_body.translation + start * finger.direction)
+    share = travel_to_touch(surface, at, part.surface, part.pose, (end - start) * finger.direction)
+    touch = start + share * (end - start)
+    return touch if share < 1.0 and gap - touch > NOTICED else np.inf
+
+
+def _closing_frame(direction: Array, along: Array) -> Array:
+    """The rotation ``tcp_from_closing``: z in the closing direction, y along the finger."""
+    y = along - (along @ direction) * direction
+    if np.linalg.norm(y) < 1e-6:  # the fingers close along the approach
+        y = np.eye(3)[np.abs(direction).argmin()]
+        y = y - (y @ direction) * direction
+    y /= np.linalg.norm(y)
+    return np.stack([np.cross(y, direction), y, direction], axis=1)
+
+
+class _Facing:
+    """A body of a closed finger and the part, projected along the closing direction."""
+
+    def __init__(
+        self, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, tcp_from_closing: Array, finger: MovingFinger
+    ) -> None:
+        here = SE3(tcp_from_closing, np.zeros(3))
+        self._finger, self._body_at = surface, here.actInv(tcp_from_body)
+        self._part, self._part_at = part.surface, here.actInv(part.pose)
+        self._back = max(finger.travel, 0.0)
+        spans = [
+            [_span(*body, axis) for axis in np.eye(3)[:2]]
+            for body in ((self._finger, self._body_at), (self._part, self._part_at))
+        ]
+        self._low = np.array([max(a[0], b[0]) for a, b in zip(*spans, strict=True)])
+        self._high = np.array([min(a[1], b[1]) for a, b in zip(*spans, strict=True)])
+
+    @property
+    def overlaps(self) -> bool:
+        """Whether any line along the closing direction can intersect both."""
+        return bool((self._high - self._low > LEAST_WIDTH).all())
+
+    def first_touch(self) -> float:
+        """Distance (m) from the final position of the body to the contact; negative if the contact is earlier."""
+        low, high, count, best = self._low, self._high, COARSE, np.inf
+        for _ in range(ZOOMS):
+            lines, cell = _lines(low, high, count)
+            gaps = self._gaps(lines)[0]
+            if not np.isfinite(gaps).any():
+                break
+            best = min(best, float(gaps.min()))
+            at = lines[int(gaps.argmin()), :2]
+            low, high, count = np.maximum(at - 1.5 * cell, self._low), np.minimum(at + 1.5 * cell, self._high), ZOOMED
+        return best
+
+    def patch(self, most: float, cosine: float) -> tuple[Array, float, Array, float]:
+        """Points (N, 3) with gaps up to ``most``, their area, the finger's normals (N, 3), and a line's length."""
+        lines, cell = _lines(self._low, self._high, COARSE)
+        gaps = self._gaps(lines)[0]
+        near = lines[gaps <= most, :2]
+        if not len(near):  # narrower than a cell
+            near = lines[[int(gaps.argmin())], :2]
+        low = np.maximum(near.min(axis=0) - cell, self._low)
+        high = np.minimum(near.max(axis=0) + cell, self._high)
+        lines, cell = _lines(low, high, FINE)
+        gaps, depths, part_normals, finger_normals = self._gaps(lines)
+        on = (gaps <= most) & (part_normals[:, 2] <= -cosine) & (finger_normals[:, 2] >= cosine)
+        points = np.concatenate([lines[on, :2], depths[on, None]], axis=1)
+        return points, float(on.sum() * cell.prod()), finger_normals[on], float(cell[1])
+
+    def _gaps(self, lines: Array) -> tuple[Array, Array, Array, Array]:
+        """(G,) between the surfaces along each line, where the finger's is (G,), and both outward normals (G, 3)."""
+        forward = np.array([0.0, 0.0, 1.0])
+        back = _enter(self._finger, self._body_at, lines, -forward, -np.inf)
+        leading = np.where(np.isfinite(back.depth), -back.depth, -np.inf)
+        met = _enter(self._part, self._part_at, lines, forward, leading - self._back)
+        gaps = np.where(np.isfinite(leading) & np.isfinite(met.depth), met.depth - leading, np.inf)
+        return gaps, leading, met.normals, back.normals
+
+
+def _enter(surface: LineSurface, at: SE3, lines: Array, direction: Array, after: Array | float) -> SurfacePoints:
+    own = surface.enter((lines - at.translation) @ at.rotation, at.rotation.T @ direction, after)
+    return own._replace(normals=own.normals @ at.rotation.T)
+
+
+def _span(surface: LineSurface, at: SE3, axis: Array) -> tuple[float, float]:
+    """The extent of a surface along an axis: minimum and maximum."""
+    own, offset = at.rotation.T @ axis, float(at.translation @ axis)
+    return offset - surface.reach(-own), offset + surface.reach(own)
+
+
+def _lines(low: Array, high: Array, count: int) -> tuple[Array, Array]:
+    """(count^2, 3) points in the middle of the cells of a rectangle, and the sides (2,) of a cell."""
+    cell = (high - low) / count
+    x, y = (low[k] + cell[k] * (np.arange(count) + 0.5) for k in range(2))
+    grid = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+    return np.concatenate([grid, np.zeros((len(grid), 1))], axis=1), cell

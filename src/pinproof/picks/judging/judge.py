@@ -1,0 +1,167 @@
+"""The verdict on one pick, stage by stage; see :class:`pinproof.picks.Stage`.
+
+The grasps of a family are judged in groups of equal distance from the nominal grasp. The IK solutions of all grasps of
+a group are checked together, and the best motion is searched among those that pass
+(:mod:`pinproof.picks.judging.search`). If no motion exists, the verdict describes the attempt that passed the most
+stages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from pinproof.errors import InputError
+from pinproof.picks.input.pick import Member, Pick
+from pinproof.picks.judging.grasp import Reached, every_branch_is_known, reach, refuted_by_name, screen, unreached
+from pinproof.picks.judging.lines import Attempt
+from pinproof.picks.judging.search import BestFirst, CompleteMotion
+from pinproof.picks.judging.suggest import suggest
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.timing import Timed, time_motion
+from pinproof.picks.judging.verdict import PickStatus, PickVerdict, Stage, StageResult
+
+__all__ = ["judge"]
+
+
+class _GroupVerdict(NamedTuple):
+    """The verdict on a group of grasps, and the attempt that passed the most stages if a line failed."""
+
+    verdict: PickVerdict
+    attempt: Attempt | None = None
+
+
+def judge(pick: Pick, cell: Cell, rng: np.random.Generator) -> PickVerdict:
+    """The verdict on one pick.
+
+    Parameters
+    ----------
+    pick
+        The pick.
+    cell
+        The cell in which it is judged.
+    rng
+        The random generator.
+    """
+    return _judge(pick, cell, rng.integers(2**31, size=4).tolist())
+
+
+def _judge(pick: Pick, cell: Cell, seeds: list[int]) -> PickVerdict:
+    try:
+        task = Task(pick, cell)
+    except InputError as error:
+        return PickVerdict(pick, PickStatus.UNREADABLE, (StageResult(Stage.INPUT, False, str(error)),))
+    tried, members, judged = 0, 0, list[_GroupVerdict]()
+    for group in task.groups():
+        judged.append(_judge_group(task, group, seeds))
+        verdict = judged[-1].verdict
+        tried, members = tried + verdict.configurations, members + len(group)
+        if verdict.ok:
+            return replace(verdict, pick=pick, configurations=tried)
+    verdict, attempt = _failed(task, judged, tried, members)
+    suggestions = suggest(task, pick, verdict.stages[-1], attempt, lambda other: _judge(other, cell.for_trials, seeds))
+    return replace(verdict, pick=pick, suggestions=suggestions)
+
+
+def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -> tuple[PickVerdict, Attempt | None]:
+    """The verdict on a pick without a good group: that of the group that passed the most stages, and its attempt."""
+    farthest, attempt = max(groups, key=lambda group: len(group.verdict.stages))
+    status, stages = farthest.status, farthest.stages
+    # a range of rotations or a tolerance is only sampled, so the grasps between the samples are not refuted
+    if task.sampled:
+        status = PickStatus.NOT_FOUND
+        stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
+    refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
+    return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), attempt
+
+
+def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVerdict:
+    """The verdict on a group of grasps with equal displacement from the nominal grasp."""
+    pick = task.pick
+    start = (StageResult(Stage.INPUT, True, "valid"),)
+    reached = reach(task, group, seeds[0])
+    stages = (*start, *reached.stages)
+    if not len(reached.q):
+        status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
+        return _GroupVerdict(PickVerdict(pick, status, stages, refuted=reached.refuted))
+    tried = len(reached.q)
+    screened = screen(task, group, reached)
+    stages = (*stages, *screened.stages)
+    if not screened.candidates:
+        if screened.not_held:
+            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
+        if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
+            return _judge_group(finer, group, seeds)
+        known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in group])
+        if known:
+            reachable = set(reached.member.tolist())
+            refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
+            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
+        message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
+        stages = (*stages[:-1], replace(stages[-1], message=message))
+        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
+    search = BestFirst(task, screened.candidates, seeds[1:3])
+    while (motion := search.run() or search.with_full_budget()) is not None:
+        result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
+        if timed is not None:
+            return _GroupVerdict(
+                _good(task, motion, (*stages, *motion.stages, _compared(result, search)), timed, tried)
+            )
+        search.reject(motion, (*motion.stages, result))
+    if search.failed:
+        return _GroupVerdict(
+            PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried)
+        )
+    best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
+    refuted = () if task.cell.trial else refuted_by_name(task, group, seeds[0])
+    status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
+    last = best.stages[-1]
+    if not refuted:
+        tries = f"; {len(search.attempts)} of {len(screened.candidates)} collision-free IK solutions were tried"
+        last = replace(last, message=last.message + tries)
+    return _GroupVerdict(PickVerdict(pick, status, (*stages, *best.stages[:-1], last), tried, refuted=refuted), best)
+
+
+def _compared(result: StageResult, search: BestFirst) -> StageResult:
+    """The last stage of a good pick, with the number of candidates it was compared to.
+
+    Candidates are the complete motions and those that the bound of their score excludes.
+    """
+    counts = {"whole": search.made, "excluded": search.excluded, "untried": search.untried}
+    compared = counts["whole"] + counts["excluded"]
+    notes = [f"best of {compared} candidates"] if compared > 1 else []
+    if counts["untried"]:
+        notes.append(f"{counts['untried']} more not tried within the budget")
+    figures = {**result.figures, **{name: float(count) for name, count in counts.items()}}
+    return replace(result, message="; ".join([result.message, *notes]), figures=figures)
+
+
+def _finer(task: Task, reached: Reached) -> Task | None:
+    """The task with finer bodies, if a configuration is in contact only between convex hulls of meshes."""
+    # all configurations are checked if they can prove that the pick is impossible, otherwise only the first ones
+    for q in reached.q[: task.cell.budget.configurations] if task.sampled else reached.q:
+        finer = task.at_grasp.finer_at(q)
+        if finer is not task.at_grasp and finer.is_free(q):
+            return Task(task.pick, replace(task.cell, checker=task.outside.finer_at(q)))
+    return None
+
+
+def _good(task: Task, motion: CompleteMotion, stages: tuple[StageResult, ...], timed: Timed, tried: int) -> PickVerdict:
+    """The verdict on a pick that passed every stage."""
+    return PickVerdict(
+        task.pick,
+        PickStatus.GOOD,
+        stages,
+        tried,
+        motion.attempt.q,
+        timed.trajectory,
+        timed.grasp_time,
+        timed.motions[0].certificate if task.name is None else None,
+        timed.motions,
+        timed.release_time,
+        member=motion.attempt.candidate.member.words,
+        score=motion.parts,
+        grip=None if task.name is None else task.grip(motion.attempt.candidate.member),
+    )

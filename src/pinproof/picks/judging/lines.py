@@ -1,0 +1,252 @@
+"""The approach and retreat stages, which are straight lines, and the transit stage from home to the approach."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, certify
+from pinproof.collision.certificate import proven_millimetres
+from pinproof.errors import InputError
+from pinproof.model import Arm
+from pinproof.motion import CubicPath, JointPath
+from pinproof.picks.judging.grasp import Candidate
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import Stage, StageResult
+from pinproof.planning import LinearPlanResult, PlanResult, RrtConnect, plan_linear, shortcut
+from pinproof.planning.ends import with_turns
+from pinproof.spatial import SE3
+
+__all__ = [
+    "Attempt",
+    "Crossing",
+    "Line",
+    "Pairs",
+    "along",
+    "full_rotations",
+    "line",
+    "line_in",
+    "line_out",
+    "passing",
+    "passing_at",
+    "planner",
+    "shifted",
+    "shortened",
+    "span",
+    "transit",
+]
+
+Array = npt.NDArray[np.float64]
+Pairs = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A configuration at the grasp with its approach and retreat, as far as they are possible.
+
+    Both lines start at the grasp. ``parting`` are the pairs of the object and its supports, ``shift`` (n,) full
+    rotations that are added to all configurations, ``fraction`` the possible part of the line that failed, and
+    ``clearance`` the smallest observed clearance (m) of both lines.
+    """
+
+    candidate: Candidate
+    stages: tuple[StageResult, ...] = ()
+    approach: CubicPath | None = None
+    retreat: CubicPath | None = None
+    parting: Pairs = ()
+    shift: Array = field(default_factory=lambda: np.zeros(1))
+    fraction: float = 0.0
+    clearance: float = np.inf
+
+    @property
+    def passed(self) -> bool:
+        """Whether every stage so far passed."""
+        return self.stages[-1].ok
+
+    @property
+    def q(self) -> Array:
+        """(n,) the configuration at the grasp."""
+        return np.asarray(self.candidate.q + self.shift)
+
+    def line_in(self) -> CubicPath | None:
+        """From the grasp to the start of the approach; None without an approach."""
+        return shifted(self.approach, self.shift)
+
+    def line_out(self) -> CubicPath | None:
+        """From the grasp to the end of the retreat; None without a retreat."""
+        return shifted(self.retreat, self.shift)
+
+    @property
+    def entrance(self) -> Array:
+        """(n,) the end of the transit: the start of the approach, or the grasp without an approach."""
+        return self.q if self.approach is None else np.asarray(self.approach.end + self.shift)
+
+    @property
+    def exit(self) -> Array:
+        """(n,) the end of the retreat, or the grasp without a retreat."""
+        return self.q if self.retreat is None else np.asarray(self.retreat.end + self.shift)
+
+    def span(self) -> tuple[Array, Array]:
+        """Bounds (n,) of every joint on both lines without ``shift``, from the Bezier control points."""
+        return span(self.candidate.q, self.approach, self.retreat)
+
+
+def shifted(path: CubicPath | None, by: Array) -> CubicPath | None:
+    """The path with an offset (n,) added to the joints."""
+    if path is None or not by.any():
+        return path
+    return CubicPath(path.q + by, path.tangents, path.knots, path.joint_names)
+
+
+class Line(NamedTuple):
+    """A straight line: the result of the stage, the curve, the possible fraction, and the observed clearance (m)."""
+
+    result: StageResult
+    path: CubicPath | None = None
+    fraction: float = 1.0
+    clearance: float = np.inf
+
+
+def span(q: Array, *paths: CubicPath | None) -> tuple[Array, Array]:
+    """Bounds (n,) of every joint on the paths and at q (n,), from the Bezier control points."""
+    points = np.vstack([q, *(path.bezier()[1].reshape(-1, len(q)) for path in paths if path is not None)])
+    return points.min(axis=0), points.max(axis=0)
+
+
+def along(task: Task, candidate: Candidate) -> Attempt:
+    """The approach and the retreat of a configuration."""
+    into, shift = line_in(task, candidate), np.zeros(task.arm.dof)
+    if not into.result.ok:
+        return Attempt(candidate, (into.result,), shift=shift, fraction=into.fraction)
+    out, parting = line_out(task, candidate)
+    stages, clearance = (into.result, out.result), min(into.clearance, out.clearance)
+    return Attempt(candidate, stages, into.path, out.path, parting, shift, out.fraction, clearance)
+
+
+def line_in(task: Task, candidate: Candidate) -> Line:
+    """The approach, planned from the grasp outwards, so that both lines share exactly the same configuration."""
+    end, q = task.approach_end(task.grasp(candidate.member)), candidate.q
+    into = line(Stage.APPROACH, task, task.at_grasp, q, end, task.pick.approach)
+    return passing(into, task.passing, q)
+
+
+def passing(found: Line, checker: CollisionChecker | None, q: Array) -> Line:
+    """The line that starts at q (n,), failed if the open fingers collide with the object; ``checker`` may be None."""
+    if checker is None or found.path is None:
+        return found
+    proof = certify(found.path, passing_at(checker, q))
+    if proof.free:
+        return found
+    message = f"the open fingers collide with the object: {proof.message}"
+    return Line(StageResult(found.result.stage, False, message, dict(found.result.figures)), fraction=0.0)
+
+
+def passing_at(checker: CollisionChecker, q: Array) -> CollisionChecker:
+    """The checker, with finer bodies if only convex hulls of finger and object are in contact at q (n,)."""
+    return checker if checker.is_free(q) else checker.finer_at(q)
+
+
+def line_out(task: Task, candidate: Candidate) -> tuple[Line, Pairs]:
+    """The retreat, and the pairs of the object and its supports."""
+    member, q = candidate.member, candidate.q
+    carrying = task.carrying(member)
+    parting = task.supports(carrying, q, task.pick.support)
+    end = task.retreat_end(task.grasp(member))
+    return line(Stage.RETREAT, task, carrying, q, end, task.pick.retreat, parting), parting
+
+
+def line(
+    stage: Stage,
+    task: Task,
+    checker: CollisionChecker,
+    q: Array,
+    end: SE3,
+    length: float,
+    parting: Pairs = (),
+) -> Line:
+    """A straight line from q (n,) to a pose of the tip."""
+    if length == 0:
+        return Line(StageResult(stage, True, "none requested"))
+    # a support that is not checked against the object needs no permission for contact
+    parting = tuple(pair for pair in parting if _is_checked(checker, pair))
+    move = plan_linear(checker, q, task.target(end), parting=parting)
+    if not move.ok:
+        message = f"{length * 1e3:.0f} mm path, planned outwards from the grasp, {move.message}"
+        figures = {"distance": length, "possible": move.fraction * length}
+        return Line(StageResult(stage, False, message, figures), fraction=move.fraction)
+    message = f"{length * 1e3:.0f} mm straight line, {_proven(move)}"
+    proven, seen = (
+        (np.nan, np.inf) if move.certificate is None else (move.certificate.clearance, move.certificate.observed)
+    )
+    figures = {"distance": length, "clearance": proven}
+    return Line(StageResult(stage, True, message, figures), move.path, clearance=seen)
+
+
+def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:
+    owners = [(checker.bodies[i].owner, checker.bodies[j].owner) for i, j in checker.pairs]
+    return any(set(pair) == set(each) for each in owners)
+
+
+def _proven(move: LinearPlanResult) -> str:
+    if move.certificate is None:
+        return ""
+    pairs = dict.fromkeys(
+        parting.bodies for parting in move.certificate.partings
+    )  # a mesh has one entry for each facet
+    parted = "".join(f", {leaving} leaves {left}" for leaving, left in pairs)
+    return f"{proven_millimetres(move.certificate.clearance)} clearance proven{parted}"
+
+
+STRAIGHT = 2
+"""Number of waypoints of a straight path, which cannot be shortened."""
+
+
+def planner(nodes: int) -> RrtConnect:
+    """The planner with a budget of nodes and samples instead of time, so that the verdict is reproducible."""
+    return RrtConnect(max_nodes=nodes, max_samples=4 * nodes, time_limit=math.inf)
+
+
+class Crossing(NamedTuple):
+    """A transit: the result of the stage, the attempt it leads to, the path, and its observed clearance (m)."""
+
+    result: StageResult
+    attempt: Attempt | None = None
+    path: JointPath | None = None
+    clearance: float = np.inf
+
+
+def transit(task: Task, attempts: list[Attempt], nodes: int, seeds: list[int]) -> Crossing:
+    """A path from home to the entrance of one of the attempts."""
+    plan = planner(nodes).plan(
+        task.outside, task.cell.home, np.array([attempt.entrance for attempt in attempts]), rng=seeds[0]
+    )
+    if plan.path is None or plan.goal is None:
+        figures = {"nodes": float(plan.nodes), "goals": float(len(attempts))}
+        return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
+    path, clearance = shortened(plan, task.outside, seeds[1])
+    message = f"{path.length:.2f} rad, {len(path)} waypoints"
+    figures = {"length": path.length, "waypoints": float(len(path)), "nodes": float(plan.nodes)}
+    return Crossing(StageResult(Stage.TRANSIT, True, message, figures), attempts[plan.goal], path, clearance)
+
+
+def shortened(plan: PlanResult, checker: CollisionChecker, seed: int) -> tuple[JointPath, float]:
+    """The shortened path of a successful plan, and its observed clearance (m)."""
+    if plan.path is None or plan.certificate is None:
+        raise InputError("a plan without a path cannot be shortened")
+    if len(plan.path) <= STRAIGHT:
+        return plan.path, plan.certificate.observed
+    path = shortcut(plan.path, checker, rng=seed)
+    return path, certify(path, checker).observed
+
+
+def full_rotations(arm: Arm, home: Array, attempt: Attempt) -> Array:
+    """(k, n) full rotations (rad) that can be added to an attempt within the limits; zero is the first."""
+    entrances, _ = with_turns(arm, home, attempt.entrance[None])
+    shifts = entrances - attempt.entrance
+    low, high = attempt.span()
+    inside = ((low + shifts >= arm.limits.lower) & (high + shifts <= arm.limits.upper)).all(axis=1)
+    return np.asarray(shifts[inside | (np.arange(len(shifts)) == 0)])

@@ -1,0 +1,237 @@
+"""The place stage: transfer with the object, straight lowering, release, and retreat with the empty gripper."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.ik import Clik
+from pinproof.motion import CubicPath, JointPath
+from pinproof.picks.input.pick import Member, PlaceTarget, moved
+from pinproof.picks.judging.configurations import configurations, least_seconds
+from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
+from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, planner, shifted, shortened, span
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import Stage, StageResult
+from pinproof.planning.ends import with_turns
+
+__all__ = ["Placer", "Placing", "Release"]
+
+Array = npt.NDArray[np.float64]
+
+Score = Callable[["Placing | Release", float], float]
+"""The score of a complete motion with a placing; with a release and a lower bound (s) of the transfer time, an upper
+bound of the score."""
+
+DOWN, OFF, TRANSFER = 1, 2, 3
+"""Number of possible parts of a place if one part failed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Placing:
+    """The parts of a place: ``lift`` and ``leave`` start at the release; None if they are not requested."""
+
+    transfer: JointPath
+    lift: CubicPath | None
+    leave: CubicPath | None
+    parting: Pairs
+    clearance: float
+
+
+@dataclass(frozen=True, eq=False)
+class Release:
+    """The straight lines from a release q (n,), or the number of possible parts and the reason of the failure.
+
+    The transfer is not planned yet, so the full rotations of the lines are not known.
+    """
+
+    q: Array
+    passed: int = TRANSFER
+    why: str = ""
+    lift: CubicPath | None = None
+    leave: CubicPath | None = None
+    parting: Pairs = ()
+    proven: float = np.inf
+    clearance: float = np.inf
+
+    @property
+    def entrance(self) -> Array:
+        """(n,) the end of the transfer."""
+        return self.q if self.lift is None else self.lift.end
+
+
+class Placer:
+    """Plans the place of grasped objects; what does not depend on the attempt is computed once.
+
+    Parameters
+    ----------
+    task
+        The pick.
+    seed
+        Seed of the IK search at the release for arms without a closed form.
+    """
+
+    def __init__(self, task: Task, seed: int) -> None:
+        self._task, self._seed = task, seed
+        self._releases: dict[str, Array] = {}
+        self._downs: dict[tuple[str, int], Release] = {}
+        self._tails: dict[tuple[str, bool], tuple[Array, Array]] = {}
+
+    def releases(self, member: Member) -> Array:
+        """(m, n) the configurations of a family member at the release; empty without a place."""
+        task = self._task
+        if task.place is None:
+            return np.empty((0, task.arm.dof))
+        if member.words not in self._releases:
+            target = task.targets([task.release(member)])
+            self._releases[member.words] = configurations(task.arm, target, task.cell.home, self._seed)[1]
+        return self._releases[member.words]
+
+    def rest(self, member: Member, q: Array, exact: bool = True) -> Array:
+        """(k,) lower bound (s) of the time from each of q (k, n), after the retreat, to the end; 0 without a place.
+
+        If ``exact``, through the configurations at both ends of the lines, if all of them are known.
+        """
+        key = member.words, exact
+        if key not in self._tails:
+            self._tails[key] = self._tail(member, exact)
+        first, seconds = self._tails[key]
+        if not len(first):
+            return np.zeros(len(q))
+        return np.asarray((least_seconds(self._task.arm, q, first) + seconds).min(axis=1))
+
+    def _tail(self, member: Member, exact: bool) -> tuple[Array, Array]:
+        """The possible ends of a transfer (m, n), and the lower bound (s) (m,) of the time from each to the end."""
+        task, arm, here = self._task, self._task.arm, self.releases(member)
+        seconds, asked = np.zeros(len(here)), task.place
+        if asked is None or not len(here):
+            return here, seconds
+        release = task.release(member)
+        above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
+        off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
+        if len(behind := every_branch(task, off, exact and asked.retreat > 0)):
+            seconds = least_seconds(arm, here, behind).min(axis=1)
+        if len(before := every_branch(task, above, exact and asked.approach > 0)):
+            return before, (least_seconds(arm, before, here) + seconds).min(axis=1)
+        return here, seconds
+
+    def place(self, attempt: Attempt, seeds: list[int], score: Score) -> tuple[StageResult, Placing | None]:
+        """Plan the place of a grasped object at the release that gives the best complete motion.
+
+        Parameters
+        ----------
+        attempt
+            The attempt, from home to the end of the retreat.
+        seeds
+            Seeds of the planner and of the shortening.
+        score
+            The score of the complete motion, or its upper bound; releases whose bound does not exceed the best score
+            are not planned.
+        """
+        task, member = self._task, attempt.candidate.member
+        if task.place is None:
+            return StageResult(Stage.PLACE, True, "none requested"), None
+        many = self.releases(member)
+        if not len(many):
+            return self._out_of_reach(member), None
+        nearest = np.argsort(least_seconds(task.arm, attempt.exit[None], many)[0], kind="stable")
+        tried = nearest[: task.cell.budget.configurations].tolist()
+        failed: list[StageResult] = []
+        candidates: list[tuple[float, int, Release]] = []
+        for order, index in enumerate(tried):
+            down = self._down(task.place, member, index)
+            if down.why:
+                failed.append(_failure(down))
+                continue
+            left = float(least_seconds(task.arm, attempt.exit[None], down.entrance[None])[0, 0])
+            candidates.append((-score(down, left), order, down))
+        best: tuple[float, StageResult, Placing] | None = None
+        for bound, _, down in sorted(candidates, key=lambda each: each[:2]):
+            if best is not None and -bound <= best[0]:
+                break
+            result, placing = self._transfer(task.place, attempt, down, seeds)
+            if placing is None:
+                failed.append(result)
+            elif best is None or score(placing, 0.0) > best[0]:
+                best = score(placing, 0.0), result, placing
+        if best is not None:
+            return best[1], best[2]
+        farthest = max(failed, key=lambda result: result.figures["passed"])
+        if len(many) > 1:
+            message = f"{farthest.message}; {len(tried)} of {len(many)} IK solutions at the release were tried"
+            farthest = replace(farthest, message=message)
+        return farthest, None
+
+    def _out_of_reach(self, member: Member) -> StageResult:
+        task = self._task
+        nearest = Clik().solve(task.arm, task.target(task.release(member)), task.cell.home, rng=self._seed)
+        error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
+        message = f"the release is out of reach: the nearest configuration found is {error} from it"
+        figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
+        return StageResult(Stage.PLACE, False, message, figures)
+
+    def _down(self, asked: PlaceTarget, member: Member, index: int) -> Release:
+        """The lines of one of the releases."""
+        key = member.words, index
+        if key not in self._downs:
+            self._downs[key] = _down(self._task, asked, member, self.releases(member)[index])
+        return self._downs[key]
+
+    def _transfer(
+        self, asked: PlaceTarget, attempt: Attempt, down: Release, seeds: list[int]
+    ) -> tuple[StageResult, Placing | None]:
+        """The transfer from the end of the retreat to the approach of the place, at any full rotations."""
+        task, arm = self._task, self._task.arm
+        carrying, limits = task.carrying(attempt.candidate.member), arm.limits
+        low, high = span(down.q, down.lift, down.leave)
+        goals, _ = with_turns(arm, attempt.exit, down.entrance[None])
+        shifts = [goal - down.entrance for goal in goals]
+        inside = [s for s in shifts if (low + s >= limits.lower).all() and (high + s <= limits.upper).all()]
+        shifts = inside or shifts[:1]
+        plan = planner(task.cell.budget.nodes).plan(
+            carrying, attempt.exit, down.entrance + np.array(shifts), rng=seeds[0]
+        )
+        if plan.path is None or plan.goal is None:
+            return _failure(replace(down, why=f"transfer: {plan.message}")), None
+        path, clearance = shortened(plan, carrying, seeds[1])
+        by = shifts[plan.goal]
+        support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
+        message = f"transfer of {path.length:.2f} rad, {asked.approach * 1e3:.0f} mm approach{support}, "
+        proven = np.nan if plan.certificate is None else plan.certificate.clearance
+        figures = {"length": path.length, "clearance": min(down.proven, proven)}
+        return (
+            StageResult(Stage.PLACE, True, f"{message}{asked.retreat * 1e3:.0f} mm retreat", figures),
+            Placing(
+                path, shifted(down.lift, by), shifted(down.leave, by), down.parting, min(down.clearance, clearance)
+            ),
+        )
+
+
+def _failure(down: Release) -> StageResult:
+    return StageResult(Stage.PLACE, False, down.why, {"passed": float(down.passed)})
+
+
+def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
+    """The approach to a release q (n,), and the retreat from it with the empty hand."""
+    release = task.release(member)
+    carrying, free_hand = task.carrying(member), task.letting_go(member)
+    if not free_hand.is_free(q):
+        return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
+    parting = task.supports(carrying, q, asked.support)
+    above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
+    down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting)
+    if not down.result.ok:
+        return Release(q, DOWN, f"approach to the place: {down.result.message}")
+    if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
+        return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
+    off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
+    leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat)
+    leave = passing(leave, task.passing_off(member), q)
+    if not leave.result.ok:
+        return Release(q, OFF, f"retreat from the place: {leave.result.message}")
+    proven = min(each.result.figures.get("clearance", np.inf) for each in (down, leave))
+    clearance = min(down.clearance, leave.clearance)
+    return Release(q, TRANSFER, "", down.path, leave.path, parting, proven, clearance)

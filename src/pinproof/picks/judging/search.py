@@ -1,0 +1,377 @@
+r"""The best motion of a pick by branch and bound, and the score by which motions are compared.
+
+The score of a complete motion is the weighted sum of four parts from 0 to 1: the smallest clearance observed on the
+motion, the smallest distance of a joint from its limits, the manipulability at the grasp, and the duration part
+
+.. math:: \frac{T_0 + c}{T + c}
+
+where T is the time of the motion at full speed, without stops at corners, and c is a constant. T_0 is a lower bound of
+that time over all configurations at the grasp, so the score of one does not depend on which others were planned.
+
+A part of the motion bounds the score from above: its clearance and its distance from limits are at least those of the
+complete motion, and a motion takes at least the time of the joint with the longest travel, from home to the start of
+the approach, to the grasp, to the end of the retreat, and to the release. Where the closed form gives every
+configuration at these poses, the motion passes through one of them; otherwise only the grasp is used.
+
+The search expands the candidate with the highest bound: first the configuration at the grasp, then its two lines at
+each of their full rotations, then the transit, then the place. It stops when no bound exceeds the best score of a
+complete motion, so that the result is the same as if all candidates had been planned.
+
+Source of the search: A. Land, A. Doig (1960), "An automatic method of solving discrete programming problems",
+Econometrica 28(3).
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.model import Arm
+from pinproof.motion import CubicPath, JointPath
+from pinproof.picks.input.pick import Member
+from pinproof.picks.judging.configurations import TURN, at_full_speed, least_seconds
+from pinproof.picks.judging.grasp import AMPLE, Candidate, every_branch, limit_margin
+from pinproof.picks.judging.lines import Attempt, Crossing, along, full_rotations, transit
+from pinproof.picks.judging.place import Placer, Placing, Release
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import Stage, StageResult
+
+__all__ = ["BestFirst", "CompleteMotion", "Scoring"]
+
+Array = npt.NDArray[np.float64]
+
+INSTANT = 0.1
+"""Seconds that are added to durations before they are compared, so that small differences have little weight."""
+
+TURNS = range(-2, 3)
+"""Numbers of full rotations at which a joint is searched within its limits."""
+
+MANY = 64
+"""Largest number of grasps for which the ends of the lines are solved to obtain tighter bounds of the time."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scoring:
+    """The scores of complete motions from given configurations.
+
+    Parameters
+    ----------
+    bounds
+        (k,) upper bounds of the score of complete motions from each configuration, at any full rotations.
+    least
+        T_0, in seconds.
+    """
+
+    task: Task
+    bounds: Array
+    least: float
+
+    @classmethod
+    def of(cls, task: Task, candidates: tuple[Candidate, ...], rest: Callable[[Member, Array, bool], Array]) -> Scoring:
+        """The scoring for the given configurations; ``rest`` is :meth:`Placer.rest`."""
+        seconds = np.empty(len(candidates))
+        members: dict[str, list[int]] = {}
+        for i, candidate in enumerate(candidates):
+            members.setdefault(candidate.member.words, []).append(i)
+        exact = len(members) <= MANY and task.cell.closed_form
+        for own in members.values():
+            q, member = np.array([candidates[i].q for i in own]), candidates[own[0]].member
+            seconds[own] = _least(task, q, member, rest, exact)
+        least = float(seconds.min(initial=np.inf))
+        margins = _widest(task.arm, np.array([candidate.q for candidate in candidates]).reshape(-1, task.arm.dof))
+        clearances = np.array([candidate.clearance for candidate in candidates])
+        volumes = np.array([candidate.parts["manipulability"] for candidate in candidates])
+        return cls(task, _sum(_parts(least, clearances, margins, volumes, seconds), task), least)
+
+    def scores(self, clearance: float, margins: Array, manipulability: float, seconds: Array) -> Array:
+        """(k,) the weighted sums of the parts."""
+        return _sum(_parts(self.least, np.array(clearance), margins, np.array(manipulability), seconds), self.task)
+
+    def parts(self, clearance: float, margin: float, manipulability: float, seconds: float) -> dict[str, float]:
+        """The four parts (0 to 1), and their weighted sum as ``score``."""
+        arrays = (np.array(each) for each in (clearance, margin, manipulability, seconds))
+        parts = _parts(self.least, *arrays)
+        return {**{name: float(part) for name, part in parts.items()}, "score": float(_sum(parts, self.task))}
+
+
+def _parts(least: float, clearance: Array, margin: Array, manipulability: Array, seconds: Array) -> dict[str, Array]:
+    return {
+        "clearance": np.clip(clearance, 0.0, AMPLE) / AMPLE,
+        "limit_margin": margin,
+        "manipulability": manipulability,
+        "duration": (least + INSTANT) / (seconds + INSTANT),
+    }
+
+
+def _sum(parts: dict[str, Array], task: Task) -> Array:
+    weights = task.cell.weights
+    return np.asarray(sum(getattr(weights, name) * part for name, part in parts.items()))
+
+
+def _least(task: Task, q: Array, member: Member, rest: Callable[[Member, Array, bool], Array], exact: bool) -> Array:
+    """(k,) lower bound (s) of the time of a complete motion with the grasp at q (k, n)."""
+    arm, home, grasp = task.arm, task.cell.home[None], task.grasp(member)
+    ends = (task.approach_end(grasp), task.pick.approach), (task.retreat_end(grasp), task.pick.retreat)
+    before, after = (every_branch(task, pose, exact and length > 0) for pose, length in ends)
+    into = least_seconds(arm, home, q)[0]
+    if len(before):
+        into = (least_seconds(arm, home, before) + least_seconds(arm, q, before)).min(axis=1)
+    if len(after):
+        return np.asarray(into + (least_seconds(arm, q, after) + rest(member, after, exact)).min(axis=1))
+    return np.asarray(into + rest(member, q, exact))
+
+
+def _widest(arm: Arm, q: Array) -> Array:
+    """(k,) upper bound of :func:`limit_margin` for each of q (k, n), at any full rotations within the limits."""
+    limits = arm.limits
+    half = (limits.upper - limits.lower) / 2
+    best = np.full(q.shape, -np.inf)
+    for turns in TURNS:
+        at = q + turns * TURN * arm.periodic
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = np.minimum(at - limits.lower, limits.upper - at) / half
+        best = np.maximum(best, np.where(np.isfinite(share), share, 1.0))
+    return np.asarray(np.clip(best.min(axis=1, initial=1.0), 0.0, 1.0))
+
+
+Key = tuple[float, int, int]
+"""The order of the search: minus the bound, then the index of the configuration, then of the full rotations."""
+
+
+@dataclass(frozen=True, eq=False)
+class CompleteMotion:
+    """A complete motion that passed every stage before the timing, with the parts of its score."""
+
+    attempt: Attempt
+    stages: tuple[StageResult, ...]
+    path: JointPath
+    placing: Placing | None
+    parts: dict[str, float]
+    key: Key
+
+
+@dataclass(order=True)
+class _OpenAttempt:
+    """An attempt that can be extended to a complete motion, at given full rotations."""
+
+    key: Key
+    attempt: Attempt = field(compare=False)
+    shift: Array = field(compare=False)
+    crossing: Crossing | None = field(default=None, compare=False)
+
+    def moved(self) -> Attempt:
+        """The attempt at its full rotations."""
+        return replace(self.attempt, shift=self.shift)
+
+
+class BestFirst:
+    """The branch-and-bound search for the best motion.
+
+    Parameters
+    ----------
+    task
+        The pick.
+    candidates
+        The collision-free configurations at the grasp.
+    seeds
+        Seeds of the planner and of the shortening.
+    bounded
+        Whether the search stops when no bound exceeds the best score; otherwise all motions within the budget are
+        planned.
+    """
+
+    def __init__(
+        self, task: Task, candidates: tuple[Candidate, ...], seeds: list[int], *, bounded: bool = True
+    ) -> None:
+        self._task, self._budget, self._seeds, self._bounded = task, task.cell.budget, seeds, bounded
+        self._candidates = candidates
+        self._placer = Placer(task, seeds[0])
+        self._scoring = Scoring.of(task, candidates, self._placer.rest)
+        self._order = np.argsort(-self._scoring.bounds, kind="stable").tolist()
+        self._next = 0
+        self._open: list[_OpenAttempt] = []
+        self._stuck: set[int] = set()
+        self.attempts: list[Attempt] = []
+        """The attempts: one for each configuration whose lines were planned."""
+        self.motions: list[CompleteMotion] = []
+        """The complete motions that are not rejected."""
+        self.made = 0
+        """The number of complete motions, rejected ones included."""
+        self.failed: list[tuple[StageResult, ...]] = []
+        """The stages of attempts whose lines are possible but which cannot be completed."""
+
+    # -- what is known ------------------------------------------------------------------------------------------------
+
+    @property
+    def best(self) -> CompleteMotion | None:
+        """The best complete motion."""
+        return min(self.motions, key=lambda motion: motion.key, default=None)
+
+    @property
+    def excluded(self) -> int:
+        """Number of configurations and full rotations whose bound does not exceed the best score."""
+        best = self.best
+        if best is None:
+            return 0
+        bounds = self._scoring.bounds
+        left = sum((-float(bounds[i]), i, 0) > best.key for i in self._order[self._next :])
+        return left + sum(each.key > best.key and each.key[1] not in self._stuck for each in self._open)
+
+    @property
+    def untried(self) -> int:
+        """Number of candidates that could be better but were not tried within the budget."""
+        left = len(self._order) - self._next
+        return left + sum(each.key[1] not in self._stuck for each in self._open) - self.excluded
+
+    # -- the search ---------------------------------------------------------------------------------------------------
+
+    def run(self) -> CompleteMotion | None:
+        """The best complete motion; None if none was found within the budget."""
+        while self.made < self._budget.compared:
+            best, key = self.best, self._first()
+            if key is None or (self._bounded and best is not None and key > best.key):
+                break
+            self._step()
+        return self.best
+
+    def reject(self, motion: CompleteMotion, stages: tuple[StageResult, ...]) -> None:
+        """Remove a motion that failed a later stage."""
+        self.motions.remove(motion)
+        self.failed.append(stages)
+
+    def with_full_budget(self) -> CompleteMotion | None:
+        """A motion to any attempt with possible lines, planned with the larger budget; None if there is none."""
+        while self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
+            self._lines()
+        passed = [attempt for attempt in self.attempts if attempt.passed]
+        if not passed or any(stages[-1].stage is not Stage.TRANSIT for stages in self.failed):
+            return None
+        home = self._task.cell.home
+        every = [
+            replace(attempt, shift=shift)
+            for attempt in passed
+            for shift in full_rotations(self._task.arm, home, attempt)
+        ]
+        crossing = transit(self._task, every, self._budget.nodes, self._seeds)
+        if crossing.attempt is None:
+            self.failed.append((*passed[0].stages, crossing.result))
+            return None
+        self._place((0.0, 0, 0), crossing)
+        return self.best
+
+    def _first(self) -> Key | None:
+        """The key of the next step: the best open attempt, or a configuration that is not planned yet."""
+        while self._open and self._open[0].key[1] in self._stuck:
+            heapq.heappop(self._open)
+        keys = [self._open[0].key] if self._open else []
+        if self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
+            keys.append(self._next_configuration())
+        return min(keys, default=None)
+
+    def _next_configuration(self) -> Key:
+        index = self._order[self._next]
+        return -float(self._scoring.bounds[index]), index, -1
+
+    def _step(self) -> None:
+        """Extend the attempt with the highest bound by one step."""
+        if not self._open or self._first() != self._open[0].key:
+            self._lines()
+            return
+        here = heapq.heappop(self._open)
+        if here.crossing is not None:
+            self._place(here.key, here.crossing)
+            return
+        crossing = transit(self._task, [here.moved()], self._budget.quick_nodes, self._seeds)
+        if crossing.attempt is None:
+            self._stop(here.key, (*here.attempt.stages, crossing.result))
+        elif self._task.place is None:
+            self._place(here.key, crossing)
+        else:
+            score = self._parts(crossing, None)["score"]
+            heapq.heappush(self._open, _OpenAttempt((-score, *here.key[1:]), here.attempt, here.shift, crossing))
+
+    def _lines(self) -> None:
+        """Plan the lines of the next configuration at all its full rotations."""
+        index = self._order[self._next]
+        self._next += 1
+        attempt = along(self._task, self._candidates[index])
+        self.attempts.append(attempt)
+        if not attempt.passed:
+            return
+        shifts = full_rotations(self._task.arm, self._task.cell.home, attempt)
+        for k, (score, shift) in enumerate(zip(self._bounds(attempt, shifts).tolist(), shifts, strict=True)):
+            heapq.heappush(self._open, _OpenAttempt((-score, index, k), attempt, shift))
+
+    def _place(self, key: Key, crossing: Crossing) -> None:
+        """Plan the place, which completes the motion."""
+        attempt, path = crossing.attempt, crossing.path
+        if attempt is None or path is None:
+            return
+        placed, placing = self._placer.place(
+            attempt, self._seeds, lambda placing, seconds: self._parts(crossing, placing, seconds)["score"]
+        )
+        stages = (*attempt.stages, crossing.result, placed)
+        if not placed.ok:
+            self._stop(key, stages)
+            return
+        parts = self._parts(crossing, placing)
+        self.motions.append(CompleteMotion(attempt, stages, path, placing, parts, (-parts["score"], *key[1:])))
+        self.made += 1
+
+    def _stop(self, key: Key, stages: tuple[StageResult, ...]) -> None:
+        """Record a failure, which also excludes the other full rotations of the attempt."""
+        self._stuck.add(key[1])
+        self.failed.append(stages)
+
+    # -- scores -------------------------------------------------------------------------------------------------------
+
+    def _bounds(self, attempt: Attempt, shifts: Array) -> Array:
+        """(k,) upper bounds of the score of complete motions with the lines of an attempt, at full rotations (k, n)."""
+        arm, (low, high) = self._task.arm, attempt.span()
+        far = np.abs(attempt.entrance + shifts - self._task.cell.home)
+        seconds = (far / arm.limits.velocity).max(axis=1) + self._rest(attempt)
+        seconds += sum(at_full_speed(arm, each) for each in _points([attempt.approach, attempt.retreat], arm.dof))
+        margins = limit_margin(self._task, low + shifts, high + shifts)
+        clearance = min(attempt.candidate.clearance, attempt.clearance)
+        return self._scoring.scores(clearance, margins, attempt.candidate.parts["manipulability"], seconds)
+
+    def _rest(self, attempt: Attempt) -> float:
+        """Lower bound (s) of the time after the retreat."""
+        return float(self._placer.rest(attempt.candidate.member, attempt.exit[None])[0])
+
+    def _parts(self, crossing: Crossing, placing: Placing | Release | None, more: float = 0.0) -> dict[str, float]:
+        """The parts of the score of a complete motion; without a placing, or with a release only, upper bounds.
+
+        ``more`` is a lower bound (s) of the time of the transfer to the release.
+        """
+        attempt, arm = crossing.attempt, self._task.arm
+        if attempt is None:
+            raise InputError("a failed transit has no score")
+        curves: list[CubicPath | JointPath | None] = [crossing.path, attempt.line_in(), attempt.line_out()]
+        clearances = [attempt.candidate.clearance, attempt.clearance, crossing.clearance]
+        seconds = more
+        if isinstance(placing, Placing):
+            curves += [placing.transfer, placing.lift, placing.leave]
+        elif placing is not None:
+            seconds += sum(at_full_speed(arm, each) for each in _points([placing.lift, placing.leave], arm.dof))
+        if placing is not None:
+            clearances.append(placing.clearance)
+        else:
+            seconds += self._rest(attempt)
+        points = [attempt.q[None], *_points(curves, arm.dof)]
+        every = np.vstack(points)
+        seconds += sum(at_full_speed(arm, each) for each in points)
+        margin = float(limit_margin(self._task, every.min(axis=0), every.max(axis=0)))
+        return self._scoring.parts(min(clearances), margin, attempt.candidate.parts["manipulability"], seconds)
+
+
+def _points(curves: list[CubicPath | JointPath | None], n: int) -> Iterator[Array]:
+    """(k, n) the control points of each curve that is not None."""
+    for curve in curves:
+        if curve is not None:
+            yield curve.bezier()[1].reshape(-1, n)

@@ -1,0 +1,202 @@
+"""What all picks of a list are judged with; it is built and validated once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, Scene
+from pinproof.common.content_hash import digest
+from pinproof.common.validation import Rng, seed_sequence
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm
+from pinproof.picks.input.pick import Pick, Picks, moved_by
+from pinproof.picks.input.settings import PickBudget, PickWeights
+from pinproof.picks.judging.grasp import contact_words
+from pinproof.picks.judging.judge import judge
+from pinproof.picks.judging.task import Cell
+from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.spatial import xyz_rpy
+
+__all__ = ["PickSetup", "check_held_joints"]
+
+HELD_TOLERANCE = 1e-9
+"""rad or m: two values of a held joint that differ by less are considered equal."""
+
+
+@dataclass(frozen=True, eq=False)
+class PickSetup:
+    """Everything that a verdict depends on besides the pick. It pickles with all geometry and needs no files.
+
+    Parameters
+    ----------
+    checker
+        The arm in its scene, with the tool attached.
+    shared
+        The settings that the picks share; its list of picks is empty.
+    home
+        (n,) the start of the transits; collision-free and within the limits.
+    seeds
+        The random stream of pick i is its child ``first_stream + i``.
+    """
+
+    checker: CollisionChecker
+    shared: Picks
+    home: npt.NDArray[np.float64]
+    seeds: np.random.SeedSequence
+    first_stream: int = 0
+    weights: PickWeights = field(default_factory=PickWeights)
+    budget: PickBudget = field(default_factory=PickBudget)
+
+    @classmethod
+    def make(
+        cls,
+        arm: Arm,
+        scene: Scene,
+        picks: Picks,
+        *,
+        home: npt.ArrayLike | None,
+        rng: Rng,
+        weights: PickWeights | None = None,
+        budget: PickBudget | None = None,
+    ) -> PickSetup:
+        """Build and validate the setup; ``home`` is by default that of the picks, otherwise that of the arm.
+
+        Raises
+        ------
+        InputError
+            If home is outside the limits, in contact, or for other joints; if a joint has no velocity limit; or if the
+            held joints, the gripper links or the gripping values of the picks do not fit the arm.
+        """
+        _check_velocity_limits(arm)
+        check_held_joints(arm, picks)
+        checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
+        stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
+        start = arm.limits.snap(arm.configuration(stated, "home"))
+        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
+        if trouble:
+            raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
+        seeds = seed_sequence(rng)
+        return cls(
+            checker,
+            replace(picks, picks=(), problems=()),
+            start,
+            seeds,
+            seeds.n_children_spawned,
+            weights or PickWeights(),
+            budget or PickBudget(),
+        )
+
+    @cached_property
+    def cell(self) -> Cell:
+        """The cell in which every pick is judged."""
+        return Cell(self.checker, self.shared, self.home, self.weights, self.budget)
+
+    def rng(self, index: int) -> np.random.Generator:
+        """The random stream of the pick at ``index``, which does not depend on where or when it is judged."""
+        key = (*self.seeds.spawn_key, self.first_stream + index)
+        return np.random.default_rng(
+            np.random.SeedSequence(self.seeds.entropy, spawn_key=key, pool_size=self.seeds.pool_size)
+        )
+
+    def judge(self, index: int, pick: Pick) -> PickVerdict:
+        """The verdict on the pick at ``index``."""
+        return judge(pick, self.cell, self.rng(index))
+
+    def not_covered(self) -> tuple[str, ...]:
+        """What the verdicts do not cover, one sentence each."""
+        checker = self.checker
+        urdf = checker.arm.robot.urdf
+        solid = {geometry.link for geometry in urdf.collisions}
+        visual_only = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
+        carried = "picks without `object:` are judged with an empty gripper after the grasp"
+        fingers = (
+            "gripping force and slip of the part; for picks with `object:`, only contact of the fingers on opposite "
+            "sides of the part is checked"
+        )
+        tip = (
+            "the holding force of a tool without fingers; for picks with `object:`, only a distance of at most "
+            f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
+        )
+        notes = [carried, fingers if self.cell.fingers else tip]
+        if not solid:
+            notes.append("the robot has no collision geometry, so contact of its links is not detected")
+        elif visual_only:
+            notes.append(f"links with visual geometry but no collision geometry: {', '.join(visual_only)}")
+        if not checker.scene.obstacles:
+            notes.append("the scene has no obstacles, so the robot was checked only against itself")
+        if checker.hollow:
+            notes.append(f"bodies completely inside meshes that are not watertight: {', '.join(checker.hollow)}")
+        return tuple(notes)
+
+    def identity(self) -> dict[str, Any]:
+        """The parts that identify this setup, as plain values for JSON; large parts as hashes."""
+        arm = self.checker.arm
+        kinematics = (arm.robot.urdf.kinematics, arm.base, arm.tcp, arm.joint_names, arm.held)
+        attached = {each.name for each in self.checker.attached}
+        obstacles = [body.content() for body in self.checker.bodies if body.link is None]
+        tool = [body.content() for body in self.checker.bodies if body.owner in attached]
+        return {
+            "robot": f"{arm.robot.name} {digest(kinematics)}",
+            "limits": digest(arm.limits),
+            "scene": f"{len(self.checker.scene.obstacles)} obstacles {digest(obstacles)}",
+            "tool": f"{len(self.checker.attached)} bodies {digest(tool)}",
+            "tip": (xyz_rpy(self.shared.tip) + 0.0).tolist(),
+            "margin": self.checker.margin,
+            "collision checks": self.checker.fingerprint()[:16],
+            "home": self.home.tolist(),
+            "seed": str(self.seeds.entropy),
+            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip, self.shared.grip_limits)),
+            "frames": digest(self.shared.frames),
+            "judged by": digest((self.weights, self.budget)),
+        }
+
+
+def check_held_joints(arm: Arm, picks: Picks) -> None:
+    """Raise if the held joints, the gripper links or the gripping values of the picks do not fit the arm."""
+    for name, value in picks.held.items():
+        if name not in arm.held or abs(arm.held[name] - value) > HELD_TOLERANCE:
+            actual = f"holds it at {arm.held[name]:g}" if name in arm.held else "does not hold it"
+            raise InputError(
+                f"the picks state {name} = {value:g}, but the arm {actual}; create the arm with "
+                "robot.arm(held=picks.held)"
+            )
+    _check_gripping_values(arm, picks.grip)
+    for name in picks.gripper:
+        if name not in arm.robot.urdf.links:
+            raise UnknownNameError("link", name, arm.robot.urdf.links, "the gripper of the picks")
+
+
+def _check_gripping_values(arm: Arm, grip: Mapping[str, float]) -> None:
+    joints = arm.robot.urdf.joints
+    for name, closed in grip.items():
+        if name not in arm.held or joints[name].mimic is not None:
+            others = [each for each in arm.held if joints[each].mimic is None]
+            raise UnknownNameError("joint", name, others, "the joints outside the arm that can grip")
+        low = -np.inf if (lower := joints[name].lower) is None else lower
+        high = np.inf if (upper := joints[name].upper) is None else upper
+        for when, at in {"open": arm.held[name], "grip": closed}.items():
+            if not low <= at <= high:
+                raise InputError(f"{name} = {at:g} ({when}) is outside its limits [{low:g}, {high:g}]")
+    if mover := moved_by(arm.robot.urdf, arm.tcp, grip):
+        raise InputError(
+            f"the tcp {arm.tcp!r} is moved by {mover}, a gripper joint; choose a tcp that no gripper joint moves"
+        )
+
+
+def _check_velocity_limits(arm: Arm) -> None:
+    unknown = [
+        name
+        for name, *rates in zip(arm.joint_names, arm.limits.velocity, arm.limits.acceleration, strict=True)
+        if not np.isfinite(rates).all()
+    ]
+    if unknown:
+        raise InputError(
+            f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
+            "state limits with robot.arm(limits=JointLimits(...))"
+        )

@@ -1,0 +1,307 @@
+"""Suggestions: the smallest changes of a failed pick that help, each judged as a complete pick before it is printed.
+
+The kinds of change are a shorter line, a vertical retreat, a turn about the approach direction, a tilt, a shift of the
+pick, and a shift of its place. The candidates of each kind are ordered by size. A candidate is written as text, the
+text is applied to the pick (:func:`pinproof.picks.apply_suggestion`), and the result is judged through all stages, so
+the printed text is exactly what was judged. The suggestion is the smallest judged candidate of its kind with a good
+verdict. If none is good, it is the smallest candidate that passes the stage that failed, and the text states the later
+stage at which it fails.
+
+If a pick takes an obstacle of the scene and places it, the grasp and the place move together, so that the object is put
+down at the same pose. An object that the pick itself describes is attached to the tip and moves with the pick alone.
+
+The budget is a number of judged picks (:attr:`pinproof.picks.PickBudget.remedies`), not a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.picks.input.pick import ROOT, Pick, moved
+from pinproof.picks.judging.changes import (
+    REMARK,
+    Candidate,
+    Shift,
+    Words,
+    apply_suggestion,
+    members,
+    place_shifts,
+    shifted,
+    shifts_of,
+    shorten_words,
+    tilts,
+    turns,
+    upwards_words,
+)
+from pinproof.picks.judging.configurations import configurations
+from pinproof.picks.judging.lines import Attempt, line_in, line_out
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import PickVerdict, Stage, StageResult
+from pinproof.spatial import SE3
+
+__all__ = ["suggest"]
+
+Array = npt.NDArray[np.float64]
+Judge = Callable[[Pick], PickVerdict]
+
+FRACTIONS = (0.25, 0.5, 0.75, 1.0)
+"""Of the approach: where the screening requires a free configuration."""
+
+CHECKS = 4
+"""Cheap checks of candidates for each one that is judged."""
+
+REFINEMENTS = 5
+"""Picks that are judged between two of the distances, where the larger one is good; enough to bisect 20 mm."""
+
+UP = (0.0, 0.0, 1.0)
+
+STEP = 1e-3
+"""Metres: suggested lengths are multiples of this."""
+
+NO_SUGGESTION = (Stage.INPUT, Stage.TRANSIT, Stage.TIMING)
+"""Stages whose failure no small change of the pick mends by plan: the input, or a search that may need more budget."""
+
+ORDER = list(Stage)
+
+
+class _Trials:
+    """Judges candidates, each at most once, within a budget; keeps the smallest that is good, and that helps.
+
+    ``possible`` is a cheap check that a candidate may be good; it has a larger budget of its own.
+    """
+
+    def __init__(self, judge: Judge, failed: Stage, budget: int, possible: Callable[[Pick], bool]) -> None:
+        self._judge, self._failed, self.left = judge, ORDER.index(failed), budget
+        self._possible, self._checks = possible, CHECKS * budget
+        self._seen: dict[str, bool] = {}
+        self._good: Candidate | None = None
+        self._helps: tuple[Candidate, str] | None = None
+
+    def good(self, candidate: Candidate) -> bool:
+        """Whether the changed pick is good; False, too, if the budget is spent."""
+        if candidate.words in self._seen:
+            return self._seen[candidate.words]
+        if self.left <= 0:
+            return False
+        if self._checks > 0 and not self._possible(candidate.pick):
+            self._checks -= 1
+            self._seen[candidate.words] = False
+            return False
+        self.left -= 1
+        verdict = self._judge(candidate.pick)
+        self._seen[candidate.words] = verdict.ok
+        if verdict.ok and (self._good is None or candidate.size < self._good.size):
+            self._good = candidate
+        helps = verdict.failed is not None and ORDER.index(verdict.failed) > self._failed
+        if verdict.failed is not None and helps and (self._helps is None or candidate.size < self._helps[0].size):
+            self._helps = candidate, verdict.failed.value
+        return verdict.ok
+
+    @property
+    def best(self) -> Candidate | None:
+        """The smallest good candidate so far."""
+        return self._good
+
+    def words(self) -> str:
+        """The suggestion; empty if there is none."""
+        if self._good is not None:
+            return self._good.words
+        if self._helps is None:
+            return ""
+        candidate, stage = self._helps
+        return f"{candidate.words}{REMARK}passes the {ORDER[self._failed].value} stage and fails at the {stage} stage"
+
+
+def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Judge) -> tuple[str, ...]:
+    """What would help a pick, in words, one line for each kind of change; empty if nothing was found.
+
+    Parameters
+    ----------
+    task
+        The pick in its cell.
+    pick
+        The pick as it was stated.
+    failed
+        The stage that failed.
+    attempt
+        If a line failed: the attempt that came farthest.
+    judge
+        The verdict on a changed pick, without suggestions.
+    """
+    budget, stage = task.cell.budget.remedies, failed.stage
+    if not budget or stage in NO_SUGGESTION:
+        return ()
+
+    def trials() -> _Trials:
+        return _Trials(
+            judge, stage, budget, lambda other: stage is not Stage.RETREAT or _retreat_ends_free(task, other)
+        )
+
+    found = []
+    if attempt is not None and stage in (Stage.APPROACH, Stage.RETREAT):
+        found.append(_shorter(task, pick, stage, attempt, trials()))
+        found.append(_upwards(pick, stage, trials()))
+    if stage is Stage.PLACE and pick.place is not None:
+        found.append(_nearest_shift(pick, *place_shifts(task, pick), partial(_screened_places, task), trials()))
+    if not task.pick.spin.sampled:
+        found.append(_nearest(_screened(task, turns(task, pick)), trials()))
+    found.append(_nearest(_screened(task, tilts(task, pick)), trials()))
+    found.append(_nearest_shift(pick, *shifts_of(task, pick, stage), partial(_screened, task), trials()))
+    return tuple(filter(None, found))
+
+
+# -- lengths ----------------------------------------------------------------------------------------------------------
+
+
+def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
+    """The longest approach or retreat, to the millimetre, of those tried."""
+    key = stage.value
+    asked = float(getattr(pick, key))
+    length = np.floor(attempt.fraction * asked / STEP) * STEP
+    for _ in range(trials.left):  # the line alone costs much less than a judged pick
+        if not 0 < length < asked:
+            return ""
+        shorter = task.with_pick(**{key: float(length)})
+        line = (
+            line_in(shorter, attempt.candidate) if stage is Stage.APPROACH else line_out(shorter, attempt.candidate)[0]
+        )
+        if line.result.ok:
+            break
+        length = np.floor(min(line.fraction * length, length - STEP) / STEP) * STEP
+
+    def candidate(steps: int) -> Candidate:
+        words = shorten_words(key, asked, steps * STEP)
+        return Candidate(words, apply_suggestion(pick, words), asked - steps * STEP)
+
+    low, high = round(length / STEP), int(np.ceil(asked / STEP - 1e-9))
+    if low <= 0 or not trials.good(candidate(low)):
+        return trials.words()
+    step = 1  # other configurations may allow more
+    while low + step < high and trials.good(candidate(low + step)):
+        low, step = low + step, 2 * step
+    return trials.words()
+
+
+def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
+    """The vertical retreat, if the retreat failed and has another direction."""
+    if stage is not Stage.RETREAT or (pick.retreat_frame == ROOT and pick.retreat_direction == UP):
+        return ""
+    words = upwards_words()
+    trials.good(Candidate(words, apply_suggestion(pick, words), 0.0))
+    return trials.words()
+
+
+# -- screening --------------------------------------------------------------------------------------------------------
+
+
+def _screened(task: Task, candidates: list[Candidate]) -> list[Candidate]:
+    """Those of which a grasp has a free configuration, and so has the approach; the others are not good."""
+    tasks = [Task(each.pick, task.cell) for each in candidates]
+    grasps = [(i, t.grasp(m)) for i, t in enumerate(tasks) for m in members(t)]
+    free = _has_free(task, [pose for _, pose in grasps])
+    if task.cell.closed_form and task.pick.approach > 0:
+        at, pick = np.flatnonzero(free).tolist(), task.pick
+        for fraction in FRACTIONS:
+            poses = []
+            for k in at:
+                changed = tasks[grasps[k][0]].pick
+                poses.append(
+                    moved(grasps[k][1], -fraction * pick.approach, changed.approach_direction, pick.approach_frame)
+                )
+            at = np.array(at, dtype=np.int64)[_has_free(task, poses)].tolist()
+        free = np.isin(np.arange(len(grasps)), at)
+    passed = {grasps[k][0] for k in np.flatnonzero(free)}
+    left = [each for i, each in enumerate(candidates) if i in passed]
+    return left if task.place is None else _screened_places(task, left)
+
+
+def _screened_places(task: Task, candidates: list[Candidate]) -> list[Candidate]:
+    """Those of which the place is in reach."""
+    tasks = [Task(each.pick, task.cell) for each in candidates]
+    releases = [(i, t.release(m)) for i, t in enumerate(tasks) for m in members(t)]
+    row, _ = configurations(task.arm, task.targets([pose for _, pose in releases]), task.cell.home, 0)
+    passed = {releases[k][0] for k in set(row.tolist())}
+    return [each for i, each in enumerate(candidates) if i in passed]
+
+
+def _retreat_ends_free(task: Task, pick: Pick) -> bool:
+    """Whether a free configuration was found at the end of the retreat, with the object in the hand."""
+    changed = Task(pick, task.cell)
+    grasps = members(changed)
+    if len(grasps) > 1:  # each needs a checker of its own
+        return True
+    _, q = configurations(task.arm, task.targets([changed.retreat_end(changed.grasp(grasps[0]))]), task.cell.home, 0)
+    return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
+
+
+def _has_free(task: Task, poses: list[SE3]) -> npt.NDArray[np.bool_]:
+    """(N,) whether a configuration that is free at the grasp was found for each pose of the tip."""
+    found = np.zeros(len(poses), dtype=bool)
+    if poses:
+        row, q = configurations(task.arm, task.targets(poses), task.cell.home, 0)
+        found[row[task.at_grasp.is_free_batch(q)]] = True
+    return found
+
+
+# -- search -----------------------------------------------------------------------------------------------------------
+
+
+def _nearest(candidates: list[Candidate], trials: _Trials) -> str:
+    """The suggestion of the smallest good candidate of those that the budget allows to judge.
+
+    All are judged in order of size if the budget allows. Otherwise a few distances along the axes come first; then each
+    direction is bisected below the best one found; what is left of the budget goes to the others by size.
+    """
+    if len(candidates) > trials.left:
+        for each in candidates:
+            if each.early and trials.good(each):
+                break
+        directions = dict.fromkeys(each.direction for each in candidates)
+        first = [] if trials.best is None else [trials.best.direction]
+        for direction in [*first, *directions] if trials.best is not None else ():
+            _bisect([each for each in candidates if each.direction == direction], trials)
+    for each in candidates:
+        if trials.best is not None and each.size >= trials.best.size:
+            break
+        trials.good(each)
+    return trials.words()
+
+
+def _nearest_shift(
+    pick: Pick,
+    shifts: list[Shift],
+    words: Words,
+    screened: Callable[[list[Candidate]], list[Candidate]],
+    trials: _Trials,
+) -> str:
+    """The same for shifts; then the whole millimetres below the best one are bisected along its direction."""
+    _nearest(screened(shifted(pick, shifts, words)), trials)
+    best = trials.best
+    if best is not None and len(best.direction) == len(best.pick.pose.translation):
+        along = np.array(best.direction, dtype=float)
+        steps = [round(float(each.by @ along / (along @ along))) for each in shifts if each.direction == best.direction]
+        last = round(best.size / float(np.linalg.norm(along)))
+        first = max((step for step in steps if step < last), default=0) + 1
+        trials.left = max(trials.left, REFINEMENTS)
+        between = [Shift(step * along, best.direction, early=False) for step in range(first, last)]
+        _bisect(shifted(pick, between, words), trials)
+    return trials.words()
+
+
+def _bisect(line: list[Candidate], trials: _Trials) -> None:
+    """Look for a smaller good candidate along one direction, where the larger ones are more likely to be good."""
+    best = trials.best
+    line = [each for each in line if best is None or each.size < best.size]
+    if not line or (best is not None and best.direction != line[0].direction and not trials.good(line[-1])):
+        return
+    low, high = -1, len(line) - 1 if best is not None and best.direction != line[0].direction else len(line)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if trials.good(line[middle]):
+            high = middle
+        else:
+            low = middle

@@ -1,0 +1,369 @@
+"""One pick in its cell: resolved frames and poses, the object, and the collision checkers of each stage."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker, Obstacle
+from pinproof.collision.contact_facets import directions_to_facets
+from pinproof.collision.line_surface import LineSurface
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model import Arm
+from pinproof.picks.input.pick import (
+    TIP,
+    Member,
+    Pick,
+    Picks,
+    PlaceTarget,
+    family,
+    moved,
+    moved_by,
+    root_from_frame,
+    support_names,
+)
+from pinproof.picks.input.settings import PickBudget, PickWeights
+from pinproof.picks.judging.configurations import has_closed_form, widened
+from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
+from pinproof.spatial import SE3, matrix
+
+__all__ = ["SUPPORT_GAP", "Cell", "Task"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """The arm in its scene, with the checkers of the open, the closed and the closing hand.
+
+    Parameters
+    ----------
+    checker
+        The checker with the tool and the open fingers attached.
+    shared
+        The settings that the picks share.
+    home
+        (n,) the start of the transits.
+    weights, budget
+        The weights of the score and the search budget.
+    trial
+        Whether changed picks are judged for suggestions: then only the failed stage is needed, without a proof.
+    """
+
+    checker: CollisionChecker
+    shared: Picks
+    home: npt.NDArray[np.float64]
+    weights: PickWeights = field(default_factory=PickWeights)
+    budget: PickBudget = field(default_factory=PickBudget)
+    trial: bool = False
+
+    @property
+    def arm(self) -> Arm:
+        """The arm."""
+        return self.checker.arm
+
+    @cached_property
+    def for_trials(self) -> Cell:
+        """The cell for judging changed picks: one complete motion is sufficient, and no suggestions are made."""
+        return replace(self, budget=replace(self.budget, compared=1, remedies=0), trial=True)
+
+    @cached_property
+    def closed_hand(self) -> CollisionChecker:
+        """The checker with the fingers on the object."""
+        closed, fingers = self.checker.with_held(self.shared.grip), self.shared.fingers
+        return closed if fingers is None else closed.with_attached(*fingers.gripping())
+
+    @cached_property
+    def hand(self) -> tuple[str, ...]:
+        """The names of all bodies and links that may touch the object."""
+        urdf, shared = self.arm.robot.urdf, self.shared
+        moved = (link for link in urdf.links if moved_by(urdf, link, shared.grip))
+        return tuple(dict.fromkeys((*(body.name for body in shared.open_tool), *shared.gripper, *moved)))
+
+    @cached_property
+    def fingers(self) -> tuple[MovingFinger, ...]:
+        """The moving fingers; empty for a tool without fingers."""
+        return fingers_of(self.arm, self.shared.fingers, self.shared.grip)
+
+    @cached_property
+    def palm(self) -> tuple[str, ...]:
+        """The names of the bodies and links of the hand that do not move while it closes."""
+        moving = {finger.name for finger in self.fingers}
+        return tuple(name for name in self.hand if name not in moving)
+
+    @cached_property
+    def closing_hand(self) -> CollisionChecker:
+        """The checker with the swept volumes of the closing fingers attached.
+
+        The swept volume of a finger is not checked against the links that the finger itself is not checked against.
+        Fingers are checked against each other only open and closed.
+        """
+        checker, swept = self.checker, {body.name: of for of, bodies in self.swept.items() for body in bodies}
+        excluded = {frozenset(pair.owners) for pair in checker.excluded}
+        moved = checker.with_attached(*(body for bodies in self.swept.values() for body in bodies))
+        owners = moved.obstacles_and_links
+        return moved.allowing(
+            *(
+                (name, other)
+                for name, finger in swept.items()
+                for other in owners
+                if other not in swept
+                and (other == finger or other in self.swept or frozenset((finger, other)) in excluded)
+            )
+        )
+
+    @cached_property
+    def swept(self) -> dict[str, tuple[Obstacle, ...]]:
+        """For each finger the convex bodies that contain its closing motion; their poses are ``tcp_from_body``."""
+        return {finger.name: finger.swept() for finger in self.fingers}
+
+    @cached_property
+    def wide_arm(self) -> Arm:
+        """The arm with limits that are one rotation, or half a metre, wider on both sides."""
+        return widened(self.arm)
+
+    @cached_property
+    def closed_form(self) -> bool:
+        """Whether the arm has a closed form that gives every IK branch."""
+        return has_closed_form(self.arm)
+
+
+Array = npt.NDArray[np.float64]
+
+SUPPORT_GAP = 1e-3
+"""Metres: an obstacle at most this far below an object is taken for its support."""
+
+DOWN = -0.5
+"""Largest z component of the unit direction from an object to its support: within 60 degrees of straight down."""
+
+
+class Task:
+    """One pick in its cell: poses, object and collision checkers for all stages.
+
+    Parameters
+    ----------
+    pick
+        The pick as stated.
+    cell
+        The cell in which it is judged.
+
+    Raises
+    ------
+    InputError
+        If a frame, the object or a support does not exist, or the object's name is taken.
+    """
+
+    def __init__(self, pick: Pick, cell: Cell) -> None:
+        self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
+        self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
+        self.place: PlaceTarget | None = None
+        if pick.place is not None:
+            self.place = replace(pick.place, pose=self._in_root(pick.place.pose, pick.place.frame), frame="")
+        carried, names = pick.carried, self.scene.names
+        self.from_scene = isinstance(carried, str)
+        if isinstance(carried, str) and carried not in names:
+            raise UnknownNameError("object", carried, names, self.scene.where)
+        if not isinstance(carried, str) and carried is not None and carried.name in cell.checker.obstacles_and_links:
+            raise InputError(f"the object's name {carried.name!r} is taken; name an obstacle by its name alone")
+        for stated in (pick.support, None if pick.place is None else pick.place.support):
+            for support in support_names(stated) or ():
+                if support not in names:
+                    raise UnknownNameError("support", support, names, self.scene.where)
+        self.name = carried.name if isinstance(carried, Obstacle) else carried
+        self._carrying: dict[str, CollisionChecker] = {}
+        self._letting_go: dict[str, CollisionChecker] = {}
+        self._opening: dict[str, CollisionChecker] = {}
+        self._passing_off: dict[str, CollisionChecker] = {}
+        self._grips: dict[str, GripResult] = {}
+
+    @property
+    def sampled(self) -> bool:
+        """Whether the tried grasps are samples of a continuous family."""
+        tolerance = self.pick.tolerance
+        return self.pick.spin.sampled or any(tolerance.position) or tolerance.tilt > 0
+
+    def groups(self) -> Iterator[list[Member]]:
+        """The grasps of the family in groups of increasing displacement."""
+        axis = np.array(self.pick.approach_direction)
+        if self.pick.approach_frame != TIP:
+            axis = self.pick.pose.rotation.T @ axis
+        return family(self.pick.spin, self.pick.tolerance, axis)
+
+    def with_pick(self, **changes: object) -> Task:
+        """The task with another approach, retreat or pose, for suggestions."""
+        return Task(replace(self.pick, **changes), self.cell)  # type: ignore[arg-type]
+
+    # -- poses --------------------------------------------------------------------------------------------------------
+
+    def grasp(self, member: Member) -> SE3:
+        """``root_from_tip`` at the grasp."""
+        return self.pick.pose * member.nominal_from_tip
+
+    def release(self, member: Member) -> SE3:
+        """``root_from_tip`` at the release."""
+        return (self.place or self.pick).pose * member.nominal_from_tip
+
+    def target(self, root_from_tip: SE3) -> SE3:
+        """``base_from_tcp`` that places the tip at a pose."""
+        return self.cell.shared.tcp_target(root_from_tip, self.arm.root_from_base)
+
+    def targets(self, poses: list[SE3]) -> Array:
+        """``base_from_tcp`` (N, 4, 4) for many poses of the tip."""
+        return np.array([matrix(self.target(pose)) for pose in poses]).reshape(-1, 4, 4)
+
+    def approach_end(self, root_from_tip: SE3) -> SE3:
+        """``root_from_tip`` at the start of the approach to a grasp."""
+        pick = self.pick
+        return moved(root_from_tip, -pick.approach, pick.approach_direction, pick.approach_frame)
+
+    def retreat_end(self, root_from_tip: SE3) -> SE3:
+        """``root_from_tip`` at the end of the retreat from a grasp."""
+        pick = self.pick
+        return moved(root_from_tip, pick.retreat, pick.retreat_direction, pick.retreat_frame)
+
+    # -- checkers -----------------------------------------------------------------------------------------------------
+
+    @property
+    def outside(self) -> CollisionChecker:
+        """The checker before the grasp."""
+        return self.cell.checker
+
+    @cached_property
+    def at_grasp(self) -> CollisionChecker:
+        """The checker at the grasp, where the hand may touch the object; :meth:`grip` judges the fingers."""
+        return self.outside.allowing(*self._touching(self.outside)) if self.from_scene else self.outside
+
+    @cached_property
+    def passing(self) -> CollisionChecker | None:
+        """The checker of the open fingers against the object alone; None without fingers or object.
+
+        :attr:`at_grasp` allows contact of the hand with the object on the approach; the open fingers must not touch it.
+        """
+        if not self.from_scene or not self.cell.fingers:
+            return None
+        return self._passing(self.scene[str(self.name)])
+
+    @cached_property
+    def closing(self) -> CollisionChecker:
+        """The checker while the fingers close; the hand may touch the object."""
+        closing = self.cell.closing_hand
+        return closing.allowing(*self._touching(closing)) if self.from_scene else closing
+
+    # -- the grip -----------------------------------------------------------------------------------------------------
+
+    def grip(self, member: Member) -> GripResult:
+        """Whether the closed hand holds the object, which does not depend on the configuration of the arm."""
+        if member.words not in self._grips:
+            part = HeldPart(self._surface, self.holding(member).pose)
+            limits, tip = self.cell.shared.grip_limits, self.cell.shared.tip
+            if self.cell.fingers:
+                along = np.array(self.pick.approach_direction)
+                if self.pick.approach_frame != TIP:
+                    along = self.grasp(member).rotation.T @ along
+                self._grips[member.words] = grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
+            else:
+                self._grips[member.words] = grip_by_tip(tip, part, limits)
+        return self._grips[member.words]
+
+    @cached_property
+    def _surface(self) -> LineSurface:
+        carried = self.pick.carried
+        if carried is None:
+            raise InputError(f"pick {self.pick.name!r} states no object")
+        return LineSurface.of_obstacle(self.scene[carried] if isinstance(carried, str) else carried)
+
+    def holding(self, member: Member) -> Obstacle:
+        """The held object; its pose is ``tcp_from_object``."""
+        carried, tip = self.pick.carried, self.cell.shared.tip
+        if isinstance(carried, str):
+            obstacle = self.scene[carried]
+            return replace(obstacle, pose=tip * self.grasp(member).actInv(obstacle.pose))
+        if carried is None:
+            raise InputError(f"pick {self.pick.name!r} states no object")
+        return replace(carried, pose=tip * carried.pose)
+
+    def carrying(self, member: Member) -> CollisionChecker:
+        """The checker with the object in the hand, or with the empty tool if no object is stated."""
+        if self.name is None:
+            return self.outside
+        if member.words not in self._carrying:
+            full = self._without_object.with_attached(self.holding(member))
+            self._carrying[member.words] = full.allowing(*self._touching(full))
+        return self._carrying[member.words]
+
+    @cached_property
+    def _without_object(self) -> CollisionChecker:
+        """The checker with the closed hand and without the object in the scene."""
+        bare = self.cell.closed_hand
+        return bare.with_scene(self.scene.remove(str(self.name))) if self.from_scene else bare
+
+    def letting_go(self, member: Member) -> CollisionChecker:
+        """The checker with the object at its place and the hand open."""
+        if member.words not in self._letting_go:
+            held = self.holding(member)
+            placed = replace(held, pose=self.release(member) * self.cell.shared.tip.actInv(held.pose))
+            others = self.scene.remove(held.name) if self.from_scene else self.scene
+            there = self.outside.with_scene(others.add(placed))
+            self._letting_go[member.words] = there.allowing(*self._touching(there))
+        return self._letting_go[member.words]
+
+    def passing_off(self, member: Member) -> CollisionChecker | None:
+        """The checker of :attr:`passing` for the object at its place."""
+        if not self.cell.fingers:
+            return None
+        if member.words not in self._passing_off:
+            self._passing_off[member.words] = self._passing(self.letting_go(member).scene[str(self.name)])
+        return self._passing_off[member.words]
+
+    def opening(self, member: Member) -> CollisionChecker:
+        """The checker while the fingers open at the place."""
+        if member.words not in self._opening:
+            there = self.cell.closing_hand.with_scene(self.letting_go(member).scene)
+            self._opening[member.words] = there.allowing(*self._touching(there))
+        return self._opening[member.words]
+
+    def supports(
+        self, checker: CollisionChecker, q: Array, stated: str | Sequence[str] | None
+    ) -> tuple[tuple[str, str], ...]:
+        """The pairs of the object and its supports, with the object held at q (n,)."""
+        if self.name is None:
+            return ()
+        if stated is not None:
+            return tuple((self.name, name) for name in support_names(stated) or ())
+        found = []
+        for contact in checker.with_margin(max(SUPPORT_GAP, checker.margin)).check(q).contacts:
+            if self.name in contact.bodies and contact.distance <= SUPPORT_GAP:
+                first = contact.bodies[0] == self.name
+                other = contact.bodies[1] if first else contact.bodies[0]
+                # The facet of a bin that is nearest to the object may belong to a wall instead of the floor.
+                below = (1 if first else -1) * contact.normal[2] < DOWN
+                if other in checker.scene.names and (below or self._has_facets_below(checker, q, other)):
+                    found.append((self.name, other))
+        return tuple(dict.fromkeys(found))
+
+    def _has_facets_below(self, checker: CollisionChecker, q: Array, obstacle: str) -> bool:
+        """Whether facets of an exact mesh are close below the object, which is held at q (n,)."""
+        directions = [
+            directions_to_facets(checker, pair, q, SUPPORT_GAP)
+            for pair, (i, j) in enumerate(checker.pairs)
+            if (checker.bodies[i].owner, checker.bodies[j].owner) == (self.name, obstacle)
+        ]
+        return any((found[:, 2] < DOWN).any() for found in directions)
+
+    def _touching(self, checker: CollisionChecker) -> list[tuple[str, str]]:
+        """The pairs of the object and the hand."""
+        swept = (body.name for bodies in self.cell.swept.values() for body in bodies)
+        return [(each, str(self.name)) for each in (*self.cell.hand, *swept) if each in checker.obstacles_and_links]
+
+    def _passing(self, part: Obstacle) -> CollisionChecker:
+        checker = self.outside.with_scene(replace(self.scene, obstacles=(part,), allowed=(), disabled=()))
+        there = checker.obstacles_and_links
+        palm = ((name, part.name) for name in self.cell.palm if name in there)
+        return checker.with_margin(0.0).allowing(*palm)
+
+    def _in_root(self, pose: SE3, frame: str) -> SE3:
+        if not frame:
+            return pose
+        return root_from_frame(frame, self.cell.shared.frames, self.scene, self.arm) * pose

@@ -1,0 +1,127 @@
+"""The timing stage: every part of the motion is timed within the limits and certified exactly as executed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.collision.certificate import curve_hash
+from pinproof.errors import TimingError
+from pinproof.motion import CubicPath, JointPath, Trajectory, time_parametrise
+from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
+from pinproof.picks.judging.place import Placing
+from pinproof.picks.judging.task import Task
+from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
+
+__all__ = ["Timed", "time_motion"]
+
+BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
+
+
+@dataclass(frozen=True, eq=False)
+class Timed:
+    """The motions of a complete pick, and the times (s) of the grasp and the release."""
+
+    motions: tuple[PickMotion, ...]
+    trajectory: Trajectory
+    grasp_time: float
+    release_time: float | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    name: str
+    curves: tuple[JointPath | CubicPath, ...]
+    checker: CollisionChecker
+    parting: Pairs = ()
+    backwards: bool = False
+    passing: CollisionChecker | None = None
+
+
+def time_motion(
+    task: Task, attempt: Attempt, path: JointPath, placing: Placing | None
+) -> tuple[StageResult, Timed | None]:
+    """Time and certify all parts of a motion."""
+    limits = task.arm.limits
+    motions: list[PickMotion] = []
+    trajectories: list[Trajectory] = []
+    grasp_time, release_time = 0.0, None
+    try:
+        for part in _parts(task, attempt, path, placing):
+            timed = [time_parametrise(curve, limits) for curve in part.curves]
+            trajectory = Trajectory.join(*timed)
+            certificate = _proof(part, trajectory)
+            if not certificate.free:
+                return StageResult(Stage.TIMING, False, f"{part.name}: {certificate.message}"), None
+            if part.passing is not None:
+                passed = certify(trajectory, passing_at(part.passing, attempt.q))
+                if not passed.free:
+                    message = f"{part.name}: the open fingers collide with the object: {passed.message}"
+                    return StageResult(Stage.TIMING, False, message), None
+            around = part.checker
+            motions.append(
+                PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+            )
+            trajectories.append(trajectory)
+            # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
+            if part.name == "pick":
+                until = timed[: 1 + (attempt.approach is not None)]
+                grasp_time = Trajectory.join(*until).duration
+            elif part.name in ("transit", "approach"):
+                grasp_time = Trajectory.join(*trajectories).duration
+            elif part.name in ("transfer", "place"):
+                release_time = Trajectory.join(*trajectories).duration
+        whole = Trajectory.join(*trajectories)
+    except TimingError as error:
+        return StageResult(Stage.TIMING, False, str(error)), None
+    pairs = max(motion.certificate.pairs for motion in motions)
+    clearance = min(motion.certificate.clearance for motion in motions)
+    parts = f" in {len(motions)} motions" if len(motions) > 1 else ""
+    message = f"collision-free{parts} ({pairs} body pair{'' if pairs == 1 else 's'} proven)"
+    figures = {"duration": whole.duration, "clearance": clearance}
+    return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), whole, grasp_time, release_time)
+
+
+def _parts(task: Task, attempt: Attempt, path: JointPath, placing: Placing | None) -> list[_Part]:
+    line_in, line_out = attempt.line_in(), attempt.line_out()
+    into = () if line_in is None else (line_in.reversed(),)
+    out = () if line_out is None else (line_out,)
+    if task.name is None:  # without an object one proof covers the complete motion
+        return [_Part("pick", (path, *into, *out), task.outside)]
+    member = attempt.candidate.member
+    carrying = task.carrying(member)
+    parts = [_Part("transit", (path,), task.outside)]
+    parts += [_Part("approach", into, task.at_grasp, passing=task.passing)] if into else []
+    parts += [_Part("retreat", out, carrying, attempt.parting)] if out else []
+    if placing is None:
+        return parts
+    parts.append(_Part("transfer", (placing.transfer,), carrying))
+    if placing.lift is not None:
+        parts.append(_Part("place", (placing.lift.reversed(),), carrying, placing.parting, backwards=True))
+    if placing.leave is not None:
+        parts.append(_Part("leave", (placing.leave,), task.letting_go(member), passing=task.passing_off(member)))
+    return parts
+
+
+def _proof(part: _Part, trajectory: Trajectory) -> Certificate:
+    if not part.backwards or not part.parting:
+        return certify(trajectory, part.checker, parting=part.parting)
+    proof = certify(_backwards(trajectory), part.checker, parting=part.parting)
+    # both directions have the same configurations, so the proof applies to both
+    return replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
+
+
+def _backwards(trajectory: Trajectory) -> Trajectory:
+    """The reversed trajectory."""
+    times = trajectory.times[-1] - trajectory.times[::-1]
+    curvature = None if trajectory.accelerations is None else trajectory.accelerations[::-1]
+    return Trajectory(
+        times - times[0],
+        trajectory.q[::-1],
+        -np.asarray(trajectory.velocities[::-1]),
+        trajectory.joint_names,
+        trajectory.limits_note,
+        accelerations=curvature,
+    )

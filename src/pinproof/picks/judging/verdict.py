@@ -1,0 +1,201 @@
+"""The verdict on a pick: its stages with figures and reasons, and the motions of a good pick."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import Certificate, Obstacle, Scene
+from pinproof.errors import InputError
+from pinproof.motion import MotionRecord, Trajectory
+from pinproof.picks.input.pick import Pick
+from pinproof.picks.judging.grip import GripResult
+
+__all__ = ["PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
+
+
+class Stage(Enum):
+    """The stages of a pick, in the order in which they are judged."""
+
+    INPUT = "input"
+    REACH = "reach"
+    LIMITS = "limits"
+    SELF = "self-collision"
+    GRASP = "grasp"
+    GRIP = "grip"
+    APPROACH = "approach"
+    RETREAT = "retreat"
+    TRANSIT = "transit"
+    PLACE = "place"
+    TIMING = "timing"
+
+
+class PickStatus(Enum):
+    """The verdict on a pick."""
+
+    GOOD = "good"
+    """The pick has certified, timed motions."""
+    IMPOSSIBLE = "impossible"
+    """Every configuration of every grasp is refuted: all were enumerated in closed form, or no grasp holds the part,
+    which does not depend on the configuration."""
+    NOT_FOUND = "not found"
+    """No solution was found within the budget; one may exist."""
+    UNREADABLE = "unreadable"
+    """The pick is invalid for this scene or robot."""
+    CRASHED = "crashed"
+    """The pick could not be judged: the judge raised an error or its process died."""
+
+
+@dataclass(frozen=True)
+class StageResult:
+    """One stage: whether it passed, the reason, and its figures by name (m, rad, s and counts)."""
+
+    stage: Stage
+    ok: bool
+    message: str
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PickMotion:
+    """A part of a pick's motion with constant attached bodies and constant scene.
+
+    Parameters
+    ----------
+    name
+        ``"pick"``, the only motion of a pick without an object; otherwise ``"transit"``, ``"approach"``, ``"retreat"``,
+        ``"transfer"``, ``"place"``, ``"leave"``.
+    trajectory
+        From rest to rest.
+    certificate
+        FREE for exactly this trajectory; that of ``"place"`` is proven for the reversed motion.
+    attached
+        The bodies attached to the tcp: tool, fingers, object; poses are ``tcp_from_body``.
+    scene
+        The scene during this motion.
+    held
+        Values of the joints outside the arm (rad or m by name), such as finger joints. The certificate is for
+        ``arm.with_held(held)``.
+    """
+
+    name: str
+    trajectory: Trajectory
+    certificate: Certificate
+    attached: tuple[Obstacle, ...]
+    scene: Scene
+    held: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class PickVerdict:
+    """The verdict on one pick.
+
+    Parameters
+    ----------
+    pick
+        The pick.
+    status
+        The kind of verdict.
+    stages
+        The judged stages of the attempt that passed the most stages; if one failed, it is the last.
+    configurations
+        Number of configurations at the grasp that were tried.
+    q_grasp
+        (n,) the configuration at the grasp; None unless GOOD.
+    trajectory
+        All motions joined, with zero velocity at the joints between them; None unless GOOD.
+    grasp_time
+        Seconds from the start of the trajectory to the grasp.
+    certificate
+        FREE for exactly the trajectory of a good pick without an object. With an object the moving bodies change, and
+        each of ``motions`` has its own certificate.
+    motions
+        The parts of the motion in order; empty unless GOOD.
+    release_time
+        Seconds from the start of the trajectory to the release; None without a place.
+    suggestions
+        One line for each kind of change that helps, each the smallest of those tried. The pick was judged again with
+        the change exactly as printed: it is then good, or the line states the later stage at which it fails. Apply a
+        suggestion with :func:`pinproof.picks.apply_suggestion`.
+    refuted
+        One line for each configuration with the reason why it is excluded, if the pick is IMPOSSIBLE.
+    member
+        The difference of the grasp from the nominal grasp of its family, as text.
+    grip
+        How the part is held, for a good pick with an object.
+    score
+        The parts of the score and their weighted sum, for a good pick.
+    """
+
+    pick: Pick
+    status: PickStatus
+    stages: tuple[StageResult, ...]
+    configurations: int = 0
+    q_grasp: npt.NDArray[np.float64] | None = None
+    trajectory: Trajectory | None = None
+    grasp_time: float | None = None
+    certificate: Certificate | None = None
+    motions: tuple[PickMotion, ...] = ()
+    release_time: float | None = None
+    suggestions: tuple[str, ...] = ()
+    refuted: tuple[str, ...] = ()
+    member: str = ""
+    score: Mapping[str, float] = field(default_factory=dict)
+    grip: GripResult | None = None
+
+    def __post_init__(self) -> None:
+        if self.q_grasp is not None:
+            q = np.array(self.q_grasp)
+            q.setflags(write=False)
+            object.__setattr__(self, "q_grasp", q)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the pick is GOOD."""
+        return self.status is PickStatus.GOOD
+
+    @property
+    def failed(self) -> Stage | None:
+        """The stage that failed; None for a good pick."""
+        return None if self.ok else self.stages[-1].stage
+
+    @property
+    def reason(self) -> str:
+        """The message of the last stage judged."""
+        return self.stages[-1].message
+
+    def save_motion(self, path: str | Path) -> None:
+        """Write the trajectory of a good pick, with a record of the conditions under which each part is certified.
+
+        The formats are those of :meth:`pinproof.Trajectory.save`.
+
+        Raises
+        ------
+        InputError
+            If the pick is not good and therefore has no motion.
+        TrajectoryError
+            If the file cannot be written.
+        """
+        if self.trajectory is None:
+            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
+        records: list[MotionRecord] = []
+        for part in self.motions:
+            start = records[-1].end if records else 0.0
+            name = part.name if len(self.motions) > 1 else "motion"
+            records.append(part.certificate.motion_record(name, start, start + part.trajectory.duration))
+        self.trajectory.with_records(records).save(path)
+
+    @property
+    def remedy(self) -> str:
+        """All suggestions in one line; empty if there are none."""
+        return "; or ".join(self.suggestions)
+
+    @property
+    def clearance(self) -> float:
+        """Metres: the smallest proven clearance of all motions; NaN unless GOOD."""
+        return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))

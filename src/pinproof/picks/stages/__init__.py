@@ -1,1 +1,0 @@
-"""The stages of a pick, a file each, over the configurations at the grasp."""

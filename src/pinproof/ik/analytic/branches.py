@@ -235,7 +235,7 @@ class IkBranches:
 
     @property
     def message(self) -> str:
-        """The number of branches, and the reason if there is none, as text."""
+        """The number of branches, and the reason if no solution was found, as text."""
         count = self._count
         if self._plan.redundant is not None:
             spans = ", ".join(f"[{low:.4g}, {high:.4g}]" for low, high in joined(self.intervals))

@@ -79,8 +79,8 @@ class Fabrik(IterativeIk):
 
     def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:
         """Reject tasks, goals and arms that the passes do not support."""
-        placed, turned = int(task.mask[:3].sum()), int(task.mask[3:].sum())
-        if placed not in (0, 3) or turned == 1:
+        positions, angles = int(task.mask[:3].sum()), int(task.mask[3:].sum())
+        if positions not in (0, 3) or angles == 1:
             raise InputError(
                 "Fabrik supports the tasks 'position', 'orientation', 'pose', 'spin_x', 'spin_y', 'spin_z' and an "
                 "orientation with one free rotation; use pp.Clik for other tasks"
@@ -123,7 +123,7 @@ class _Passes:
         self._lower, self._upper = limits.lower, limits.upper
         self._low, self._high = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
         self._chain, self._start = here.arm.packed, matrix(here.target.inverse())
-        self._placed, self._asked = here.task.mask[0], here.task.mask[3:]
+        self._position_weight, self._rotation_mask = here.task.mask[0], here.task.mask[3:]
         self._step = self._pass(here.q, here.iteration)
         deadlock = here.waited > 0 and here.waited % self._constants.WAIT == 0
         if deadlock or np.abs(self._step).max() <= self._constants.STILL:
@@ -141,7 +141,7 @@ class _Passes:
         return np.asarray(np.clip(q + np.where(above, -bend, bend), self._low, self._high) - q)
 
     def _pass(self, q: Array, iteration: int) -> Array:
-        known, n, angles = self._constants, len(q), int(self._asked.sum())
+        known, n, angles = self._constants, len(q), int(self._rotation_mask.sum())
         weight, relax = known.REACH, known.RELAX_REACH
         if iteration % 2 == 0:
             weight, relax = known.HOLD if angles == 0 else known.HOLD_POSED, known.RELAX_HOLD
@@ -155,7 +155,7 @@ class _Passes:
         forward, step = np.eye(4), np.zeros(n)
         for k in range(n):
             tcp = _inverse(moved[k + 1])
-            axes = {0: np.zeros((0, 3)), 2: np.eye(3)[self._asked == 0], 3: np.eye(3)}[angles] @ tcp[:3, :3].T
+            axes = {0: np.zeros((0, 3)), 2: np.eye(3)[self._rotation_mask == 0], 3: np.eye(3)}[angles] @ tcp[:3, :3].T
             ends = [(1.0, np.vstack([tcp[:3, 3], axes]))] + [(weight, hinges[k + 1]) for _ in range(k < n - 1)]
             by = self._allowed(k, q[k], self._best(k, hinges[k], _inverse(forward) @ moved[k + 1], ends))
             forward = forward @ self._motion(k, hinges[k], by)
@@ -174,10 +174,10 @@ class _Passes:
 
     def _last(self, hinge: Array, end: Array) -> Array:
         """The motion (4, 4) of the last link that brings the tcp to the target."""
-        if self._asked.any():
+        if self._rotation_mask.any():
             spin = np.eye(4)
-            if not self._asked.all():
-                axis = np.vstack([np.zeros(3), np.eye(3)[self._asked == 0]])
+            if not self._rotation_mask.all():
+                axis = np.vstack([np.zeros(3), np.eye(3)[self._rotation_mask == 0]])
                 back = _inverse(end)
                 brought = np.vstack([_at(back, hinge[0]), back[:3, :3] @ hinge[1]])
                 spin = _turned(axis, self._angle(axis, end, [(1.0, brought)]))
@@ -196,7 +196,7 @@ class _Passes:
         """The motion of hinge k that is closest to the wanted motion (4, 4), measured at the ends."""
         if self._chain[k, 12] == 0.0:
             return self._angle(hinge, wanted, ends)
-        shares = [(w, self._placed * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
+        shares = [(w, self._position_weight * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
         return sum(w * along for w, along in shares) / sum(w for w, _ in shares)
 
     def _angle(self, hinge: Array, wanted: Array, ends: Weighed) -> float:
@@ -204,7 +204,7 @@ class _Passes:
         origin, d = hinge
         c = s = 0.0
         for weight, one in ends:
-            pairs = [(self._placed, one[0] - origin, _at(wanted, one[0]) - origin)]
+            pairs = [(self._position_weight, one[0] - origin, _at(wanted, one[0]) - origin)]
             pairs += [(self._constants.RHO**2, e, wanted[:3, :3] @ e) for e in one[1:]]
             for share, a, z in pairs:
                 c += weight * share * (a @ z - (d @ a) * (d @ z))

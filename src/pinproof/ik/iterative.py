@@ -208,17 +208,17 @@ class IterativeIk(ABC):
             with ThreadPoolExecutor(threads) as pool:
                 return IkBatch.of(list(pool.map(one, range(len(many)))), arm, engine.name)
 
-        asked = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        self.check(arm, asked, goal)
-        wish, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        self.check(arm, resolved, goal)
+        packed, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
         box = box_of(arm)
         firsts = arm.limits.clip(nearest_winding(arm, starts, starts))
 
         def share(rows: slice) -> tuple[npt.NDArray[np.generic], ...]:
             q, iterations, attempts = engine.many(
-                arm, box, many[rows], asked, wish, firsts[rows], seeds, count=self.restarts + 1
+                arm, box, many[rows], resolved, packed, firsts[rows], seeds, count=self.restarts + 1
             )
-            return (*judge_many(arm, many[rows], asked, q, starts[rows]), iterations, attempts)
+            return (*judge_many(arm, many[rows], resolved, q, starts[rows]), iterations, attempts)
 
         cuts = np.linspace(0, len(many), threads + 1).astype(int)
         with ThreadPoolExecutor(threads) as pool:
@@ -298,11 +298,11 @@ class IterativeIk(ABC):
     def _query(
         self, arm: Arm, target: SE3, start: Array, rng: Rng, task: TaskLike, goal: GoalName | IkGoal | None
     ) -> Query:
-        asked: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        self.check(arm, asked, goal)
+        resolved: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        self.check(arm, resolved, goal)
         first = start if arm.limits.contains(start) else arm.limits.clip(nearest_winding(arm, start, start))
-        wish = packed_goal(goal, arm, start)
-        return Query(arm, box_of(arm), target, matrix(target), asked, wish, start, first, seeds_of(arm, rng))
+        packed = packed_goal(goal, arm, start)
+        return Query(arm, box_of(arm), target, matrix(target), resolved, packed, start, first, seeds_of(arm, rng))
 
     def _solve(self, engine: CompiledEngine | PinocchioEngine, query: Query, accept: Accept | None) -> IkResult:
         count, tried, iterations, refusals = self.restarts + 1, 0, 0, 0

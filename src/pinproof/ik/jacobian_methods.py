@@ -71,14 +71,14 @@ class _DampedStep:
 
     def observe(self, here: DescentState) -> None:
         better = here.squared_residual < self._last
-        relieved = max(1.0, self._growth * self._constants.RELIEF)
-        self._growth = relieved if better else self._growth * self._constants.GROWTH
+        reduced = max(1.0, self._growth * self._constants.RELIEF)
+        self._growth = reduced if better else self._growth * self._constants.GROWTH
         self._last = here.squared_residual
-        self._shown = min(here.squared_residual, 1.0)
+        self._squared_residual = min(here.squared_residual, 1.0)
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
         square = jacobian @ jacobian.T
-        damping = 0.5 * self._growth * self._damping * self._shown + self._constants.SMALLEST_DAMPING
+        damping = 0.5 * self._growth * self._damping * self._squared_residual + self._constants.SMALLEST_DAMPING
         step = np.zeros(jacobian.shape[1])
         for _ in range(self._constants.MOST_GROWTHS):
             step = -jacobian.T @ np.linalg.solve(square + damping * np.eye(6), residual)

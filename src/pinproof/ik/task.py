@@ -51,10 +51,10 @@ class IkTask:
     rz: bool = True
 
     def __post_init__(self) -> None:
-        asked = [getattr(self, name) for name in COORDINATES]
-        if not all(isinstance(one, (bool, np.bool_)) for one in asked):
-            raise InputError(f"the fields of IkTask ({', '.join(COORDINATES)}) must be True or False, not {asked}")
-        if not any(asked):
+        flags = [getattr(self, name) for name in COORDINATES]
+        if not all(isinstance(one, (bool, np.bool_)) for one in flags):
+            raise InputError(f"the fields of IkTask ({', '.join(COORDINATES)}) must be True or False, not {flags}")
+        if not any(flags):
             raise InputError(f"IkTask must select at least one coordinate of {', '.join(COORDINATES)}")
 
 
@@ -150,8 +150,8 @@ def _named(name: str, position_tolerance: float, orientation_tolerance: float) -
 
 
 def _made(task: IkTask, position_tolerance: float, orientation_tolerance: float) -> Task:
-    asked = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
-    return Task(asked, position_tolerance, orientation_tolerance)
+    flags = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
+    return Task(flags, position_tolerance, orientation_tolerance)
 
 
 def rotation_vector(r: Array) -> Array:

@@ -187,8 +187,8 @@ class TrackResult:
         """The smallest singular value of the rows of the Jacobian that the task selects, in the axes of the target."""
         spin = self.poses[row, :3, :3].T
         jacobian = self.arm.jacobian(self.q[row])
-        asked = np.vstack([spin @ jacobian[:3], spin @ jacobian[3:]])[self.task.mask > 0]
-        return float(np.linalg.svd(asked, compute_uv=False)[-1])
+        selected = np.vstack([spin @ jacobian[:3], spin @ jacobian[3:]])[self.task.mask > 0]
+        return float(np.linalg.svd(selected, compute_uv=False)[-1])
 
 
 def slips(arm: Arm, task: Task, poses: Array, q: Array) -> Array:

@@ -192,13 +192,13 @@ class AnalyticIk:
         Without a solution, the status is IMPOSSIBLE if the branches are proven to be complete, else NOT_FOUND.
         """
         random_generator(rng)
-        asked = self._pose_only(task)
+        resolved = self._pose_only(task)
         found = self.solve_all(arm, target, q0)
         reference, branches = found.reference, found.branches
         refused = 0
 
         def result(status: IkStatus, q: Array, message: str) -> IkResult:
-            candidate = judge(arm, found.target, asked, q, reference)
+            candidate = judge(arm, found.target, resolved, q, reference)
             return IkResult(status, candidate.q, *candidate.errors, 0, 0, self.engine, message)
 
         nearest = [branch for family in found.families for branch in [family.nearest(reference)]]
@@ -267,10 +267,10 @@ class AnalyticIk:
         return arm.configuration(q0, "q0")[None] if np.ndim(q0) <= 1 else finite("q0", q0, (count, arm.dof))
 
     def _pose_only(self, task: TaskLike) -> Task:
-        asked = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        if not asked.mask.all():
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        if not resolved.mask.all():
             raise InputError(f"AnalyticIk supports task='pose' only, not task={task!r}; use Clik for this task")
-        return asked
+        return resolved
 
     def _swept(self, arm: Arm, plan: Plan, target: Array, reference: Array) -> IkBranches:
         grid = self._grid(arm, plan, reference)

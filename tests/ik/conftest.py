@@ -1,4 +1,4 @@
-"""Arms to solve for: catalogue robots, and small ones whose answers are known on paper."""
+"""Test arms: catalogue robots, and small arms with known analytic solutions."""
 
 from __future__ import annotations
 

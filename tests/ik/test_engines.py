@@ -1,4 +1,4 @@
-"""The compiled loop and the one on Pinocchio: the same iterates; the same answers from any number of threads."""
+"""The compiled loop and the loop on Pinocchio have the same iterates; results do not depend on threads."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def random_targets(arm, count, seed):
     task=st.sampled_from(["pose", "position", "orientation", "spin_z"]),
 )
 def test_both_engines_take_the_same_steps(arms, solver, name, seed, task):
-    """After k steps both stand at the same q, for every k until rounding is amplified at a singularity."""
+    """After k steps both have the same q, for every k until rounding is amplified at a singularity."""
     arm = arms[name]
     target = random_targets(arm, 1, seed)[0]
     q0 = np.random.default_rng(seed + 1).uniform(*arm.limits.sampling_range())
@@ -58,7 +58,7 @@ def test_both_engines_take_the_same_steps(arms, solver, name, seed, task):
 @pytest.mark.parametrize("goal", ["centre", "near", "manipulability"])
 @settings(max_examples=20, deadline=None)
 @given(name=st.sampled_from(ROBOTS), seed=st.integers(0, 10**6))
-def test_both_engines_wish_for_the_same(arms, goal, name, seed):
+def test_both_engines_take_the_same_goal_steps(arms, goal, name, seed):
     from pinproof.kernels.goals import drift_of
     from pinproof.kernels.workspace import DRIFT, workspace
 
@@ -84,7 +84,7 @@ def test_both_engines_give_the_same_answer_after_restarts(arms, name):
 
 @pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
 @pytest.mark.parametrize("threads", [2, 3])
-def test_threads_do_not_change_a_bit(arms, solver, threads):
+def test_results_are_bit_identical_for_any_number_of_threads(arms, solver, threads):
     targets = random_targets(arms["panda"], 101, seed=4)
     one = solver.solve_batch(arms["panda"], targets, rng=7)
     many = solver.solve_batch(arms["panda"], targets, rng=7, threads=threads)
@@ -94,7 +94,7 @@ def test_threads_do_not_change_a_bit(arms, solver, threads):
 
 
 @pytest.mark.parametrize("task", ["pose", "position", "spin_x"])
-def test_a_batch_is_its_single_answers(arms, task):
+def test_a_batch_equals_its_single_results(arms, task):
     arm = arms["ur5"]
     targets = random_targets(arm, 20, seed=5)
     starts = np.random.default_rng(6).uniform(-3, 3, (20, 6))
@@ -113,7 +113,7 @@ def test_one_solution_does_not_depend_on_the_others(arms):
     assert (pp.Clik().solve_batch(arms["panda"], targets[11:13]).q == whole.q[11:13]).all()
 
 
-def test_another_seed_shifts_the_starts(arms):
+def test_the_seed_shifts_the_starts(arms):
     targets = random_targets(arms["panda"], 60, seed=9)
     a, b = (pp.Clik().solve_batch(arms["panda"], targets, rng=rng) for rng in (0, 1))
     restarted = a.restarts > 0
@@ -149,12 +149,12 @@ def test_an_unknown_engine_names_the_valid_ones():
         pp.Clik(engine="gpu")
 
 
-def test_watching_the_compiled_loop_is_refused(arms):
+def test_on_step_with_the_compiled_engine_is_refused(arms):
     with pytest.raises(pp.InputError, match="on_step"):
         pp.Clik(engine="compiled").solve(arms["ur5"], pp.pose((0.4, 0, 0.3)), on_step=print)
 
 
-def test_mimic_followers_on_the_chain_are_solved(planar_with_follower):
+def test_mimic_joints_on_the_chain_are_solved(planar_with_follower):
     arm, target = planar_with_follower
     found = pp.Clik().solve(arm, target, task="position").or_raise()
     assert found.engine == "compiled"

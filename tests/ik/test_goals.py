@@ -1,4 +1,4 @@
-"""Goals of the null space: reached without leaving the task, and optimal where the task leaves freedom."""
+"""Null-space goals: the task remains satisfied, and the goal is optimal in the null space."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pinproof.ik.task import packed_goal
 
 
 def free_direction(arm, q):
-    """The unit motion (7,) of the elbow that leaves the pose."""
+    """The unit self-motion (7,) of the elbow."""
     return np.linalg.svd(arm.jacobian(q))[2][-1]
 
 
@@ -19,7 +19,7 @@ def away_from_centre(arm, q):
     return goal[2, : arm.dof] * (q - goal[1, : arm.dof])
 
 
-def test_centre_pulls_along_no_free_direction_any_more(panda):
+def test_centre_has_no_gradient_in_the_null_space(panda):
     rng = np.random.default_rng(2)
     for q in rng.uniform(panda.limits.lower, panda.limits.upper, (10, 7)):
         target = panda.forward_kinematics(q)
@@ -31,7 +31,7 @@ def test_centre_pulls_along_no_free_direction_any_more(panda):
         assert cost[1] <= cost[0] + 1e-9
 
 
-def test_near_stays_nearer_to_q0(panda):
+def test_near_stays_closer_to_q0(panda):
     rng = np.random.default_rng(3)
     lower, upper = panda.limits.lower, panda.limits.upper
     gains = []
@@ -65,7 +65,7 @@ def test_a_free_spin_is_used_by_the_goal(ur5):
     assert ur5.forward_kinematics(near.q).rotation[:, 2] == pytest.approx([0, 0, -1], abs=1.1e-6)
 
 
-def test_without_freedom_a_goal_changes_nothing(ur5):
+def test_a_goal_has_no_effect_without_redundancy(ur5):
     q = np.array([0.3, -1.2, 1.4, -0.5, 0.7, 0.2])
     target = ur5.forward_kinematics(q)
     centred = pp.Clik().solve(ur5, target, q + 0.05, goal="centre").or_raise()

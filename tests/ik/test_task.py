@@ -1,4 +1,4 @@
-"""Residuals and their Jacobians against finite differences, and the verdict against known rotations."""
+"""Residuals and their Jacobians against finite differences, and measured errors against known rotations."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def evaluate(arm, task, target, q):
 @pytest.mark.parametrize("name", TASKS, ids=str)
 @given(seed=st.integers(0, 10**6))
 def test_jacobian_is_the_derivative_of_the_residual(panda, name, seed):
-    """With all angles asked for up to Jl: the derivative times Jl, which keeps the residual's own direction."""
+    """If all angles are selected, the derivative is compared up to the factor Jl, which preserves the residual."""
     rng = np.random.default_rng(seed)
     q = rng.uniform(panda.limits.lower, panda.limits.upper)
     target = moved(panda, q, rng)
@@ -43,14 +43,14 @@ def test_jacobian_is_the_derivative_of_the_residual(panda, name, seed):
     steps = HALF_STEP * np.eye(panda.dof)
     difference = [evaluate(panda, task, target, q + s)[0] - evaluate(panda, task, target, q - s)[0] for s in steps]
     numeric = np.stack(difference, axis=1) / (2 * HALF_STEP)
-    if task.asked[3:].all():
+    if task.mask[3:].all():
         inverse = left_jacobian_inverse(residual[3:])
         assert inverse @ residual[3:] == pytest.approx(residual[3:], abs=1e-12)
         analytic[3:] = inverse @ analytic[3:]
     assert np.abs(analytic - numeric).max() < 1e-7
 
 
-def test_pose_residual_is_the_way_from_the_target(ur5):
+def test_pose_residual_is_the_displacement_from_the_target(ur5):
     from pinproof.spatial import log6
 
     q = np.array([0.3, -1.0, 1.2, 0.4, 0.9, -0.2])
@@ -78,7 +78,7 @@ def test_compiled_residual_and_jacobian_are_the_same(panda, seed, near_pi):
     residual, jacobian = evaluate(panda, task, target, q)
     base_from_tcp, local = panda.local_jacobian(q)
     seen, errors = target.actInv(base_from_tcp), np.zeros((4, 6))
-    errors[ASKED] = task.asked
+    errors[ASKED] = task.mask
     compiled = np.vstack([seen.rotation @ local[:3], seen.rotation @ local[3:]])
     residual_of(seen.homogeneous[:3].copy(), errors)
     error_jacobian(seen.homogeneous[:3].copy(), errors, compiled)
@@ -89,7 +89,7 @@ def test_compiled_residual_and_jacobian_are_the_same(panda, seed, near_pi):
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-9, 1e-6, 0.5, 3.0, np.pi - 1e-9, np.pi])
-def test_verdict_measures_angles_of_every_size(ur5, angle):
+def test_measured_angles_are_accurate_at_every_size(ur5, angle):
     q = ur5.home
     target = ur5.forward_kinematics(q) * pp.pose(
         (3e-4, 4e-4, 0), quat_xyzw=[0, np.sin(angle / 2), 0, np.cos(angle / 2)]
@@ -106,18 +106,18 @@ def test_unknown_task_names_the_valid_ones(ur5):
 
 @pytest.mark.parametrize("task", [IkTask, [True] * 5, [1, 1, 1, 1, 1, 1], 7])
 def test_a_task_is_a_name_or_six_coordinates(ur5, task):
-    with pytest.raises(pp.InputError, match="six True or False"):
+    with pytest.raises(pp.InputError, match="IkTask"):
         pp.Clik().solve(ur5, pp.pose(), task=task)
 
 
-def test_a_task_asks_for_something():
-    with pytest.raises(pp.InputError, match="fulfilled everywhere"):
+def test_a_task_selects_at_least_one_coordinate():
+    with pytest.raises(pp.InputError, match="at least one coordinate"):
         IkTask(False, False, False, False, False, False)
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_spin_about_an_axis_of_the_target_is_free(ur5, axis):
-    """The axis of the tcp is on that of the target, and its origin on the target's; the spin is whatever it is."""
+    """The axis and the origin of the tcp coincide with those of the target; the rotation about the axis is free."""
     target = pp.pose((0.4, 0.2, 0.3), (2.9, 0.3, 0.2))
     found = pp.Clik().solve(ur5, target, task=f"spin_{'xyz'[axis]}").or_raise()
     tcp = ur5.forward_kinematics(found.q)

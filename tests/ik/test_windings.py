@@ -1,4 +1,4 @@
-"""Whole turns: same pose, inside the limits, nearest to where the arm is."""
+"""Shifts by 2 pi: same pose, within the limits, closest to the reference."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pinproof.ik.windings import difference, nearest_winding
 
 
 @given(seed=st.integers(0, 10**6))
-def test_shifted_configuration_is_inside_and_the_same_pose(ur5, seed):
+def test_shifted_configuration_is_within_limits_and_has_the_same_pose(ur5, seed):
     rng = np.random.default_rng(seed)
     q, reference = rng.uniform(ur5.limits.lower, ur5.limits.upper), rng.uniform(-15, 15, 6)
     shifted = nearest_winding(ur5, q, reference)
@@ -21,7 +21,7 @@ def test_shifted_configuration_is_inside_and_the_same_pose(ur5, seed):
 
 
 @given(seed=st.integers(0, 10**6))
-def test_no_other_turn_inside_the_limits_is_nearer(ur5, seed):
+def test_no_other_rotation_within_the_limits_is_closer(ur5, seed):
     rng = np.random.default_rng(seed)
     q, reference = rng.uniform(ur5.limits.lower, ur5.limits.upper), rng.uniform(-15, 15, 6)
     shifted = nearest_winding(ur5, q, reference)

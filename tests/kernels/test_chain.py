@@ -26,7 +26,7 @@ def evaluate(arm, q, start):
 
 @st.composite
 def chains(draw):
-    """1 to 10 joints of any kind and axis, some of them following an earlier one; base and tcp anywhere."""
+    """1 to 10 joints of any kind and axis, some of them mimic joints; random base and tcp."""
     number = st.floats(-2, 2, allow_nan=False)
     triple = st.tuples(number, number, number)
     count = draw(st.integers(1, 10))
@@ -85,7 +85,7 @@ def test_jacobian_is_the_finite_difference_of_the_pose():
         assert rate == pytest.approx(jacobian[:, j], abs=1e-8)
 
 
-def test_many_rows_are_the_rows_one_by_one():
+def test_batches_equal_single_rows():
     arm = pp.load_robot("stanford").arm()
     Q = np.random.default_rng(2).uniform(*arm.limits.sampling_range(), (7, arm.dof))
     out = np.empty((7, 4, 4))
@@ -95,5 +95,5 @@ def test_many_rows_are_the_rows_one_by_one():
 
 @settings(deadline=None)
 @given(st.floats(-7e5, 7e5))
-def test_sine_and_cosine(angle):
+def test_sine_and_cosine_equal_the_c_library(angle):
     assert sincos(angle) == pytest.approx((np.sin(angle), np.cos(angle)), rel=0, abs=2.3e-16)

@@ -1,4 +1,4 @@
-"""Compilation: never at import, told once, kept for the next process, and not needed to be kept."""
+"""Compilation: not at import, logged once, cached for later processes, and possible without a cache."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_importing_kernels_compiles_nothing():
 
 
 @pytest.mark.slow
-def test_first_use_says_what_it_compiles_and_the_second_process_does_not(tmp_path):
+def test_only_the_first_process_compiles_and_logs_it(tmp_path):
     first, second = (run(USE, NUMBA_CACHE_DIR=str(tmp_path)) for _ in range(2))
     assert "pinproof: compiling trigonometry.sincos for this machine, once" in first.stderr
     assert second.stderr == ""
@@ -44,22 +44,22 @@ def test_first_use_says_what_it_compiles_and_the_second_process_does_not(tmp_pat
 
 
 @pytest.mark.slow
-def test_of_processes_that_start_together_one_compiles_and_the_others_wait_for_it(tmp_path):
+def test_concurrent_processes_wait_for_the_one_that_compiles(tmp_path):
     with ThreadPoolExecutor(3) as pool:
         done = list(pool.map(lambda _: run(USE, NUMBA_CACHE_DIR=str(tmp_path)), range(3)))
     assert sum("compiling trigonometry.sincos" in one.stderr for one in done) == 1
     assert len({one.stdout for one in done}) == 1
 
 
-def test_kernels_are_kept_where_numba_is_told_to_keep_them(tmp_path):
+def test_kernels_are_cached_in_numba_cache_dir(tmp_path):
     folder = Path(run(USE, NUMBA_CACHE_DIR=str(tmp_path)).stdout.split()[0])
     assert folder.is_relative_to(tmp_path)
     assert list(folder.rglob("*.nbc"))
 
 
 @pytest.mark.slow
-def test_an_edit_of_any_kernel_begins_a_new_folder(tmp_path):
-    """Numba itself sees only edits of the file a kernel stands in, not of those it calls."""
+def test_an_edit_of_any_kernel_starts_a_new_cache_folder(tmp_path):
+    """Numba itself detects only edits of the file of a kernel, not of the kernels that it calls."""
     package = tmp_path / "src" / "pinproof"
     shutil.copytree(Path(pinproof.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
     where = {"PYTHONPATH": str(package.parent), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
@@ -72,7 +72,7 @@ def test_an_edit_of_any_kernel_begins_a_new_folder(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a folder that cannot be made is made of a file here")
-def test_where_nothing_can_be_written_it_still_runs_and_says_so(tmp_path):
+def test_kernels_run_without_a_writable_folder_and_log_it(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("")
     code = "import tempfile; tempfile.tempdir = " + repr(str(blocked)) + USE
@@ -81,6 +81,6 @@ def test_where_nothing_can_be_written_it_still_runs_and_says_so(tmp_path):
     assert "for this process only" in done.stderr
 
 
-def test_the_users_own_kernels_keep_their_own_folder(tmp_path):
+def test_user_kernels_keep_their_cache_folder(tmp_path):
     code = "import numba; before = numba.config.CACHE_DIR\nimport pinproof.kernels.chain\n"
     assert run(code + "print(before == numba.config.CACHE_DIR)").stdout.strip() == "True"

@@ -1,4 +1,4 @@
-"""Both bounds of the distance of convex bodies hold, and meet; nothing degenerate passes for proof."""
+"""Both bounds of the distance of convex bodies are valid and converge, also for degenerate bodies."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ CYLINDER, ELLIPSOID = ([[0, 0, -0.5], [0, 0, 0.5]], 0.2, 0.0, 0.0), ([[0, 0, 0]]
 
 @settings(deadline=None, max_examples=200)
 @given(at=st.tuples(numbers, numbers, numbers), start=st.tuples(numbers, numbers, numbers))
-def test_two_boxes_along_the_axes_from_any_start(at, start):
+def test_distance_of_axis_aligned_boxes_is_exact_from_any_start(at, start):
     sizes = np.array([[0.4, 0.6, 0.2], [0.3, 0.1, 0.5]])
     gap = np.abs(at) - sizes.sum(axis=0) / 2
     distance = float(np.linalg.norm(np.maximum(gap, 0)))
@@ -59,7 +59,7 @@ def test_two_boxes_along_the_axes_from_any_start(at, start):
     assert lower <= distance + 1e-12
     assert upper >= distance - 1e-12
     if distance > 1e-6:
-        # Corners that are level to 1e-8 tie, and which of them is met decides the last digits of both bounds.
+        # Support points are ambiguous for corners equal to 1e-8; the choice changes the last digits of both bounds.
         assert upper - lower <= 1e-8
         assert np.linalg.norm(u) == pytest.approx(1.0, abs=1e-12)
     if gap.max() < -1e-6:
@@ -68,7 +68,7 @@ def test_two_boxes_along_the_axes_from_any_start(at, start):
 
 @settings(deadline=None, max_examples=200)
 @given(at=st.tuples(numbers, numbers, numbers))
-def test_curved_bodies_against_a_point(at):
+def test_distance_of_curved_bodies_to_a_point_is_exact(at):
     x, y, z = at
     ball = max(np.linalg.norm(at) - 0.3, 0.0)
     tube = float(np.hypot(max(np.hypot(x, y) - 0.2, 0.0), max(abs(z) - 0.5, 0.0)))
@@ -82,7 +82,7 @@ def test_curved_bodies_against_a_point(at):
 
 @settings(deadline=None, max_examples=150)
 @given(data=st.data())
-def test_the_support_gap_in_the_direction_told_is_the_lower_bound_and_the_witnesses_the_upper(data):
+def test_support_gap_and_witness_points_equal_the_bounds(data):
     shapes = data.draw(st.lists(st.sampled_from([box(0.2, 0.3, 0.4), CYLINDER, ELLIPSOID]), min_size=2, max_size=2))
     at = np.array(data.draw(st.tuples(numbers, numbers, numbers)))
     turn = np.linalg.qr(np.random.default_rng(data.draw(st.integers(0, 10**6))).normal(size=(3, 3)))[0]
@@ -105,8 +105,8 @@ def test_the_support_gap_in_the_direction_told_is_the_lower_bound_and_the_witnes
 
 @pytest.mark.parametrize("thin", [0.0, 1e-300, 1e-160, 1e-12, 1e-9])
 @pytest.mark.parametrize("apart", [0.0, 1e-9, 1e-3, 1.0])
-def test_flat_and_tiny_bodies_are_never_said_to_be_nearer_or_farther_than_they_are(thin, apart):
-    """Plates and needles without thickness make simplices without height: there weights may be 0 / 0."""
+def test_bounds_hold_for_flat_and_tiny_bodies(thin, apart):
+    """Plates and needles without thickness give degenerate simplices, for which weights may be 0 / 0."""
     for sizes in ((1.0, 1.0, thin), (1.0, thin, thin), (thin, thin, thin)):
         for direction in ((0, 0, 1), (1, 1, 1), (1e-200, 0, 0)):
             lower, upper, _, _ = bounds([box(*sizes), box(*sizes)], placed((0, 0, apart + sizes[2])), direction)
@@ -115,14 +115,14 @@ def test_flat_and_tiny_bodies_are_never_said_to_be_nearer_or_farther_than_they_a
             assert upper <= apart + 1e-8
 
 
-def test_what_is_no_number_proves_nothing():
+def test_nan_proves_nothing():
     for at in ((np.nan, 0, 0), (np.inf, 0, 0), (1e308, 1e308, 1e308)):
         lower, upper, _, _ = bounds([box(1, 1, 1), box(1, 1, 1)], placed(at))
         assert lower == -np.inf or np.isfinite(at).all()
         assert upper > 0
 
 
-def test_it_ends_early_with_true_bounds():
+def test_early_termination_returns_valid_bounds():
     shapes, rel = [CYLINDER, box(0.2, 0.3, 0.4)], placed((1.0, 0.3, 0.2))
     exact, _, _, _ = bounds(shapes, rel)
     lower, upper, _, _ = bounds(shapes, rel, above=0.1)

@@ -20,7 +20,7 @@ def grid(seed, steps, joints):
 
 
 def largest_by_lp(slope, curvature, step, ceiling, acceleration, start, end):
-    """x at every node: the largest that leaves a way to the end, node by node; None if there is no way."""
+    """x at every node: the largest from which the end is reachable; None if the path is infeasible."""
     from scipy.optimize import linprog
 
     steps, _, joints = slope.shape
@@ -46,7 +46,7 @@ def largest_by_lp(slope, curvature, step, ceiling, acceleration, start, end):
 
 @settings(deadline=None, max_examples=50)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 7), st.integers(1, 7), st.floats(0, 1), st.floats(0, 1))
-def test_speeds_are_the_largest_that_linear_programs_find(seed, steps, joints, start, end):
+def test_speeds_equal_the_linear_programming_optimum(seed, steps, joints, start, end):
     problem = grid(seed, steps, joints)
     start, end = start**2 * problem[3][0], end**2 * problem[3][-1]
     x = np.empty(steps + 1)
@@ -59,7 +59,7 @@ def test_speeds_are_the_largest_that_linear_programs_find(seed, steps, joints, s
     np.testing.assert_allclose(x, expected, rtol=1e-5, atol=1e-7)
 
 
-def test_a_node_with_ceiling_0_is_a_stop():
+def test_the_motion_stops_at_a_node_with_ceiling_0():
     slope = np.ones((4, 2, 1))
     x = np.empty(5)
     ceiling = np.array([0.0, 9, 0, 9, 0])
@@ -68,13 +68,13 @@ def test_a_node_with_ceiling_0_is_a_stop():
 
 
 @pytest.mark.parametrize(("start", "end", "stuck"), [(9.0, 0.0, 0), (0.0, 9.0, 0), (0.0, 17.0, 4)])
-def test_speeds_at_the_ends_that_cannot_be_are_told(start, end, stuck):
+def test_infeasible_end_speeds_are_reported(start, end, stuck):
     slope = np.ones((4, 2, 1))
     ceiling = np.full(5, 16.0)
     assert path_speed(slope, 0 * slope, np.ones(4), ceiling, np.ones((4, 1)), start, end, np.empty(5)) == stuck
 
 
-def test_a_joint_that_all_but_rests_at_a_node_bounds_the_speed_there_by_its_curvature():
+def test_a_nearly_resting_joint_limits_the_speed_by_its_curvature():
     for tiny in (0.0, 5e-324, 1e-310, 1e-200):
         slope = np.array([[[1.0], [tiny]], [[tiny], [-1.0]]])
         curvature = np.full((2, 2, 1), -1.0)

@@ -1,4 +1,4 @@
-"""The small equations that closed forms come down to, against numpy's roots and the C library's angles."""
+"""The elementary equations of the closed forms, against numpy's roots and the angles of the C library."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def wound(value, lower, upper, reference):
 
 @settings(deadline=None)
 @given(A=number, B=number, angle=number)
-def test_a_turning_joint_has_the_root_that_was_put_in(A, B, angle):
+def test_a_revolute_joint_has_the_generating_root(A, B, angle):
     C = -A * math.cos(angle) - B * math.sin(angle)
     found, first, second = roots_of_equation(False, A, B, C, 1e-11)
     if math.hypot(A, B) < 1e-3:
@@ -49,7 +49,7 @@ def test_a_turning_joint_has_the_root_that_was_put_in(A, B, angle):
 
 @settings(deadline=None)
 @given(A=number, B=number, way=number)
-def test_a_sliding_joint_has_the_root_that_was_put_in(A, B, way):
+def test_a_prismatic_joint_has_the_generating_root(A, B, way):
     if abs(B) < 1e-3:
         return
     found, first, second = roots_of_equation(True, A, B, -A * way - B * way * way, 1e-11)
@@ -58,7 +58,7 @@ def test_a_sliding_joint_has_the_root_that_was_put_in(A, B, way):
     assert all(square == t * t for t, square in roots)
 
 
-def test_no_root_one_and_every_value():
+def test_cases_without_a_root_with_one_and_with_all_values():
     assert roots_of_equation(False, 1.0, 0.0, -2.0, 1e-6)[0] == 0
     found, state, _ = roots_of_equation(False, 1.0, 0.0, -1.0 - 1e-8, 1e-6)
     assert (found, state) == (1, pytest.approx((1.0, 0.0)))
@@ -69,8 +69,8 @@ def test_no_root_one_and_every_value():
 
 @settings(deadline=None, max_examples=300)
 @given(st.lists(number, min_size=4, max_size=4), st.booleans())
-def test_a_quartic_has_the_roots_that_were_put_in(values, pair):
-    """Four real ones, or two of them as a conjugate pair."""
+def test_a_quartic_has_the_generating_roots(values, pair):
+    """Four real roots, or two real roots and a conjugate pair."""
     real = sorted(values[:2] if pair else values)
     rest = [1.0, -2 * values[2], values[2] ** 2 + values[3] ** 2 + 0.01] if pair else [1.0]
     coefficients = np.polymul(np.poly(real), rest)[::-1].copy()
@@ -84,7 +84,7 @@ def test_a_quartic_has_the_roots_that_were_put_in(values, pair):
     assert np.abs(np.polyval(coefficients[::-1], found[:count])).max() < 1e-3 * size
 
 
-def test_angles_as_of_the_c_library():
+def test_angles_equal_the_c_library():
     rng = np.random.default_rng(0)
     size = 10.0 ** rng.uniform(-300, 300, 20000)
     angle = rng.uniform(-np.pi, np.pi, 20000)
@@ -99,7 +99,7 @@ def test_angles_as_of_the_c_library():
 
 @settings(deadline=None, max_examples=300)
 @given(value=st.floats(-20, 20), lower=st.floats(-8, 0), width=st.floats(0.1, 13), reference=st.floats(-20, 20))
-def test_winding_is_inside_and_nearest_if_it_can_be(value, lower, width, reference):
+def test_winding_is_within_limits_and_closest_if_possible(value, lower, width, reference):
     upper = lower + width
     turns = value + 2 * np.pi * np.arange(-8, 9)
     got = wound(value, lower, upper, reference)
@@ -111,5 +111,5 @@ def test_winding_is_inside_and_nearest_if_it_can_be(value, lower, width, referen
         assert abs(got - reference) <= np.abs(turns[outside == 0.0] - reference).min() + 1e-9
 
 
-def test_winding_without_limits():
+def test_winding_works_without_limits():
     assert wound(0.5, -math.inf, math.inf, 20.0) == pytest.approx(0.5 + 6 * math.pi)

@@ -1,4 +1,4 @@
-"""The choices inside a FABRIK pass, against a search over all values of the joint."""
+"""The optimal joint motions of a FABRIK pass, against a search over all values of the joint."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def row(pose):
 
 @settings(max_examples=60, deadline=None)
 @given(seed=st.integers(0, 10**6))
-def test_the_chosen_angle_and_slide_are_the_nearest(seed):
-    """No other angle, or slide, brings the point and the direction nearer to where the wanted motion takes them."""
+def test_the_chosen_angle_and_translation_are_optimal(seed):
+    """No other angle, or translation, brings the point and the direction closer to their desired places."""
     rng = np.random.default_rng(seed)
     o, d = random_hinge(rng)
     x, e = random_hinge(rng)
@@ -54,7 +54,7 @@ def test_the_chosen_angle_and_slide_are_the_nearest(seed):
     share=st.floats(0, 1),
     change=st.floats(-np.pi, np.pi),
 )
-def test_the_allowed_change_is_inside_and_nearest_on_the_circle(low, width, share, change):
+def test_the_allowed_change_is_within_limits_and_closest_on_the_circle(low, width, share, change):
     box = np.array([[low], [low + width], [low], [low + width], [0.0]])
     value = low + share * width
     got = _allowed(box, 0, value, change)
@@ -67,14 +67,14 @@ def test_the_allowed_change_is_inside_and_nearest_on_the_circle(low, width, shar
     assert away(got) <= away(inside).min() + 1e-6
 
 
-def test_a_joint_that_can_make_a_whole_turn_is_not_stopped():
+def test_a_joint_with_a_range_of_2_pi_is_not_stopped():
     box = np.array([[-np.pi], [np.pi], [-np.inf], [np.inf], [1.0]])
     assert _allowed(box, 0, 3.0, 2.0) == 2.0
 
 
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 10**6))
-def test_a_motion_and_its_inverse_are_none(seed):
+def test_a_motion_times_its_inverse_is_the_identity(seed):
     rng = np.random.default_rng(seed)
     moved = np.zeros((2, 12))
     pose = pp.pose(rng.normal(size=3), rng.normal(size=3))

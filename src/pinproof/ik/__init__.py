@@ -1,13 +1,11 @@
-"""Inverse kinematics: which joint configuration brings the tcp to a target. One file a method, one loop for all."""
+"""Inverse kinematics (IK): joint configurations that bring the tcp to a target, and tracking of pose sequences."""
 
 from pinproof.ik.analytic import AnalyticIk, IkBranches, IkBranchesBatch, IkFamily
-from pinproof.ik.clik import Clik
-from pinproof.ik.damped_least_squares import DampedLeastSquares
 from pinproof.ik.fabrik import Fabrik
-from pinproof.ik.loop import Here, IkStep, StepRule
-from pinproof.ik.pseudo_inverse import PseudoInverse
+from pinproof.ik.iterative import IterativeIk
+from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
+from pinproof.ik.loop import DescentState, IkStep, StepRule
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
-from pinproof.ik.solver import IterativeIk
 from pinproof.ik.task import IkGoal, IkTask
 from pinproof.ik.tracking import Tracker, TrackResult, track
 
@@ -15,8 +13,8 @@ __all__ = [
     "AnalyticIk",
     "Clik",
     "DampedLeastSquares",
+    "DescentState",
     "Fabrik",
-    "Here",
     "IkBatch",
     "IkBranches",
     "IkBranchesBatch",

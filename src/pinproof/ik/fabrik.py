@@ -1,4 +1,4 @@
-"""FABRIK: the links are laid from the target to the base and from the base to the target, in turns."""
+"""FABRIK: forward and backward reaching inverse kinematics, for links that are rigid bodies with hinges."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.ik.clik import Clik
-from pinproof.ik.loop import Here, Stall, StepRule
-from pinproof.ik.solver import IterativeIk, KernelRule
+from pinproof.ik.iterative import IterativeIk, KernelRule
+from pinproof.ik.jacobian_methods import Clik
+from pinproof.ik.loop import DescentState, Stall, StepRule
 from pinproof.ik.task import GoalName, IkGoal, Task
 from pinproof.ik.windings import TURN, turning
 from pinproof.model import Arm
@@ -24,37 +24,38 @@ Array = npt.NDArray[np.float64]
 Weighed = Iterable[tuple[float, Array]]
 
 HANDOVER = 1e-2
-"""The norm of the residual (m and rad together) below which a polished descent goes on with Clik's steps: there one
-more than squares it, while FABRIK's passes only shorten it by a share."""
+"""Norm of the residual (m and rad together) below which ``polish`` uses the steps of Clik: they converge
+quadratically, FABRIK's passes linearly."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Fabrik(IterativeIk):
-    """Inverse kinematics by forward and backward reaching: no Jacobian, no matrix to solve.
+    """Forward and backward reaching inverse kinematics, without a Jacobian.
 
-    A step is one pass over the links from the target to the base and one back, from where the arm stands. Backward, the
-    last link is put on the target; each next one hangs on the hinge of the one above, with the one freedom of that
-    hinge inside its limits, and stays as near as it can to where it was. Forward, from the true base, each link comes
-    as near as it can to where the backward pass put it. So every step is inside the limits.
+    A step is one pass over the links from the target to the base and one pass back. In the backward pass, the last link
+    is placed on the target, and each previous link follows its hinge within the limits and stays as close as possible
+    to its previous pose. In the forward pass, starting from the fixed base, each link moves as close as possible to its
+    pose of the backward pass. Every step is therefore within the limits.
 
-    The first FABRIK moves points. Of an arm that does not do: at a wrist the joints' points coincide, and a hinge turns
-    about one axis only. Here links are rigid bodies with a hinge at both ends, and all choices have a closed form
-    (:mod:`pinproof.kernels.step_fabrik`). Beyond that it differs from the first one in what it needed to be reliable:
+    The original FABRIK moves points, which does not apply to robot arms: the joint centres of a wrist coincide, and a
+    hinge rotates about one axis only. Here, links are rigid bodies with a hinge at both ends, and every optimal angle
+    has a closed form (:mod:`pinproof.kernels.step_fabrik`). Three further changes make it reliable:
 
-    - A link's nearness is also measured where the rest of the arm ends. With hinges alone most arms creep.
-    - Passes that hold the shape of the arm alternate with others that reach for the target, which stall elsewhere.
-    - An arm in deadlock, at a limit or straight, is bent: a little, then more.
+    - The distance of a link from its desired pose is also measured at the end of the remaining arm. With hinges alone
+      most arms converge very slowly.
+    - Passes that preserve the shape of the arm alternate with passes that reach for the target.
+    - An arm in deadlock (straight or at a limit) is bent, by an increasing amount.
 
-    It comes near quickly and then converges linearly; hence the looser tolerances. Whole poses are harder for it than
-    positions. It knows the tasks that leave a link a freedom of its own: a position, an orientation, both, and these
-    with a free spin. No goals besides, and no joints that follow others.
+    Convergence is linear, hence the larger default tolerances. Complete poses need more steps than positions. The
+    supported tasks are a position, an orientation, both, and those with one free rotation. Goals and mimic joints are
+    not supported.
 
-    Settings that are not named here are those of :class:`~pinproof.ik.solver.IterativeIk`.
+    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
 
     Parameters
     ----------
     polish
-        Whether the last centimetre is left to the steps of :class:`~pinproof.Clik`. Then tolerances of 1e-6 are met.
+        Whether the last centimetre is solved by the steps of :class:`~pinproof.Clik`, which meet tolerances of 1e-6.
 
     References
     ----------
@@ -77,31 +78,34 @@ class Fabrik(IterativeIk):
             raise InputError(f"polish must be True or False, not {self.polish!r}")
 
     def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:
-        """Refuse what no pass over the links can do."""
-        placed, turned = int(task.asked[:3].sum()), int(task.asked[3:].sum())
-        if placed not in (0, 3) or turned == 1:
+        """Reject tasks, goals and arms that the passes do not support."""
+        positions, angles = int(task.mask[:3].sum()), int(task.mask[3:].sum())
+        if positions not in (0, 3) or angles == 1:
             raise InputError(
-                "Fabrik knows 'position', 'orientation', 'pose', 'spin_x', 'spin_y', 'spin_z' and an orientation with "
-                "a free spin; ask pp.Clik for other coordinates"
+                "Fabrik supports the tasks 'position', 'orientation', 'pose', 'spin_x', 'spin_y', 'spin_z' and an "
+                "orientation with one free rotation; use pp.Clik for other tasks"
             )
         if goal is not None:
-            raise InputError("Fabrik follows no goal besides its task; pp.Clik does")
+            raise InputError("Fabrik does not support goal=; use pp.Clik")
         if len(arm.packed) - 1 != arm.dof or (arm.packed[:-1, 14:] != (1.0, 0.0)).any():
-            raise InputError(f"a joint between {arm.base!r} and {arm.tcp!r} follows another; pp.Clik takes such arms")
+            raise InputError(
+                f"Fabrik does not support mimic joints, and a joint between {arm.base!r} and {arm.tcp!r} is one; "
+                "use pp.Clik"
+            )
 
     def step_rule(self) -> StepRule:
-        """The two passes, and Clik's step where those end."""
+        """The two passes, and the step of Clik below the handover residual."""
         return _Passes(Clik(max_step=self.max_step).step_rule(), HANDOVER if self.polish else 0.0)
 
     def kernel_rule(self) -> KernelRule:
-        """The same, compiled."""
+        """The compiled form of :meth:`step_rule`."""
         from pinproof.kernels.descent import FABRIK
 
         return FABRIK, (Clik.damping, HANDOVER**2 if self.polish else 0.0, 0.0)
 
 
 class _Passes:
-    """The step rule of :class:`Fabrik`: the twin of the kernel, with (4, 4) matrices in the axes of the target."""
+    """The step rule of :class:`Fabrik`, equal to the kernel's, with (4, 4) matrices in the axes of the target."""
 
     def __init__(self, end: StepRule, handover: float) -> None:
         from pinproof.kernels import step_fabrik
@@ -109,8 +113,8 @@ class _Passes:
         self._constants = step_fabrik
         self._end, self._handover = end, handover
 
-    def observe(self, here: Here) -> None:
-        """Make the passes here, with the arm and the target themselves."""
+    def observe(self, here: DescentState) -> None:
+        """Compute the step by the two passes."""
         self._end.observe(here)
         self._step: Array | None = None
         if here.squared_residual <= self._handover**2:
@@ -119,14 +123,14 @@ class _Passes:
         self._lower, self._upper = limits.lower, limits.upper
         self._low, self._high = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
         self._chain, self._start = here.arm.packed, matrix(here.target.inverse())
-        self._placed, self._asked = here.task.asked[0], here.task.asked[3:]
+        self._position_weight, self._rotation_mask = here.task.mask[0], here.task.mask[3:]
         self._step = self._pass(here.q, here.iteration)
         deadlock = here.waited > 0 and here.waited % self._constants.WAIT == 0
         if deadlock or np.abs(self._step).max() <= self._constants.STILL:
             self._step = self._bend(here.q, self._constants.BEND * (1 + here.waited // self._constants.WAIT))
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
-        """The step that the passes make; Clik's where they have ended."""
+        """The step of the passes, or that of Clik below the handover residual."""
         return self._end(residual, jacobian) if self._step is None else self._step
 
     def _bend(self, q: Array, share: float) -> Array:
@@ -137,7 +141,7 @@ class _Passes:
         return np.asarray(np.clip(q + np.where(above, -bend, bend), self._low, self._high) - q)
 
     def _pass(self, q: Array, iteration: int) -> Array:
-        known, n, angles = self._constants, len(q), int(self._asked.sum())
+        known, n, angles = self._constants, len(q), int(self._rotation_mask.sum())
         weight, relax = known.REACH, known.RELAX_REACH
         if iteration % 2 == 0:
             weight, relax = known.HOLD if angles == 0 else known.HOLD_POSED, known.RELAX_HOLD
@@ -146,12 +150,12 @@ class _Passes:
         for k in range(n - 1, 0, -1):
             ends = [(weight, hinges[k - 1])] + [(known.BASE, hinges[0])] * (k > 1)
             by = self._best(k, hinges[k], _inverse(moved[k + 1]), ends)
-            # The link below moves by the opposite of what the joint does
+            # The link below moves opposite to the joint.
             moved[k] = moved[k + 1] @ self._motion(k, hinges[k], -self._allowed(k, q[k], -by))
         forward, step = np.eye(4), np.zeros(n)
         for k in range(n):
             tcp = _inverse(moved[k + 1])
-            axes = {0: np.zeros((0, 3)), 2: np.eye(3)[self._asked == 0], 3: np.eye(3)}[angles] @ tcp[:3, :3].T
+            axes = {0: np.zeros((0, 3)), 2: np.eye(3)[self._rotation_mask == 0], 3: np.eye(3)}[angles] @ tcp[:3, :3].T
             ends = [(1.0, np.vstack([tcp[:3, 3], axes]))] + [(weight, hinges[k + 1]) for _ in range(k < n - 1)]
             by = self._allowed(k, q[k], self._best(k, hinges[k], _inverse(forward) @ moved[k + 1], ends))
             forward = forward @ self._motion(k, hinges[k], by)
@@ -159,7 +163,7 @@ class _Passes:
         return step
 
     def _hinges(self, q: Array) -> tuple[list[Array], Array]:
-        """Of each hinge its origin and direction (2, 3), and the pose (4, 4) of the tcp."""
+        """The origin and direction (2, 3) of each hinge, and the pose (4, 4) of the tcp."""
         pose, hinges = self._start, []
         for row, value in zip(self._chain, [*q, 0.0], strict=True):
             pose = pose @ np.vstack([row[:12].reshape(3, 4), [0, 0, 0, 1]])
@@ -169,11 +173,11 @@ class _Passes:
         return hinges[:-1], pose
 
     def _last(self, hinge: Array, end: Array) -> Array:
-        """Where the last link moves."""
-        if self._asked.any():
+        """The motion (4, 4) of the last link that brings the tcp to the target."""
+        if self._rotation_mask.any():
             spin = np.eye(4)
-            if not self._asked.all():
-                axis = np.vstack([np.zeros(3), np.eye(3)[self._asked == 0]])
+            if not self._rotation_mask.all():
+                axis = np.vstack([np.zeros(3), np.eye(3)[self._rotation_mask == 0]])
                 back = _inverse(end)
                 brought = np.vstack([_at(back, hinge[0]), back[:3, :3] @ hinge[1]])
                 spin = _turned(axis, self._angle(axis, end, [(1.0, brought)]))
@@ -189,18 +193,18 @@ class _Passes:
         return turn
 
     def _best(self, k: int, hinge: Array, wanted: Array, ends: Weighed) -> float:
-        """How far hinge k moves so that its motion is nearest to the wanted one (4, 4), measured at the ends."""
+        """The motion of hinge k that is closest to the wanted motion (4, 4), measured at the ends."""
         if self._chain[k, 12] == 0.0:
             return self._angle(hinge, wanted, ends)
-        shares = [(w, self._placed * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
+        shares = [(w, self._position_weight * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
         return sum(w * along for w, along in shares) / sum(w for w, _ in shares)
 
     def _angle(self, hinge: Array, wanted: Array, ends: Weighed) -> float:
-        """The same for a turn. An end is a point and some directions (1 + i, 3), with its weight."""
+        """:meth:`_best` for a revolute joint. An end is a point and directions (1 + i, 3), with its weight."""
         origin, d = hinge
         c = s = 0.0
         for weight, one in ends:
-            pairs = [(self._placed, one[0] - origin, _at(wanted, one[0]) - origin)]
+            pairs = [(self._position_weight, one[0] - origin, _at(wanted, one[0]) - origin)]
             pairs += [(self._constants.RHO**2, e, wanted[:3, :3] @ e) for e in one[1:]]
             for share, a, z in pairs:
                 c += weight * share * (a @ z - (d @ a) * (d @ z))
@@ -208,7 +212,7 @@ class _Passes:
         return float(np.arctan2(s, c)) if c * c + s * s > self._constants.TINY**2 else 0.0
 
     def _allowed(self, k: int, value: float, change: float) -> float:
-        """The change nearest to this one (on the circle, for a turn) that keeps joint k inside its limits."""
+        """The change closest to this one (on the circle, for a revolute joint) that keeps joint k within its limits."""
         low, high = self._low[k] - value, self._high[k] - value
         if low <= change <= high:
             return change
@@ -239,7 +243,7 @@ def _inverse(pose: Array) -> Array:
 
 
 def _turned(hinge: Array, angle: float) -> Array:
-    """The turn (4, 4) about a hinge (2, 3), origin and direction, by Rodrigues' formula."""
+    """The rotation (4, 4) about a hinge (2, 3), origin and direction, by Rodrigues' formula."""
     origin, d = hinge
     cross = np.array([[0, -d[2], d[1]], [d[2], 0, -d[0]], [-d[1], d[0], 0]])
     out = np.eye(4)

@@ -1,18 +1,17 @@
-"""The loop that every iterative method shares: limits, step bounds, whole turns, stopping and stalls.
+"""The loop that all iterative methods share: seeds, limits, step bounds, stopping, and the two engines that run it.
 
-A method is its :class:`StepRule`, so that comparing methods compares methods and not loops. One descent::
+A method is defined by its :class:`StepRule` alone. One descent repeats::
 
-    measure the residual r and its Jacobian A at q         -> reached, and no goal? done
-    tell the rule |r|^2, saturate r                        far targets pull no harder than near ones
-    z = what a goal wishes for besides, once reached       followed as far as the task leaves it free
-    step = z + rule(r + A z, A), joints that meet a limit held there, the others asked again
-    scale the step to max_step, move, turn whole-turn joints back inside
-    no progress for some steps                             -> stalled: give the next start a chance
+    compute the residual r and its Jacobian A at q          stop if the task is satisfied and there is no goal
+    pass |r|^2 to the rule, and limit |r| to SATURATION
+    z = step of the null-space goal, if the task is satisfied, else 0
+    step = z + rule(r + A z, A)                             joints that would leave their limits are held at them,
+                                                            and the rule is evaluated again for the others
+    scale the step to max_step, add it, shift joints with a range of 2 pi back within their limits
+    stop if the residual has not decreased enough for some steps
 
-This is the loop on Pinocchio, for methods of one's own and for those who watch (``on_step``). The built-in methods run
-the same one compiled (:mod:`pinproof.kernels.descent`); tests hold the two equal, iterate by iterate.
-
-What makes the attempts of a search: compiled loops, or the same loop on Pinocchio for those who watch.
+:func:`descend` is the loop on Pinocchio, for user-defined methods and for ``on_step``. The built-in methods run the
+same loop compiled (:mod:`pinproof.kernels.descent`); tests compare their iterates.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.ik.seeds import Seeds
+from pinproof.common.validation import Rng, random_generator
 from pinproof.ik.task import Task, drift
 from pinproof.ik.windings import TURN, turning
 from pinproof.model import Arm
@@ -34,52 +33,122 @@ from pinproof.spatial import SE3, matrix
 __all__ = [
     "CompiledEngine",
     "Descent",
-    "Ended",
-    "Here",
+    "DescentState",
     "IkStep",
     "KernelRule",
     "PinocchioEngine",
     "Query",
+    "SearchEnd",
+    "Seeds",
     "Stall",
     "StepRule",
     "box_of",
     "descend",
+    "seeds_of",
 ]
 
 Array = npt.NDArray[np.float64]
 
+COUNT = 1024
+"""Number of seeds of a set. The choice among them takes a microsecond; four times as many cost more than they save."""
+
+SPIN_WEIGHT = 0.4
+"""Weight of the rotation in the distance between poses, in units of the variance (m^2) of the positions."""
+
+SETS_KEPT = 4
+"""Number of sets that are cached for an arm; computing one takes a quarter of a millisecond."""
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """Configurations (T, n) within the limits, their poses (12, T) in single precision, and the weight of rotations."""
+
+    q: Array
+    poses: npt.NDArray[np.float32]
+    spin_weight: float
+
+    def weights(self, mask: Array) -> Array:
+        """(2,) the weights of the squared distance and of the trace of the rotation, for a task mask (6,)."""
+        if not mask[:3].any():
+            return np.array([0.0, 1.0])
+        return np.array([1.0, self.spin_weight if mask[3:].all() else 0.0])
+
+    def nearest(self, target: Array, mask: Array) -> npt.NDArray[np.int64]:
+        """The indices of the seeds sorted by their distance in pose from a target (4, 4), for the loop on Pinocchio."""
+        distance, spin = self.weights(mask).astype(np.float32)
+        p = self.poses.reshape(3, 4, -1)
+        t = target[:3].astype(np.float32)
+        away = ((p[:, 3] - t[:, 3:]) ** 2).sum(axis=0)
+        return np.argsort(distance * away - spin * (p[:, :3] * t[:, :3, None]).sum(axis=(0, 1)), kind="stable")
+
+
+_KEPT: WeakKeyDictionary[Arm, dict[int, Seeds]] = WeakKeyDictionary()
+
+
+def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
+    """The seeds of an arm within its limits: an additive recurrence, shifted by ``rng``.
+
+    Source: Roberts (2018), "The unreasonable effectiveness of quasirandom sequences": x_k = s + k a mod 1, a_j = g^-j
+    with g the root of g^(n + 1) = g + 1; the shift is that of Cranley and Patterson (1976).
+    """
+    kept = _KEPT.setdefault(arm, {})
+    if isinstance(rng, int) and rng in kept:
+        return kept[rng]
+    seeds = _made(arm, random_generator(rng).random(arm.dof))
+    if isinstance(rng, int) and not isinstance(rng, bool):
+        while len(kept) >= SETS_KEPT:
+            kept.pop(next(iter(kept)), None)
+        kept[rng] = seeds
+    return seeds
+
+
+def _made(arm: Arm, shift: Array) -> Seeds:
+    from pinproof.kernels.chain import forward_many
+
+    root = 2.0
+    for _ in range(64):
+        root = (1 + root) ** (1 / (arm.dof + 1))
+    steps = root ** -np.arange(1.0, arm.dof + 1)
+    lower, upper = arm.limits.sampling_range()
+    q = lower + (upper - lower) * ((shift + np.arange(1, COUNT + 1)[:, None] * steps) % 1.0)
+    poses = np.empty((COUNT, 4, 4))
+    forward_many(arm.packed, q, poses)
+    spread = float(poses[:, :3, 3].var(axis=0).sum())
+    return Seeds(q, np.ascontiguousarray(poses[:, :3].reshape(COUNT, 12).T, dtype=np.float32), SPIN_WEIGHT * spread)
+
+
 SATURATION = 1.0
-"""Largest norm of the residual (m and rad together) that a step rule is shown; longer ones are shortened to it."""
+"""Largest norm of the residual (m and rad together) that is passed to a step rule; longer residuals are scaled."""
 
 SMALLEST_STEP = 1e-12
-"""A step (rad or m) that no longer changes a pose: the descent stands still."""
+"""Rad or m. A descent stops if its step is at most this, which does not change a pose."""
 
-STILL = 1e-4
-"""A goal counts as followed to its end when no joint moves more than this (rad or m) for it."""
+GOAL_CONVERGED = 1e-4
+"""Rad or m. A goal has converged if its step moves no joint by more than this."""
 
 GOAL_STEPS = 300
-"""Steps that may follow a goal once the task is fulfilled. A goal is only followed from where it is: its steps leave
-the task by their square, and those between them lead back."""
+"""Additional steps for a goal after the task is satisfied. A step of a goal changes the task by the square of its
+length only, which the following steps correct."""
 
 
 NOTHING = 1e-12
-"""An entry or a singular value of a Jacobian below this (m or rad) is rounding."""
+"""An entry or a singular value of a Jacobian below this (m or rad) is due to rounding."""
 
 
 class Stall(NamedTuple):
-    """The share of the squared residual that may remain after so many steps, lest a descent has stalled.
+    """The stall criterion: the squared residual must fall below the fraction ``progress`` within ``patience`` steps.
 
-    A Newton-like step that converges more than halves it in five, even at a singular target.
+    Newton-like steps that converge more than halve it in five steps, even at a singular target.
     """
 
     progress: float = 0.5
     patience: int = 5
 
 
-class Here(NamedTuple):
-    """Where a descent stands before a step: what is asked, q (n,), and the squared residual, unsaturated.
+class DescentState(NamedTuple):
+    """The state of a descent before a step: the problem, q (n,), and the squared residual before saturation.
 
-    ``waited`` is the number of steps since the squared residual last fell enough (:class:`Stall`).
+    ``waited`` is the number of steps since the last sufficient decrease of the squared residual (:class:`Stall`).
     """
 
     arm: Arm
@@ -92,33 +161,34 @@ class Here(NamedTuple):
 
 
 class StepRule(Protocol):
-    """A method: from a residual and its Jacobian to a step of the joints. One object serves one descent."""
+    """A method: computes a step of the joints from a residual and its Jacobian. One object serves one descent."""
 
-    def observe(self, here: Here) -> None:
-        """Told once before each step where the descent stands; for methods that learn from it, or need q."""
+    def observe(self, here: DescentState) -> None:
+        """Called once before each step, for methods that adapt their settings or need q."""
 
     def __call__(self, residual: Array, jacobian: Array) -> Array:
-        """The step (n,) that shall shrink ``residual`` (6,), whose Jacobian is (6, n).
+        """The step (n,) that reduces ``residual`` (6,), whose Jacobian is (6, n).
 
-        Rows that the task does not ask for are zero. So are the columns of joints that are held at a limit; what the
-        rule answers for them is not used.
+        Rows that the task does not select are zero, and so are the columns of joints that are held at a limit; the
+        components of the step for those joints are ignored.
         """
 
 
 @dataclass(frozen=True, eq=False)
 class IkStep:
-    """One step of a descent, for those who watch (``on_step``).
+    """One step of a descent, as passed to ``on_step``.
 
     Parameters
     ----------
     attempt, iteration
-        Which descent (0 starts at q0) and which of its steps, both from 0.
+        Index of the descent (0 starts at q0) and index of the step, both from 0.
     q
-        (n,) the configuration the step starts from.
+        (n,) the configuration before the step.
     step
-        (n,) how far each joint moves, in rad or m; never more than the solver's ``max_step``.
+        (n,) the motion of each joint, in rad or m; at most the solver's ``max_step``.
     residual
-        (6,) what is still to go at q: metres, then rotation vector, in the target's axes; zero where nothing is asked.
+        (6,) position error (m) and rotation vector (rad) at q, in the axes of the target; zero in coordinates that the
+        task does not select.
     """
 
     attempt: int
@@ -130,7 +200,7 @@ class IkStep:
 
 @dataclass(frozen=True, eq=False)
 class Descent:
-    """Where a descent ended: the best configuration it saw, inside limits, and its squared residual."""
+    """The result of a descent: the best configuration within the limits, and its squared residual."""
 
     q: Array
     squared_residual: float
@@ -152,9 +222,9 @@ def descend(
     attempt: int = 0,
     on_step: Callable[[IkStep], None] | None = None,
 ) -> Descent:
-    """Descend from q, inside the limits, to a configuration that fulfils the task, or to where progress ends.
+    """Descend from q within the limits until the task is satisfied or the descent stalls.
 
-    ``goal`` is packed (:func:`pinproof.ik.task.packed_goal`). The descent ends where it has stalled.
+    ``goal`` is packed (:func:`pinproof.ik.task.packed_goal`).
     """
     box = _Box(arm)
     best_q, best, reached = q, np.inf, False
@@ -173,17 +243,17 @@ def descend(
         if squared < stall.progress * mark:
             mark, marked_at = squared, iteration
         stalled = iteration - marked_at >= stall.patience and not reached
-        # Written so that a NaN ends the descent too.
+        # The condition on squared also ends the descent if it is NaN.
         if stalled or iteration >= (max_iterations + GOAL_STEPS if reached else max_iterations) or not squared < np.inf:
             break
 
-        rule.observe(Here(arm, target, task, q, squared, iteration, iteration - marked_at))
+        rule.observe(DescentState(arm, target, task, q, squared, iteration, iteration - marked_at))
         rotation = target_from_tcp[:3, :3]
         jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
         pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
         step = box.step(q, pull, jacobian, drift(goal, arm, q) if here else np.zeros(arm.dof), rule, max_step)
         largest = float(np.abs(step).max())
-        if largest <= SMALLEST_STEP or (here and largest <= STILL):
+        if largest <= SMALLEST_STEP or (here and largest <= GOAL_CONVERGED):
             break
         if largest > max_step:
             step = step * (max_step / largest)
@@ -195,9 +265,9 @@ def descend(
 
 
 class _Box:
-    """The limits as a descent meets them.
+    """The limits of a descent.
 
-    A joint that can make a whole turn is not stopped by its limits: beyond one it goes on a turn away, same pose.
+    A joint with a range of at least 2 pi is not stopped by its limits: beyond one it continues 2 pi away.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -208,28 +278,28 @@ class _Box:
         self._high = np.where(self._turning, np.inf, limits.upper)
 
     def step(self, q: Array, residual: Array, jacobian: Array, drift: Array, rule: StepRule, max_step: float) -> Array:
-        """The rule's step within the limits (active set), after a goal's drift.
+        """The step of the rule within the limits (active set), added to the step of a goal (``drift``).
 
-        Joints that would leave their limits are moved to them and held; what that does to the residual is taken into
-        account, and the rule is asked again for the joints that are left, until none of them leaves.
+        Joints that would leave their limits are moved to them and held. The effect of that motion is added to the
+        residual, and the rule is evaluated again for the remaining joints until none leaves its limits.
         """
         held = np.zeros(len(q), dtype=bool)
-        settled = drift
+        fixed = drift
         while True:
-            asked = np.where(held, 0.0, rule(residual + jacobian @ settled, np.where(held, 0.0, jacobian)))
-            # Before limits are looked at: an endless step would pin joints to limits they need not meet.
-            largest = float(np.abs(asked).max())
-            asked = asked * (max_step / largest) if largest > max_step else asked
-            step = np.where(held, settled, settled + asked)
+            change = np.where(held, 0.0, rule(residual + jacobian @ fixed, np.where(held, 0.0, jacobian)))
+            # Scaled before the limits are applied: a very long step would hold joints at limits unnecessarily.
+            largest = float(np.abs(change).max())
+            change = change * (max_step / largest) if largest > max_step else change
+            step = np.where(held, fixed, fixed + change)
             moved = q + step
             outside = ((moved < self._low) | (moved > self._high)) & ~held
             if not outside.any():
                 return np.asarray(step)
             held = held | outside
-            settled = np.where(outside, np.clip(moved, self._low, self._high) - q, settled)
+            fixed = np.where(outside, np.clip(moved, self._low, self._high) - q, fixed)
 
     def inside(self, q: Array) -> Array:
-        """Whole turns taken out, and rounding clipped: q (n,) inside the limits."""
+        """Q (n,) shifted by 2 pi where possible, and clipped, to be within the limits."""
         turned = np.where(q > self._upper, q - TURN, np.where(q < self._lower, q + TURN, q))
         return np.clip(np.where(self._turning, turned, q), self._lower, self._upper)
 
@@ -237,10 +307,10 @@ class _Box:
 OnStep = Callable[[IkStep], None]
 
 KernelRule = tuple[int, tuple[float, float, float]]
-"""A compiled method: its number in :mod:`pinproof.kernels.descent`, and its settings."""
+"""A compiled step rule: its number in :mod:`pinproof.kernels.descent`, and its settings."""
 
 POLISH = Stall(progress=1 - 1e-6, patience=20)
-"""A nearest miss is polished until its squared residual falls by less than a millionth in so many steps."""
+"""The best failed attempt is continued until its squared residual decreases by less than 1e-6 of it in 20 steps."""
 
 
 _BOXES: WeakKeyDictionary[Arm, Array] = WeakKeyDictionary()
@@ -248,10 +318,10 @@ _BOXES: WeakKeyDictionary[Arm, Array] = WeakKeyDictionary()
 
 @dataclass(frozen=True, eq=False)
 class Query:
-    """One question: which q of the arm brings the tcp to the target, from where, with which wish besides.
+    """One IK problem.
 
-    ``start`` (n,) is the caller's q0, in or outside the limits; ``first`` (n,) the same inside them; ``matrix`` (4, 4)
-    the target once more; ``box`` (5, n) the limits as kernels read them.
+    ``start`` (n,) is the caller's q0, within or outside the limits, and ``first`` (n,) the same within them; ``matrix``
+    (4, 4) is the target; ``box`` (5, n) are the limits in the form of :func:`box_of`; ``goal`` is packed.
     """
 
     arm: Arm
@@ -265,8 +335,8 @@ class Query:
     seeds: Seeds
 
 
-class Ended(NamedTuple):
-    """How a run of attempts ended: at the first that reached the task, or with the nearest of all."""
+class SearchEnd(NamedTuple):
+    """The result of a series of attempts: the first that satisfies the task, or the one with the smallest residual."""
 
     q: Array
     iterations: int
@@ -274,7 +344,7 @@ class Ended(NamedTuple):
 
 
 class CompiledEngine:
-    """Attempts in :mod:`pinproof.kernels.search`."""
+    """Runs the attempts in :mod:`pinproof.kernels.search`."""
 
     name = "compiled"
 
@@ -285,16 +355,16 @@ class CompiledEngine:
         self._tolerances = np.array(tolerances, dtype=float)
         self._max_iterations, self._max_step, self._stall = max_iterations, max_step, stall
 
-    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> Ended:
-        """Attempts number ``first`` and on, ``count`` in all; the nearest is polished if none reaches the task.
+    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> SearchEnd:
+        """Run the attempts ``first`` to ``count - 1``; if none satisfies the task and ``polish``, refine the best.
 
-        ``attempts`` of the end counts those before ``first`` too.
+        ``attempts`` of the result includes those before ``first``.
         """
         found = self.many(
             query.arm, query.box, query.matrix[None], query.task, query.goal, query.first[None], query.seeds,
             first=first, count=count, polish=polish,
         )  # fmt: skip
-        return Ended(found[0][0], int(found[1][0]), int(found[2][0]))
+        return SearchEnd(found[0][0], int(found[1][0]), int(found[2][0]))
 
     def many(
         self,
@@ -310,7 +380,7 @@ class CompiledEngine:
         count: int,
         polish: bool = True,
     ) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """N targets (N, 4, 4) from N starts (N, n): where each ended, the steps and the attempts it took."""
+        """Solve N targets (N, 4, 4) from N starts (N, n); returns q (N, n), and the numbers of steps and attempts."""
         from pinproof.kernels.search import search
 
         q, iterations, attempts = np.array(starts), np.empty(len(starts), np.int64), np.empty(len(starts), np.int64)
@@ -320,12 +390,12 @@ class CompiledEngine:
             arm.packed,
             box,
             self._tolerances,
-            task.asked,
+            task.mask,
             goal,
             np.array([self._max_iterations, self._max_step, count, polish, *self._stall], dtype=float),
             seeds.q,
             seeds.poses,
-            seeds.weights(task.asked),
+            seeds.weights(task.mask),
             first,
             np.ascontiguousarray(targets),
             q,
@@ -336,7 +406,7 @@ class CompiledEngine:
 
 
 class PinocchioEngine:
-    """The same attempts in :mod:`pinproof.ik.loop`."""
+    """Runs the same attempts with :func:`descend`."""
 
     name = "pinocchio"
 
@@ -346,10 +416,10 @@ class PinocchioEngine:
         self._rule, self._max_iterations, self._max_step = rule, max_iterations, max_step
         self._stall, self._on_step = stall, on_step
 
-    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> Ended:
-        """As the compiled one."""
+    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> SearchEnd:
+        """As :meth:`CompiledEngine.__call__`."""
         total, nearest, q = 0, None, query.first
-        order = query.seeds.nearest(query.matrix, query.task.asked).tolist()
+        order = query.seeds.nearest(query.matrix, query.task.mask).tolist()
         for attempt in range(count):
             if attempt == 1:
                 q = self._flip_or_seed(query, q, order)
@@ -360,18 +430,18 @@ class PinocchioEngine:
             watched = self._on_step if attempt >= first else None
             descent = self._descend(query, q, attempt, watched, self._stall)
             q = descent.q
-            if attempt < first:  # made again, since the flips begin where it ended
+            if attempt < first:  # repeated, because the flips start from its result
                 continue
             total += descent.iterations
             if descent.reached:
-                return Ended(q, total, attempt + 1)
+                return SearchEnd(q, total, attempt + 1)
             if nearest is None or descent.squared_residual < nearest.squared_residual:
                 nearest = descent
         end = q if nearest is None else nearest.q
         if not polish:
-            return Ended(end, total, count)
+            return SearchEnd(end, total, count)
         descent = self._descend(query, end, count - 1, self._on_step, POLISH)
-        return Ended(descent.q, total + descent.iterations, count)
+        return SearchEnd(descent.q, total + descent.iterations, count)
 
     def _descend(self, query: Query, q: Array, attempt: int, on_step: OnStep | None, stall: Stall) -> Descent:
         return descend(
@@ -389,7 +459,7 @@ class PinocchioEngine:
         )
 
     def _flip_or_seed(self, query: Query, q: Array, order: list[int]) -> Array:
-        """The nearest in pose of the flips of q and of the seeds; see :mod:`pinproof.kernels.search`."""
+        """The closest in pose to the target among the flips of q and the seeds; see :mod:`pinproof.kernels.search`."""
         limits = query.arm.limits
         with np.errstate(invalid="ignore"):
             middle = np.where(np.isfinite(limits.upper - limits.lower), (limits.lower + limits.upper) / 2, 0.0)
@@ -401,13 +471,13 @@ class PinocchioEngine:
         return choice[best]
 
     def _away(self, query: Query, q: Array) -> float:
-        distance, spin = query.seeds.weights(query.task.asked)
+        distance, spin = query.seeds.weights(query.task.mask)
         seen = query.target.actInv(query.arm.forward_kinematics(q))
         return float(distance * seen.translation @ seen.translation - spin * np.trace(seen.rotation))
 
 
 def box_of(arm: Arm) -> Array:
-    """The limits as kernels read them (5, n): see :mod:`pinproof.kernels.limits`."""
+    """The limits (5, n) in the form of :mod:`pinproof.kernels.limits`."""
     box = _BOXES.get(arm)
     if box is None:
         limits, turns = arm.limits, turning(arm)

@@ -1,8 +1,6 @@
-"""Answers in words; a "no" names what stood in the way and what to do.
+"""Results of inverse kinematics: status, configuration, errors, and message.
 
-The judge of every answer: errors measured by forward kinematics, apart from the loop that claims to have arrived.
-
-What a solver answers: a status, the configuration, and errors measured on it by forward kinematics.
+The errors of every result are computed by forward kinematics after the solver's loop, independently of it.
 """
 
 from __future__ import annotations
@@ -36,51 +34,51 @@ __all__ = [
 Errors = tuple[float, float]
 
 AT_LIMIT = 1e-6
-"""A joint this near a limit (rad or m) is named as standing at it."""
+"""A joint within this distance of a limit (rad or m) is reported as being at the limit."""
 
 
 def found(errors: Errors, iterations: int, attempt: int) -> str:
-    """A solution."""
-    return f"found in {_count(iterations, 'step')} and {_count(attempt, 'restart')}, {_off(errors)}"
+    """The message of a solution."""
+    return f"found: error {_errors(errors)} after {_count(iterations, 'step')} and {_count(attempt, 'restart')}"
 
 
 def not_found(arm: Arm, q: npt.NDArray[np.float64], errors: Errors, iterations: int, attempts: int) -> str:
-    """Nothing within the budget; q is the nearest miss."""
-    lower, upper = arm.limits.lower, arm.limits.upper
+    """The message if no attempt reached the target; q (n,) is the configuration with the smallest residual."""
     at_limit = [
-        name
-        for name, value, low, high in zip(arm.joint_names, q, lower, upper, strict=True)
+        f"joint {name} is at its {'lower' if value - low <= AT_LIMIT else 'upper'} limit"
+        for name, value, low, high in zip(arm.joint_names, q, arm.limits.lower, arm.limits.upper, strict=True)
         if min(value - low, high - value) <= AT_LIMIT
     ]
-    limits = f" with {', '.join(at_limit)} at the limit" if at_limit else ""
+    limits = "".join(f"; {text}" for text in at_limit)
     return (
-        f"not found in {_count(attempts, 'attempt')} ({_count(iterations, 'step')}); "
-        f"the nearest is {_off(errors)}{limits}. "
-        "A miss this size at every restart means out of reach: move the target or the base, check the tcp "
-        f"({arm.tcp}, in {arm.base}), or ask for task='position'; a small miss: raise restarts or the tolerances"
+        f"not reached: residual {_errors(errors)} after {_count(attempts, 'attempt')} ({_count(iterations, 'step')})"
+        f"{limits}. The target is probably out of reach: move the target or the base, check the tcp frame ({arm.tcp} "
+        f"in {arm.base}), or use task='position'. If the residual is small, increase restarts or the tolerances"
     )
 
 
 def refused(refusals: int, attempts: int) -> str:
-    """Solutions, but accept took none."""
+    """The message if ``accept`` rejected every solution."""
     return (
-        f"reached {_count(refusals, 'time')} in {_count(attempts, 'attempt')}, but accept refused each solution; "
-        "see what it objects to at q (a collision?), raise restarts, or move the target"
+        f"rejected: accept returned False for all {_count(refusals, 'solution')} of {_count(attempts, 'attempt')}; "
+        "check why it rejects q (for example a collision), increase restarts, or move the target"
     )
 
 
 def sampled(solutions: int, attempts: int, refusals: int) -> str:
-    """A sample of solutions."""
-    taken = f", {_count(refusals, 'solution')} refused by accept" if refusals else ""
-    remedy = "" if solutions else "; raise attempts, or ask solve() how far the nearest miss is"
+    """The message of a sample of solutions."""
+    rejected = f", {_count(refusals, 'solution')} rejected by accept" if refusals else ""
+    remedy = "" if solutions else "; increase attempts, or call solve() for the residual of the closest configuration"
     return (
-        f"{_count(solutions, 'different solution')} from {_count(attempts, 'attempt')}{taken}: a sample, "
-        f"there may be others{remedy}"
+        f"{_count(solutions, 'distinct solution')} from {_count(attempts, 'attempt')}{rejected}; "
+        f"this is a sample, and further solutions may exist{remedy}"
     )
 
 
-def _off(errors: Errors) -> str:
-    return f"{errors[0]:.3g} m and {errors[1]:.3g} rad off"
+def _errors(errors: Errors) -> str:
+    """Distance and angle, the distance in m from 1 m and in mm below."""
+    distance = f"{errors[0]:.3g} m" if errors[0] >= 1.0 else f"{1000.0 * errors[0]:.3g} mm"
+    return f"{distance}, {errors[1]:.3g} rad"
 
 
 def _count(number: int, noun: str) -> str:
@@ -92,7 +90,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A configuration (n,) with its errors in m and rad, and whether it fulfils the task inside the limits."""
+    """A configuration (n,), its errors in m and rad, and whether it satisfies the task within the limits."""
 
     q: Array
     errors: tuple[float, float]
@@ -100,9 +98,9 @@ class Candidate:
 
 
 def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Candidate:
-    """What q (n,) is worth for the target (4, 4), with the whole turns nearest to ``reference`` (n,), by Pinocchio."""
+    """Shift q (n,) by 2 pi to be closest to ``reference`` (n,), and measure its errors for the target by Pinocchio."""
     q = nearest_winding(arm, q, reference)
-    base_from_tcp, _ = arm.local_jacobian(q)  # q is ours: the way that does not check it again
+    base_from_tcp, _ = arm.local_jacobian(q)  # skips the validation of q, which comes from the solver
     errors = _measured(target[None], base_from_tcp.homogeneous[None], task)
     fulfils = bool(task.fulfilled(errors)[0]) and arm.limits.contains(q)
     return Candidate(q, (float(errors[0, 0]), float(errors[0, 1])), fulfils)
@@ -111,7 +109,7 @@ def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Ca
 def judge_many(
     arm: Arm, targets: Array, task: Task, Q: Array, references: Array
 ) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """The same for targets (N, 4, 4) by the compiled chain: Q, errors (N, 2), and which fulfil the task."""
+    """:func:`judge` for targets (N, 4, 4) by the compiled chain: Q, errors (N, 2), and which satisfy the task."""
     from pinproof.kernels.chain import forward_many
 
     Q = np.ascontiguousarray(nearest_winding(arm, Q, references))
@@ -126,47 +124,48 @@ def _measured(targets: Array, poses: Array, task: Task) -> Array:
     from pinproof.kernels.task import measure_many
 
     errors = np.empty((len(targets), 2))
-    measure_many(np.ascontiguousarray(targets), np.ascontiguousarray(poses), task.asked, errors)
+    measure_many(np.ascontiguousarray(targets), np.ascontiguousarray(poses), task.mask, errors)
     return errors
 
 
 class IkStatus(Enum):
-    """The kinds of answer."""
+    """The outcomes of a solution attempt."""
 
     FOUND = "found"
-    """``q`` fulfils the task within the tolerances and the limits, and ``accept`` took it."""
+    """``q`` satisfies the task within the tolerances and the limits, and ``accept`` returned True."""
     NOT_FOUND = "not found"
-    """The budget of attempts ran out; ``q`` is the nearest that was seen, with its errors."""
+    """All attempts were used; ``q`` is the configuration with the smallest residual, with its errors."""
     REFUSED = "refused"
-    """Configurations that fulfil the task were found, and ``accept`` refused each; ``q`` is the first of them."""
+    """Configurations that satisfy the task were found, and ``accept`` rejected each; ``q`` is the first of them."""
     IMPOSSIBLE = "impossible"
-    """No configuration inside the limits reaches the target: a closed form has enumerated all. Iterative methods never
-    say so, since they cannot prove it."""
+    """No configuration within the limits reaches the target: the closed form enumerated all solutions. Iterative
+    methods never return this status, because they cannot prove it."""
 
 
 @dataclass(frozen=True, eq=False)
 class IkResult:
-    """The answer for one target.
+    """The result of inverse kinematics for one target.
 
     Parameters
     ----------
     status
-        The kind of answer; :attr:`ok` is whether it is FOUND.
+        The outcome; :attr:`ok` is True if it is FOUND.
     q
-        (n,) inside the limits; a solution if :attr:`ok`, else as the status says. Read-only.
+        (n,) a configuration within the limits; a solution if :attr:`ok`, else as described in :class:`IkStatus`.
+        Read-only.
     position_error
         Distance in m from the tcp to the target at ``q``, by forward kinematics.
     orientation_error
-        Angle in rad of the rotation that is left between them. (Of the
-        coordinates that the task asks for; a task that asks for only one of the two reports the other whole.)
+        Angle in rad between the orientations of tcp and target. Both errors count only the coordinates that the task
+        selects; if a task selects no position or no orientation, the complete error is reported.
     iterations
-        Steps taken, over all attempts.
+        Steps over all attempts.
     restarts
         Attempts after the first.
     engine
-        What computed the answer: ``"compiled"`` loops, or ``"pinocchio"``.
+        ``"compiled"``, ``"pinocchio"`` or ``"analytic"``.
     message
-        The answer in words; a "no" comes with what to do.
+        Status, errors and reason as text, with a suggestion if there is no solution.
     """
 
     status: IkStatus
@@ -192,7 +191,7 @@ class IkResult:
         Raises
         ------
         IkFailed
-            If it is none, with the message; ``.result`` of the error is this value.
+            If it is not a solution, with the message; ``.result`` of the error is this value.
         """
         if not self.ok:
             raise IkFailed(self.message, self)
@@ -200,29 +199,29 @@ class IkResult:
 
 
 STATUSES = tuple(IkStatus)
-"""The order in which batches number the statuses."""
+"""The statuses in the order of the codes in batches."""
 
 
 @dataclass(frozen=True, eq=False)
 class IkBatch:
-    """The answers for N targets, in their order; indexing gives :class:`IkResult`.
+    """The results for N targets, in the order of the targets; indexing returns an :class:`IkResult`.
 
     Parameters
     ----------
     q
         (N, n), as in :class:`IkResult`.
     codes
-        (N,) the statuses, as places in ``IkStatus``; :attr:`status` are they themselves.
+        (N,) the statuses as indices into ``IkStatus``; see :attr:`status`.
     position_error, orientation_error
         (N,) in m and rad.
     iterations, restarts
-        (N,) whole numbers.
+        (N,) integers.
     engine
-        What computed the kinematics.
+        As in :class:`IkResult`.
     arm
-        Whose answers these are; it names the joints in :attr:`messages`.
+        The arm, which provides the joint names of :attr:`messages`.
     words
-        N messages where they are not just what the numbers say.
+        N messages; by default they are composed from the other fields.
     """
 
     q: Array
@@ -241,7 +240,7 @@ class IkBatch:
 
     @classmethod
     def of(cls, results: Sequence[IkResult], arm: Arm, engine: str) -> IkBatch:
-        """The batch of single results for an arm; there may be none."""
+        """Combine single results (possibly none) for an arm."""
         return cls(
             q=np.array([result.q for result in results], dtype=float).reshape(len(results), arm.dof),
             codes=np.array([STATUSES.index(result.status) for result in results], dtype=np.int8),
@@ -266,7 +265,7 @@ class IkBatch:
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """N answers in words."""
+        """N messages, as in :class:`IkResult`."""
         return tuple(self._message(index) for index in range(len(self)))
 
     def __len__(self) -> int:
@@ -299,20 +298,20 @@ class IkBatch:
 
 @dataclass(frozen=True, eq=False)
 class IkSolutions:
-    """Several different solutions for one target: a sample, never known to be all of them.
+    """Several distinct solutions for one target: a sample, which is not known to be complete.
 
     Parameters
     ----------
     q
-        (k, n) solutions inside the limits, the one nearest to q0 (largest joint difference) first. Read-only.
+        (k, n) solutions within the limits, sorted by the largest joint difference to q0. Read-only.
     position_error, orientation_error
         (k,) in m and rad, by forward kinematics.
     attempts, iterations
-        What the search cost.
+        Number of attempts and steps of the search.
     engine
-        What computed the kinematics.
+        As in :class:`IkResult`.
     message
-        The answer in words.
+        A summary as text.
     """
 
     q: Array
@@ -336,12 +335,12 @@ class IkSolutions:
         return len(self.q)
 
     def or_raise(self) -> IkSolutions:
-        """The result itself if it holds a solution.
+        """The result itself if it contains a solution.
 
         Raises
         ------
         IkFailed
-            If it holds none; ``.result`` of the error is this value.
+            If it contains no solution; ``.result`` of the error is this value.
         """
         if not self.ok:
             raise IkFailed(self.message, self)

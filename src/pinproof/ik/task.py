@@ -1,17 +1,14 @@
-"""What is asked of the tcp: which of the six coordinates of its pose, as a residual, a Jacobian and a verdict.
+"""Tasks (the coordinates of the target pose that count, with residual and Jacobian) and null-space goals.
 
-All of it is read off ``target_from_tcp = E``, the pose of the tcp seen from the target, which is the identity at a
-solution of the whole pose::
+The residual is computed from ``target_from_tcp = E``, which is the identity at a solution of the complete pose::
 
-    r = (translation of E, rotation vector of E),   rows that are not asked for are zero
-    dr/dq = (v, Jl^-1 w) with the tcp's Jacobian (v, w) in the axes of the target
+    r = (translation of E, rotation vector of E),   rows that the task does not select are zero
+    dr/dq = (v, Jl^-1 w) with the Jacobian of the tcp (v, w) in the axes of the target
 
-``Jl`` is the left Jacobian of SO(3). It keeps the rotation vector e itself, Jl e = e, so where all three angles are
-asked for, the Newton step and the gradient of |r|^2 are the same without it, and it is left out.
+``Jl`` is the left Jacobian of SO(3). Since Jl e = e for its own rotation vector e, the Newton step and the gradient of
+|r|^2 do not change without this factor if all three angles are selected; it is then omitted.
 
 Source: Sola, Deray, Atchuthan (2018), "A micro Lie theory for state estimation in robotics", eqs. 132, 146.
-
-What the joints shall do besides the task, where they are free to: goals of the null space.
 """
 
 from __future__ import annotations
@@ -39,10 +36,10 @@ COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
 
 @dataclass(frozen=True)
 class IkTask:
-    """Which coordinates of the target's pose are asked for, in the axes of the target.
+    """The coordinates of the target pose that a solution must match, in the axes of the target.
 
-    ``x``, ``y``, ``z`` are its position, ``rx``, ``ry``, ``rz`` the rotation vector from target to tcp. So
-    ``IkTask(rz=False)``, also called ``"spin_z"``, asks for the pose but leaves the spin about the target's z free, and
+    ``x``, ``y``, ``z`` are the position, ``rx``, ``ry``, ``rz`` the rotation vector from target to tcp. For example,
+    ``IkTask(rz=False)``, also called ``"spin_z"``, is the pose with a free rotation about the z axis of the target, and
     ``IkTask(rx=False, ry=False, rz=False)`` is ``"position"``.
     """
 
@@ -54,11 +51,11 @@ class IkTask:
     rz: bool = True
 
     def __post_init__(self) -> None:
-        asked = [getattr(self, name) for name in COORDINATES]
-        if not all(isinstance(one, (bool, np.bool_)) for one in asked):
-            raise InputError(f"an IkTask is made of six True or False, not {asked}")
-        if not any(asked):
-            raise InputError("an IkTask that asks for nothing is fulfilled everywhere; leave something True")
+        flags = [getattr(self, name) for name in COORDINATES]
+        if not all(isinstance(one, (bool, np.bool_)) for one in flags):
+            raise InputError(f"the fields of IkTask ({', '.join(COORDINATES)}) must be True or False, not {flags}")
+        if not any(flags):
+            raise InputError(f"IkTask must select at least one coordinate of {', '.join(COORDINATES)}")
 
 
 TASKS: dict[str, IkTask] = {
@@ -73,31 +70,31 @@ TASKS: dict[str, IkTask] = {
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """A task with its tolerances; one metre is weighed as one radian.
+    """A task with its tolerances; one metre has the weight of one radian.
 
     Parameters
     ----------
-    asked
-        (6,) of 1 and 0.
+    mask
+        (6,) 1 for coordinates that count, else 0.
     position_tolerance, orientation_tolerance
         In m and rad.
     """
 
-    asked: Array
+    mask: Array
     position_tolerance: float
     orientation_tolerance: float
 
     def residual(self, target_from_tcp: Array) -> Array:
-        """(6,) what is still to go at the pose E (4, 4); zero at a solution."""
+        """(6,) the residual at the pose E (4, 4); zero at a solution."""
         e = np.concatenate([target_from_tcp[:3, 3], rotation_vector(target_from_tcp[:3, :3])])
-        return np.asarray(e * self.asked)
+        return np.asarray(e * self.mask)
 
     def jacobian(self, target_from_tcp: Array, in_target_axes: Array) -> Array:
-        """(6, n) derivative of :meth:`residual`, from the tcp's Jacobian (6, n) in the axes of the target."""
-        rows = in_target_axes * self.asked[:, None]
-        if 0 < self.asked[3:].sum() < 3:
+        """(6, n) the derivative of :meth:`residual`, from the Jacobian of the tcp (6, n) in the axes of the target."""
+        rows = in_target_axes * self.mask[:, None]
+        if 0 < self.mask[3:].sum() < 3:
             inverse = left_jacobian_inverse(rotation_vector(target_from_tcp[:3, :3]))
-            rows[3:] = (inverse @ in_target_axes[3:]) * self.asked[3:, None]
+            rows[3:] = (inverse @ in_target_axes[3:]) * self.mask[3:, None]
         return np.asarray(rows)
 
     def reached(self, residual: Array) -> bool:
@@ -108,27 +105,27 @@ class Task:
         )
 
     def fulfilled(self, errors: Array) -> npt.NDArray[np.bool_]:
-        """(N,) whether distances and angles (N, 2), measured apart from any loop, are within the tolerances."""
+        """(N,) whether distances and angles (N, 2) are within the tolerances."""
         return np.asarray((errors[:, 0] <= self.bounds[0]) & (errors[:, 1] <= self.bounds[1]))
 
     @cached_property
     def bounds(self) -> tuple[float, float]:
-        """How far (m, rad) an answer may be off; anything where nothing is asked."""
+        """The largest errors (m, rad) of a solution; infinite if the task selects no position or no orientation."""
         return (
-            self.position_tolerance if self.asked[:3].any() else math.inf,
-            self.orientation_tolerance if self.asked[3:].any() else math.inf,
+            self.position_tolerance if self.mask[:3].any() else math.inf,
+            self.orientation_tolerance if self.mask[3:].any() else math.inf,
         )
 
 
 def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, orientation_tolerance: float) -> Task:
-    """A task by its name or coordinates, with tolerances in m and rad.
+    """Make a task from its name or coordinates, with tolerances in m and rad.
 
     Raises
     ------
     UnknownNameError
-        For an unknown name.
+        If the name is unknown.
     InputError
-        If it is not six True or False, or asks for nothing.
+        If the task is not six booleans, or selects no coordinate.
     """
     if isinstance(task, str):
         return _named(task, position_tolerance, orientation_tolerance)
@@ -139,7 +136,7 @@ def make_task(task: str | IkTask | Sequence[bool], position_tolerance: float, or
             coordinates = []
         if len(coordinates) != len(COORDINATES):
             raise InputError(
-                f"task is a name, an IkTask or six True or False for {', '.join(COORDINATES)}, not {task!r}"
+                f"task must be a name, an IkTask or six booleans for {', '.join(COORDINATES)}, not {task!r}"
             )
         task = IkTask(*coordinates)
     return _made(task, position_tolerance, orientation_tolerance)
@@ -153,15 +150,15 @@ def _named(name: str, position_tolerance: float, orientation_tolerance: float) -
 
 
 def _made(task: IkTask, position_tolerance: float, orientation_tolerance: float) -> Task:
-    asked = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
-    return Task(asked, position_tolerance, orientation_tolerance)
+    flags = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
+    return Task(flags, position_tolerance, orientation_tolerance)
 
 
 def rotation_vector(r: Array) -> Array:
     """The rotation vector (3,), axis times angle from 0 to pi, of a rotation (3, 3).
 
-    The angle is taken from sine and cosine together, which is exact to rounding for small angles and near pi alike; the
-    arccosine of the trace alone would lose everything below 1e-8. Near pi the axis is read off R + R^T.
+    The angle is computed from sine and cosine together, which is accurate to rounding both for small angles and near
+    pi; the arccosine of the trace alone is inaccurate below 1e-8. Near pi the axis is computed from R + R^T.
     """
     twice = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
     sine, cosine = float(np.linalg.norm(twice)) / 2, (float(np.trace(r)) - 1) / 2
@@ -189,26 +186,26 @@ FINITE_STEP = 1e-5
 """Rad or m, for central differences of the manipulability."""
 
 TINY = 1e-14
-"""Added to the squares of the singular values, so that the logarithm of a vanishing volume exists."""
+"""Added to the squares of the singular values, so that the logarithm is finite at singularities."""
 
 LONGEST_DRIFT = 0.2
-"""Rad or m: the most a goal moves a joint in one step, so that the task stays nearly fulfilled."""
+"""Rad or m: the largest motion of a joint for a goal in one step, so that the task remains nearly satisfied."""
 
 
 @dataclass(frozen=True)
 class IkGoal:
-    """A wish for the freedom that the task leaves: of a redundant arm, or of a task with free coordinates.
+    """A null-space objective, for redundant arms and for tasks with free coordinates.
 
-    The solution is then moved, without leaving the task, until the goal pulls along no free direction any more.
+    The solution is moved in the null space of the task until the objective does not improve any more.
 
     Parameters
     ----------
     kind
-        ``"centre"``: the joints to the middle of their limits, each weighed by its range. ``"near"``: near q0.
-        ``"manipulability"``: away from singularities, up the logarithm of sqrt(det(J J^T)) (Yoshikawa 1985).
+        ``"centre"``: move the joints to the middle of their limits, weighted by their ranges. ``"near"``: move them
+        towards q0. ``"manipulability"``: maximise the logarithm of sqrt(det(J J^T)) (Yoshikawa 1985).
     gain
-        The share of the way that each step goes, for a posture; for the manipulability the length of a step (rad or m)
-        per unit of its gradient. By default 1 and 0.2.
+        For ``"centre"`` and ``"near"``, the fraction of the remaining distance that each step covers (default 1); for
+        ``"manipulability"``, the length of a step (rad or m) per unit of the gradient (default 0.2).
 
     References
     ----------
@@ -228,7 +225,7 @@ class IkGoal:
 
 
 def packed_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Array:
-    """The goal as kernels read it, (3, max(n, 2)): see :mod:`pinproof.kernels.goals`."""
+    """The goal (3, max(n, 2)) in the form of :mod:`pinproof.kernels.goals`."""
     packed = np.zeros((3, max(arm.dof, 2)))
     if goal is None:
         return packed
@@ -245,7 +242,7 @@ def packed_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Array:
 
 
 def drift(packed: Array, arm: Arm, q: Array) -> Array:
-    """The step (n,) that the goal alone would take at q; not yet projected. The twin of the kernel's."""
+    """The step (n,) of the goal at q before its projection into the null space; equal to the kernel's."""
     kind, gain = packed[0, :2]
     if kind == 0.0:
         return np.zeros(arm.dof)

@@ -1,7 +1,4 @@
-"""What tracking answers: the joint motions, and where, how long and why the tcp slipped from its targets.
-
-Following a sequence of poses under joint position and speed limits: a whole sequence, or tick by tick.
-"""
+"""Tracking of a sequence of poses within joint position and velocity limits: a whole sequence, or cycle by cycle."""
 
 from __future__ import annotations
 
@@ -25,42 +22,42 @@ Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
 
 AT_FULL_SPEED = 1 - 1e-6
-"""The share of its speed limit from which a joint is named as moving at it."""
+"""A joint that moves at this fraction of its speed limit or more is reported as being at the limit."""
 
 NEAR_SINGULAR = 0.05
-"""A smallest singular value (metres and radians mixed) below this is named as a reason for a slip."""
+"""A smallest singular value (metres and radians mixed) below this is reported as a reason for a tracking error."""
 
 NAMED = 3
-"""Slips that a message describes, the worst first."""
+"""Number of intervals above the tolerance that a message describes: those with the largest errors."""
 
 
 @dataclass(frozen=True, eq=False)
 class TrackResult:
-    """The answer of :func:`pinproof.track` for N poses.
+    """The result of :func:`pinproof.track` for N poses.
 
     Parameters
     ----------
     arm, task, poses
-        What was followed, by whom.
+        The arm, the task and the poses (N, 4, 4) that were tracked.
     q0
-        (n,) where the arm stood at time 0.
+        (n,) the configuration at time 0.
     q
-        (N, n) the configurations, inside the limits, unwrapped.
+        (N, n) the configurations, within the limits, not wrapped to (-pi, pi].
     times
-        (N,) in seconds, when each pose was due.
+        (N,) the time in seconds at which each pose was due.
     durations
-        (N,) in seconds: of the tick before each sample.
+        (N,) the duration in seconds of the cycle before each sample.
     velocity
-        (n,) the speed limits that were kept, in rad/s or m/s.
+        (n,) the speed limits, in rad/s or m/s.
 
     Attributes
     ----------
     position_error, orientation_error
-        (N,) the slip: metres and radians from each pose to the tcp, by Pinocchio's forward kinematics, apart from the
-        loop that made q. (Of the coordinates that the task asks for; where it asks for none of the one or the other,
-        that is reported whole.)
+        (N,) distance in m and angle in rad from each pose to the tcp, by Pinocchio's forward kinematics, independently
+        of the loop that computed q. Only coordinates that the task selects count; if the task selects no position or
+        no orientation, the complete error is reported.
     reached
-        (N,) whether the slip is within the tolerances.
+        (N,) whether both errors are within the tolerances.
     """
 
     arm: Arm
@@ -96,14 +93,14 @@ class TrackResult:
 
     @property
     def speed_shares(self) -> Array:
-        """(N, n) how far each joint moved in the tick before each sample, as a share of what its speed limit allows."""
+        """(N, n) the motion of each joint in the cycle before each sample, divided by what its speed limit allows."""
         moved = np.abs(np.diff(self.q, axis=0, prepend=self.q0[None]))
         allowed = self.velocity * self.durations[:, None]
         return np.divide(moved, allowed, out=np.zeros_like(moved), where=allowed > 0)
 
     @property
     def speed_share(self) -> Array:
-        """(N,) the largest of them."""
+        """(N,) the largest of :attr:`speed_shares` over the joints."""
         return np.asarray(self.speed_shares.max(axis=1))
 
     @property
@@ -113,39 +110,39 @@ class TrackResult:
 
     @property
     def at_position_limit(self) -> Flags:
-        """(N, n) which joints stand at a limit."""
+        """(N, n) which joints are at a position limit."""
         limits = self.arm.limits
         return np.asarray(np.minimum(self.q - limits.lower, limits.upper - self.q) <= AT_LIMIT)
 
     @property
     def message(self) -> str:
-        """The answer in words: where and how long the tcp slipped, and why."""
+        """Status, largest error, and the time, size and cause of the largest errors above the tolerances."""
         position, orientation = float(self.position_error.max()), float(self.orientation_error.max())
         worst = f"{position:.3g} m and {orientation:.3g} rad"
         if self.ok:
             return (
-                f"all {len(self)} poses followed, slip at most {worst}; "
-                f"joints moved at up to {self.speed_share.max():.0%} of their speed limits"
+                f"all {len(self)} poses reached; largest error {worst}; "
+                f"joint speeds up to {self.speed_share.max():.0%} of the limits"
             )
-        runs = self._slipping_runs()
-        described = sorted(sorted(runs, key=self._slip_of, reverse=True)[:NAMED])
-        more = f"; and {len(runs) - NAMED} more" if len(runs) > NAMED else ""
+        runs = self._runs_above_tolerance()
+        described = sorted(sorted(runs, key=self._error_of, reverse=True)[:NAMED])
+        more = f"; and {len(runs) - NAMED} more intervals" if len(runs) > NAMED else ""
         return (
-            f"{np.count_nonzero(~self.reached)} of {len(self)} poses slipped, by at most {worst}: "
+            f"{np.count_nonzero(~self.reached)} of {len(self)} poses not reached; largest error {worst}: "
             f"{'; '.join(self._described(*run) for run in described)}{more}"
         )
 
     def to_path(self) -> JointPath:
-        """The samples as waypoints of a path without timing, q0 not among them."""
+        """The samples as waypoints of a path without timing; q0 is not included."""
         return JointPath(self.q, self.arm.joint_names)
 
     def or_raise(self) -> TrackResult:
-        """The track itself if every sample is within the tolerances.
+        """The result itself if every sample is within the tolerances.
 
         Raises
         ------
         IkFailed
-            If one is not, with the message; ``.result`` of the error is this value.
+            If a sample is not, with the message; ``.result`` of the error is this value.
         """
         if not self.ok:
             raise IkFailed(self.message, self)
@@ -154,12 +151,12 @@ class TrackResult:
     def __len__(self) -> int:
         return len(self.q)
 
-    def _slipping_runs(self) -> list[tuple[int, int]]:
-        """First and last sample of each slip."""
+    def _runs_above_tolerance(self) -> list[tuple[int, int]]:
+        """First and last sample of each interval in which the errors exceed the tolerances."""
         edges = np.flatnonzero(np.diff(~self.reached, prepend=False, append=False))
         return [(first, end - 1) for first, end in edges.reshape(-1, 2).tolist()]
 
-    def _slip_of(self, run: tuple[int, int]) -> float:
+    def _error_of(self, run: tuple[int, int]) -> float:
         rows = slice(run[0], run[1] + 1)
         return float((self.position_error[rows] + self.orientation_error[rows]).max())
 
@@ -181,31 +178,31 @@ class TrackResult:
         if first == last:
             when = f"at {self.times[first]:.6g} s (sample {first})"
         return (
-            f"{when} by at most "
-            f"{self.position_error[rows].max():.3g} m and {self.orientation_error[rows].max():.3g} rad: "
-            f"{', '.join(why) or 'out of reach on this branch'}"
+            f"{when} error up to "
+            f"{self.position_error[rows].max():.3g} m and {self.orientation_error[rows].max():.3g} rad, "
+            f"{', '.join(why) or 'out of reach on this IK branch'}"
         )
 
     def _smallest_singular_value(self, row: int) -> float:
-        """Of the Jacobian of what the task asks for, in the axes of the target."""
+        """The smallest singular value of the rows of the Jacobian that the task selects, in the axes of the target."""
         spin = self.poses[row, :3, :3].T
         jacobian = self.arm.jacobian(self.q[row])
-        asked = np.vstack([spin @ jacobian[:3], spin @ jacobian[3:]])[self.task.asked > 0]
-        return float(np.linalg.svd(asked, compute_uv=False)[-1])
+        selected = np.vstack([spin @ jacobian[:3], spin @ jacobian[3:]])[self.task.mask > 0]
+        return float(np.linalg.svd(selected, compute_uv=False)[-1])
 
 
 def slips(arm: Arm, task: Task, poses: Array, q: Array) -> Array:
-    """(N, 2) metres and radians from the poses (N, 4, 4) to the tcp at q (N, n), by Pinocchio."""
+    """(N, 2) distances (m) and angles (rad) from the poses (N, 4, 4) to the tcp at q (N, n), by Pinocchio."""
     from pinproof.kernels.task import measure_many
 
     errors = np.empty((len(q), 2))
-    measure_many(np.ascontiguousarray(poses), arm.forward_kinematics_batch(q), task.asked, errors)
+    measure_many(np.ascontiguousarray(poses), arm.forward_kinematics_batch(q), task.mask, errors)
     return errors
 
 
 TaskLike = TaskName | IkTask | Sequence[bool]
 
-EITHER = "track needs either dt, the seconds of a tick, or times, the seconds at which the poses are due"
+EITHER = "track requires either dt, the cycle time in seconds, or times, the time in seconds at which each pose is due"
 
 
 def track(
@@ -221,15 +218,15 @@ def track(
     position_tolerance: float = 1e-6,
     orientation_tolerance: float = 1e-6,
 ) -> TrackResult:
-    """Joint motions that follow a sequence of poses as well as position and speed limits allow.
+    """Compute joint motions that track a sequence of poses within position and speed limits.
 
-    Each tick ends at the configuration, among all that these limits let the arm reach within the tick, whose tcp is
-    nearest to the pose (one metre weighed as one radian). So no joint ever jumps. Where a pose cannot be reached in
-    time, near a singularity for instance, the tcp slips, and catches up at the speed limit afterwards; by how much is
-    said sample by sample. q is never wrapped: joints keep winding as long as their limits allow.
+    Each cycle ends at the configuration whose tcp is closest to the pose (one metre has the weight of one radian) among
+    those that the limits allow within the cycle. Joints therefore never jump. If a pose cannot be reached in time, for
+    example near a singularity, the tcp deviates from it and returns at the speed limit; the deviation is reported for
+    every sample. q is not wrapped to (-pi, pi].
 
-    The branch is kept: a motion through a singularity goes on as it came. An arm that slips, as its targets leave its
-    reach, comes back with the elbow on its old side (not promised for a redundant arm, or a task that leaves freedom).
+    The IK branch is preserved: a motion through a singularity continues smoothly, and if targets leave the workspace
+    and return, the elbow remains on its side (not guaranteed for redundant arms or tasks with free coordinates).
 
     Parameters
     ----------
@@ -238,31 +235,31 @@ def track(
     poses
         (N, 4, 4) ``base_from_target``, or a sequence of ``pin.SE3``; at least one.
     q0
-        (n,) inside the limits: where the arm stands at time 0.
+        (n,) the configuration at time 0, within the limits.
     dt
-        Seconds of a tick. Pose k is due at (k + 1) dt.
+        Cycle time in seconds. Pose k is due at (k + 1) dt.
     times
-        (N,) instead of ``dt``: when each pose is due, in seconds, increasing, none before 0. At time 0 the arm still
-        stands at q0.
+        (N,) instead of ``dt``: the time in seconds at which each pose is due, increasing, at least 0. The arm is at q0
+        at time 0.
     velocity
         Speed limits, rad/s or m/s, one for all joints or (n,); by default those of the arm.
     task
         As for :meth:`pinproof.Clik.solve`: ``"pose"``, ``"position"``, ``"spin_z"``, ... or an :class:`IkTask`.
     goal
-        What the joints shall do besides, where the task leaves them free, as for :meth:`pinproof.Clik.solve`; it never
-        costs the task anything. Its gain counts per second here. ``"near"`` is near q0.
+        Null-space objective, as for :meth:`pinproof.Clik.solve`; it never increases the error of the task. Its gain is
+        per second here. ``"near"`` refers to q0.
     position_tolerance, orientation_tolerance
-        In m and rad: a sample within them counts as reached.
+        In m and rad: a sample within both counts as reached.
 
     Raises
     ------
     InputError
-        For poses that are not rigid, a q0 outside the limits, speeds that are not known or not above 0, times that do
-        not increase; for both or neither of ``dt`` and ``times``; for an unknown task or goal.
+        If a pose is not rigid, q0 is outside the limits, a speed limit is unknown or not positive, the times do not
+        increase, both or neither of ``dt`` and ``times`` are given, or the task or goal is unknown.
     """
     many = rigid_many("poses", poses)
     if len(many) == 0:
-        raise InputError("poses has no pose; there is nothing to track")
+        raise InputError("poses is empty; track requires at least one pose")
     if dt is not None and times is not None:
         raise InputError(EITHER)
     if dt is not None:
@@ -281,19 +278,19 @@ def track(
 
 
 class Tracker:
-    """:func:`track` tick by tick, for a control loop: the same answers, bit for bit.
+    """:func:`track` cycle by cycle, for a control loop, with bit-identical results.
 
-    What is not named here is as for :func:`track`, and so is what is raised. The first tick of a process may load
-    compiled code; the constructor makes one on the side, so that no tick of the loop does.
+    The other parameters and the exceptions are those of :func:`track`. The constructor runs one cycle, so that compiled
+    code is loaded before the first cycle of the control loop.
 
     Parameters
     ----------
     arm
         The arm.
     dt
-        Seconds of a tick.
+        Cycle time in seconds.
     q0
-        (n,) inside the limits: where the arm stands.
+        (n,) the initial configuration, within the limits.
     """
 
     def __init__(
@@ -317,24 +314,24 @@ class Tracker:
         self.reset(q0)
 
     def reset(self, q0: npt.ArrayLike) -> None:
-        """Begin anew at q0 (n,), at rest.
+        """Restart from q0 (n,), at rest.
 
         Raises
         ------
         InputError
-            If it is not inside the limits.
+            If q0 is outside the limits.
         """
         self._follower = _Follower(self.arm, q0, *self._settings)
         self._pose: Array | None = None
 
     @property
     def q(self) -> Array:
-        """(n,) where the arm stands now."""
+        """(n,) the current configuration."""
         return self._follower.state[0].copy()
 
     @property
     def slip(self) -> tuple[float, float]:
-        """Metres and radians from the last pose to the tcp, as in :class:`TrackResult`; 0 before the first."""
+        """Distance (m) and angle (rad) from the last pose to the tcp; 0 before the first pose."""
         if self._pose is None:
             return 0.0, 0.0
         position, orientation = slips(self.arm, self._follower.task, self._pose, self._follower.state[:1])[0].tolist()
@@ -346,19 +343,19 @@ class Tracker:
         return self._pose is None or bool(self._follower.task.fulfilled(np.array([self.slip]))[0])
 
     def step(self, pose: SE3 | npt.ArrayLike) -> Array:
-        """The configuration (n,) at the end of the tick in which this pose, ``base_from_target``, is due.
+        """The configuration (n,) at the end of the cycle in which this pose, ``base_from_target``, is due.
 
         Raises
         ------
         InputError
-            If the pose is not rigid; the arm then stands where it stood.
+            If the pose is not rigid; the configuration then does not change.
         """
         self._pose = matrix(rigid("pose", pose))[None]
         return self._follower(self._pose, self._durations)[0]
 
 
 class _Follower:
-    """The compiled loop with what goes from tick to tick."""
+    """The compiled loop and its state between cycles."""
 
     def __init__(
         self,
@@ -379,7 +376,7 @@ class _Follower:
         self.state = np.zeros((3, arm.dof))
         self.state[0] = self.start
         limits = np.array([arm.limits.lower, arm.limits.upper])
-        self._fixed = arm.packed, limits, self.velocity, self.task.asked, packed_goal(goal, arm, self.start)
+        self._fixed = arm.packed, limits, self.velocity, self.task.mask, packed_goal(goal, arm, self.start)
 
     def __call__(self, poses: Array, durations: Array) -> Array:
         """The next N configurations (N, n)."""
@@ -391,14 +388,14 @@ class _Follower:
 
 
 def _speeds(arm: Arm, velocity: float | npt.ArrayLike | None) -> Array:
-    """The speed limits (n,), checked."""
+    """The validated speed limits (n,)."""
     given = arm.limits.velocity if velocity is None else velocity
     try:
         speeds = np.array(np.broadcast_to(np.asarray(given, dtype=float), (arm.dof,)))
     except (TypeError, ValueError) as error:
-        raise InputError(f"velocity must be one number or {arm.dof}, not {velocity!r}") from error
+        raise InputError(f"velocity must be one number or {arm.dof} numbers, not {velocity!r}") from error
     if not (np.isfinite(speeds) & (speeds > 0)).all():
         named = [f"{name} {value:g}" for name, value in zip(arm.joint_names, speeds, strict=True)]
-        why = "the arm's speed limits are not all known" if velocity is None else "speed limits must be finite, above 0"
-        raise InputError(f"{why} ({', '.join(named)}); give track velocity=, in rad/s or m/s")
+        why = "the arm has unknown speed limits" if velocity is None else "speed limits must be finite and above 0"
+        raise InputError(f"{why} ({', '.join(named)}); pass velocity= in rad/s or m/s")
     return speeds

@@ -1,6 +1,6 @@
-"""Compiled loops over plain arrays (numba). Nothing here knows a robot; nothing compiles before it is called.
+"""Compiled loops over plain arrays (numba), without access to robots; they are compiled at their first call.
 
-Modules of this room import numba at their head, so the others import them where they call them.
+The modules of this package import numba at the top. Other packages therefore import them inside functions.
 """
 
 __all__ = []

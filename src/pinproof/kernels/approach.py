@@ -1,29 +1,29 @@
-r"""How much nearer two bodies can come while the joints stay in a box about a configuration.
+r"""A bound on how much closer two bodies can come while the joints stay in a box about a configuration.
 
-**Roughly.** Let q be a configuration and let every joint i between bodies a and b stay within delta_i of q_i. Fix any
-link L between a and b and walk outward from it to b. Move these joints one after another, the one nearest to L first:
-moving joint i carries all that lies beyond it, b and the later axes alike, as one rigid thing, and that thing still has
-the shape it has at q. So the points of b move by at most the chord :math:`2 \rho_i \sin(\delta_i / 2)`, where rho_i is
-the largest distance at q of a point of b from axis i (a joint that slides: delta_i). The same holds for a, walking from
-L to a. Altogether, at every configuration in the box,
+**Simple bound.** Let q be a configuration, and let every joint i between bodies a and b stay within delta_i of q_i. Fix
+any link L between a and b and consider the joints from L to b. Move these joints one after another, the one closest to
+L first: the motion of joint i carries everything beyond it, b and the later axes, as one rigid body, which still has
+the shape that it has at q. The points of b therefore move by at most the chord :math:`2 \rho_i \sin(\delta_i / 2)`,
+where rho_i is the largest distance at q of a point of b from axis i (for a prismatic joint: delta_i). The same holds
+for a, from L to a. Together, at every configuration in the box,
 
 .. math:: d(q') \ge d(q) - \sum_{a \leftarrow L} 2 \rho^a_i \sin(\delta_i / 2)
     - \sum_{L \to b} 2 \rho^b_i \sin(\delta_i / 2) .
 
-L is chosen where the sum is least; for an obstacle it is the root. Exchanging the roles joint by joint, with no link
-that parts them, or a smallest radius in place of the largest, would be wrong.
+L is chosen such that the sum is smallest; for an obstacle it is the root. Exchanging a and b for single joints, without
+a link that separates them, or using the smallest radius in place of the largest, would be wrong.
 
-**Closely.** The gap of the supports along a unit vector u that is fixed in L bounds the distance from below, at q and
-at q' alike, so only motion along u counts. With the joints as rotations R_1 .. R_m about their axes at q, nearest to L
-first, a point y of b goes to R_1 R_2 .. R_m y, and
+**Tight bound.** The gap of the supports along a unit vector u that is fixed in L is a lower bound of the distance, at q
+and at q', so that only motion along u counts. With the joints as rotations R_1 .. R_m about their axes at q, closest to
+L first, a point y of b moves to R_1 R_2 .. R_m y, and
 
 .. math:: R_1 \cdots R_m y - y = \sum_i \bar R_1 \cdots \bar R_{i-1} (R_i y - y) ,
 
-the bar for the turn alone. Each term is the first-order :math:`\theta_i w_i \times (y - p_i)` and a rest. The rest is
-of two parts: what the inner turns make of it, at most :math:`\sum_{l<i} 2 \sin(\delta_l / 2)` times the chord, and
-the bend of the arc, at most :math:`\rho_i (\delta_i - \sin \delta_i + 1 - \cos \delta_i)`. The first-order terms
-are summed over the joints before the largest over the body is taken, so that motions that cancel do cancel; that is
-convex in the joints, so on a curve it is largest at a control point.
+where the bar denotes the rotation without translation. Each term is the first-order term :math:`\theta_i w_i \times (y
+- p_i)` and a remainder. The remainder has two parts: the effect of the inner rotations, at most :math:`\sum_{l<i} 2
+\sin(\delta_l / 2)` times the chord, and the curvature of the arc, at most :math:`\rho_i (\delta_i - \sin \delta_i + 1 -
+\cos \delta_i)`. The first-order terms are summed over the joints before the maximum over the body is taken, so that
+opposite motions cancel; the sum is convex in the joints, so that its maximum on a curve is at a control point.
 
 Sources: F. Schwarzer, M. Saha, J.-C. Latombe (2005), "Adaptive dynamic collision checking for single and multiple
 articulated robots in complex environments", IEEE Transactions on Robotics 21(3), section III; S. Quinlan (1994),
@@ -41,18 +41,18 @@ from pinproof.kernels.world import BALL, HALF, LEADER, MIDDLE, MULTIPLIER, PAREN
 __all__ = ["CHORD", "CURVE", "MORE", "TURN_COLUMNS", "closely", "roughly", "speed", "speeds", "swings", "way"]
 
 CHORD, BEND, ANGLE, SHARE, CURVE = 0, 1, 2, 3, 4
-"""Columns of the swings of joints, for a half width delta: how far a point at radius 1 moves, 2 sin(delta / 2); how far
-that is from its first velocity times the angle, delta - sin(delta) + 1 - cos(delta); delta; how much of a joint of q
-the joint takes; the chord without what was added to every joint as a tolerance."""
+"""Columns of the joint motions for a half width delta: the chord of a point at radius 1, 2 sin(delta / 2); its
+deviation from the first-order motion, delta - sin(delta) + 1 - cos(delta); delta; the factor of the joint's value in
+q; the chord without the tolerance that was added to every joint."""
 TURN_COLUMNS = 5
 
 MORE = 0.05
-"""rad or m. The close bound says how it would grow with the box for boxes at most this much larger."""
+"""rad or m. The growth of the tight bound with the box is valid for boxes that are larger by at most this."""
 
 
 @compiled
 def swings(joints: Any, delta: Any, extra: Any, turns: Any) -> None:
-    """The swings (m, 5) of joints whose q stays within ``delta + extra`` (n,)."""
+    """The joint motions (m, 5), in the columns above, for q within ``delta + extra`` (n,)."""
     for k in range(joints.shape[0]):
         leader, share = int(joints[k, LEADER]), abs(joints[k, MULTIPLIER])
         angle, bare = share * (delta[leader] + extra[leader]), share * delta[leader]
@@ -76,7 +76,7 @@ def speeds(joints: Any, bodies: Any, at: Any, axes: Any, rho: Any) -> None:
 
 @compiled
 def speed(joints: Any, bodies: Any, at: Any, axes: Any, body: int, k: int) -> float:
-    """Of the ball about a body: the distance of its centre from the axis, and its radius."""
+    """The distance of the centre of a body's bounding ball from the axis, and the radius of the ball."""
     if joints[k, SLIDES] != 0.0:
         return 1.0
     x, y, z = at[body, MIDDLE] - axes[k, 9], at[body, MIDDLE + 1] - axes[k, 10], at[body, MIDDLE + 2] - axes[k, 11]
@@ -87,12 +87,12 @@ def speed(joints: Any, bodies: Any, at: Any, axes: Any, body: int, k: int) -> fl
 
 @compiled
 def way(joints: Any, a: int, b: int, path: Any) -> Any:
-    """``(count, up)`` of the joints between what hangs on joint a and what hangs on joint b.
+    """``(count, up)`` of the joints between the body on joint a and the body on joint b.
 
-    In that order they are the first ``count`` of ``path`` (m,); the first ``up`` of them carry a, the others b.
+    They are the first ``count`` entries of ``path`` (m,) in that order; the first ``up`` of them carry a, the others b.
     """
     up, down, size = 0, 0, path.shape[0]
-    while a != b:  # parents have smaller numbers
+    while a != b:  # Parents have smaller numbers.
         if a > b:
             path[up] = a
             up += 1
@@ -110,8 +110,9 @@ def way(joints: Any, a: int, b: int, path: Any) -> Any:
 def roughly(rho: Any, turns: Any, path: Any, count: int, a: int, b: int) -> Any:
     """``(approach, growth, curve, split)`` of bodies a and b, which may be an obstacle.
 
-    How much nearer they can come; that per rad or m more for every joint; how much of it is the curve's own, without
-    tolerances; and how many joints, from a on, were taken by a's points, the others by b's.
+    The distance by which they can approach each other; its growth per rad or m of every joint; the part that is due to
+    the curve alone, without tolerances; and the number of joints, from a, that are assigned to the points of a, the
+    others to b.
     """
     near = more = bare = 0.0
     for i in range(count):
@@ -122,7 +123,7 @@ def roughly(rho: Any, turns: Any, path: Any, count: int, a: int, b: int) -> Any:
     if b >= rho.shape[0]:
         return near, more, bare, count
     best, growth, curve, split = near, more, bare, count
-    for i in range(count - 1, -1, -1):  # hand over one joint after the other, from b's end, from a's points to b's
+    for i in range(count - 1, -1, -1):  # Reassign joints one by one, beginning at b, from a to b.
         k = path[i]
         less = rho[b, k] - rho[a, k]
         near, more, bare = near + less * turns[k, CHORD], more + less * turns[k, SHARE], bare + less * turns[k, CURVE]
@@ -152,12 +153,12 @@ def closely(
 ) -> Any:
     """``(approach, growth)`` of the support gap along the unit vector u (3,), from a to b, in the root frame.
 
-    On a single piece (degree + 1, n) of the curve about its ``middle`` (n,). The growth holds for up to :data:`MORE`
-    more.
+    For a single piece (degree + 1, n) of the curve about its ``middle`` (n,). The growth is valid for up to
+    :data:`MORE`.
     """
     last = piece.shape[0] - 1
     first = 0.0
-    for r in range(last + 1 if last > 1 else 1):  # a straight piece is the same on both sides of its middle
+    for r in range(last + 1 if last > 1 else 1):  # A straight piece is symmetric about its middle.
         along = 0.0
         ax = ay = az = bx = by = bz = 0.0
         for i in range(count):

@@ -1,8 +1,8 @@
-r"""The angle of a point, without a branch, so that loops over it become vector instructions.
+r"""The angle of a point, without a conditional branch, so that loops over it are vectorised.
 
-The smaller of \|y\| and \|x\| over the larger is brought below tan(pi/8) by tan(a - pi/4) = (tan a - 1)/(tan a + 1);
-there arctan(r)/r is a polynomial of degree 10 in r^2, interpolated at Chebyshev's points with 60 digits: within
-3.5e-17. The octants are then put back. Seen against the C library: within 5e-16.
+The smaller of \|y\| and \|x\| over the larger is reduced below tan(pi/8) by tan(a - pi/4) = (tan a - 1)/(tan a + 1);
+there arctan(r)/r is a polynomial of degree 10 in r^2, interpolated at Chebyshev points with 60 digits: within 3.5e-17.
+The octant is then restored. The result agrees with the C library within 5e-16.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""The damped least squares step inside a box, exactly: a small convex problem, solved by an active set.
+"""The damped least-squares step within a box: a small convex problem, solved exactly by an active set.
 
-Source: Stark, Parker (1995), "Bounded-variable least-squares: an algorithm and applications"; with the damping the
-minimum is unique, and the 6 x 6 form A^T (A A^T + shift I)^-1 holds for any number of joints.
+Source: Stark, Parker (1995), "Bounded-variable least-squares: an algorithm and applications". With damping the minimum
+is unique, and the 6 x 6 form A^T (A A^T + shift I)^-1 is valid for any number of joints.
 """
 
 from __future__ import annotations
@@ -14,21 +14,22 @@ from pinproof.kernels.workspace import HELD, PULL, STEP, VALUES
 
 __all__ = ["DOWN", "LEFT", "UP", "WISH", "box_step"]
 
-# Rows of ``joints`` and of ``errors`` behind those of the workspace
+# Rows of ``joints`` and of ``errors`` after those of the workspace.
 WISH, DOWN, UP = 6, 7, 8
 LEFT = 4
 
 CHANGES = 4
-"""Changes of the active set, for each joint, after which the step is taken as it is: feasible, and better than none.
-Seldom are more than one or two needed; the number only ends a cycle that rounding makes."""
+"""Maximum number of changes of the active set per joint; the step is then used as it is, which is feasible. More
+than two are rare; the limit only ends cycles due to rounding."""
 
 MOST_GROWTHS, GROWTH = 20, 4.0
-"""The shift grows so often by so much until the matrix is positive definite in floating point; once is rare."""
+"""Maximum number of increases of the shift, and their factor, until the matrix is numerically positive definite;
+more than one is rare."""
 
 
 @inlined
 def box_step(shift: float, jacobian: Any, rows: Any, square: Any, lower: Any, joints: Any, errors: Any) -> float:
-    """The d in [DOWN, UP] with the least |A d + pull|^2 + shift |d|^2, into the row STEP of ``joints``.
+    """The d in [DOWN, UP] that minimises |A d + pull|^2 + shift |d|^2, into the row STEP of ``joints``.
 
     A = ``jacobian`` (6, n); ``rows`` (6, n) is scratch. Returns |pull|^2 - |A d + pull|^2. HELD becomes -1 or 1 for the
     joints at a bound.
@@ -49,7 +50,7 @@ def box_step(shift: float, jacobian: Any, rows: Any, square: Any, lower: Any, jo
             shift *= GROWTH
         solve_factored(lower, errors, LEFT, VALUES)
 
-        # Where each joint would go. Free ones go there, as far as the first of them that meets a bound.
+        # Free joints move to their unconstrained optimum, up to the first that meets a bound.
         share, stopped = 1.0, -1
         for i in range(n):
             wish = 0.0
@@ -73,7 +74,7 @@ def box_step(shift: float, jacobian: Any, rows: Any, square: Any, lower: Any, jo
                 rows[k, stopped] = 0.0
             continue
 
-        # The gradient at a held joint is shift (step - wish): one that wishes back into the box is let go.
+        # The gradient at a held joint is shift (step - wish); a joint whose optimum is inside the box is released.
         back, freed = 0.0, -1
         for i in range(n):
             inward = joints[HELD, i] * (joints[STEP, i] - joints[WISH, i])

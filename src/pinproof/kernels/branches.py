@@ -1,17 +1,18 @@
-r"""Every configuration of an arm for a pose, in closed form: the parts put together.
+r"""All configurations of an arm for a pose in closed form: the combination of the parts.
 
-An arm comes as a ``plan``, an array of rows of 16 (:mod:`pinproof.ik.analytic.plan` makes it):
+An arm is given as a ``plan``, an array of rows of 16 (made by :mod:`pinproof.ik.analytic.plan`):
 
 ====================  ==============================================================================================
 row 0                 settings, see the constants below
-rows 1 ... n + 1      the arm's true chain (:mod:`pinproof.kernels.chain`), which judges
-row n + 2             the tool at q = 0, of the ideal arm, lengths in units of the arm's
-row n + 3 and on      the ideal arm's lines at q = 0 (:mod:`pinproof.kernels.vectors`): six, or seven with one joint
-                      locked; then at OWN the joint's place in q (-1: made up, shall stand at zero), limits
+rows 1 ... n + 1      the true chain of the arm (:mod:`pinproof.kernels.chain`), for the verification
+row n + 2             the tool of the ideal arm at q = 0, with lengths relative to the size of the arm
+row n + 3 and later   the lines of the ideal arm at q = 0 (:mod:`pinproof.kernels.vectors`): six, or seven with one
+                      locked joint; then, at OWN, the index of the joint in q (-1: virtual, must be zero), and limits
 ====================  ==============================================================================================
 
-The ideal arm's axes meet or are parallel exactly; where the true ones do not, its answers are starts for Newton's
-iteration on the true chain. What comes out has been judged by forward kinematics of that chain, inside the limits.
+The axes of the ideal arm meet or are parallel exactly. If those of the true arm do not, the solutions of the ideal arm
+are the starts of Newton's method on the true chain. Every result is verified by forward kinematics of that chain and is
+within the limits.
 """
 
 from __future__ import annotations
@@ -44,56 +45,56 @@ from pinproof.kernels.vectors import SLIDING, direction, dot, place, turned
 
 __all__ = ["BAD_TARGET", "ELSEWHERE", "ROWS", "branches_of_many", "branches_of_one"]
 
-# Row 0 of a plan. COUNT: n. FIRST_OF_TRIPLE: 0 to 3. NORMAL: the line of the triple that turns. LOCKED: a line, or -1.
+# Row 0 of a plan. COUNT: n. FIRST_OF_TRIPLE: 0 to 3. NORMAL: the revolute line of the triple. LOCKED: a line, or -1.
 COUNT, FIRST_OF_TRIPLE, PLANAR, REVERSED, NORMAL, LOCKED, SIZE = range(7)
 BORDER, SPREAD, POSITION_TOLERANCE, ORIENTATION_TOLERANCE, MADE_UP_TOLERANCE, TOLERANCE, ROUNDING = range(7, 14)
 OWN, LOWER, UPPER = 8, 9, 10
 SOURCE = 8
 
-# Behind the n numbers of q in a row of answers, and in the row behind the last answer
+# Columns after the n numbers of q in a row of the output, and columns of the row after the last solution.
 POSITION_ERROR, ORIENTATION_ERROR, FREE_JOINTS, SIGNATURE = range(4)
 ALL_FREE_JOINTS, FAILED, OUTSIDE, QUARTIC, IN_DOUBT = range(5)
-# The last of these: 1 if something was left out; above, bits for solutions of which a joint is free, and that are not
-# among the answers for the value given to that joint (see family.py for the order of the bits).
+# The last of these: bit 0 is set if a case was omitted; the other bits mark solutions with a free joint that have no
+# row for the given value of that joint (see family.py for the order of the bits).
 
 ROWS = 24
-"""For answers to one pose. Most have up to 8; where rounding leaves it open whether a joint is free, both cases are
-among them."""
+"""Rows for the solutions of one pose. Most poses have up to 8; if rounding does not decide whether a joint is free,
+both cases are included."""
 
 RIGID = 1e-6
 """As :data:`pinproof.spatial.RIGID_TOLERANCE`."""
 
 GOOD_ENOUGH = 1e-10
-"""M or rad. A branch that forward kinematics finds further off is refined on the true chain."""
+"""M or rad. A branch with a larger error by forward kinematics is refined on the true chain."""
 
 LIMIT_SLACK = 1e-9
-"""Rad or m. Rounding may put a joint that stands at its limit beyond it by this; it is brought back."""
+"""Rad or m. A joint that exceeds its limit by at most this, due to rounding, is moved to the limit."""
 
 NEAR_LIMITS = 0.5
-"""Rad or m. A branch of an arm that is off the ideal is not worth refining if it is further outside; AT_LIMIT else."""
+"""Rad or m. A branch of an arm that deviates from the ideal is not refined if it is further outside; else AT_LIMIT."""
 
 SAME_BRANCH = 1e-6
-"""Rad or m. Branches nearer than this in every joint are one, which rounding of a double root took apart."""
+"""Rad or m. Branches that differ by less in every joint are the same, separated by rounding of a double root."""
 
 NEARLY_SINGULAR = 0.5
-"""Of the smallest singular value of the Jacobian, in parts of the arm's size and of the root of SPREAD: below, being
-off the ideal may have moved two branches far along, or left one of them alone."""
+"""Of the smallest singular value of the Jacobian, relative to the arm's size and the square root of SPREAD: below,
+the deviation from the ideal may have moved two branches far apart, or removed one of them."""
 
 ASTRAY = 0.05
-"""M. What refinement left further off than this is not near any solution."""
+"""M. A branch with a larger error after refinement is not close to any solution."""
 
 BAD_TARGET = -1
 
 ELSEWHERE = -2
-"""In place of a count of none: joints are free at this target, and there may be branches at other values of theirs; or
-of more than there is room for."""
+"""Negative counts: joints are free at this target and there may be branches at other values of them, or there are
+more branches than rows."""
 
 
 @inlined
 def workroom() -> Any:
-    """What one pose is worked out in.
+    """The working arrays for one pose.
 
-    Lines, places where the curves meet, states; a lane for each branch, of q, of scratch and of errors; the target.
+    Lines, candidates, states; one lane per branch, of q, of scratch and of errors; the target.
     """
     return (
         np.empty((6, 9)), np.zeros((CANDIDATES + 1, COLUMNS)), np.zeros((STATES, LANES)), np.zeros((7, LANES)),
@@ -103,7 +104,7 @@ def workroom() -> Any:
 
 @compiled
 def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, room: Any, out: Any) -> int:
-    """The distinct branches for ``target`` (4, 4) into the rows of ``out`` (k + 1, n + 4); how many, or BAD_TARGET."""
+    """The distinct branches for ``target`` (4, 4) into ``out`` (k + 1, n + 4); their number, or BAD_TARGET."""
     lines, chosen, states, Q, scratch, lanes, pose = room
     n, size, s = int(plan[0, COUNT]), plan[0, SIZE], int(plan[0, FIRST_OF_TRIPLE])
     planar, reverse, locked = plan[0, PLANAR] != 0.0, plan[0, REVERSED] != 0.0, int(plan[0, LOCKED])
@@ -144,7 +145,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
         turn = R0 if i == 0 else R1 if i == 1 else R2
         pose[i, 0], pose[i, 1], pose[i, 2], pose[i, 3] = turn[0], turn[1], turn[2], target[i, 3]
 
-    # The tool at zero, and G = target times its inverse; a locked joint moves what comes behind it.
+    # The tool at zero, and G = target times its inverse; a locked joint moves the part of the chain after it.
     T0, T1, T2 = (
         (plan[tool, 0], plan[tool, 1], plan[tool, 2]),
         (plan[tool, 4], plan[tool, 5], plan[tool, 6]),
@@ -176,7 +177,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
     shift = (target[0, 3] / size - dot(G0, t), target[1, 3] / size - dot(G1, t), target[2, 3] / size - dot(G2, t))
     C0, C1, C2 = (G0[0], G1[0], G2[0]), (G0[1], G1[1], G2[1]), (G0[2], G1[2], G2[2])
 
-    # The six lines: the triple, then a, b, c; those before the triple are seen through G^-1.
+    # The six lines: the triple, then a, b, c; those before the triple are transformed by G^-1.
     normal, p0 = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for i in range(6):
         k = i if locked < 0 or i < locked else i + 1
@@ -212,8 +213,9 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
 
     border, spread = plan[0, BORDER], plan[0, SPREAD]
     kept = failed = outside = freed = by_quartic = doubtful = free_ones = with_members = 0
-    # First without, then, where rounding leaves open whether joints are free, with them free (bit 0: outside the
-    # triple, bit 1: inside). Those count as answers only where forward kinematics confirms it.
+    # First without free joints; then, if rounding does not decide whether joints are free, with them free (bit 0:
+    # outside
+    # the triple, bit 1: inside). The latter count only if forward kinematics confirms them.
     undecided = 0
     for attempt in range(5):
         snap = 0
@@ -227,7 +229,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
                 or (snap == 1 and undecided & 3 != 3)
             ):
                 continue
-            if undecided & 8 == 0:  # the families come first: the rest may be members of them
+            if undecided & 8 == 0:  # Families come first: other rows may be members of them.
                 undecided |= 8
                 kept = 0
         curves = two_curves(
@@ -236,7 +238,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
         if curves >= BY_QUARTIC:
             by_quartic = 1
         curves %= BY_QUARTIC
-        count = curves - curves  # typed as a number, not as the literal 0: the triple is compiled once
+        count = curves - curves  # Typed as a number and not as the literal 0, so that the triple is compiled only once.
         for i in range(curves):
             freed |= int(chosen[i, FREED])
             if count > LANES - 2:
@@ -264,7 +266,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
         if chosen[CANDIDATES, DOUBTFUL] != 0.0:
             doubtful = 1
 
-        # States to values, one solution a lane.
+        # States to values, one solution per lane.
         width = 8 if count <= 8 else LANES
         for b in range(width):
             scratch[1, b] = 1.0 if b < count else 0.0
@@ -311,7 +313,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
             if int(states[12, b]) != 0:
                 free_ones |= 1 << _number(states[13, b])
             if mask & (mask - 1) != 0:
-                doubtful = 1  # a family of two parameters; those that are reported have one
+                doubtful = 1  # A family with two parameters; those that are reported have one.
             if scratch[1, b] == 0.0:
                 continue
             beyond = scratch[2, b]
@@ -328,7 +330,7 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
             before = kept
             if beyond > 0.0:
                 if beyond <= at_limit:
-                    failed_here += 1  # so near to its limits that a configuration within the tolerances may be inside
+                    failed_here += 1  # a configuration within the tolerances may satisfy the limits
                 else:
                     outside_here += 1
             elif not (distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]):
@@ -362,15 +364,15 @@ def branches_of_pose(plan: Any, target: Any, reference: Any, locked_at: float, r
 
 @inlined
 def _number(name: float) -> int:
-    """The bit of a solution in IN_DOUBT, by its name."""
+    """The bit of a solution in IN_DOUBT, from its number."""
     return int(name) % 1000 % 200 + (16 if name >= 200.0 else 0)
 
 
 @inlined
 def _keep(Q: Any, b: int, n: int, distance: float, angle: float, mask: int, which: float, out: Any, kept: int) -> int:
-    """Column b of Q as a row of ``out`` behind the ``kept`` ones, unless it is one of them.
+    """Append column b of Q to the ``kept`` rows of ``out``, unless it is one of them.
 
-    How many then; -1 where there is no room.
+    Returns the new number of rows, or -1 if there is no space.
     """
     for i in range(kept):
         same = True
@@ -394,7 +396,7 @@ def _twins(
     plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any, Q: Any, b: int,
     which: float, out: Any, kept: int,
 ) -> int:  # fmt: skip
-    """Solutions of an arm off the ideal that nearly meet column b of Q; see :mod:`pinproof.kernels.twins`."""
+    """Solutions of an arm that deviates from the ideal, close to column b of Q; see :mod:`pinproof.kernels.twins`."""
     q, motion = np.empty(n), np.zeros(n)
     for j in range(n):
         q[j] = Q[j, b]
@@ -407,7 +409,7 @@ def _twins(
         distance, angle, beyond = refined(plan, n, top, locked, pose, reference, Q, b, LIMIT_SLACK, AT_LIMIT, 0)
         if beyond <= 0.0 and distance <= plan[0, POSITION_TOLERANCE] and angle <= plan[0, ORIENTATION_TOLERANCE]:
             more = _keep(Q, b, n, distance, angle, 0, which, out, kept)
-            if more > kept:  # completeness is not claimed of arms that need this
+            if more > kept:  # Completeness is not claimed for arms that need this.
                 kept = more
     return kept
 
@@ -424,13 +426,13 @@ def branches_of_many(
     plan: Any, targets: Any, references: Any, values: Any, start: int, stop: int,
     q: Any, errors: Any, counts: Any, outside: Any, known: Any,
 ) -> None:  # fmt: skip
-    """The branches for the targets (N, 4, 4), with the locked joint at each of its values, into the rows of the others.
+    """The branches for the targets (N, 4, 4) at each value of the locked joint, into the rows of the other arrays.
 
-    Row ``i * v + j`` is of target i and value j, for the rows from ``start`` to ``stop``. ``references`` (1, n) or
-    (N, n); ``values`` (1, v) or (N, v), of which v = 1 is not looked at where no joint is locked; ``q`` (N v, k, n) and
-    ``errors`` (N v, k, 2), NaN behind the last branch; ``counts`` (N v,), BAD_TARGET where the target is none, or
-    ELSEWHERE; ``outside`` (N v,) branches that only the limits rule out; ``known`` (N v,) whether nothing was left in
-    doubt, and no joint is free.
+    Row ``i * v + j`` is for target i and value j; rows from ``start`` to ``stop`` are computed. ``references`` (1, n)
+    or (N, n); ``values`` (1, v) or (N, v), with v = 1 and ignored if no joint is locked; ``q`` (N v, k, n) and
+    ``errors`` (N v, k, 2), NaN after the last branch; ``counts`` (N v,), BAD_TARGET if the target is not rigid, or
+    ELSEWHERE; ``outside`` (N v,) number of branches that only violate the limits; ``known`` (N v,) whether no case is
+    unresolved and no joint is free.
     """
     n, v = q.shape[2], values.shape[1]
     room, out = workroom(), np.empty((ROWS + 1, n + 4))

@@ -1,12 +1,12 @@
 r"""Forward kinematics and Jacobians of a chain of single axes.
 
 A chain of m joints is an array (m + 1, 16). Row k < m: the entries of the (3, 4) matrix C_k row by row (12), then
-whether the joint slides, the index of the number of q it reads, and how: its own value is ``multiplier * q + offset``
-(other than 1 and 0 for a mimic follower). Row m: C_tool, the rest unused. With every joint about or along its own z,
+whether the joint is prismatic, its index in q, and the multiplier and offset of its value ``multiplier * q + offset``
+(1 and 0 except for mimic joints). Row m: C_tool, the rest unused. With every joint about or along its own z,
 
 .. math:: {}^{base}T_{tcp}(q) = C_1 X_1 C_2 X_2 \cdots C_m X_m C_{tool}, \qquad X_k = R_z(q_k)\ \text{or}\ T_z(q_k).
 
-The chain may start anywhere: started from target_from_base, all results are seen in the target's axes.
+The chain may start at any transform: from target_from_base, all results are in the axes of the target.
 """
 
 from __future__ import annotations
@@ -25,22 +25,22 @@ SLIDES, LEADER, MULTIPLIER, OFFSET = 12, 13, 14, 15
 
 @compiled
 def whole_vectors(m: int) -> int:
-    """The width of an array for m numbers whose loops run on whole vector registers of 8."""
+    """The width of an array for m numbers, rounded up to whole vector registers of 8."""
     return (m + 7) // 8 * 8
 
 
 @inlined
 def walk(chain: Any, start: Any, q: Any, turns: Any, axes: Any, end: Any) -> None:
-    """Follow the chain from ``start`` (3, 4) at q (n,).
+    """Evaluate the chain from ``start`` (3, 4) at q (n,).
 
-    Writes each joint's origin and direction into ``axes`` (m, 6) and the pose of the tcp into ``end`` (3, 4);
-    ``turns`` (3, m or more) is scratch: values, sines and cosines of the joints. What it is wider, up to whole vectors
-    (:func:`whole_vectors`), saves time; it must have been made finite once.
+    Writes the origin and direction of each joint into ``axes`` (m, 6) and the pose of the tcp into ``end`` (3, 4).
+    ``turns`` (3, m or more) is scratch: values, sines and cosines of the joints. A width rounded up to whole vectors
+    (:func:`whole_vectors`) is faster; the array must have been initialised with finite numbers.
     """
     m = chain.shape[0] - 1
     for k in range(m):
         turns[0, k] = chain[k, MULTIPLIER] * q[int(chain[k, LEADER])] + chain[k, OFFSET]
-    for k in range(turns.shape[1]):  # a loop of its own, so that it runs on vectors
+    for k in range(turns.shape[1]):  # A separate loop, so that it is vectorised.
         turns[1, k], turns[2, k] = sincos(turns[0, k])
     r00, r01, r02, p0 = start[0, 0], start[0, 1], start[0, 2], start[0, 3]
     r10, r11, r12, p1 = start[1, 0], start[1, 1], start[1, 2], start[1, 3]
@@ -78,7 +78,7 @@ def walk(chain: Any, start: Any, q: Any, turns: Any, axes: Any, end: Any) -> Non
 
 @inlined
 def jacobian_of(chain: Any, axes: Any, end: Any, jacobian: Any) -> None:
-    """The tcp's twist per rate of q into ``jacobian`` (6, n), linear first, in the axes :func:`walk` started in."""
+    """The tcp's twist per rate of q into ``jacobian`` (6, n), linear first, in the axes of :func:`walk`."""
     jacobian[:] = 0.0
     for k in range(chain.shape[0] - 1):
         j, share = int(chain[k, LEADER]), chain[k, MULTIPLIER]

@@ -1,4 +1,4 @@
-"""The symmetric positive definite 6 x 6 systems of least squares, solved in place."""
+"""Symmetric positive definite 6 x 6 systems of least squares, solved in place."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def gram(rows: Any, square: Any) -> None:
 
 @inlined
 def factor(square: Any, shift: float, lower: Any) -> bool:
-    """Cholesky's factor of ``square + shift I`` into ``lower``, the diagonal inverted; False where there is none."""
+    """The Cholesky factor of ``square + shift I`` into ``lower``, the diagonal inverted; False if it does not exist."""
     for i in range(6):
         for j in range(i):
             total = square[i, j]

@@ -1,7 +1,7 @@
-"""The one way a kernel is compiled: at its first call, kept on disk, without the GIL, and not without a word.
+"""The decorators that compile kernels: at the first call, with a cache on disk, without the GIL, with a log message.
 
-Numba's cache notices edits of the file of a kernel, but not of the kernels it calls. So the folder of the cache carries
-a hash of all sources of this room: an edit anywhere begins a new folder.
+Numba's cache detects changes of the file of a kernel, but not of the kernels that it calls. The folder of the cache
+therefore carries a hash of all sources of this package: a change of any of them starts a new folder.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ def _writable(folder: Path) -> bool:
 
 
 def cache_folder() -> Path | None:
-    """Where compiled kernels are kept; None where nothing can be written to.
+    """The folder of the compiled kernels; None if no folder is writable.
 
-    Under ``NUMBA_CACHE_DIR`` where that is set, else in the user's cache, else in the temporary folder.
+    It is below ``NUMBA_CACHE_DIR`` if that is set, else in the user's cache, else in the temporary folder.
     """
     name = f"kernels-{_fingerprint()}"
     own = f"pinproof-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
@@ -61,25 +61,25 @@ CACHE = cache_folder()
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Compile a kernel at its first call and keep it in :func:`cache_folder`.
+    """Compile a kernel at its first call and store it in :func:`cache_folder`.
 
-    It runs without the GIL. Products and sums may be fused, which only ever rounds less; nothing else of floating point
-    is relaxed: NaN stays NaN.
+    It runs without the GIL. Products and sums may be fused, which only reduces rounding; no other rule of floating
+    point is relaxed (NaN remains NaN).
     """
     return _compiled(function, forceinline=False)
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """As :func:`compiled`, for a part of one hot loop: it becomes part of its caller.
+    """As :func:`compiled`, and inlined into its callers, for parts of one hot loop.
 
-    A call between kernels hands over every array as ten numbers on the stack; for small parts that is most of the cost.
+    A call between kernels passes every array as ten numbers on the stack, which is most of the cost of small parts.
     """
     return _compiled(function, forceinline=True)
 
 
 def _compiled(function: Callable[..., Any], **options: bool) -> Any:
     before = numba.config.CACHE_DIR
-    # Read by numba while it decorates, and only then: the caller's own functions keep their own folder.
+    # Numba reads the setting while it decorates; it is restored so that the user's functions keep their own folder.
     numba.config.CACHE_DIR = str(CACHE or "")
     try:
         kernel = numba.njit(cache=CACHE is not None, nogil=True, error_model="numpy", fastmath={"contract"}, **options)(
@@ -93,10 +93,10 @@ def _compiled(function: Callable[..., Any], **options: bool) -> Any:
 
 
 def _by_one_process(compile_or_load: Callable[[Any], Any], lock: Path) -> Callable[[Any], Any]:
-    """Let one process compile a kernel while the others wait for it, and then load what it wrote.
+    """Let one process compile a kernel while the others wait for it and then load the result.
 
-    Kernels lock those they call after themselves, and no kernel calls itself, so no two processes wait for each other;
-    numba's own lock, taken first, sees to the threads of one process.
+    A kernel locks itself before those that it calls, and no kernel calls itself, so that processes cannot deadlock;
+    numba's own lock, which is taken first, serialises the threads of one process.
     """
 
     def by_one(signature: Any) -> Any:
@@ -108,7 +108,7 @@ def _by_one_process(compile_or_load: Callable[[Any], Any], lock: Path) -> Callab
 
 @contextmanager
 def _held(lock: Path) -> Iterator[None]:
-    """Hold a file's lock, which a process that dies lets go; where files cannot be locked, go on without."""
+    """Hold a file lock, which is released if the process dies; continue without one if locks are not supported."""
     try:
         file = lock.open("a")
     except OSError:
@@ -121,7 +121,7 @@ def _held(lock: Path) -> Iterator[None]:
 
 
 class _Notice(event.Listener):  # type: ignore[misc]  # numba is untyped here
-    """Says which kernel is being compiled. Of kernels that call each other, the one that was asked for."""
+    """Logs which kernel is being compiled; if kernels call each other, the outermost."""
 
     def __init__(self) -> None:
         self._depth = 0

@@ -1,6 +1,6 @@
-"""The loop that every iterative method shares, compiled; the twin of :mod:`pinproof.ik.loop`, iterate by iterate.
+"""The loop of the iterative methods, compiled; it computes the same iterates as :mod:`pinproof.ik.loop`.
 
-A method is its rule: one of the numbers below, and up to three settings. The box is (5, n), see
+A method is given by its step rule: one of the numbers below, and up to three settings. The box (5, n) is described in
 :mod:`pinproof.kernels.limits`.
 """
 
@@ -22,20 +22,21 @@ from pinproof.kernels.workspace import BEST, DRIFT, HELD, MOVED, PULL, RESIDUAL,
 __all__ = ["CLIK", "FABRIK", "SINGULAR", "descend"]
 
 CLIK, SINGULAR, FABRIK = 0, 1, 2
-"""The first setting of ``FABRIK`` is Clik's; its second the squared residual below which Clik's step takes over."""
+"""The first setting of ``FABRIK`` is that of Clik; the second is the squared residual below which the step of Clik
+is used."""
 
 SATURATION = 1.0
-"""Largest norm of the residual (m and rad together) that a step rule is shown; longer ones are shortened to it."""
+"""Largest norm of the residual (m and rad together) that is passed to a step rule; longer residuals are scaled."""
 
 SMALLEST_STEP = 1e-12
-"""A step (rad or m) that no longer changes a pose: the descent stands still."""
+"""Rad or m. A descent stops if its step is at most this, which does not change a pose."""
 
 STILL = 1e-4
-"""A goal counts as followed to its end when no joint moves more than this (rad or m) for it."""
+"""Rad or m. A goal has converged if its step moves no joint by more than this."""
 
 GOAL_STEPS = 300
-"""Steps that may follow a goal once the task is fulfilled. A goal is only followed from where it is: its steps leave
-the task by their square, and those between them lead back."""
+"""Additional steps for a goal after the task is satisfied. A step of a goal changes the task by the square of its
+length only, which the following steps correct."""
 
 
 @compiled
@@ -54,13 +55,14 @@ def descend(
     work: Any,
     moved: Any,
 ) -> Any:
-    """Descend from q (n,), inside the limits, to where the task is fulfilled.
+    """Descend from q (n,) within the limits until the task is satisfied or the descent stalls.
 
-    The workspace holds target_from_base (start) and what is asked for; q is moved to the best configuration seen.
-    ``tolerances`` are in m and rad, ``most`` is the number of steps, ``longest`` the most a joint moves in one. The
-    descent has stalled when more than the share ``progress`` of the squared residual is left after ``patience`` steps.
-    ``moved`` (m + 2, 12) is the scratch of FABRIK.
-    Returns whether the task is fulfilled, the steps taken, and the squared residual.
+    The workspace contains target_from_base (start) and the mask of the task; q becomes the best configuration found.
+    ``tolerances`` are in m and rad, ``most`` is the maximum number of steps, ``longest`` the largest motion of a joint
+    in one step. The descent has stalled if the squared residual has not fallen below the fraction ``progress`` within
+    ``patience`` steps. ``moved`` (m + 2, 12) is the scratch of FABRIK.
+
+    Returns whether the task is satisfied, the number of steps, and the squared residual.
     """
     n = q.shape[0]
     turns, axes, start, end, jacobian, rows, square, lower, joints, errors = work
@@ -87,7 +89,7 @@ def descend(
         if squared < progress * mark:
             mark, marked = squared, iteration
         stalled = iteration - marked >= patience and not reached
-        # Written so that a NaN ends the descent too.
+        # The condition also ends the descent if the residual is NaN.
         if stalled or iteration >= (most + GOAL_STEPS if reached else most) or not squared < math.inf:
             break
         if squared < last:
@@ -139,10 +141,10 @@ def _bounded_step(
     joints: Any,
     errors: Any,
 ) -> None:
-    """The rule's step within the limits (active set), after the goal's drift.
+    """The step of the rule within the limits (active set), added to the step of the goal.
 
-    Joints that would leave their limits are moved to them and held; what that does to the residual is taken into
-    account, and the rule is asked again for the joints that are left, until none of them leaves.
+    Joints that would leave their limits are moved to them and held. The effect of that motion is added to the residual,
+    and the rule is evaluated again for the remaining joints until none leaves its limits.
     """
     n = q.shape[0]
     for i in range(n):
@@ -179,9 +181,9 @@ def _bounded_step(
 
 @inlined
 def _shorten(longest: float, joints: Any) -> None:
-    """The rule's step, shortened until no free joint moves more than ``longest``.
+    """The step of the rule, scaled such that no free joint moves by more than ``longest``.
 
-    Before limits are looked at: an endless step near a singularity would pin joints to limits they need not meet.
+    It is scaled before the limits are applied: a very long step would hold joints at limits unnecessarily.
     """
     largest = 0.0
     for i in range(joints.shape[1]):
@@ -193,14 +195,14 @@ def _shorten(longest: float, joints: Any) -> None:
 
 @inlined
 def _take_into_account(i: int, moved: float, jacobian: Any, errors: Any) -> None:
-    """What a motion of joint i that is settled does to the residual."""
+    """Add the effect of the fixed motion of joint i to the residual."""
     for k in range(6):
         errors[PULL, k] += jacobian[k, i] * moved
 
 
 @inlined
 def _inside(box: Any, i: int, value: float) -> float:
-    """Joint i inside its limits: a turn away where it can turn, else at the nearest limit (only rounding is cut)."""
+    """Joint i within its limits: shifted by 2 pi if its range permits, else clipped (which only removes rounding)."""
     if box[TURNING, i] != 0.0:
         if value > box[UPPER, i]:
             value -= TURN

@@ -1,14 +1,13 @@
-r"""The distance of two convex bodies, held between two bounds that are true whether or not the iteration got there.
+r"""Lower and upper bounds of the distance of two convex bodies, which are valid even without convergence.
 
-Gilbert, Johnson and Keerthi walk towards the point v of B - A that is nearest to the origin, by support points alone.
-Their answer is never taken on trust. Two things are known at every step:
+The algorithm of Gilbert, Johnson and Keerthi moves to the point v of B - A that is closest to the origin, using support
+points only. Two bounds are known at every iteration:
 
-* along a unit direction u no point of B - A reaches below :math:`\min_B u \cdot y - \max_A u \cdot x`, so that support
-  gap is a **lower** bound of the distance, for whatever u the walk came by;
-* v itself is a mixture of points of B - A with weights that are not negative, so :math:`|v|` is an **upper** bound, 0
-  where the bodies overlap.
+* along a unit direction u no point of B - A is below :math:`\min_B u \cdot y - \max_A u \cdot x`, so that this support
+  gap is a **lower** bound of the distance for any u;
+* v is a convex combination of points of B - A, so that :math:`|v|` is an **upper** bound, 0 if the bodies overlap.
 
-Balls are left out of the walk and taken off both bounds at the end: a sphere is a point, a capsule a segment.
+Balls are omitted in the iteration and subtracted from both bounds: a sphere is a point, a capsule a segment.
 
 Sources: E. Gilbert, D. Johnson, S. Keerthi (1988), "A fast procedure for computing the distance between complex objects
 in three-dimensional space", IEEE Journal of Robotics and Automation 4(2); C. Ericson (2005), "Real-time collision
@@ -28,29 +27,31 @@ from pinproof.kernels.world import CONVEX, DISCS, FIRST, HALF_SPACE, LAST, RADIU
 __all__ = ["SIMPLEX", "between", "relative"]
 
 SIMPLEX = (4, 8)
-"""The shape of the scratch of :func:`between`: a row a point of B - A (3), the point of A (3) in it, its weight."""
+"""Shape of the scratch of :func:`between`: per row a point of B - A (3), its point of A (3), and its weight."""
 
 WEIGHT, SHARE = 6, 7
 
 ITERATIONS = 64
-"""Steps after which the walk ends with the bounds it has; polytopes need 4 to 8, discs edge on edge up to 30."""
+"""Maximum number of iterations, after which the current bounds are returned; polytopes need 4 to 8, discs edge on
+edge up to 30."""
 
 STILL = 1e-15
-"""Share of |v|^2 that a step must gain: below it is the rounding of the walk itself."""
+"""Fraction of |v|^2 by which an iteration must improve; smaller improvements are rounding errors."""
 
 FLAT = 1e-12
-"""Share of its sides' sizes below which the height of a tetrahedron is rounding."""
+"""The height of a tetrahedron below this fraction of the size of its sides is a rounding error."""
 
 WHOLE = 1e-9
-"""How far weights may be from 1 in all: where a simplex is so flat that its weights are none, the walk ends."""
+"""Largest deviation of the sum of the weights from 1; for a simplex so flat that it is exceeded, the iteration ends."""
 
 OVERLAP = 1e-12
-"""Metres. A point of B - A this near to the origin is evidence of overlap: no placement is known more exactly."""
+"""Metres. A point of B - A this close to the origin is evidence of overlap: placements are not known more
+accurately."""
 
 
 @compiled
 def relative(at: Any, a: int, b: int, rel: Any) -> None:
-    """a_from_b into ``rel`` (12,): rotation row by row, then translation; ``at`` (B, 15) holds root_from_body so."""
+    """a_from_b into ``rel`` (12,), rotation by rows, then translation; ``at`` (B, 15) contains root_from_body."""
     d0, d1, d2 = at[b, 9] - at[a, 9], at[b, 10] - at[a, 10], at[b, 11] - at[a, 11]
     for i in range(3):
         x, y, z = at[a, i], at[a, 3 + i], at[a, 6 + i]
@@ -61,7 +62,7 @@ def relative(at: Any, a: int, b: int, rel: Any) -> None:
 
 @compiled
 def _support(bodies: Any, vertices: Any, body: int, x: float, y: float, z: float) -> Any:
-    """The point of a body, without its ball, that lies farthest along (x, y, z), in the body's frame."""
+    """The point of a body, without its ball, that is farthest along (x, y, z), in the body's frame."""
     first, last = int(bodies[body, FIRST]), int(bodies[body, LAST])
     best, index = -np.inf, first
     flat = math.sqrt(x * x + y * y) if bodies[body, DISCS] != 0.0 else 0.0
@@ -102,10 +103,10 @@ def between(
 ) -> Any:
     """``(lower, upper)`` bounds (m) of the distance of bodies a and b, b placed in a by ``rel``; upper 0: they overlap.
 
-    Ends early once lower > ``above`` or upper <= ``below``: enough is known then. Else the two end within ``precision``
-    of each other, or where floating point ends. ``direction`` (3,) is where the walk begins (zeros: anywhere), and then
-    the unit vector, in a's frame, whose support gap is ``lower``. In ``simplex`` the last four columns of points and
-    weights make the witness points.
+    Ends early if lower > ``above`` or upper <= ``below``. Otherwise the bounds differ by at most ``precision``, or by
+    the limit of floating point. ``direction`` (3,) is the initial direction (zeros: any), and on return the unit
+    vector, in a's frame, whose support gap is ``lower``. The last four columns of ``simplex``, points and weights, give
+    the witness points.
     """
     if bodies[b, CONVEX] == HALF_SPACE:
         return _above_plane(bodies, vertices, a, rel, direction, simplex)
@@ -139,7 +140,7 @@ def between(
         for i in range(size):
             if simplex[i, 0] == wx and simplex[i, 1] == wy and simplex[i, 2] == wz:
                 again = True
-        if again:  # nothing lies nearer in that direction: the walk is at its end
+        if again:  # No point is closer in that direction: the iteration has converged.
             break
         simplex[size, 0], simplex[size, 1], simplex[size, 2] = wx, wy, wz
         simplex[size, 3], simplex[size, 4], simplex[size, 5] = ax, ay, az
@@ -149,7 +150,7 @@ def between(
         for i in range(size):
             total += simplex[i, WEIGHT]
         lost = not abs(total - 1.0) <= WHOLE
-        if lost:  # one point alone is a mixture too
+        if lost:  # A single point is a convex combination too.
             size, simplex[0, WEIGHT] = 1, 1.0
         vx = vy = vz = 0.0
         for i in range(size):
@@ -169,13 +170,13 @@ def between(
         simplex[i, WEIGHT] = 0.0
     upper = math.sqrt(vv) - grown
     if np.isnan(upper):
-        return -np.inf, np.inf  # numbers so large that they are none any more tell nothing
+        return -np.inf, np.inf  # Overflow: the bounds carry no information.
     return lower - grown, upper if upper > OVERLAP else 0.0
 
 
 @compiled
 def _above_plane(bodies: Any, vertices: Any, a: int, rel: Any, direction: Any, simplex: Any) -> Any:
-    """:func:`between` body a and the half-space below the plane through b's x and y: one support point is all."""
+    """:func:`between` body a and the half-space below the plane through b's x and y, from one support point."""
     ux, uy, uz = -rel[2], -rel[5], -rel[8]
     ax, ay, az = _support(bodies, vertices, a, ux, uy, uz)
     gap = ux * (rel[9] - ax) + uy * (rel[10] - ay) + uz * (rel[11] - az)
@@ -191,7 +192,7 @@ def _above_plane(bodies: Any, vertices: Any, a: int, rel: Any, direction: Any, s
 
 @compiled
 def _nearest(s: Any, size: int) -> int:
-    """Weigh the points of the simplex so that they make its point nearest to the origin; keep those with a weight."""
+    """Compute the weights of the point of the simplex closest to the origin; keep the vertices with nonzero weights."""
     if size == 1:
         s[0, WEIGHT] = 1.0
         return 1
@@ -221,7 +222,7 @@ def _segment(s: Any) -> Any:
 
 @compiled
 def _triangle(s: Any, i: int, j: int, k: int) -> Any:
-    """Weights of the point of triangle i, j, k nearest to the origin (Ericson, 5.1.5)."""
+    """Weights of the point of triangle i, j, k closest to the origin (Ericson, 5.1.5)."""
     ax, ay, az, bx, by, bz = s[i, 0], s[i, 1], s[i, 2], s[j, 0], s[j, 1], s[j, 2]
     cx, cy, cz = s[k, 0], s[k, 1], s[k, 2]
     ex, ey, ez, fx, fy, fz = bx - ax, by - ay, bz - az, cx - ax, cy - ay, cz - az
@@ -252,12 +253,12 @@ def _triangle(s: Any, i: int, j: int, k: int) -> Any:
 
 @compiled
 def _tetrahedron(s: Any) -> None:
-    """Weights of the point of a tetrahedron nearest to the origin: on the nearest face that it lies beyond, or inside.
+    """Weights of the point of a tetrahedron closest to the origin: on the closest face that it is beyond, or inside.
 
-    On a flat tetrahedron every face is tried, so that a volume that is only rounding decides nothing.
+    For a flat tetrahedron every face is tried, so that a volume that is due to rounding decides nothing.
     """
     best, inside = np.inf, True
-    for m in range(4):  # the face that leaves out point m
+    for m in range(4):  # The face opposite to point m.
         i, j, k = (m + 1) % 4, (m + 2) % 4, (m + 3) % 4
         ax, ay, az = s[i, 0], s[i, 1], s[i, 2]
         ex, ey, ez = s[j, 0] - ax, s[j, 1] - ay, s[j, 2] - az

@@ -1,8 +1,8 @@
-"""What the joints shall do besides the task: the drift that a goal of the null space wishes for.
+"""The steps of null-space goals.
 
-A goal is an array (3, n). Row 0: the kind in its first entry (:data:`NONE` and the others below), the gain in its
-second (row 0 has at least two). Of a posture: row 1 the configuration, row 2 the weight of each joint; ``NEAR`` is the
-posture that a search starts from.
+A goal is an array (3, n). Row 0: its kind in the first entry (:data:`NONE` and the others below), its gain in the
+second (row 0 has at least two entries). For a posture, row 1 is the configuration and row 2 the weight of each joint;
+``NEAR`` is the posture from which a search starts.
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ __all__ = ["MANIPULABILITY", "NEAR", "NONE", "POSTURE", "drift_of", "log_manipul
 NONE, POSTURE, MANIPULABILITY, NEAR = 0.0, 1.0, 2.0, 3.0
 
 FINITE_STEP = 1e-5
-"""Rad or m, for central differences of the manipulability: errors of 1e-10 of it, truncation and rounding alike."""
+"""Rad or m, for central differences of the manipulability: truncation and rounding errors are both about 1e-10 of
+it."""
 
 TINY = 1e-14
-"""Added to the squares of the singular values, so that the logarithm of a vanishing volume exists."""
+"""Added to the squares of the singular values, so that the logarithm is finite at singularities."""
 
 LONGEST_DRIFT = 0.2
-"""Rad or m: the most a goal moves a joint in one step, so that the task stays nearly fulfilled."""
+"""Rad or m: the largest motion of a joint for a goal in one step, so that the task remains nearly satisfied."""
 
 
 @compiled
@@ -43,9 +44,9 @@ def drift_of(
     lower: Any,
     joints: Any,
 ) -> None:
-    """The step (n,) that the goal alone would take, into the row DRIFT of ``joints``; not yet in the null space.
+    """The step (n,) of the goal before its projection into the null space, into the row DRIFT of ``joints``.
 
-    ``axes`` and ``end`` are left as :func:`walk` makes them at q; ``jacobian`` is not.
+    ``axes`` and ``end`` are left in the state of :func:`walk` at q; ``jacobian`` is not.
     """
     kind, gain, n = goal[0, 0], goal[0, 1], q.shape[0]
     largest = 0.0
@@ -77,7 +78,7 @@ def log_manipulability(jacobian: Any, square: Any, lower: Any) -> float:
     """
     n = jacobian.shape[1]
     gram(jacobian, square)
-    if n < 6:  # J^T J, filled up with ones
+    if n < 6:  # J^T J, completed by ones on the diagonal
         for i in range(6):
             for j in range(i + 1):
                 square[i, j] = 1.0 if i == j else 0.0

@@ -1,6 +1,7 @@
-"""Forward kinematics of several configurations at once, one a lane, so that every step is a vector instruction.
+"""Forward kinematics of several configurations at once, one per lane, so that every step is a vector instruction.
 
-The judge of closed forms: it follows the arm's own chain (:mod:`pinproof.kernels.chain`) and shares nothing with them.
+It verifies the closed forms: it evaluates the arm's own chain (:mod:`pinproof.kernels.chain`) and shares no code with
+them.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ __all__ = ["ANGLE", "DISTANCE", "LANES", "ROOM", "lane_errors", "wind"]
 
 LANES = 16
 
-# Where the rows of a room stand
+# The offsets of the rows in the scratch array.
 POSE, WAY, DISTANCE, ANGLE = 0, 12 * LANES, 13 * LANES, 14 * LANES
 ROOM = 15 * LANES
 
@@ -30,9 +31,9 @@ TURN = 2.0 * math.pi
 def lane_errors(plan: Any, top: int, n: int, target: Any, Q: Any, width: int, room: Any) -> None:
     """Distance (m) and angle (rad) between the tcp and ``target`` (3, 4) at the columns of Q (n, LANES).
 
-    The chain stands in ``plan`` from row ``top`` on. ``room`` (ROOM,) holds rows of LANES numbers; the answers go to
-    those at DISTANCE and ANGLE. One array with fixed places: only then does the compiler see, without asking at run
-    time, that rows do not overlap, and asking costs more than eight lanes save.
+    The chain is stored in ``plan`` from row ``top``. The scratch array (ROOM,) contains rows of LANES numbers; the
+    results are written to those at DISTANCE and ANGLE. With one array and constant offsets the compiler knows that rows
+    do not overlap; checks at run time would cost more than the eight lanes save.
     """
     for b in range(width):
         room[POSE + b] = room[POSE + 4 * LANES + b] = room[POSE + 8 * LANES + b] = 1.0
@@ -88,8 +89,8 @@ def lane_errors(plan: Any, top: int, n: int, target: Any, Q: Any, width: int, ro
 
 @inlined
 def wind(value: float, lower: float, upper: float, slack: float, reference: float) -> Any:
-    """``value + 2 pi k`` inside [lower - slack, upper + slack], nearest to the reference; if none is, nearest to it."""
-    # numpy's floor stays a float, which an infinite limit needs; math's is a whole number.
+    """``value + 2 pi k`` closest to the reference, within [lower - slack, upper + slack] if possible."""
+    # numpy's floor returns a float, as infinite limits require; that of math returns an integer.
     fewest, most = np.ceil((lower - slack - value) / TURN), np.floor((upper + slack - value) / TURN)
     turns = min(max(np.floor((reference - value) / TURN + 0.5), fewest), most)
     above, below = value + fewest * TURN - upper, lower - value - most * TURN

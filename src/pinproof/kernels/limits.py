@@ -1,7 +1,7 @@
-"""The limits as a descent meets them: an array (5, n), one row for each name below.
+"""The limits of a descent: an array (5, n) with one row for each name below.
 
-The limits themselves; the limits that stop a descent, infinite for a joint that can make a whole turn (beyond one limit
-it goes on a turn away, same pose); and whether the joint is such a one.
+The limits themselves; the limits that stop a descent, which are infinite for a joint with a range of at least 2 pi
+(beyond a limit it continues 2 pi away at the same pose); and whether the joint has such a range.
 """
 
 from __future__ import annotations

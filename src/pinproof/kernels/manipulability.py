@@ -1,4 +1,4 @@
-"""How well an arm can move its tcp from many configurations at once."""
+"""The manipulability of an arm at many configurations."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""Which pairs of bodies are near at one configuration: those that touch, or the nearest of all.
+"""The bodies that are in contact, or closest, at one configuration.
 
-Far pairs are settled by balls and boxes, obstacles many at once by a tree of boxes; :mod:`pinproof.kernels.gjk` judges
-the rest. Pairs with a body that has no support function are handed back, for coal to judge.
+Far pairs are decided by balls and boxes, obstacles many at once by a tree of boxes, and the others by
+:mod:`pinproof.kernels.gjk`. Pairs with a body without a support function are returned to the caller for coal.
 """
 
 from __future__ import annotations
@@ -51,30 +51,30 @@ __all__ = [
 ]
 
 FIRST_ONLY, EVERY, NEAREST = 0, 1, 2
-"""What is asked: whether there is a contact; which pairs are in contact; which is nearest, and which overlap."""
+"""The question: whether there is a contact; which pairs are in contact; or which pair is closest, and which overlap."""
 
 PRECISION = 1e-9
-"""Metres between the two bounds of a distance at which the walk between two bodies is content."""
+"""Metres between the two bounds of a distance at which the iteration between two bodies ends."""
 
 CONTACTS, LEFT, LOWER, UPPER, PAIR = 0, 1, 2, 3, 4
-"""The tally of one question: pairs in contact, pairs left to coal, and what is asked as ``NEAREST``."""
+"""The counters of one question: pairs in contact, pairs left to coal, and the results of ``NEAREST``."""
 TALLY = 5
 
 
 LIKELY = 8
-"""Pairs that were in contact lately are asked first, this many: at other configurations they often touch again. Whether
-there is a contact does not depend on the order."""
+"""Number of pairs that were recently in contact and are checked first, because they are often in contact again. The
+result does not depend on the order."""
 
 CONTACT, NOT_FINITE = -1, -2
-"""What :func:`touching` says besides how many pairs are left to coal."""
+"""Other return values of :func:`touching` than the number of pairs left to coal."""
 
 
 @compiled
 def touching(numbers: Any, indices: Any, at: Any, q: Any, pairs: Any) -> int:
-    """How many pairs only coal can judge at q (n,), CONTACT where another is in contact, NOT_FINITE where q is not.
+    """The number of pairs left to coal at q (n,), CONTACT if another pair is in contact, NOT_FINITE if q is not finite.
 
-    ``pairs`` (3, max(P, LIKELY)) are those in contact, those left to coal and those that are likely to touch, which are
-    kept from one question to the next; see :func:`near`.
+    ``pairs`` (3, max(P, LIKELY)) are those in contact, those left to coal, and those that are likely to be in contact,
+    which are kept from one question to the next; see :func:`near`.
     """
     world = world_of(numbers, indices)
     if not place(world, q, np.empty((world.joints.shape[0], 12)), at):
@@ -90,12 +90,13 @@ def touching(numbers: Any, indices: Any, at: Any, q: Any, pairs: Any) -> int:
 
 @compiled
 def near(numbers: Any, indices: Any, at: Any, q: Any, question: int, pairs: Any) -> Any:
-    """``(contacts, left to coal, lower, upper, nearest)`` at q (n,); -1 contacts where q is not finite.
+    """``(contacts, left to coal, lower, upper, nearest)`` at q (n,); -1 contacts if q is not finite.
 
     A pair is in contact unless it is proven farther apart than its margin; for ``NEAREST``, than 0. The pairs in
-    contact go to ``pairs[0]``, those left to coal to ``pairs[1]``. ``lower`` and ``upper`` bound the least distance (m)
-    over all pairs but these, ``nearest`` is the pair of ``upper``; only ``NEAREST`` looks for them. ``numbers`` and
-    ``indices`` are a flattened :class:`~pinproof.kernels.world.World`, ``at`` the placements that :func:`place` writes.
+    contact are written to ``pairs[0]``, those left to coal to ``pairs[1]``. ``lower`` and ``upper`` bound the smallest
+    distance (m) over all other pairs, ``nearest`` is the pair of ``upper``; only ``NEAREST`` computes them. ``numbers``
+    and ``indices`` are a flattened :class:`~pinproof.kernels.world.World`, ``at`` the placements that :func:`place`
+    writes.
     """
     world = world_of(numbers, indices)
     if not place(world, q, np.empty((world.joints.shape[0], 12)), at):
@@ -129,11 +130,11 @@ def look_around(
     direction: Any,
     simplex: Any,
 ) -> bool:
-    """Judge all pairs where the bodies stand; whether there is a contact, where the ``FIRST_ONLY`` was asked for.
+    """Judge all pairs at the placements of the bodies; returns whether there is a contact, for ``FIRST_ONLY``.
 
-    The arrays of the world come one by one: handing it over whole costs more than a distance does. ``likely`` are pairs
-    to begin with, -1 where there is none; the one in contact is noted there. ``tally`` comes with zero contacts and
-    zero pairs left to coal.
+    The arrays of the world are passed one by one, because passing the tuple costs more than a distance. ``likely`` are
+    pairs to begin with, -1 if empty; the pair in contact is stored there. ``tally`` starts with zero contacts and zero
+    pairs left to coal.
     """
     rounding, robot = widest[1], outer.shape[0]
     if question == FIRST_ONLY:
@@ -145,7 +146,7 @@ def look_around(
             if apart(bodies, at, int(table[k, A]), int(table[k, B]), limit) > limit:
                 continue
             if _judge(bodies, vertices, table, rounding, at, k, question, found, asked, tally, rel, direction, simplex):
-                if i > 0:  # the more often, the earlier
+                if i > 0:  # Pairs that are often in contact move to the front.
                     likely[i], likely[i - 1] = likely[i - 1], k
                 return True
     limit = widest[0] + rounding
@@ -194,7 +195,7 @@ def _judge(
     direction: Any,
     simplex: Any,
 ) -> bool:
-    """Judge pair k, which balls and boxes did not settle; whether the question is answered."""
+    """Judge pair k, which balls and boxes did not decide; returns whether the question is answered."""
     a, b, margin = int(table[k, A]), int(table[k, B]), table[k, MARGIN]
     limit = margin + rounding if question != NEAREST else tally[UPPER]
     if bodies[a, CONVEX] == 0.0 or bodies[b, CONVEX] == 0.0:
@@ -238,7 +239,7 @@ def apart(bodies: Any, at: Any, a: int, b: int, enough: float) -> float:
 
 @compiled
 def _point_to_box(bodies: Any, at: Any, body: int, x: float, y: float, z: float) -> float:
-    """From the box of a body to a point at (x, y, z) from its centre."""
+    """Distance from the box of a body to a point at (x, y, z) from its centre."""
     total = 0.0
     for i in range(3):
         out = abs(at[body, i] * x + at[body, 3 + i] * y + at[body, 6 + i] * z) - bodies[body, HALF + i]
@@ -249,7 +250,7 @@ def _point_to_box(bodies: Any, at: Any, body: int, x: float, y: float, z: float)
 
 @compiled
 def ball_to_node(at: Any, body: int, radius: float, tree: Any, row: int) -> float:
-    """From a ball about the centre of a body to a box of the tree; 0 or less where they meet."""
+    """Distance from a ball about the centre of a body to a box of the tree; 0 or less if they intersect."""
     total = 0.0
     for i in range(3):
         x = at[body, MIDDLE + i]
@@ -261,7 +262,7 @@ def ball_to_node(at: Any, body: int, radius: float, tree: Any, row: int) -> floa
 
 @compiled
 def near_many(numbers: Any, indices: Any, at: Any, Q: Any, question: int, pairs: Any, out: Any) -> None:
-    """The answer of :func:`near` at each row of Q (N, n) into ``out`` (N, 5)."""
+    """The result of :func:`near` at each row of Q (N, n) into ``out`` (N, 5)."""
     for row in range(Q.shape[0]):
         out[row, 0], out[row, 1], out[row, 2], out[row, 3], out[row, 4] = near(
             numbers, indices, at, Q[row], question, pairs
@@ -270,17 +271,17 @@ def near_many(numbers: Any, indices: Any, at: Any, Q: Any, question: int, pairs:
 
 @compiled
 def place_bodies(numbers: Any, indices: Any, q: Any, at: Any) -> None:
-    """Place the moving bodies at q (n,), see :func:`place`."""
+    """Place the moving bodies at q (n,); see :func:`place`."""
     world = world_of(numbers, indices)
     place(world, q, np.empty((world.joints.shape[0], 12)), at)
 
 
 @compiled
 def measure(numbers: Any, indices: Any, at: Any, k: int, points: Any, normal: Any) -> Any:
-    """``(lower, upper)`` bounds of the distance of the convex pair k where its bodies stand.
+    """``(lower, upper)`` bounds of the distance of the convex pair k at the placements of the bodies.
 
-    Writes the nearest points of both in the root frame, ``points`` (2, 3), and the unit vector ``normal`` (3,) from the
-    first to the second, along which their supports are ``lower`` apart.
+    Writes the closest points of both in the root frame, ``points`` (2, 3), and the unit vector ``normal`` (3,) from the
+    first to the second along which their supports are ``lower`` apart.
     """
     world = world_of(numbers, indices)
     bodies, a, b = world.bodies, int(world.pairs[k, A]), int(world.pairs[k, B])

@@ -2,13 +2,13 @@
 
 H. Pham, Q.-C. Pham, "A new approach to time-optimal path parameterization based on reachability analysis", IEEE T-RO
 34(3), 2018. With x = s'^2 and u = s'' constant between the nodes of a grid, x grows by 2 h u over a step of length h,
-and q'' = q'(s) u + q''(s) x is linear in both. Backward, the interval of x at each node from which the rest of the path
-can be driven; forward, the largest u that stays inside those intervals. Limits are asked for at both ends of a step
-with the u of that step (their "interpolation scheme").
+and q'' = q'(s) u + q''(s) x is linear in both. The backward pass computes the interval of x at each node from which the
+rest of the path is feasible; the forward pass computes the largest u that stays within those intervals. Limits are
+imposed at both ends of a step with the u of that step (their "interpolation scheme").
 
-The authors solve a linear program a step. With two variables it is simpler: at a given x every limit leaves an interval
-of u; the width of what they leave together is concave in x, and Newton's method on it reaches the last x that leaves
-anything from outside, in at most as many rounds as there are limits.
+The authors solve a linear program per step. With two variables a simpler method suffices: at a given x every limit
+permits an interval of u; the width of their intersection is concave in x, and Newton's method on it converges from
+outside to the last feasible x in at most as many iterations as there are limits.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from pinproof.kernels.compiled import compiled
 __all__ = ["path_speed"]
 
 ROUNDING = 1e-12
-"""Relative to x: a Newton step that moves it by no more has arrived."""
+"""Relative to x: a Newton step that is at most this has converged."""
 
 FAR = 1e30
-"""A u (1/s^2, s counted about in seconds) beyond all that is met: it keeps quotients finite."""
+"""A bound of u (1/s^2, with s approximately in seconds) beyond all practical values; it keeps quotients finite."""
 
 ROUNDS = 200
-"""Newton steps before the interval is given up: there are not so many limits on one step."""
+"""Maximum number of Newton steps; it exceeds the number of limits on one step."""
 
 
 @compiled
@@ -93,13 +93,13 @@ def _furthest(
     most: float,
     down: bool,
 ) -> float:
-    """The first x from the given one ``down`` (or up) at which some u leads to [least, most]; NaN if there is none."""
+    """The first x from the given one ``down`` (or up) at which some u leads to [least, most]; NaN without one."""
     for _ in range(ROUNDS):
         low, high, low_slope, high_slope = _interval(slope, curvature, step, acceleration, i, x, least, most)
         width, tilt = high - low, high_slope - low_slope
         if width >= 0.0:
             return max(x, 0.0)
-        if not (tilt < 0.0 if down else tilt > 0.0):  # farther on there is even less
+        if not (tilt < 0.0 if down else tilt > 0.0):  # Farther along, the interval is even smaller.
             return math.nan
         before, x = x, x - width / tilt
         if abs(x - before) <= ROUNDING * abs(before):
@@ -111,17 +111,17 @@ def _furthest(
 def _interval(
     slope: Any, curvature: Any, step: Any, acceleration: Any, i: int, x: float, least: float, most: float
 ) -> tuple[float, float, float, float]:
-    """What the limits on step i leave of u at x, (low, high), and how fast both change with x."""
+    """The interval of u that the limits on step i permit at x, (low, high), and their derivatives in x."""
     twice = 2.0 * step[i]
     low, high, low_slope, high_slope = (least - x) / twice, (most - x) / twice, -1.0 / twice, -1.0 / twice
     for side in range(2):
         for j in range(slope.shape[2]):
-            # |p u + r x| <= a at this node; at the next one x has grown by 2 h u
+            # |p u + r x| <= a at this node; at the next one x has grown by 2 h u.
             r = curvature[i, side, j]
             p = slope[i, side, j] + side * twice * r
             a = acceleration[i, j]
-            if abs(p) * FAR <= a:  # no u that is met matters to this joint
-                if abs(r) * x > a:  # the interval is empty by as much as x is too large
+            if abs(p) * FAR <= a:  # This joint does not restrict any practical u.
+                if abs(r) * x > a:  # The interval is empty by an amount proportional to the excess of x.
                     low, high, low_slope, high_slope = abs(r) * x, a, abs(r), 0.0
                     return low, high, low_slope, high_slope
                 continue

@@ -1,4 +1,4 @@
-"""Where joints and bodies are at a configuration, in the root frame."""
+"""The placements of joints and bodies at a configuration, in the root frame."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from pinproof.kernels.world import CENTRE, JOINT, LEADER, MIDDLE, MULTIPLIER, OF
 __all__ = ["place"]
 
 LARGE = 5e5
-"""rad. Beyond it our own sine begins to lose digits."""
+"""rad. Beyond it, the sine of this package begins to lose digits."""
 
 
 @compiled
 def place(world: Any, q: Any, axes: Any, at: Any) -> bool:
-    """Place the joints and the moving bodies at q (n,); False where q is not finite.
+    """Place the joints and the moving bodies at q (n,); False if q is not finite.
 
     Writes root_from_joint into ``axes`` (m, 12) and root_from_body into ``at`` (B, 15), each as the rotation row by row
-    and the translation, ``at`` with the centre of the box behind it. So the axis of a joint is entries 2, 5, 8, through
-    the point 9, 10, 11.
+    and the translation, ``at`` followed by the centre of the box. The axis of a joint is therefore entries 2, 5, 8,
+    through the point 9, 10, 11.
     """
     joints, bodies = world.joints, world.bodies
     for j in range(q.shape[0]):
         if not np.isfinite(q[j]):
-            axes[:] = np.nan  # so that nothing old is taken for an answer
+            axes[:] = np.nan  # so that no previous value is used as a result
             for i in range(world.outer.shape[0]):
                 if bodies[i, JOINT] >= 0.0:
                     at[i] = np.nan

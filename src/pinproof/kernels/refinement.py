@@ -1,4 +1,4 @@
-"""Newton's iteration on the true chain, for branches of an ideal arm that is a hair off the true one."""
+"""Newton's method on the true chain, for branches of an ideal arm that is close to the true one."""
 
 from __future__ import annotations
 
@@ -21,22 +21,24 @@ OWN, LOWER, UPPER = 8, 9, 10
 STEPS = 60
 
 SMALLEST_DAMPING, LARGEST_DAMPING = 1e-13, 1e-4
-"""Added to J J^T. Near a singular target the lost direction has no residual; the others shall not notice."""
+"""Added to J J^T. Near a singular target the singular direction has no residual, and the others are not affected."""
 
 AT_LIMIT = 1e-5
-"""Rad or m. Where two branches meet, rounding (1e-16) moves joints by its root (1e-8), and by more where several do."""
+"""Rad or m. Where two branches meet, rounding (1e-16) moves joints by its square root (1e-8), where several meet by
+more."""
 
 GROWTH, RELIEF = 8.0, 0.25
-"""Of the damping, after a step that made things worse, or better."""
+"""Factors of the damping after a step that increased the error, or decreased it."""
 
 SMALL_ENOUGH, ROUNDING = 1e-14, 1e-11
-"""What is left (m and rad) is as small as it gets; or no longer worth steps more damped."""
+"""The residual (m and rad) is converged; or too small for further steps with more damping."""
 
 SLOW, PATIENCE = 0.5, 3
-"""Steps in a row that leave more than this of what is left, squared: there is no solution here."""
+"""Maximum number of consecutive steps that reduce the squared residual by less than this factor: there is no
+solution."""
 
 LONGEST = 0.3
-"""Rad or m: the longest step."""
+"""Rad or m: the largest step."""
 
 
 @compiled
@@ -44,12 +46,12 @@ def refined(
     plan: Any, n: int, top: int, locked: int, pose: Any, reference: Any, Q: Any, b: int, slack: float, at_limit: float,
     still: int,
 ) -> Any:  # fmt: skip
-    """Refine column b of Q (n, lanes) in place: distance (m), angle (rad) left, and how far outside limits it is.
+    """Refine column b of Q (n, lanes) in place; returns distance (m), angle (rad), and the violation of the limits.
 
-    Steps are J^T (J J^T + damping)^-1 of what is left, seen from the target, kept while they help. A joint that then
-    stands beyond a limit by less than ``slack`` is put onto it; by less than ``at_limit``, the others are asked to do
-    without it: at a singular target that is where rounding has put a joint that stands at its limit. Joints whose bit
-    is set in ``still`` keep their values.
+    Steps are J^T (J J^T + damping)^-1 times the residual in the axes of the target, as long as they reduce it. A joint
+    that exceeds a limit by less than ``slack`` is moved to it. If it exceeds it by less than ``at_limit``, the other
+    joints compensate: at a singular target rounding moves a joint by that much. Joints whose bit is set in ``still``
+    are held.
     """
     chain = plan[1 : n + 2]
     turns, axes, end = np.zeros((3, whole_vectors(n))), np.empty((n, 6)), np.empty((3, 4))
@@ -68,14 +70,14 @@ def refined(
         if still >> j & 1:
             held[j] = 1.0
 
-    # What is off an ideal arm is rounding: a step or two mend it, or nothing does.
+    # The deviation from an ideal arm is rounding: one or two steps remove it, or none does.
     patience = PATIENCE if plan[0, SPREAD] > 0.0 else 0
     distance = angle = beyond = math.inf
     for again in range(2):
         least, growth, slow = math.inf, 1.0, 0
         for _ in range(STEPS):
             walk(chain, start, q, turns, axes, end)
-            # The rotation vector, where it is small: half of what R - R^T holds.
+            # The rotation vector for small angles: half of the vector of R - R^T.
             x, y, z = 0.5 * (end[2, 1] - end[1, 2]), 0.5 * (end[0, 2] - end[2, 0]), 0.5 * (end[1, 0] - end[0, 1])
             sine, cosine = math.sqrt(x * x + y * y + z * z), 0.5 * (end[0, 0] + end[1, 1] + end[2, 2] - 1.0)
             way = math.sqrt(end[0, 3] * end[0, 3] + end[1, 3] * end[1, 3] + end[2, 3] * end[2, 3])

@@ -1,12 +1,12 @@
-r"""The states of a joint that fulfil an equation which is linear in them, or of degree four.
+r"""Roots of equations that are linear in the state of a joint, and of quartic polynomials.
 
-A turning joint's state is b = (cos q, sin q), a sliding one's b = (q, q^2). A b_1 + B b_2 + C = 0 then has two roots at
-most: with rho^2 = A^2 + B^2 and w^2 = rho^2 - C^2,
+The state of a revolute joint is b = (cos q, sin q), that of a prismatic joint b = (q, q^2). A b_1 + B b_2 + C = 0 has
+at most two roots: with rho^2 = A^2 + B^2 and w^2 = rho^2 - C^2,
 
 .. math:: (\cos q, \sin q) = \big(-A C \mp B w,\; -B C \pm A w\big) / \rho^2 .
 
-Border: where w^2 is just below zero, the equation fails by |C| - rho; up to a stated bound the roots are kept, as one,
-and forward kinematics is left to judge.
+If w^2 is slightly below zero, the equation fails by |C| - rho; up to a given border the state is kept as a double root,
+and forward kinematics decides.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from pinproof.kernels.compiled import compiled, inlined
 __all__ = ["FREE", "ROUNDING", "UNCERTAIN", "linear_roots", "quartic_roots", "root_errors"]
 
 FREE = 1e-10
-"""What is smaller (in lengths of the arm) does not decide about a joint's value: the joint is free. A branch whose free
-joint is set to any value is then wrong by less than this."""
+"""In lengths of the arm. A vector shorter than this does not determine a joint: the joint is free. The error of a
+branch with any value of such a joint is below this."""
 
 ROUNDING = 1e-15
-"""The error of an equation's coefficients before any joint is known, in lengths of the arm."""
+"""The error of the coefficients of an equation before any joint is known, in lengths of the arm."""
 
 UNCERTAIN = 100.0
-"""A vector shorter than this multiple of its own error has no certain direction: the joint that depends on the
-direction may be free. Otherwise that joint is known to about 0.01 rad."""
+"""A vector shorter than this multiple of its error has no certain direction: the joint that depends on it may be
+free. Otherwise that joint is known to about 0.01 rad."""
 
 NEARLY_REAL = 1e-3
-"""A root of a quartic whose imaginary part is smaller may be real: rounding (1e-16) takes double roots apart by its
-root (1e-8), fourfold ones by 1e-4. Forward kinematics judges what comes of it."""
+"""A root of a quartic with a smaller imaginary part may be real: rounding (1e-16) separates double roots by its
+square root (1e-8), fourfold ones by 1e-4. Forward kinematics verifies the result."""
 
 ROUNDS = 60
 SETTLED = 1e-15
@@ -39,10 +39,10 @@ SETTLED = 1e-15
 
 @inlined
 def root_errors(slides: Any, A: float, B: float, state: Any, rounding: float, tolerance: float) -> Any:
-    """How far off the root ``state`` of A b_1 + B b_2 + C = 0 is, if C is off by ``rounding``, or by ``tolerance``.
+    """The error of the root ``state`` of A b_1 + B b_2 + C = 0, if C has the error ``rounding``, or ``tolerance``.
 
     An error d of an equation with slope s and curvature k moves a simple root by d / s, a double root by sqrt(d / k).
-    An error of 1 or more says that nothing is known about the joint.
+    An error of 1 or more means that the joint is undetermined.
     """
     if slides:
         slope, curvature = abs(A + 2.0 * B * state[0]), abs(B)
@@ -61,12 +61,13 @@ def root_errors(slides: Any, A: float, B: float, state: Any, rounding: float, to
 def linear_roots(
     slides: Any, A: float, B: float, C: float, square: float, border: float, spread: float, free: float
 ) -> Any:
-    """The roots of A b_1 + B b_2 + C = 0: how many, and two states. A count of -1: every value is a root.
+    """The roots of A b_1 + B b_2 + C = 0: their number, and two states. A number of -1: every value is a root.
 
-    Every value is one where A and B are smaller than ``free``.
+    Every value is a root if A and B are smaller than ``free``.
 
-    ``square`` is w^2, where the caller knows it better than from A, B and C; else NaN. Within ``border`` of a root the
-    nearest is taken for one; there two are told, a way ``spread`` (in w^2) apart, for those who refine them.
+    ``square`` is w^2 if the caller knows it more accurately than from A, B and C; else NaN. If the equation fails to
+    have a root by less than ``border``, the closest state is a root; the two returned states are then ``spread`` (in
+    w^2) apart, as starts of a refinement.
     """
     if slides:
         if abs(B) < FREE:
@@ -92,7 +93,7 @@ def linear_roots(
         return 0, (1.0, 0.0), (1.0, 0.0)
     w = math.sqrt(max(w2, spread * rho2))
     inverse = 1.0 / rho2
-    if abs(C) > rho or spread > 0.0:  # off the circle: brought back onto it
+    if abs(C) > rho or spread > 0.0:  # Outside the circle: moved back onto it.
         inverse = 1.0 / math.sqrt(rho2 * (C * C + w * w))
     first = ((-A * C - B * w) * inverse, (-B * C + A * w) * inverse)
     second = ((-A * C + B * w) * inverse, (-B * C - A * w) * inverse)
@@ -101,12 +102,12 @@ def linear_roots(
 
 @compiled
 def quartic_roots(a: Any, nearly: float, found: Any) -> int:
-    """The real roots of a[0] + ... + a[4] t^4 = 0 into ``found`` (8,), how many; a[4] is not small.
+    """The real roots of a[0] + ... + a[4] t^4 = 0 into ``found`` (8,); returns their number; a[4] is not small.
 
-    All four complex roots at once, by Aberth's iteration (1973, "Iteration methods for finding all zeros of a
-    polynomial simultaneously"), which needs no guess of where they are. A complex pair whose imaginary parts are small
-    (below NEARLY_REAL, or ``nearly``) counts as two that nearly meet: one starts at either side of them, and at the
-    middle, if rounding took one apart.
+    All four complex roots are computed at once by Aberth's iteration (1973, "Iteration methods for finding all zeros of
+    a polynomial simultaneously"), which needs no initial guess. A complex pair with small imaginary parts (below
+    NEARLY_REAL, or ``nearly``) counts as two roots that nearly meet: candidates on both sides of them, and the middle,
+    in case rounding separated a double root.
     """
     lead = 1.0 / a[4]
     b0, b1, b2, b3 = a[0] * lead, a[1] * lead, a[2] * lead, a[3] * lead
@@ -136,7 +137,7 @@ def quartic_roots(a: Any, nearly: float, found: Any) -> int:
     for z in (z0, z1, z2, z3):
         size = 1.0 + abs(z)
         if abs(z.imag) < max(NEARLY_REAL, nearly) * size:
-            # Of a pair, one starts at either side; and at the middle, if they are one.
+            # For a pair, candidates on both sides, and the middle in case they coincide.
             found[count] = z.real + z.imag
             count += 1
             if 1e-12 * size < abs(z.imag) < NEARLY_REAL * size:

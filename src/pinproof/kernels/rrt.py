@@ -1,10 +1,10 @@
-"""Two trees in joint space that grow towards each other, until they meet or something is needed.
+"""Two trees in joint space that grow towards each other until they meet or the loop needs the caller.
 
-All that the search knows lies in arrays of the caller's. So the loop can stop between any two edges, for coal to judge
-samples or for the caller to look at the clock, and go on from there: how often it stops changes nothing.
+The complete state of the search is in arrays of the caller. The loop can therefore stop between any two edges, for coal
+to judge samples or for the caller to check the time, and resume; how often it stops does not change the result.
 
-A random sample lies about a random node of the tree that is to grow, not anywhere: with all of the joints' ranges to
-choose from, most samples pull the trees to where nothing is to be found.
+A random sample is drawn about a random node of the growing tree and not over all joint ranges, where most samples would
+extend the trees in useless directions.
 
 Source: J. Kuffner, S. LaValle (2000), "RRT-Connect: an efficient approach to single-query path planning", ICRA.
 """
@@ -23,15 +23,15 @@ from pinproof.kernels.world import world_of
 __all__ = ["ASK", "BLOCKED", "FREE", "STATE_SIZE", "grow", "nearest"]
 
 MET, COAL, DRAWS, NODES, SPENT, PAUSED = range(6)
-"""Why the loop stopped: two nodes coincide; coal is to judge the samples in ``asked``; the numbers drawn are used up;
-a tree needs more room; one of the budgets is spent; as many samples were looked at as was told."""
+"""Why the loop stopped: two nodes coincide; coal must judge the samples in ``asked``; the random numbers are used
+up; a tree needs more space; a budget is used up; or the given number of samples was checked."""
 
 # Of the state:
 SIZE, DRAWN, SAMPLES, PHASE, TREE, NEAR, TOLD = 0, 2, 3, 4, 5, 6, 7
-"""Nodes of either tree (2); rows of ``draws`` used; random samples, ever; what is being done, in which tree, from which
-node; what coal said of the edge: FREE, BLOCKED, or ASK: nothing yet."""
+"""The number of nodes of each tree (2); used rows of ``draws``; total number of random samples; the current action,
+its tree, and its node; the result of coal for the edge: FREE, BLOCKED, or ASK if not known yet."""
 MOST_NODES, MOST_SAMPLES, UNTIL = 8, 9, 10
-"""The budgets, and the looks at which to stop."""
+"""The budgets, and the number of checked samples at which to stop."""
 AT_START, AT_GOAL = 11, 12
 """The nodes that met."""
 STATE_SIZE = 13
@@ -39,12 +39,12 @@ STATE_SIZE = 13
 SAMPLE, EXTEND, CONNECT = 0, 1, 2
 
 REACH = 2.5
-"""rad or m. Samples lie within this of a node in every joint. Of 1.5, 2.5, pi and all of the limits this took the
-fewest looks on arms among shelves and bars, all of the limits twice as many."""
+"""rad or m. Samples are within this of a node in every joint. Among 1.5, 2.5, pi and the complete limits, this value
+needed the fewest checks on arms among shelves and bars, the complete limits twice as many."""
 
 NARROW_SHARE, NARROWEST = 0.2, 6.0
-"""This share of the samples lies within REACH / 2^x of a node, x even in [0, NARROWEST]: where a tree is walled in,
-long steps are all blocked."""
+"""This fraction of the samples is within REACH / 2^x of a node, with x uniform in [0, NARROWEST]: in narrow spaces
+all long steps are blocked."""
 
 
 @compiled
@@ -64,31 +64,31 @@ def grow(
     counts: Any,
     gap: Any,
 ) -> int:
-    """Go on until the trees meet, a budget is spent or something is needed.
+    """Continue until the trees meet, a budget is used up, or the caller is needed.
 
     Parameters
     ----------
     numbers, indices, at
         The flattened world and the placements of its bodies, as for :func:`pinproof.kernels.near.near`.
     step
-        The longest edge (rad or m).
+        The length of the longest edge (rad or m).
     resolution
         Metres that bodies move between two samples of an edge.
     box
-        (2, n) lower and upper corner of where random samples lie.
+        (2, n) lower and upper corner of the range of random samples.
     draws
         (N, n + 2) numbers in [0, 1).
     nodes, parents
-        (2, N, n) and (2, N): the tree of the start and that of the goals. A root is its own parent; a node at infinity
-        is none any more.
+        (2, N, n) and (2, N): the trees of the start and of the goals. A root is its own parent; a node at infinity
+        has been removed.
     state
         See the names above.
     ends
-        (2, n) where the tree is to grow to, and the end of the edge that is being looked at.
+        (2, n) the target of the growing tree, and the end of the edge that is being checked.
     asked, counts
         As for :func:`pinproof.kernels.rrt_edge.room_of`.
     gap
-        (1,) the least distance between a node of one tree and one of the other that was met with.
+        (1,) the smallest distance found between a node of one tree and one of the other.
     """
     world = world_of(numbers, indices)
     room = room_of(world, at, asked, counts)
@@ -117,7 +117,7 @@ def grow(
         left = math.sqrt(left)
         if state[PHASE] == CONNECT:
             gap[0] = min(gap[0], left)
-        if left == 0.0:  # a sample that is a node, or a root of the one tree that the other has come to
+        if left == 0.0:  # The sample is a node, or a root that the other tree has reached.
             met, state[PHASE] = state[PHASE] == CONNECT, SAMPLE
             state[AT_START + tree] = state[NEAR]
             if met:
@@ -139,7 +139,7 @@ def grow(
             nodes[tree, size, j] = end[j]
         parents[tree, size] = state[NEAR]
         state[SIZE + tree] = size + 1
-        if state[PHASE] == EXTEND:  # now the other tree comes to this node
+        if state[PHASE] == EXTEND:  # Now the other tree grows to this node.
             for j in range(n):
                 target[j] = end[j]
             state[TREE], state[PHASE] = 1 - tree, CONNECT
@@ -155,7 +155,7 @@ def grow(
 
 @compiled
 def _draw(numbers: Any, around: Any, box: Any, target: Any) -> None:
-    """A random sample (n,) about a node, from n + 2 numbers in [0, 1), of which the second chose the node."""
+    """A random sample (n,) about a node, from n + 2 numbers in [0, 1), the second of which selected the node."""
     reach = REACH
     if numbers[0] < NARROW_SHARE:
         reach *= 0.5 ** (NARROWEST * numbers[0] / NARROW_SHARE)
@@ -166,7 +166,7 @@ def _draw(numbers: Any, around: Any, box: Any, target: Any) -> None:
 
 @compiled
 def nearest(nodes: Any, size: int, q: Any) -> int:
-    """The first of the nodes (size, n) nearest to q (n,), by the Euclidean distance in joint space."""
+    """The first of the nodes (size, n) closest to q (n,) by the Euclidean distance in joint space."""
     best, index = math.inf, 0
     for i in range(size):
         gap = 0.0

@@ -1,8 +1,8 @@
-"""Straight edges in joint space, looked at in samples: what steers a search, and proves nothing.
+"""Sampled checks of straight edges in joint space: they guide the search and prove nothing.
 
-Samples are as far apart as the bodies move, not as the joints do: a wrist may turn a long way between two looks. The
-end comes first, then the middle, the quarters, ...: where an edge is blocked, that is met early. The pair that touched
-last is asked first: nearby configurations touch with the same bodies.
+The distance between samples depends on the motion of the bodies and not of the joints: a wrist may rotate far between
+two samples. The end is checked first, then the middle, the quarters, and so on, so that contacts are found early. The
+pair of the last contact is checked first, because nearby configurations touch with the same bodies.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ from pinproof.kernels.world import (
 __all__ = ["ASK", "BLOCKED", "FREE", "MOST_LOOKS", "Room", "look", "look_along", "room_of"]
 
 FREE, BLOCKED, ASK = 0, 1, 2
-"""What is said of an edge: its samples are free; one is not; they are if coal finds those in ``asked`` free."""
+"""The result for an edge: its samples are free; one is not; or they are free if coal finds those in ``asked`` free."""
 
 MOST_LOOKS = 1024
-"""Samples of an edge at most: beyond it the edge is looked at more coarsely, and left to the proof."""
+"""Maximum number of samples of an edge; longer edges are sampled more coarsely, and left to the proof."""
 
 
 class Room(NamedTuple):
-    """The arrays that looks work in, made once so that no look allocates."""
+    """The working arrays of the checks, created once so that no check allocates."""
 
     at: Any  # (B, 15) placements of the bodies
     axes: Any  # (m, 12) placements of the joints
@@ -45,17 +45,17 @@ class Room(NamedTuple):
     rel: Any  # (12,)
     direction: Any  # (3,)
     simplex: Any  # SIMPLEX
-    asked: Any  # (MOST_LOOKS, n) samples for coal to judge
+    asked: Any  # (MOST_LOOKS, n) samples that coal must judge
     counts: Any  # (3,) see below
 
 
 ASKED, LOOKS, CULPRIT = 0, 1, 2
-"""Of the counts: samples for coal; samples looked at, ever; the pair that touched last, or -1."""
+"""The counts: samples for coal; total number of checked samples; the pair of the last contact, or -1."""
 
 
 @compiled
 def room_of(world: Any, at: Any, asked: Any, counts: Any) -> Any:
-    """A :class:`Room` around the arrays that outlive one call: placements, samples for coal, counts."""
+    """A :class:`Room` around the arrays that persist between calls: placements, samples for coal, counts."""
     return Room(
         at,
         np.empty((world.joints.shape[0], 12)),
@@ -79,16 +79,16 @@ def look(numbers: Any, indices: Any, at: Any, edge: Any, resolution: float, aske
 
 @compiled
 def look_along(world: Any, a: Any, b: Any, resolution: float, room: Any) -> int:
-    """Look at the samples after a (n,) up to and with b (n,); FREE, BLOCKED or ASK.
+    """Check the samples after a (n,) up to and including b (n,); FREE, BLOCKED or ASK.
 
     Parameters
     ----------
     world
         The checker's :class:`~pinproof.kernels.world.World`.
     resolution
-        Metres that bodies move between two samples, as far as can be told from b.
+        Metres that bodies move between two samples, estimated at b.
     room
-        A :class:`Room`. The samples that only coal can judge are the first ``counts[ASKED]`` of ``asked``.
+        A :class:`Room`. The samples that coal must judge are the first ``counts[ASKED]`` of ``asked``.
     """
     q, counts = room.q, room.counts
     counts[ASKED] = 0
@@ -115,7 +115,7 @@ def look_along(world: Any, a: Any, b: Any, resolution: float, room: Any) -> int:
 
 @compiled
 def _look(world: Any, room: Any) -> bool:
-    """Whether the sample ``room.q`` is in contact; if only coal can tell, it is put down among the asked."""
+    """Whether the sample ``room.q`` is in contact; a sample that coal must judge is added to ``room.asked``."""
     tally, counts = room.tally, room.counts
     counts[LOOKS] += 1
     if not place(world, room.q, room.axes, room.at):
@@ -137,9 +137,9 @@ def _look(world: Any, room: Any) -> bool:
 
 @compiled
 def _motion(world: Any, a: Any, b: Any, at: Any, axes: Any) -> float:
-    """How far (m) a point of a body moves at most between a and b (n,), where the arm stands at b.
+    """The largest motion (m) of a point of a body between a and b (n,), with the placements at b.
 
-    The speeds are those at b: a good guess for the whole edge, and no bound.
+    It uses the speeds at b: a good estimate for the whole edge, but not a bound.
     """
     joints, bodies, most = world.joints, world.bodies, 0.0
     for body in range(world.outer.shape[0]):

@@ -1,10 +1,10 @@
-"""Starts and restarts of a descent, for any number of targets; the twin of the search in :mod:`pinproof.ik.solver`.
+"""Starts and restarts of descents for any number of targets; the same search as in :mod:`pinproof.ik.loop`.
 
-The first attempt starts where the caller says. The others take the nearest in pose to the target that has not been
-tried: once among the flips of where the first one ended (one joint mirrored about the middle of its range: the elbow
-or the wrist the other way round) and the seeds together, then among the seeds alone. Seeds are a low-discrepancy set of
-configurations (T, n) with the poses of their tcp (12, T), the rows of the (3, 4) matrix; a Newton-like descent that
-begins near its target mostly ends at it.
+The first attempt starts at the caller's configuration. Each other attempt starts at the configuration closest in pose
+to the target that has not been tried: once among the seeds and the flips of the first result (one joint mirrored about
+the middle of its range: the other elbow or wrist), then among the seeds alone. Seeds are a low-discrepancy set of
+configurations (T, n) with the poses of their tcp (12, T), the rows of the (3, 4) matrix. A Newton-like descent that
+starts close to its target usually converges to it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pinproof.kernels.workspace import ASKED, ENDED, workspace
 __all__ = ["search"]
 
 POLISH_PROGRESS, POLISH_PATIENCE = 1 - 1e-6, 20
-"""A nearest miss is polished until its squared residual falls by less than a millionth in so many steps."""
+"""The best failed attempt is continued until its squared residual decreases by less than 1e-6 of it in 20 steps."""
 
 USED = np.float32(1e30)
 """The distance of a seed that has been tried."""
@@ -49,13 +49,13 @@ def search(
     iterations: Any,
     attempts: Any,
 ) -> None:
-    """For each target (N, 4, 4) the attempts from number ``first`` on, until one fulfils the task.
+    """For each target (N, 4, 4), run the attempts from number ``first`` until one satisfies the task.
 
-    The rows of q (N, n) are the starts, inside the limits, and become the answers: where an attempt fulfilled the task,
-    else the nearest that was seen. ``limits`` are the steps of an attempt, the longest step of a joint, the attempts in
-    all, whether the nearest miss is polished if none fulfils the task, and the progress and patience of an attempt.
-    Writes the steps taken and the attempts made in all, those before ``first`` included; these are all of them where
-    none fulfilled the task before a polish.
+    The rows of q (N, n) are the starts, within the limits, and become the results: a solution, or the configuration
+    with the smallest residual. ``limits`` are the maximum number of steps of an attempt, the largest motion of a joint
+    in a step, the number of attempts, whether the best attempt is refined if none satisfies the task, and the progress
+    and patience of an attempt. Writes the total numbers of steps and of attempts, including those before ``first``;
+    without a solution this is the number of all attempts.
     """
     n = q.shape[1]
     most, longest, count = int(limits[0]), limits[1], int(limits[2])
@@ -84,7 +84,7 @@ def search(
                 _flip_or_seed(chain, box, weights, seeds, distances, here, work.start, work.turns, work.axes, work.end)
             elif attempt > 1:
                 _take_seed(seeds, distances, here)
-            if 0 < attempt < first:  # the first is made again, since the flips begin where it ended
+            if 0 < attempt < first:  # The first attempt is repeated, because the flips start from its result.
                 attempt += 1
                 continue
             done, steps, squared = descend(
@@ -118,7 +118,7 @@ def _start_from_target(targets: Any, row: int, start: Any) -> None:
 
 @compiled
 def _measure_seeds(poses: Any, weights: Any, targets: Any, row: int, distances: Any) -> None:
-    """How far each seed's pose is from the target: weighted squares of distance and of the chord of the rotation."""
+    """The distance of each seed from the target: weighted squares of the distance and of the rotation chord."""
     w, v = np.float32(weights[0]), np.float32(weights[1])
     r00, r01, r02 = np.float32(targets[row, 0, 0]), np.float32(targets[row, 0, 1]), np.float32(targets[row, 0, 2])
     r10, r11, r12 = np.float32(targets[row, 1, 0]), np.float32(targets[row, 1, 1]), np.float32(targets[row, 1, 2])
@@ -145,7 +145,7 @@ def _nearest(distances: Any) -> int:
 
 @inlined
 def _take_seed(seeds: Any, distances: Any, q: Any) -> None:
-    """The nearest seed that has not been tried, into q."""
+    """The closest seed that has not been tried, into q."""
     best = _nearest(distances)
     distances[best] = USED
     for i in range(q.shape[0]):
@@ -165,7 +165,7 @@ def _flip_or_seed(
     axes: Any,
     end: Any,
 ) -> None:
-    """The nearest of the flips of q and of the seeds, into q; a joint without a range is mirrored about zero."""
+    """The closest of the flips of q and of the seeds, into q; a joint without a range is mirrored about zero."""
     best, least = -1, float(distances[_nearest(distances)])
     for i in range(q.shape[0]):
         kept = q[i]

@@ -26,7 +26,7 @@ ORTHOGONAL = 1e-15
 def decompose(rows: Any, left: Any, errors: Any) -> None:
     """Decompose ``rows`` (6, n) = left diag(values) right; the rows of ``right`` times ``values`` stay in ``rows``.
 
-    ``left`` (6, 6) holds one left singular vector a column; the values, row VALUES of ``errors``, are not sorted.
+    ``left`` (6, 6) contains one left singular vector per column; the values, row VALUES of ``errors``, are not sorted.
     """
     n = rows.shape[1]
     for i in range(6):

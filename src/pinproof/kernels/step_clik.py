@@ -1,4 +1,4 @@
-"""The step of :class:`pinproof.Clik`: damped by the error, and by as much more as the step needs to fit."""
+"""The step of :class:`pinproof.Clik`: damped by the error, and further until the step fits the bound."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ from pinproof.kernels.workspace import PULL, RESIDUAL, STEP, VALUES
 __all__ = ["GROWTH", "MOST_GROWTHS", "RELIEF", "SMALLEST_DAMPING", "step_clik"]
 
 SMALLEST_DAMPING = 1e-10
-"""Added to the damping, so that the matrix is positive definite when the error has vanished. At a residual of 1e-6 from
-a singular target the singular value that has to lead there is about 1e-3; its square is far above this."""
+"""Added to the damping, so that the matrix is positive definite if the error is zero. At a residual of 1e-6 from a
+singular target the relevant singular value is about 1e-3; its square is far larger than this."""
 
 GROWTH = 4.0
-"""Factor by which the damping grows while a step is longer than allowed, and after each step that made things worse."""
+"""Factor by which the damping grows while a step is too long, and after each step that increased the error."""
 
 RELIEF = 0.5
-"""Factor by which that growth is taken back after each step that made things better."""
+"""Factor of that growth after each step that decreased the error."""
 
 MOST_GROWTHS = 20
-"""4^20 is 1e12: enough for any step out of a singularity."""
+"""4^20 is 1e12, which is sufficient for any step at a singularity."""
 
 
 @inlined
@@ -30,7 +30,7 @@ def step_clik(
 ) -> None:
     """The step -A^T (A A^T + lambda I)^-1 pull with A = ``jacobian``, into the row STEP of ``joints``.
 
-    lambda = growth damping/2 |residual|^2, and ``GROWTH`` times as much until no joint moves more than ``longest``.
+    lambda = growth damping/2 |residual|^2, multiplied by ``GROWTH`` until no joint moves by more than ``longest``.
     """
     size = 0.0
     for k in range(6):

@@ -1,22 +1,22 @@
 r"""The step of :class:`pinproof.Fabrik`: one pass over the links from the target to the base, and one back.
 
-Everything is seen in the target's axes, with the arm at q. Link k stands between hinge k - 1 and hinge k; the last one
-carries the tcp. A pass finds where each link moves: a rigid motion (12: a rotation row by row, then a translation).
+All quantities are in the axes of the target, with the arm at q. Link k is between hinge k - 1 and hinge k; the last one
+carries the tcp. A pass computes the motion of each link: 12 numbers, a rotation row by row, then a translation.
 
-* Backward: M of the last link puts the tcp on the target. Each next one hangs on the hinge of the one above, so that
-  M_below = M_above X with X about (or along) that hinge, and X is chosen so that M_below stays near the identity.
-* Forward: N of the base is the identity; N_above = N_below X, with X chosen so that N_above comes near M_above.
+* Backward: M of the last link brings the tcp to the target. Each previous link follows its hinge with the next one,
+  M_below = M_above X with X about (or along) that hinge, chosen such that M_below is close to the identity.
+* Forward: N of the base is the identity; N_above = N_below X, with X chosen such that N_above is close to M_above.
 
-Nearness of two motions is measured at two points of the link's other hinge, at :data:`RHO` to both sides of its origin,
-with a weight, and where the rest of the arm ends (the tcp, or the base), moved as if it were one piece. The best X has
-a closed form: with a_i the points, z_i where they shall be, both from the hinge's origin, d its direction,
+The distance of two motions is measured with a weight at two points of the link's other hinge, :data:`RHO` to both sides
+of its origin, and at the end of the remaining arm (the tcp, or the base), moved as one rigid body. The best X has a
+closed form: with the points a_i, their desired positions z_i, both from the hinge's origin, and its direction d,
 
 .. math:: \tan\alpha = \frac{\sum w_i\, d \cdot (a_i \times z_i)}
     {\sum w_i\, \bigl(a_i \cdot z_i - (d \cdot a_i)(d \cdot z_i)\bigr)}.
 
-What it took, in targets of which the position was found to 1e-4 m from the middle of the limits, over seven arms: 0 to
-76 % with hinges alone, wherever the last link is aimed; 78 to 95 % with the tcp in the forward choices; 97 to 99.9 %
-with passes of two kinds and unequal lengths in turns; 99.5 to 100 % with the bending of arms in deadlock.
+Measured success rates for positions (to 1e-4 m, from the middle of the limits, seven arms): 0 to 76 % with hinges only;
+78 to 95 % with the tcp in the forward passes; 97 to 99.9 % with alternating passes of two kinds and unequal lengths;
+99.5 to 100 % with the bending of arms in deadlock.
 """
 
 from __future__ import annotations
@@ -45,55 +45,56 @@ __all__ = [
 ]
 
 RHO = 0.17
-"""Metres from a hinge's origin to the two points that stand for its direction: what a radian weighs against a metre."""
+"""Metres from the origin of a hinge to the two points that represent its direction: the weight of a radian."""
 
 HOLD, HOLD_POSED, REACH = 0.03, 1.0, 0.001
-"""The weight of the hinges against that of the tcp, in passes that hold the shape of the arm (when only a position is
-asked for, and when an orientation is) and in those that reach for the target. They alternate: where one kind stands
-still short of the target, the other does not. Chosen, as all constants here, by trial on seven arms."""
+"""Weight of the hinges relative to the tcp, in passes that preserve the shape of the arm (for a position, and with
+an orientation) and in passes that reach for the target. The passes alternate, because each kind stalls in different
+cases. All constants of this module were chosen by experiments on seven arms."""
 
 RELAX_HOLD, RELAX_REACH = 0.8, 1.6
-"""The share of a pass that is gone. Passes of one kind creep along a valley; unequal lengths break the rhythm."""
+"""The fraction of a pass that is applied. Passes of one kind converge slowly along a valley; unequal lengths avoid
+that."""
 
 BASE = 0.1
 """The weight of the base in backward passes."""
 
 AIM = 0.3
-"""Asked for a position, the last link is moved to the target and turned by this share of the angle that would aim it at
-where its hinge was. All of it is the first FABRIK's; none keeps the orientation of the tcp."""
+"""For a position, the last link is moved to the target and rotated by this fraction of the angle that would point it
+at the previous position of its hinge. With 1 this is the original FABRIK; with 0 the orientation of the tcp is kept."""
 
 WAIT, BEND = 30, 0.2
-"""Where the residual has not fallen enough for so many passes, the arm is in deadlock: at a limit, or straight. Each
-joint is then bent by this share of its range (of a turn at most) towards the middle of it; by twice as much if that was
-not enough, and so on: the arm comes out on the other side."""
+"""If the residual has not decreased enough for this number of passes, the arm is in deadlock: at a limit, or
+straight. Each joint is then moved by this fraction of its range (at most of 2 pi) towards the middle of the range;
+if that is not sufficient, by twice as much, and so on."""
 
 STILL = 1e-9
-"""Rad or m: a pass that moves no joint by more is a deadlock seen at once."""
+"""Rad or m: a pass that moves no joint by more is a deadlock."""
 
 TINY = 1e-12
-"""Square metres; a hinge whose sums are shorter is not turned: nothing tells where to."""
+"""Square metres; a hinge whose sums are smaller is not rotated, because the angle is undetermined."""
 
 
 @compiled
 def step_fabrik(
     iteration: int, waited: int, chain: Any, box: Any, q: Any, axes: Any, end: Any, moved: Any, joints: Any, errors: Any
 ) -> None:
-    """The step from q, inside the limits, into the row STEP of ``joints``.
+    """The step from q, within the limits, into the row STEP of ``joints``.
 
-    ``axes`` (n, 6) and ``end`` (3, 4) are the hinges and the tcp at q as :func:`pinproof.kernels.chain.walk` leaves
-    them, of a chain without followers; ``moved`` (n + 2, 12) is scratch. ``waited`` is the number of steps since the
-    residual last fell enough.
+    ``axes`` (n, 6) and ``end`` (3, 4) are the hinges and the tcp at q from :func:`pinproof.kernels.chain.walk`, for a
+    chain without mimic joints; ``moved`` (n + 2, 12) is scratch. ``waited`` is the number of steps since the last
+    sufficient decrease of the residual.
     """
     n = q.shape[0]
     placed, angles = errors[ASKED, 0], errors[ASKED, 3] + errors[ASKED, 4] + errors[ASKED, 5]
     weight, relax = REACH, RELAX_REACH
     if iteration % 2 == 0:
         weight, relax = HOLD if angles == 0.0 else HOLD_POSED, RELAX_HOLD
-    u0 = u1 = u2 = 0.0  # the axis about which the tcp may spin
+    u0 = u1 = u2 = 0.0  # The axis about which the tcp may rotate.
     if angles == 2.0:
         u0, u1, u2 = 1.0 - errors[ASKED, 3], 1.0 - errors[ASKED, 4], 1.0 - errors[ASKED, 5]
 
-    # Backward. Row k + 1 of ``moved`` becomes M of the link above hinge k, row n + 1 the motion that X shall be near.
+    # Backward. Row k + 1 of ``moved`` becomes M of the link above hinge k, row n + 1 the motion that X approximates.
     w = n + 1
     for i in range(3):
         for j in range(3):
@@ -108,7 +109,7 @@ def step_fabrik(
         o0, o1, o2 = _back(moved, w, x0, x1, x2)
         d0, d1, d2 = _back(moved, w, axes[last, 3], axes[last, 4], axes[last, 5])
         along, c, s = _fit(0.0, 0.0, 0.0, u0, u1, u2, moved, w, placed, o0, o1, o2, RHO * RHO, d0, d1, d2)
-        # The spin after E^-1 is, before it, the same about the axis of the tcp as it stands
+        # The rotation after E^-1 equals, before it, the same rotation about the current axis of the tcp.
         _invert(moved, w, 0)
         _move(
             moved, 0, n, end[0, 3], end[1, 3], end[2, 3], end[0, 0] * u0 + end[0, 1] * u1 + end[0, 2] * u2,
@@ -129,7 +130,7 @@ def step_fabrik(
                 BASE * RHO * RHO, axes[0, 3], axes[0, 4], axes[0, 5],
             )  # fmt: skip
             along, c, s, total = along + more, c + a, s + b, total + BASE
-        # The link below moves by the opposite of what the joint does
+        # The link below moves opposite to the joint.
         if chain[k, SLIDES] != 0.0:
             _move(moved, k + 1, k, o0, o1, o2, d0, d1, d2, 0.0, q[k] - _cut(box, k, q[k] - along / total))
         else:
@@ -143,12 +144,12 @@ def step_fabrik(
     for k in range(n):
         o0, o1, o2, d0, d1, d2 = axes[k, 0], axes[k, 1], axes[k, 2], axes[k, 3], axes[k, 4], axes[k, 5]
         _between(moved, k, k + 1, w)
-        # The tcp, and the axis it may spin about, as they stand on this link after the backward pass
+        # The tcp, and the axis about which it may rotate, on this link after the backward pass.
         x0, x1, x2 = _back(moved, k + 1, -moved[k + 1, 9], -moved[k + 1, 10], -moved[k + 1, 11])
         e0, e1, e2 = _back(moved, k + 1, u0, u1, u2)
         along, c, s = _fit(o0, o1, o2, d0, d1, d2, moved, w, placed, x0, x1, x2, RHO * RHO, e0, e1, e2)
         total = 1.0
-        if angles == 3.0:  # all axes of the tcp at once: sums over an orthonormal basis are the trace and the vector
+        if angles == 3.0:  # All axes of the tcp at once: sums over an orthonormal basis are the trace and the vector.
             r0 = d0 * moved[w, 0] + d1 * moved[w, 3] + d2 * moved[w, 6]
             r1 = d0 * moved[w, 1] + d1 * moved[w, 4] + d2 * moved[w, 7]
             r2 = d0 * moved[w, 2] + d1 * moved[w, 5] + d2 * moved[w, 8]
@@ -176,7 +177,7 @@ def step_fabrik(
 
 @inlined
 def _bend(share: float, n: int, box: Any, q: Any, joints: Any) -> None:
-    """Every joint by this share of its range towards the middle of it; upwards where it has none, or stands there."""
+    """Move every joint by this fraction of its range towards the middle; upwards without a range, or at the middle."""
     for i in range(n):
         width = box[UPPER, i] - box[LOWER, i]
         bend = share * min(width, TURN)
@@ -187,7 +188,7 @@ def _bend(share: float, n: int, box: Any, q: Any, joints: Any) -> None:
 
 @inlined
 def _aim(axes: Any, end: Any, n: int, moved: Any) -> None:
-    """M of the last link when only a position is asked for: to the target, and turned by a share towards its hinge."""
+    """M of the last link for a position: a translation to the target, and a partial rotation towards its hinge."""
     o0, o1, o2 = axes[n - 1, 0], axes[n - 1, 1], axes[n - 1, 2]
     a0, a1, a2 = o0 - end[0, 3], o1 - end[1, 3], o2 - end[2, 3]
     v0, v1, v2 = a1 * o2 - a2 * o1, a2 * o0 - a0 * o2, a0 * o1 - a1 * o0
@@ -208,9 +209,9 @@ def _fit(
     o0: float, o1: float, o2: float, d0: float, d1: float, d2: float, moved: Any, w: int,
     point: float, x0: float, x1: float, x2: float, direction: float, e0: float, e1: float, e2: float,
 ) -> Any:  # fmt: skip
-    """What a point x and a direction e say about the motion X at the hinge (o, d) that shall be near ``moved[w]``.
+    """The terms of a point x and a direction e for the motion X at the hinge (o, d) that approximates ``moved[w]``.
 
-    With their weights ``point`` and ``direction``: how far X slides, and the two sums of a turn's cosine and sine.
+    With their weights ``point`` and ``direction``: the translation of X, and the two sums for the cosine and sine.
     """
     z0 = moved[w, 0] * x0 + moved[w, 1] * x1 + moved[w, 2] * x2 + moved[w, 9]
     z1 = moved[w, 3] * x0 + moved[w, 4] * x1 + moved[w, 5] * x2 + moved[w, 10]
@@ -234,7 +235,7 @@ def _angle(s: float, c: float) -> float:
 
 @inlined
 def _allowed(box: Any, i: int, value: float, change: float) -> float:
-    """The change nearest on the circle to ``change`` that keeps joint i inside its limits."""
+    """The change closest on the circle to ``change`` that keeps joint i within its limits."""
     there = value + change
     if there < box[LOW, i]:
         if there + TURN <= box[HIGH, i]:

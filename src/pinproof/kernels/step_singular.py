@@ -13,7 +13,7 @@ __all__ = ["step_singular"]
 
 
 NOTHING = 1e-12
-"""An entry or a singular value of a Jacobian below this (m or rad) is rounding."""
+"""An entry or a singular value of a Jacobian below this (m or rad) is due to rounding."""
 
 
 @compiled
@@ -22,8 +22,9 @@ def step_singular(
 ) -> None:
     """The step -A^T (A A^T + lambda^2 I)^-1 pull with A = ``jacobian``, into the row STEP of ``joints``.
 
-    Singular values up to ``cutoff`` times the largest count as zero. With s the smallest of those that A can have,
-    lambda^2 = damping^2 |pull| (1 - (s / region)^2) for s below ``region``, else 0. Undamped: the pseudo-inverse's.
+    Singular values up to ``cutoff`` times the largest are treated as zero. With the smallest singular value s within
+    the rank of A, lambda^2 = damping^2 |pull| (1 - (s / region)^2) for s below ``region``, else 0. Without damping this
+    is the pseudo-inverse.
     """
     n, largest = jacobian.shape[1], 0.0
     for i in range(6):
@@ -56,7 +57,7 @@ def step_singular(
 
 @compiled
 def _smallest(jacobian: Any, errors: Any) -> float:
-    """The smallest singular value that does not vanish by itself, for rows not asked for or columns that are held."""
+    """The smallest singular value within the rank, given the rows that the task omits and the columns that are held."""
     rows = columns = 0
     for i in range(6):
         for j in range(jacobian.shape[1]):

@@ -1,8 +1,7 @@
-"""The proof of a whole curve: intervals in path order, halved until every pair of bodies is settled on them.
+"""The proof for a whole curve: intervals in path order, bisected until every pair of bodies is decided on them.
 
-What is asked, what is found and what is yet to be done lie in arrays of the caller's, so that the loop can stop in the
-middle of its work, for coal to judge bodies without a support function, and go on from there. See
-:mod:`pinproof.collision.certify` for the meaning of it all.
+The question, the results and the remaining work are in arrays of the caller, so that the loop can stop at any point,
+for coal to judge bodies without a support function, and resume. :mod:`pinproof.collision.certify` explains the method.
 """
 
 from __future__ import annotations
@@ -22,34 +21,34 @@ from pinproof.kernels.world import BALL, CONVEX, JOINT, LEAF, MARGIN, OUTSIDE, S
 __all__ = ["sweep"]
 
 DONE, ASK, GROW = 0, 1, 2
-"""Why the loop stopped: it is through; coal is to judge the pairs in ``asked``; ``lists`` or ``log`` is full."""
+"""Why the loop stopped: it is finished; coal must judge the pairs in ``asked``; ``lists`` or ``log`` is full."""
 
 # Of the state:
 TOP, INTERVALS, OBSERVED, SPARE, PROVEN, JOINT_TUBE, OBSTACLE_TUBE = 0, 1, 2, 3, 4, 5, 6
-"""Entries on the stack; intervals looked at; least distance seen; least seen of distance less what was to be kept;
-least distance proven; by how much each joint, or each obstacle, could leave its place with the proof still true."""
+"""Entries on the stack; number of intervals; smallest distance found; smallest difference of distance and margin;
+smallest proven distance; by how much each joint, or each obstacle, could deviate with the proof still valid."""
 FOUND, FOUND_TIME, FOUND_PAIR = 7, 8, 9
 """Whether a contact was found, when, and of which pair."""
 OPEN, OPEN_START, OPEN_END, OPEN_PAIR, OPEN_DISTANCE, LAST = 10, 11, 12, 13, 14, 15
-"""Whether a span stays undecided, the first such one, its pair least proven; the interval up to which to look on."""
+"""Whether a span is undecided, the first such one, and its least proven pair; the interval up to which to continue."""
 ASKED, LOGGED = 16, 17
-"""How many pairs are asked about; how many rows of the log are written."""
+"""The number of pairs for coal; the number of rows written to the log."""
 STATE_SIZE = 18
 
 # Of the settings:
 TOLERANCE, MAX_INTERVALS, OBSTACLES, GOAL_SHARE, LOOK_AHEAD = 0, 1, 2, 3, 4
 
 HOPELESS = 4.0
-"""Times their distance: the support gap is not looked for where two bodies may come nearer by more."""
+"""Times their distance: the support gap is not computed if two bodies may approach each other by more."""
 
 COARSE = 0.02
-"""Share of the clearance to be proven: no pair is measured more closely."""
+"""Fraction of the clearance that is proven: no pair is measured more accurately."""
 
 EVERYTHING = -1
-"""As the length of a list of pairs: all that move."""
+"""Length of a list of pairs that stands for all moving pairs."""
 
 LOG_COLUMNS = 7
-"""What a proof would have to tell: start, end, pair, distance proven, direction in the root frame (zeros: balls)."""
+"""The rows of a proof: start, end, pair, proven distance, direction in the root frame (zeros: balls)."""
 
 
 @compiled
@@ -73,7 +72,7 @@ def sweep(
     found_q: Any,
     log: Any,
 ) -> int:
-    """Go on with the proof until it is done or something is needed.
+    """Continue the proof until it is finished or the caller is needed.
 
     Parameters
     ----------
@@ -82,29 +81,28 @@ def sweep(
     knots, control
         The curve (k + 1,), (k, degree + 1, n), see :mod:`pinproof.motion.bezier`.
     extra
-        (n,) what each joint may leave the curve by.
+        (n,) the allowed deviation of each joint from the curve.
     settings
-        The tolerance (m), the budget of intervals, what obstacles may be moved by (m; the margins of their pairs hold
-        it already), the share of the clearance seen that must be proven, how many intervals to look on behind an
-        undecided span.
+        The tolerance (m), the budget of intervals, the allowed displacement of obstacles (m; included in the margins of
+        their pairs), the fraction of the clearance to prove, the number of intervals to check after an undecided span.
     spans, ranges, pieces
         The stack of intervals: (D, 2) start and end; (D, 4) first piece and the one after the last, beginning and
-        length of its list of open pairs; (D, degree + 1, n) control points where it is part of a single piece.
+        length of its list of open pairs; (D, degree + 1, n) control points if it is part of a single piece.
     lists
-        The lists of open pairs, one behind the other.
+        The concatenated lists of open pairs.
     directions
-        (P, 3) in which direction each pair was last found apart, in the first one's frame; zeros at first.
+        (P, 3) the direction that last separated each pair, in the first body's frame; zeros at first.
     seen
-        (P,) how far apart (m) each pair was then; infinity at first.
+        (P,) the distance (m) of each pair at that time; infinity at first.
     asked, told
-        (P,) the pairs coal is to judge at ``found_q[1]``; (P, 3) what it said: in which interval, the distance, and the
-        least that is proven.
+        (P,) the pairs that coal must judge at ``found_q[1]``; (P, 3) its results: the interval, the distance, and the
+        proven distance.
     state
         See the names above.
     found_q
-        (2, n) the configuration of the contact, and the one being looked at.
+        (2, n) the configuration of the contact, and the one being checked.
     log
-        (L, 7) rows of :data:`LOG_COLUMNS`; with L = 0 nothing is written down.
+        (L, 7) rows of :data:`LOG_COLUMNS`; with L = 0 nothing is written.
     """
     world = world_of(numbers, indices)
     joints, bodies, vertices, pairs = world.joints, world.bodies, world.vertices, world.pairs
@@ -192,8 +190,9 @@ def sweep(
                         continue
                     distance, lower = told[k, 1], max(lower, told[k, 2])
                 else:
-                    # Where bodies may move by far more than they are apart nothing is settled: whether they touch
-                    # right here is all that is asked then.
+                    # If bodies may move by far more than their distance, nothing can be decided for the interval; only
+                    # contact at this
+                    # configuration is checked.
                     hopeless = behind - first > 1 or near > HOPELESS * max(seen[k], goal)
                     relative(at, a, b, rel)
                     lower, distance = between(
@@ -245,7 +244,7 @@ def sweep(
                 open_obstacle_tube = min(open_obstacle_tube, room)
             if not room >= weakest:
                 weakest, weakest_pair, weakest_distance = room, k, distance
-                if np.isnan(room):  # it proves nothing, whichever pair comes after it
+                if np.isnan(room):  # The configuration proves nothing, whichever pair comes after it.
                     weakest = -np.inf
         if left > 0:
             state[ASKED] = left
@@ -263,7 +262,7 @@ def sweep(
             continue
         spent = state[INTERVALS] >= settings[MAX_INTERVALS]
         if step < settings[TOLERANCE] or spent or top + 2 > spans.shape[0]:
-            if weakest > 0.0:  # less than the share that was hoped for, but proven
+            if weakest > 0.0:  # Less than the fraction that was requested, but proven.
                 state[PROVEN] = min(state[PROVEN], weakest_proven)
                 state[JOINT_TUBE] = min(state[JOINT_TUBE], open_joint_tube)
                 state[OBSTACLE_TUBE] = min(state[OBSTACLE_TUBE], open_obstacle_tube)
@@ -275,7 +274,7 @@ def sweep(
                 state[LAST] = state[INTERVALS] + settings[LOOK_AHEAD]
             if state[FOUND] != 0.0 or state[INTERVALS] >= min(state[LAST], settings[MAX_INTERVALS]):
                 break
-            if start < end:  # a contact that begins right here is met at the end of the interval, or soon behind it
+            if start < end:  # A contact that begins here is found at the end of the interval, or shortly after it.
                 spans[top, 0] = spans[top, 1] = end
                 ranges[top, 0], ranges[top, 1] = behind - 1, behind
                 ranges[top, 2], ranges[top, 3] = here, still_open
@@ -287,7 +286,7 @@ def sweep(
             continue
         for side in range(2):
             if side == 0 and contact_pair >= 0:
-                continue  # only what lies before a contact matters
+                continue  # Only what comes before a contact matters.
             row = int(state[TOP])
             spans[row, 0], spans[row, 1] = (time, end) if side == 0 else (start, time)
             ranges[row, 0], ranges[row, 1] = first, behind
@@ -308,7 +307,7 @@ def sweep(
 
 @compiled
 def _copy(source: Any, target: Any) -> None:
-    """Copy points (degree + 1, n); by hand, since numba takes seconds to compile an assignment of slices."""
+    """Copy points (degree + 1, n) by elements, because numba takes seconds to compile an assignment of slices."""
     for r in range(source.shape[0]):
         for j in range(source.shape[1]):
             target[r, j] = source[r, j]
@@ -316,14 +315,14 @@ def _copy(source: Any, target: Any) -> None:
 
 @compiled
 def _stand(points: Any, r: int, middle: Any, delta: Any) -> None:
-    """Make point r the ``middle`` (n,), with nothing around it yet."""
+    """Make point r the ``middle`` (n,), with a box of zero size around it."""
     for j in range(middle.shape[0]):
         middle[j], delta[j] = points[r, j], 0.0
 
 
 @compiled
 def _widen(control: Any, middle: Any, delta: Any) -> None:
-    """Let ``delta`` (n,) reach from ``middle`` to all control points (degree + 1, n), and so to their curve."""
+    """Extend ``delta`` (n,) from ``middle`` to all control points (degree + 1, n), and so to their curve."""
     for r in range(control.shape[0]):
         for j in range(control.shape[1]):
             delta[j] = max(delta[j], abs(control[r, j] - middle[j]))
@@ -331,7 +330,7 @@ def _widen(control: Any, middle: Any, delta: Any) -> None:
 
 @compiled
 def _halve(control: Any, halves: Any) -> None:
-    """Cut a piece (degree + 1, n) in the middle, into ``halves`` (2, degree + 1, n) (de Casteljau)."""
+    """Bisect a piece (degree + 1, n) into ``halves`` (2, degree + 1, n) (de Casteljau)."""
     last = control.shape[0] - 1
     _copy(control, halves[1])
     for r in range(last + 1):

@@ -1,4 +1,4 @@
-"""What is still to go to the target, and how the joints change it; the compiled twin of :mod:`pinproof.ik.task`.
+"""The residual of a task and its Jacobian; the same as in :mod:`pinproof.ik.task`, compiled.
 
 A task is the row ASKED of ``errors``: ones and zeros for x, y, z, rx, ry, rz in the target's axes. ``end`` is
 target_from_tcp.
@@ -17,10 +17,11 @@ from pinproof.kernels.workspace import ASKED, RESIDUAL
 __all__ = ["error_jacobian", "measure_many", "residual_of", "rotation_vector"]
 
 SMALL_ANGLE = 1e-6
-"""Rad. Below it the sine is the angle, to rounding."""
+"""Rad. Below it the sine equals the angle up to rounding."""
 
 NEAR_HALF_TURN = -0.99
-"""A cosine below this: the axis is read off the symmetric part of the rotation, since its sine tells it badly."""
+"""For a cosine below this the axis is computed from the symmetric part of the rotation, because the sine is
+inaccurate."""
 
 
 @inlined
@@ -55,7 +56,7 @@ def rotation_vector(end: Any) -> Any:
 
 @inlined
 def residual_of(end: Any, errors: Any) -> None:
-    """What is to go: the translation, then the rotation vector, of target_from_tcp; zero where nothing is asked."""
+    """The translation and the rotation vector of target_from_tcp; zero in coordinates that the task does not select."""
     x, y, z = rotation_vector(end)
     errors[RESIDUAL, 0] = errors[ASKED, 0] * end[0, 3]
     errors[RESIDUAL, 1] = errors[ASKED, 1] * end[1, 3]
@@ -67,10 +68,11 @@ def residual_of(end: Any, errors: Any) -> None:
 
 @inlined
 def error_jacobian(end: Any, errors: Any, jacobian: Any) -> None:
-    """Turn the tcp's Jacobian in the target's axes (6, n) into that of the residual, in place.
+    """Transform the tcp's Jacobian in the target's axes (6, n) into that of the residual, in place.
 
-    With all three angles asked for it stays: d(rotation vector) = Jl^-1 w, and Jl keeps the rotation vector itself, so
-    the step and the gradient are the same without it. With some of them left out, they are not.
+    If the task selects all three angles, it does not change: d(rotation vector) = Jl^-1 w, and Jl e = e for the
+    rotation vector e, so that the step and the gradient are the same without the factor. If the task selects one or
+    two, it is needed.
     """
     asked = errors[ASKED, 3] + errors[ASKED, 4] + errors[ASKED, 5]
     if 0.0 < asked < 3.0:
@@ -95,7 +97,7 @@ def error_jacobian(end: Any, errors: Any, jacobian: Any) -> None:
 def measure_many(targets: Any, poses: Any, asked: Any, out: Any) -> None:
     """Distance (m) and angle (rad) of each pose (N, 4, 4) from its target, into ``out`` (N, 2).
 
-    Of the coordinates that are asked for (6,); where no position is asked for at all, or no orientation, of all three.
+    Only coordinates that the task (6,) selects count; if it selects no position or no orientation, all three do.
     """
     relative, counted = np.empty((3, 4)), np.ones(6)
     for first in (0, 3):

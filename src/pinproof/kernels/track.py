@@ -1,20 +1,21 @@
-"""Following a sequence of poses tick by tick: each joint moves no further than its speed allows, whatever is asked.
+"""Tracking of a sequence of poses, cycle by cycle; each joint moves by at most what its speed limit allows.
 
-In each tick the residual |r|^2 is made as small as it gets in the box of all configurations that position and speed
-limits allow, by Gauss-Newton steps in that box (:mod:`pinproof.kernels.track_descent`). The box is what keeps the arm
-whole near a singularity: the direction that is lost there slips, and is caught up as soon as the speeds suffice.
+Each cycle minimises the squared residual |r|^2 in the box of all configurations that position and speed limits allow,
+by Gauss-Newton steps in that box (:mod:`pinproof.kernels.track_descent`). The box keeps the motion regular near a
+singularity: the tcp deviates in the singular direction, and returns as soon as the speeds suffice.
 
-Which of several answers is taken, where a singularity makes several meet:
+If several solutions meet at a singularity, the choice is as follows:
 
-* A tick begins where the last motion would lead (FADING of it), if that is nearer to the target than standing still.
-  So a path through a singular configuration goes on as smoothly as it came, though the singularity hides one direction
-  of motion. Where a first slip shows that it does not lead to the target, the tick is made again from where it began.
-* An arm that slips, and thereby crosses a singularity, goes back to its side wherever that is as good: at the boundary
-  of the reach, where elbow up and elbow down meet, each is. So an arm asked out of its reach comes back as it went. The
-  side is the sign of the Jacobian's determinant; without one (a redundant arm, or task), nothing is promised.
-* At rest on a saddle, where the gradient vanishes though the target is not reached (it moves in a direction that the
-  arm has lost), the arm tries a motion that changes nothing at first order, one way and the other, and takes it if the
-  target comes nearer.
+* A cycle starts at the extrapolated motion (FADING of it), if that is closer to the target than the current
+  configuration. A path through a singular configuration therefore continues smoothly, although one direction of motion
+  is singular. If the extrapolation does not lead to the target, the cycle is repeated from the current configuration.
+* An arm that deviates and thereby crosses a singularity returns to its side where that is equally good: at the boundary
+  of the workspace, where elbow up and elbow down meet, both are. The elbow is therefore the same when the target
+  returns. The side is the sign of the determinant of the Jacobian; without a determinant (a redundant arm, or task),
+  the side is not guaranteed.
+* At rest at a saddle, where the gradient is zero although the target is not reached (it moves in a singular
+  direction), the arm tries a motion that does not change the residual at first order, in both senses, and uses it if
+  the tcp comes closer to the target.
 """
 
 from __future__ import annotations
@@ -34,14 +35,14 @@ from pinproof.kernels.workspace import ASKED, BEST, MOVED, Workspace, workspace
 __all__ = ["track_many"]
 
 FADING = 0.9
-"""The share of the last motion that a tick begins with. Below 1, so that self-motion which nothing asks for dies out,
-within some ten ticks."""
+"""The fraction of the last motion with which a cycle starts. Below 1, so that self-motion that no goal requires
+decays within about ten cycles."""
 
 SLIP = 1e-8
-"""m and rad: a tick that ends with more has not reached its target; what a goal wishes for waits."""
+"""m and rad: a cycle with a larger residual has not reached its target; goals are then ignored."""
 
 FULL_SPEED = 1.0 - 1e-12
-"""The share of the speed limit that is used: quotients of the answers do not round above it."""
+"""The fraction of the speed limit that is used, so that quotients of the results do not exceed it by rounding."""
 
 
 @compiled
@@ -56,11 +57,11 @@ def track_many(
     durations: Any,
     out: Any,
 ) -> None:
-    """Follow the poses (N, 4, 4), one in each of N ticks, into ``out`` (N, n).
+    """Track the poses (N, 4, 4), one in each of N cycles, into ``out`` (N, n).
 
-    ``limits`` (2, n) and ``speeds`` (n,) bound the joints, ``durations`` (N,) are those of the ticks in seconds. The
-    gain of a goal counts per second. ``state`` (3, n) is what goes from tick to tick: the configuration; the rates;
-    and, the first entry of its last row, 0 or the side to which an arm that slips belongs.
+    ``limits`` (2, n) and ``speeds`` (n,) bound the joints; ``durations`` (N,) are those of the cycles in seconds. The
+    gain of a goal is per second. ``state`` (3, n) is the state between cycles: the configuration; the rates; and, in
+    the first entry of its last row, 0 or the side to which a deviating arm belongs.
     """
     n = speeds.shape[0]
     turns, axes, start, end, jacobian, rows, square, lower, _, _ = workspace(chain.shape[0] - 1, n)
@@ -81,14 +82,14 @@ def track_many(
         gained[0, 1] = min(1.0, goal[0, 1] * duration)
         state[2, 0] = _tick(state[2, 0], chain, gained, q, trial, work)
         for i in range(n):
-            # What a goal has moved is no part of the rate: the goal asks again in each tick.
+            # The motion of a goal is not part of the rate, because the goal is evaluated in each cycle.
             state[1, i] = (joints[MOVED, i] - state[0, i]) / duration if duration > 0.0 else 0.0
             state[0, i] = out[row, i] = q[i]
 
 
 @inlined
 def _within(now: float, reach: float) -> float:
-    """The sum of both, rounded such that its difference to ``now`` is no more than ``reach``."""
+    """The sum of both, rounded such that its difference to ``now`` is at most ``reach``."""
     there = now + reach
     while abs(there - now) > abs(reach):
         there = np.nextafter(there, now)
@@ -97,9 +98,10 @@ def _within(now: float, reach: float) -> float:
 
 @compiled
 def _tick(belongs: float, chain: Any, goal: Any, q: Any, trial: Any, work: Any) -> float:
-    """One tick; q (n,) is where the last motion leads, and becomes the answer.
+    """One cycle; q (n,) is the extrapolated configuration, and becomes the result.
 
-    ``belongs`` is 0, or the side to which the arm belongs since its last tick slipped; returns the same of this tick.
+    ``belongs`` is 0, or the side to which the arm belongs since its last cycle deviated; returns the same for this
+    cycle.
     """
     turns, axes, start, end, jacobian, _, square, lower, joints, _ = work
     n = q.shape[0]

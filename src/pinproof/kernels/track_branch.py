@@ -1,4 +1,4 @@
-"""Where several answers meet: the way out of a saddle, and back over a singularity that a slip has crossed."""
+"""The choice of the branch: motions away from a saddle, and back across a singularity."""
 
 from __future__ import annotations
 
@@ -22,27 +22,27 @@ from pinproof.kernels.workspace import ASKED, BEST, DRIFT
 
 __all__ = ["BACK", "SLACK", "escape", "side_of", "stay"]
 
-# Row of ``joints``: the motion that is lost where the tick began
+# Row of ``joints``: the singular motion at the start of the cycle.
 BACK = 12
 
 NO_SIDE = 2.0
 
 SLACK = 1e-7
-"""m and rad: what a slip may be larger for the sake of the branch. An arm stretched out so stays bent by some 1e-4."""
+"""m and rad: by how much an error may increase to keep the branch. An extended arm remains bent by about 1e-4."""
 
 WORTH = 1.5
-"""How many times as large a slip may be for the sake of the branch, on the way back into reach."""
+"""The factor by which an error may increase to keep the branch, while the target returns."""
 
 MOST_BEND, BENDS = 0.1, 16
-"""Rad or m: how far over a singularity the way back is tried at most, and how often half of it."""
+"""Rad or m: the largest motion tried across a singularity, and the number of its halvings."""
 
 ESCAPE = 1e-9
-"""m and rad: the least by which a motion away from a saddle brings the target nearer."""
+"""m and rad: the smallest improvement that a motion away from a saddle must bring."""
 
 
 @compiled
 def escape(chain: Any, q: Any, trial: Any, squared: float, work: Any) -> float:
-    """Leave q, if it is a saddle inside the box, to where the target is nearer; the squared residual there."""
+    """Move q away from a saddle within the box, if that reduces the residual; returns the squared residual."""
     joints = work.joints
     n = q.shape[0]
     for i in range(n):
@@ -76,7 +76,7 @@ def side_of(chain: Any, q: Any, work: Any) -> float:
     if count != n:
         return NO_SIDE
     side = 1.0
-    for c in range(n):  # Gauss, the largest pivot of each column first
+    for c in range(n):  # Gaussian elimination with partial pivoting.
         pivot = c
         for r in range(c + 1, n):
             if abs(square[r, c]) > abs(square[pivot, c]):
@@ -98,10 +98,10 @@ def side_of(chain: Any, q: Any, work: Any) -> float:
 
 @compiled
 def stay(side: float, chain: Any, q: Any, trial: Any, squared: float, work: Any) -> float:
-    """Bring q back to a side of a singularity, if it is as good there; the squared residual.
+    """Move q back to a side of a singularity, if the residual permits; returns the squared residual.
 
-    First along the motion that is lost at the singularity, as far as it costs no more than SLACK. If it costs more,
-    the tick is made again, beginning as deep on that side as it can, or where it began.
+    First along the singular motion, as far as it increases the error by at most SLACK. If it costs more, the cycle is
+    repeated from a start as deep on that side as possible, or from the start of the cycle.
     """
     joints, errors = work.joints, work.errors
     n = q.shape[0]
@@ -139,7 +139,7 @@ def stay(side: float, chain: Any, q: Any, trial: Any, squared: float, work: Any)
 
 @compiled
 def _lost_direction(chain: Any, q: Any, work: Any) -> None:
-    """A motion that is lost at q, into the row DRIFT, its largest entry 1; 0 where there is none."""
+    """The singular motion at q, into the row DRIFT, its largest entry 1; 0 if it does not exist."""
     joints = work.joints
     n, size = q.shape[0], 0.0
     for i in range(n):

@@ -1,7 +1,7 @@
-"""Gauss-Newton in a box: the descent of a tick, and motions that leave the residual at first order.
+"""Gauss-Newton steps in a box: the descent of a cycle, and motions that preserve the residual at first order.
 
-The arrays are those of a workspace whose ``joints`` and ``errors`` have the rows of
-:mod:`pinproof.kernels.box_step` and the ones below besides.
+The arrays are those of a workspace whose ``joints`` and ``errors`` have the rows of :mod:`pinproof.kernels.box_step`
+and those below.
 """
 
 from __future__ import annotations
@@ -29,43 +29,43 @@ __all__ = [
     "wander",
 ]
 
-# Rows of ``joints``: where the tick began, and the configurations that it may reach
+# Rows of ``joints``: the start of the cycle, and the bounds of the configurations that it may reach.
 BEGAN, FLOOR, CEILING = 9, 10, 11
 
 FAITHFUL = 0.5
-"""The least share of the gain promised by the linear model that a step must bring to count."""
+"""The smallest fraction of the improvement predicted by the linear model for which a step is accepted."""
 
 DAMPING = 1e-3
-"""The damping of a step, per unit of the residual (m or rad); the box bounds the step, so little is needed."""
+"""The damping of a step, per unit of the residual (m or rad); the box bounds the step, so that little is needed."""
 
 SMALLEST_DAMPING = 1e-14
-"""Far below the squares of singular values that matter, far above rounding."""
+"""Far below the squares of relevant singular values, far above rounding."""
 
 GROWTH, RELIEF = 8.0, 0.125
-"""How the damping grows after a step that did not count, and is taken back after one that did."""
+"""Factors of the damping after a rejected and after an accepted step."""
 
 MOST_STEPS = 20
-"""Steps of one descent in a tick. One or two are the rule, some ten on the way into a singularity."""
+"""Maximum number of steps of one descent in a cycle. One or two are typical, about ten close to a singularity."""
 
 ARRIVED = 1e-10
-"""m and rad: a residual this small is not made smaller; rounding is a hundred times below."""
+"""m and rad: a residual below this is not reduced further; rounding is a hundred times smaller."""
 
 GAIN = 1e-11
-"""m and rad: a descent ends where the next step promises less."""
+"""m and rad: a descent ends if the next step promises a smaller improvement."""
 
 LOST = 1e-8
-"""The square of a singular value below which a motion counts as lost: as one that leaves the residual."""
+"""The square of a singular value below which a motion counts as singular, that is, preserves the residual."""
 
 
 @inlined
 def clamped(joints: Any, i: int, value: float) -> float:
-    """Joint i inside what the tick may reach."""
+    """Clip joint i to the configurations that the cycle may reach."""
     return min(max(value, joints[FLOOR, i]), joints[CEILING, i])
 
 
 @inlined
 def copy(source: Any, target: Any) -> None:
-    """The numbers (n,) of one array into another."""
+    """Copy the numbers (n,) of one array into another."""
     for i in range(source.shape[0]):
         target[i] = source[i]
 
@@ -81,7 +81,7 @@ def square_of(errors: Any) -> float:
 
 @compiled
 def look(chain: Any, q: Any, work: Any) -> float:
-    """Put the residual at q into the workspace; its square."""
+    """Compute the residual at q into the workspace; returns its square."""
     turns, axes, start, end, _, _, _, _, _, errors = work
     walk(chain, start, q, turns, axes, end)
     residual_of(end, errors)
@@ -90,7 +90,7 @@ def look(chain: Any, q: Any, work: Any) -> float:
 
 @compiled
 def look_closely(chain: Any, q: Any, work: Any) -> float:
-    """Put the residual at q and its Jacobian into the workspace; the residual's square."""
+    """Compute the residual at q and its Jacobian into the workspace; returns the square of the residual."""
     turns, axes, start, end, jacobian, _, _, _, _, errors = work
     walk(chain, start, q, turns, axes, end)
     residual_of(end, errors)
@@ -101,7 +101,7 @@ def look_closely(chain: Any, q: Any, work: Any) -> float:
 
 @compiled
 def settle(chain: Any, q: Any, trial: Any, work: Any) -> float:
-    """Descend in the box from q (n,), which becomes where it ends; the squared residual there. ``trial`` is scratch."""
+    """Descend in the box from q (n,), which becomes the result; returns the squared residual. ``trial`` is scratch."""
     turns, axes, start, end, jacobian, rows, square, lower, joints, errors = work
     n = q.shape[0]
     walk(chain, start, q, turns, axes, end)
@@ -119,7 +119,7 @@ def settle(chain: Any, q: Any, trial: Any, work: Any) -> float:
                 errors[PULL, k] = errors[RESIDUAL, k]
         size = math.sqrt(squared)
         promised = box_step(damping * size + SMALLEST_DAMPING, jacobian, rows, square, lower, joints, errors)
-        if not promised > 2.0 * size * GAIN:  # written so that a NaN ends the descent too
+        if not promised > 2.0 * size * GAIN:  # The condition also ends the descent if the residual is NaN.
             break
         for i in range(n):
             trial[i] = clamped(joints, i, q[i] + joints[STEP, i])
@@ -137,7 +137,7 @@ def settle(chain: Any, q: Any, trial: Any, work: Any) -> float:
 
 @compiled
 def lost_motion(chain: Any, q: Any, work: Any) -> None:
-    """Reduce the motion in the row DRIFT to the part that leaves the residual at q at first order, within the box."""
+    """Reduce the motion DRIFT to the part that preserves the residual at q at first order, within the box."""
     _, _, _, _, jacobian, rows, square, lower, joints, errors = work
     look_closely(chain, q, work)
     for k in range(6):
@@ -154,7 +154,7 @@ def lost_motion(chain: Any, q: Any, work: Any) -> None:
 
 @compiled
 def wander(chain: Any, q: Any, trial: Any, work: Any) -> float:
-    """Move q by what of DRIFT leaves the residual, and settle from there; the squared residual."""
+    """Move q along the part of DRIFT that preserves the residual, and descend; returns the squared residual."""
     joints = work.joints
     lost_motion(chain, q, work)
     for i in range(q.shape[0]):

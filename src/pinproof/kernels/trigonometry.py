@@ -1,8 +1,8 @@
-r"""Sine and cosine at once, without a branch, so that loops over them become vector instructions.
+r"""Sine and cosine at once, without a conditional branch, so that loops over them are vectorised.
 
-The angle is reduced by a multiple of pi/2 that is held in three parts (Cody and Waite 1980, "Software Manual for the
-Elementary Functions"), then both series are summed to the term below 2^-56 at pi/4. Seen against the C library: within
-2.3e-16 for angles up to 7e5; an angle of 1e9 or more would lose digits.
+The angle is reduced by a multiple of pi/2 that is represented in three parts (Cody and Waite 1980, "Software Manual for
+the Elementary Functions"), then both series are summed to the term below 2^-56 at pi/4. The results agree with the C
+library within 2.3e-16 for angles up to 7e5; angles of 1e9 or more lose digits.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pinproof.kernels.compiled import inlined
 
 __all__ = ["sincos"]
 
-# pi/2 = HIGH + MIDDLE + LOW; the first two have 33 bits: their products with whole numbers below 2^20 are exact.
+# pi/2 = HIGH + MIDDLE + LOW; the first two have 33 bits: their products with integers below 2^20 are exact.
 HIGH, MIDDLE, LOW = 1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21
 PER_QUARTER = 2 / math.pi
 

@@ -1,17 +1,17 @@
-r"""The triple: three neighbouring joints whose motion W is known.
+r"""The triple: three consecutive joints whose common motion W is known.
 
-Their lines stand in the rows 0, 1, 2: f, g, l (first, middle, last). Three facts give the three joints, in this order:
+Their lines are rows 0, 1, 2: f, g, l (first, middle, last). Three conditions determine the joints, in this order:
 
-1. the middle one from what the first cannot change, linear in its state (:func:`pinproof.kernels.roots.linear_roots`):
+1. the middle from what the first cannot change, linear in its state (:func:`pinproof.kernels.roots.linear_roots`):
    *spherical* h_f . R_g h_l = h_f . R_W h_l; *planar*, with r = E_g o_l, the distance of r from the first line, or,
-   if the first slides along d, its height over d: \|r - o_f\| = \|W o_l - o_f\|, (n x d) . r = (n x d) . W o_l;
-2. the first one by bringing R_g h_l over R_W h_l, or r over W o_l;
-3. the last one by what is left of a direction e across its line, R_g^T R_f^T R_W e.
+   if the first is prismatic along d, its height over d: \|r - o_f\| = \|W o_l - o_f\|, (n x d) . r = (n x d) . W o_l;
+2. the first joint by rotating (or moving) R_g h_l to R_W h_l, or r to W o_l;
+3. the last joint by the remaining motion of a direction e perpendicular to its line, R_g^T R_f^T R_W e.
 
-Where 2 finds a vector on the line itself (a straight wrist; an elbow folded flat), the first joint is free, and 3 is
-what makes up for the value it is given. A planar triple whose last joint slides is turned around,
-W^-1 = E_l^-1 E_g^-1 E_f^-1, if its first one turns; if that slides too, the middle one is the turn of W, and the
-others share its way.
+If the vector in 2 is parallel to the line (a straight wrist; a folded elbow), the first joint is free, and 3
+compensates for its value. A planar triple whose last joint is prismatic is reversed, W^-1 = E_l^-1 E_g^-1 E_f^-1, if
+its first one is revolute; if that is prismatic too, the middle joint is the rotation of W, and the others share its
+translation.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ from pinproof.kernels.vectors import (
 __all__ = ["STATES", "triple"]
 
 STATES = 16
-"""The entries of a solution: six states, the free joints, its name, the free joints that are SNAPPED (see
-:mod:`pinproof.kernels.two_curves`), and how far (rad, or lengths of the arm) the tolerances let its joints be off."""
+"""The entries of a solution: six states, the free joints, its number, the free joints that are SNAPPED (see
+:mod:`pinproof.kernels.two_curves`), and the error of its joints (rad, or lengths of the arm) due to the tolerances."""
 
 OF_A_SNAPPED_JOINT = 1000
-"""Added to the name of a solution with a joint of the triple that is SNAPPED."""
+"""Added to the number of a solution with a joint of the triple that is SNAPPED."""
 
 
 @compiled
@@ -76,11 +76,11 @@ def triple(
     out: Any,
     count: int,
 ) -> int:
-    """Whole solutions that belong to row ``row`` of ``chosen`` into ``out`` from ``count`` on; how many then.
+    """Complete solutions for row ``row`` of ``chosen`` into ``out`` from ``count``; returns the new count.
 
     ``rotation`` (three rows) and ``shift`` are G; a column of ``out`` (STATES, k) gets the six states in the order of
-    ``lines``, then the free joints (bits of rows) and which solution it is. A reversed triple's lines stand reversed.
-    With ``snap``, joints that depend on the direction of an UNCERTAIN vector are free.
+    ``lines``, then the free joints (bits of rows) and the number of the solution. The lines of a reversed triple are in
+    reverse order. With ``snap``, joints that depend on the direction of an UNCERTAIN vector are free.
     """
     x, y, z = (chosen[row, 0], chosen[row, 1]), (chosen[row, 2], chosen[row, 3]), (chosen[row, 4], chosen[row, 5])
     ha, hb, hc = direction(lines, 3), direction(lines, 4), direction(lines, 5)
@@ -91,7 +91,7 @@ def triple(
     sf, sg, sl = lines[0, SLIDING] != 0.0, lines[1, SLIDING] != 0.0, lines[2, SLIDING] != 0.0
     R0, R1, R2 = rotation
 
-    # What W does to a point (o_l, or o_g where only the middle one turns) and to the directions e and h_l.
+    # W applied to a point (o_l, or o_g if only the middle joint is revolute) and to the directions e and h_l.
     between = sf and sl
     point = og if between else ol
     e = perpendicular(hg if between else hl)
@@ -166,11 +166,11 @@ def triple(
             known_g, tolerated_g = root_errors(sg and planar, A, B, g, rounding_g, tolerance_g)
         off_by = tolerance + tolerated_g
         if between:
-            # W o_g - o_g = q_f d_f + q_l R_g d_l, in the plane
+            # W o_g - o_g = q_f d_f + q_l R_g d_l, in the plane.
             way, last = minus(goal, og), turned(hg, g[0], g[1], hl)
             det = dot(normal, cross(hf, last))
             if abs(det) < max(FREE, UNCERTAIN * rounding):
-                chosen[CANDIDATES, DOUBTFUL] = 1.0  # both slide in one direction: free, which is not covered
+                chosen[CANDIDATES, DOUBTFUL] = 1.0  # Both are prismatic in one direction: free, which is not supported.
                 continue
             off_by /= min(1.0, abs(det))
             f0, l0 = dot(normal, cross(way, last)) / det, dot(normal, cross(hf, way)) / det

@@ -1,9 +1,9 @@
-"""Second solutions near a first one: where two branches nearly meet, an arm off the ideal moves them far along.
+"""Second solutions close to a first one: if two branches nearly meet, a deviation from the ideal moves them far.
 
-Two branches of six joints meet where the Jacobian J is singular; near there both lie along the joint motion v that J
-nearly takes to nothing. How far apart they are goes with the square root of how far the arm is from one at which they
-meet: a calibrated arm's may lie far from the ideal arm's, or exist alone. So starts for Newton's iteration are strewn
-along v.
+Two branches of six joints meet where the Jacobian J is singular; near there both are along the joint motion v that J
+maps nearly to zero. Their distance is proportional to the square root of the deviation of the arm from one at which
+they meet: for a calibrated arm they may be far from those of the ideal arm, or only one of them may exist. Starts of
+Newton's method are therefore distributed along v.
 """
 
 from __future__ import annotations
@@ -20,19 +20,20 @@ from pinproof.kernels.compiled import compiled
 __all__ = ["WAYS", "weakest_motion"]
 
 WAYS = np.array([0.004, -0.004, 0.02, -0.02, 0.08, -0.08, 0.25, -0.25, 0.6, -0.6])
-"""Rad or m along v. Newton's iteration goes to the nearest solution; these are a few times further apart than that."""
+"""Rad or m along v. Newton's method converges to the closest solution; these starts are a few times further apart."""
 
 SHIFT = 1e-12
-"""Added to J^T J, so that it can be inverted where it is singular."""
+"""Added to J^T J, so that it is invertible if it is singular."""
 
 ROUNDS = 3
 
 
 @compiled
 def weakest_motion(plan: Any, n: int, fixed: int, q: Any, motion: Any) -> float:
-    """The unit joint motion (n,) that moves the tcp least at q (n,), and by how much (m and rad), of six joints.
+    """The unit joint motion (n,) that moves the tcp least at q (n,), and that motion (m and rad), for six joints.
 
-    By inverse iteration on J^T J. Infinite where not six joints move: ``fixed`` of seven does not (-1: none).
+    By inverse iteration on J^T J. Infinite if not exactly six joints move; ``fixed`` is the locked joint of seven (-1:
+    none).
     """
     if n - (0 if fixed < 0 else 1) != 6:
         return math.inf

@@ -1,29 +1,31 @@
-r"""The three joints outside the triple: where two curves meet.
+r"""The three joints outside the triple: the intersection of two curves.
 
-The loop of six joints, cut open, reads W^-1 = E_a E_b E_c G^-1, where W is the motion of the triple (three neighbouring
-joints), a, b, c are the joints that follow it around the loop, and E_a is the motion of joint a from zero. Joints
-behind the end of the chain (those before the triple) come with lines seen through G^-1, so nothing depends on where the
-triple sits. A triple keeps something, which two equations in the states of c (x) and a (y) can say without b:
+The loop of six joints, cut at one joint, is W^-1 = E_a E_b E_c G^-1, where W is the motion of the triple (three
+consecutive joints), a, b, c are the joints that follow it in the loop, and E_a is the motion of joint a from zero. The
+lines of joints before the triple are transformed by G^-1, so that the position of the triple in the chain does not
+matter. A triple has an invariant, which gives two equations in the states of c (x) and a (y) without b:
 
-*Spherical* (it keeps a point O): E_b E_c p = E_a^-1 O with p = G^-1 O. So the curves m(x) = E_c p and n(y) = E_a^-1 O
-have to be brought together by b. If b turns about h through o, it can where
-h . m = h . n and \|m - o\|^2 = \|n - o\|^2; if it slides along h, where m - n has no part across h.
+*Spherical* (invariant point O): E_b E_c p = E_a^-1 O with p = G^-1 O. Joint b must bring the curves m(x) = E_c p and
+n(y) = E_a^-1 O together. If b is revolute about h through o, this is possible if h . m = h . n and \|m - o\|^2 = \|n -
+o\|^2; if it is prismatic along h, if m - n has no component perpendicular to h.
 
-*Planar* (it keeps a direction n, and heights along n): R_b m = k with m(x) = R_c n', k(y) = R_a^T n, n' = R_G^T n,
-which a turning b can where h . m = h . k. The height of E_a E_b E_c p over a point p_0, put through k and m,
+*Planar* (invariant direction n, and heights along n): R_b m = k with m(x) = R_c n', k(y) = R_a^T n, n' = R_G^T n, which
+is possible for a revolute b if h . m = h . k. The height of E_a E_b E_c p over a point p_0, expressed by k and m,
 
 .. math:: n\cdot o_a + k\cdot(o_b - o_a) + m\cdot(o_c - o_b) + n'\cdot(p - o_c) = n\cdot p_0,
 
-is linear as well; a sliding joint adds its way times n . h. (If b itself slides, it keeps directions: h_a . m = h_a . n
-and h_c . k = h_c . n' are necessary, m = k is tried on their solutions, and the height gives its way.)
+is linear as well; a prismatic joint adds its translation times n . h. (If b itself is prismatic, it preserves
+directions: h_a . m = h_a . n and h_c . k = h_c . n' are necessary, m = k is checked for their solutions, and the height
+gives its translation.)
 
-Every one of these is F b(x) + G b(y) + k = 0, linear in the state b of a joint. (Of a sliding joint, \|m\|^2 is
-quadratic: b holds its square.) If a combination of the two is free of one unknown, it gives the other's two roots, and
-the rest follows: so it is for most industrial arms. Otherwise b(y) = -G^-1 (F b(x) + k) has to be a state,
-cos^2 + sin^2 = 1, a quartic in the half-angle tangent of x; its solutions are then refined on the two equations.
+Each of these equations is F b(x) + G b(y) + k = 0, linear in the state b of a joint. (For a prismatic joint, \|m\|^2 is
+quadratic: b contains its square.) If a combination of the two does not contain one unknown, it gives two roots of the
+other, as for most industrial arms. Otherwise b(y) = -G^-1 (F b(x) + k) must be a state, cos^2 + sin^2 = 1, which is a
+quartic in the half-angle tangent of x; its solutions are refined on the two equations.
 
 Sources: Pieper (1968), "The kinematics of manipulators under computer control"; Paden (1986), subproblems; Elias and
-Wen (2022), "IK-Geo: Unified robot inverse kinematics using subproblem decomposition", for the same split by geometry.
+Wen (2022), "IK-Geo: Unified robot inverse kinematics using subproblem decomposition", for the same decomposition by
+geometry.
 """
 
 from __future__ import annotations
@@ -71,52 +73,53 @@ __all__ = [
 ]
 
 FIRST = 3
-"""The row of joint a in an array of lines; b and c follow, the triple stands before."""
+"""The row of joint a in an array of lines, after those of the triple; b and c follow."""
 
 REFERENCE = 7
-"""The entry of a line for the value a free joint is given."""
+"""The entry of a line for the value of the joint if it is free."""
 
 CANDIDATES = 8
-"""The most solutions told: a quartic's four, each of which may be a double root that is told twice."""
+"""Maximum number of solutions: four of a quartic, each of which may be a double root with two candidates."""
 
 BY_QUARTIC = 64
-"""Added to the number of solutions that a quartic gave."""
+"""Added to the number of solutions if they come from a quartic."""
 
 SEPARABLE = 1e-5
-"""A 2 x 2 matrix whose determinant is smaller than this part of its square size counts as singular. What that spoils is
-mended by refinement; a quartic near it would lose as much to rounding, which grows with the inverse square."""
+"""A 2 x 2 matrix whose determinant is smaller than this fraction of its squared size is treated as singular. The
+error is removed by refinement; a quartic would lose as much accuracy by rounding, which grows with the inverse
+square."""
 
 SAME_DIRECTION = 1e-4
-"""m = k is taken for fulfilled up to this; refinement and forward kinematics judge after it."""
+"""m = k is considered satisfied up to this; refinement and forward kinematics decide afterwards."""
 
 EXACT = 1e-14
 REFINEMENTS = 4
 
 NEAR = 4.0
-"""An equation without a root is tried as if it had a double one, if it fails by less than this multiple of what the
-tolerances may change it by."""
+"""An equation without a root is treated as having a double root if it fails by less than this multiple of the change
+that the tolerances permit."""
 
-# The entries of a candidate: states of c, a and b, which joints were free (bits of the rows of their lines), its name;
-# how far the rotation about all three joints may be off by rounding, and by the tolerances; which joints are free
-# only because an uncertain vector was taken for one of no length.
+# The entries of a candidate: states of c, a and b, the free joints (bits of the rows of their lines), its number; the
+# error of the rotation about all three joints due to rounding, and due to the tolerances; the joints that are free
+# only because an uncertain vector was treated as a zero vector.
 X, Y, Z, FREED, WHICH, ROUNDING_ERROR, TOLERANCE_ERROR, SNAPPED = 0, 2, 4, 6, 7, 8, 9, 10
 COLUMNS = 11
 
-# The entries of the row behind the last candidate: decisions about free joints that rounding may have turned; and
-# cases that were left out, or are not covered.
+# The entries of the row after the last candidate: decisions about free joints that rounding may have changed; and
+# cases that were omitted, or are not supported.
 UNDECIDED, DOUBTFUL = 0, 1
 
 OF_A_SNAPPED_JOINT = 100
-"""Added to the name of a candidate with a joint that is SNAPPED."""
+"""Added to the number of a candidate with a joint that is SNAPPED."""
 
 
 @inlined
 def gram(alpha: float, beta: float, height: float, off2: float) -> Any:
-    r"""w^2 of the equation h . R b = height for a unit vector b that turns about g (alpha = h.g, beta = b.g).
+    r"""w^2 of the equation h . R b = height for a unit vector b that rotates about g (alpha = h.g, beta = b.g).
 
-    It is (1 - alpha^2)(1 - beta^2) - (height - alpha beta)^2, a Gram determinant. Where the goal of b, a unit vector of
-    that height, comes near h itself, that loses half the digits; ``off2``, the square of the goal's part across h, does
-    not: 1 - height^2 = off2.
+    It is (1 - alpha^2)(1 - beta^2) - (height - alpha beta)^2, a Gram determinant. If the desired vector, a unit vector
+    of that height, is close to h, this loses half the digits; ``off2``, the square of its component perpendicular to h,
+    does not: 1 - height^2 = off2.
     """
     if height >= 0.0:
         return off2 * (1.0 - 2.0 * alpha * beta / (1.0 + height)) - (alpha - beta) * (alpha - beta)
@@ -125,9 +128,10 @@ def gram(alpha: float, beta: float, height: float, off2: float) -> Any:
 
 @inlined
 def aligned(h: Any, v: Any, w: Any) -> Any:
-    """Cosine and sine of the turn about h that brings v over w, and the product of their distances from h.
+    """Cosine and sine of the rotation about h that aligns v with w, and the product of their distances from h.
 
-    From the parts across h: v . w - (h . v)(h . w) would lose a short part, of a wrist that is nearly straight, whole.
+    From the components perpendicular to h: v . w - (h . v)(h . w) would lose a short component, for example of a nearly
+    straight wrist.
     """
     v, w = across(v, h), across(w, h)
     c, s = dot(v, w), dot(h, cross(v, w))
@@ -152,11 +156,11 @@ def two_curves(
     lines: Any, planar: Any, p: Any, p0: Any, n: Any, n1: Any, border: float, spread: float, rounding: float,
     tolerance: float, snap: Any, out: Any,
 ) -> int:  # fmt: skip
-    """Solutions (x, y, z) of joints c, a, b into ``out`` (CANDIDATES + 1, COLUMNS); how many (plus BY_QUARTIC).
+    """Solutions (x, y, z) of joints c, a, b into ``out`` (CANDIDATES + 1, COLUMNS); their number (plus BY_QUARTIC).
 
-    ``p`` and ``n1`` are O (or a point of the plane) and n behind G^-1, ``p0`` and ``n`` before it. Rounding changes an
-    equation by ``rounding`` at most, the tolerances of the answer by ``tolerance``. With ``snap``, joints that depend
-    on the direction of a vector that is UNCERTAIN are free; else only those of a vector of no length.
+    ``p`` and ``n1`` are O (or a point of the plane) and n after G^-1, ``p0`` and ``n`` before it. Rounding changes an
+    equation by at most ``rounding``, the tolerances of the result by ``tolerance``. With ``snap``, joints that depend
+    on the direction of a vector that is UNCERTAIN are free; else only those that depend on a zero vector.
     """
     ha, hb, hc = direction(lines, FIRST), direction(lines, FIRST + 1), direction(lines, FIRST + 2)
     oa, ob, oc = place(lines, FIRST), place(lines, FIRST + 1), place(lines, FIRST + 2)
@@ -218,7 +222,7 @@ def two_curves(
     count = 0
     undecided = doubtful = 0.0
     if ratioG < SEPARABLE:
-        # (v0, v1) G = 0: that combination of the two equations holds the first unknown alone.
+        # (v0, v1) G = 0: that combination of the two equations contains the first unknown only.
         if sizeG > FREE * FREE:
             left, right = G00 * G00 + G10 * G10, G01 * G01 + G11 * G11
             u0, u1 = (G00, G10) if left >= right else (G01, G11)
@@ -229,7 +233,7 @@ def two_curves(
         u0, u1 = (u0 / size, u1 / size) if size > 0.0 else (1.0, 0.0)
         v0, v1 = -u1, u0
         A, B = v0 * F00 + v1 * F10, v0 * F01 + v1 * F11
-        left_out = ratioG * math.sqrt(sizeG)  # the other unknown's part, if the matrix is not quite singular
+        left_out = ratioG * math.sqrt(sizeG)  # the part with the other unknown, if not exactly singular
         near = max(border, NEAR * (tolerance + left_out))
         found, x1, x2 = linear_roots(first_slides, A, B, v0 * k0 + v1 * k1, math.nan, near, spread, FREE)
         freed = 0
@@ -248,7 +252,7 @@ def two_curves(
             near = max(border, NEAR * (tolerance_y + left_out))
             square = math.nan
             if planar and not sb and not second_slides and abs(u1) < 1e-9:
-                # Then the equation is h_b . k = h_b . m alone.
+                # The equation is then h_b . k = h_b . m alone.
                 if swap:
                     other, beta = along(along(An, x[0], un), x[1], wn), dot(hc, n1)
                     alpha = dot(hb, hc)
@@ -275,7 +279,7 @@ def two_curves(
                 out[count, 0], out[count, 1], out[count, 2], out[count, 3] = x[0], x[1], y[0], y[1]
                 out[count, FREED], out[count, WHICH] = also, 2 * i + j
                 out[count, SNAPPED] = also if also != freed and free != FREE else 0
-                # For now, of each of the two unknowns; of their rotations in the end.
+                # First for each of the two unknowns; for their rotations at the end.
                 out[count, 4], out[count, 5] = rounding_x, tolerance_x
                 out[count, ROUNDING_ERROR] = out[count, TOLERANCE_ERROR] = 0.0
                 if also == freed:
@@ -321,7 +325,7 @@ def two_curves(
             if dot(gap, gap) > same * same:
                 continue
             if abs(tilt) < max(FREE, UNCERTAIN * (rounding_x + rounding_y)):
-                doubtful = 1.0  # the slide moves in the plane of the triple: free, which is not covered
+                doubtful = 1.0  # The prismatic joint moves in the plane of the triple: free, which is not supported.
                 continue
             rounding_z, tolerance_z = (rounding_x + rounding_y) / abs(tilt), (tolerance_x + tolerance_y) / abs(tilt)
             height = dot(n, minus(oa, p0)) - dot(k, oa) + dot(m, oc) + dot(n1, minus(p, oc))
@@ -364,12 +368,12 @@ def _by_quartic(
     F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
     k0: float, k1: float, det: float, first_slides: Any, second_slides: Any, spread: float, out: Any,
 ) -> int:  # fmt: skip
-    """Solutions (x, y) into ``out``, where G can be inverted: det(G) b(y) = -(P, Q), both linear in b(x).
+    """Solutions (x, y) into ``out``, if G is invertible: det(G) b(y) = -(P, Q), both linear in b(x).
 
-    How many; -1 where the quartic vanishes, so that every value is a root.
+    Returns their number; -1 if the quartic is zero, so that every value is a root.
 
-    As forms of degree 2 in (t, w), b(x) = (w^2 - t^2, 2 t w) / (w^2 + t^2) or (t w, t^2) / w^2. The forms are turned so
-    that no root is near infinity: to where, of a few places, the quartic is largest.
+    As forms of degree 2 in (t, w), b(x) = (w^2 - t^2, 2 t w) / (w^2 + t^2) or (t w, t^2) / w^2. The forms are rotated
+    such that no root is near infinity: to the point, among several, where the quartic is largest.
     """
     p0, p1, p2 = G11 * k0 - G01 * k1, G11 * F00 - G01 * F10, G11 * F01 - G01 * F11
     q0, q1, q2 = G00 * k1 - G10 * k0, G00 * F10 - G10 * F00, G00 * F11 - G10 * F01
@@ -435,7 +439,7 @@ def _refine(
     F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
     k0: float, k1: float, first_slides: Any, second_slides: Any, out: Any, row: int,
 ) -> None:  # fmt: skip
-    """Newton's steps on the two equations in x and y, while they help."""
+    """Newton's steps on the two equations in x and y, while they reduce the residual."""
     x0, x1, y0, y1 = out[row, 0], out[row, 1], out[row, 2], out[row, 3]
     last = math.inf
     for _ in range(REFINEMENTS + 1):
@@ -475,9 +479,9 @@ def _errors_of_both(
     F00: float, F01: float, F10: float, F11: float, G00: float, G01: float, G10: float, G11: float,
     first_slides: Any, second_slides: Any, rounding: float, tolerance: float, out: Any, row: int,
 ) -> None:  # fmt: skip
-    """How far x and y of a row may be off by ``rounding`` and by ``tolerance``, where the equations hold both.
+    """The errors of x and y of a row due to ``rounding`` and due to ``tolerance``, where both equations contain both.
 
-    From the inverse of the equations' Jacobian; up to four roots may meet, which an error d moves by d^(1/4).
+    From the inverse of the Jacobian of the equations; up to four roots may coincide, which an error d moves by d^(1/4).
     """
     x0, x1, y0, y1 = out[row, 0], out[row, 1], out[row, 2], out[row, 3]
     dx0, dx1 = (1.0, 2.0 * x0) if first_slides else (-x1, x0)

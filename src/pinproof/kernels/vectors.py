@@ -1,7 +1,7 @@
-"""Vectors of three numbers as tuples, and the motions of a line: what closed forms are written in.
+"""Vectors of three numbers as tuples, and the motions of a joint about its line, for the closed forms.
 
-Tuples live in registers: nothing here allocates. A line is a row of an array: direction (3), a point of it (3), and
-whether the joint slides along it (1.0) or turns about it (0.0). The state of a joint is (cos q, sin q), or (q, q^2).
+Tuples are kept in registers: nothing here allocates. A line is a row of an array: direction (3), a point of it (3), and
+whether the joint is prismatic (1.0) or revolute (0.0). The state of a joint is (cos q, sin q), or (q, q^2).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 SLIDING = 6
-"""The entry of a line that says whether the joint slides."""
+"""The entry of a line that is 1.0 for a prismatic joint."""
 
 
 @inlined
@@ -58,7 +58,7 @@ def along(a: Any, s: float, b: Any) -> Any:
 
 @inlined
 def across(a: Any, h: Any) -> Any:
-    """The part of a that is perpendicular to the unit vector h."""
+    """The component of a that is perpendicular to the unit vector h."""
     return along(a, -dot(h, a), h)
 
 
@@ -89,7 +89,7 @@ def place(lines: Any, i: int) -> Any:
 
 @inlined
 def turned(h: Any, c: float, s: float, v: Any) -> Any:
-    """V turned about the unit vector h by the angle of cosine c and sine s (Rodrigues)."""
+    """V rotated about the unit vector h by the angle of cosine c and sine s (Rodrigues)."""
     k = (1.0 - c) * dot(h, v)
     return (
         c * v[0] + k * h[0] + s * (h[1] * v[2] - h[2] * v[1]),
@@ -100,7 +100,7 @@ def turned(h: Any, c: float, s: float, v: Any) -> Any:
 
 @inlined
 def moved(h: Any, o: Any, slides: Any, state: Any, way: float, p: Any) -> Any:
-    """The point p moved by a joint on the line (h, o): forth (``way`` 1) or back (-1)."""
+    """The point p moved by a joint on the line (h, o): forward (``way`` 1) or backward (-1)."""
     if slides:
         return along(p, way * state[0], h)
     v = turned(h, state[0], way * state[1], minus(p, o))
@@ -109,7 +109,7 @@ def moved(h: Any, o: Any, slides: Any, state: Any, way: float, p: Any) -> Any:
 
 @inlined
 def unturned(h: Any, slides: Any, state: Any, way: float, v: Any) -> Any:
-    """The direction v turned by a joint about h: forth (``way`` 1) or back (-1); a sliding joint keeps it."""
+    """The direction v rotated by a joint about h: forward (``way`` 1) or backward (-1); a prismatic joint keeps it."""
     if slides:
         return v
     return turned(h, state[0], way * state[1], v)
@@ -119,7 +119,7 @@ def unturned(h: Any, slides: Any, state: Any, way: float, v: Any) -> Any:
 def curve(h: Any, o: Any, slides: Any, way: float, p: Any) -> Any:
     """The curve of a point p that a joint moves: A + u b_1 + w b_2, with (b_1, b_2) the state of the joint.
 
-    A circle about the line, or a line along it (w = 0).
+    A circle about the line, or a straight line parallel to it (w = 0).
     """
     if slides:
         return p, (way * h[0], way * h[1], way * h[2]), (0.0, 0.0, 0.0)
@@ -131,7 +131,7 @@ def curve(h: Any, o: Any, slides: Any, way: float, p: Any) -> Any:
 
 @inlined
 def turning_curve(h: Any, slides: Any, way: float, v: Any) -> Any:
-    """The same for a direction v, which only a turning joint changes."""
+    """:func:`curve` for a direction v, which only a revolute joint changes."""
     if slides:
         return v, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     centre = (dot(h, v) * h[0], dot(h, v) * h[1], dot(h, v) * h[2])

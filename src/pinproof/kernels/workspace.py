@@ -1,6 +1,6 @@
-"""The arrays that one descent works in, made once a thread so that no loop allocates.
+"""The working arrays of one descent, created once per thread so that no loop allocates.
 
-They travel together between functions and are unpacked once in each: reaching into a tuple costs an atomic count.
+They are passed as one tuple and unpacked once in each function: an access to a tuple costs an atomic reference count.
 """
 
 from __future__ import annotations
@@ -36,9 +36,10 @@ RESIDUAL, PULL, ASKED, VALUES = range(4)
 class Workspace(NamedTuple):
     """For m joints on the chain and n numbers in q.
 
-    The joints' rows: the step; the part of it that is settled before a rule is asked (a goal's drift, and joints moved
-    to a limit); the drift; 1 for a joint that is held at a limit; the best q; where the nearest miss ended. The errors'
-    rows: what is to go; what a rule is asked to undo; which of x, y, z, rx, ry, rz is asked for; singular values.
+    The rows of ``joints``: the step; its part that is fixed before the rule is evaluated (the step of a goal, and
+    joints moved to a limit); the step of the goal; 1 for a joint that is held at a limit; the best q; the result of the
+    best attempt. The rows of ``errors``: the residual; the residual passed to the rule; the mask of x, y, z, rx, ry,
+    rz; singular values.
     """
 
     turns: Any  # (3, m or more) values, sines and cosines of the joints
@@ -46,7 +47,7 @@ class Workspace(NamedTuple):
     start: Any  # (3, 4) target_from_base
     end: Any  # (3, 4) target_from_tcp
     jacobian: Any  # (6, n) of the residual; the columns of held joints are zero
-    rows: Any  # (6, n) what a decomposition makes of it
+    rows: Any  # (6, n) the factor of a decomposition
     square: Any  # (6, 6)
     lower: Any  # (6, 6)
     joints: Any  # (6, n)
@@ -55,7 +56,7 @@ class Workspace(NamedTuple):
 
 @compiled
 def workspace(m: int, n: int) -> Any:
-    """Fresh arrays."""
+    """New arrays."""
     return Workspace(
         np.zeros((3, whole_vectors(m))),
         np.empty((m, 6)),

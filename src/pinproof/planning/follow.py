@@ -60,7 +60,7 @@ def line_task(task: TaskName | IkTask | Sequence[bool]) -> IkTask:
     InputError
         If it asks for part of the position, or for one turn alone: no line leads there.
     """
-    asked = make_task(task, 1.0, 1.0).asked > 0.0
+    asked = make_task(task, 1.0, 1.0).mask > 0.0
     if asked[:3].sum() not in (0, 3) or asked[3:].sum() == 1:
         raise InputError(
             "a straight move asks for the whole position or none of it, and leaves free all turning, one turn or none; "

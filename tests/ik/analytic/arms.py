@@ -1,4 +1,4 @@
-"""Arms made from their axes: every geometry that has a closed form, and some that have none."""
+"""Arms generated from their axes: every geometry with a closed form, and some without."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TURN = 2 * np.pi
 
 @dataclass
 class Axis:
-    """A joint at q = 0: direction (3,), point (3,) in m, and whether it slides."""
+    """A joint at q = 0: direction (3,), point (3,) in m, and whether it is prismatic."""
 
     direction: np.ndarray
     point: np.ndarray
@@ -25,7 +25,7 @@ class Axis:
 
 
 def arm_of(axes: Sequence[Axis], tool: Sequence[float] = (0.1, 0.2, 0.3), limits=None, mimic: str = "") -> pp.Arm:
-    """An arm with these axes at q = 0, its tcp at ``tool``, turned a little.
+    """An arm with these axes at q = 0 and its tcp at ``tool``, slightly rotated.
 
     ``limits`` are (lower, upper) for each joint, None for a continuous one; by default +-3.1 rad and +-0.6 m.
     """
@@ -57,7 +57,7 @@ def unit(rng: np.random.Generator) -> np.ndarray:
 
 
 def spherical(rng: np.random.Generator, square: bool) -> list[Axis]:
-    """Three turning axes through one point; ``square``: each at a right angle to the next."""
+    """Three revolute axes through one point; ``square``: each perpendicular to the next."""
     centre = rng.uniform(-0.5, 0.5, 3)
     frame = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     directions = [frame[0], frame[1], frame[0]] if square else [unit(rng) for _ in range(3)]
@@ -93,7 +93,7 @@ def first_distinct(made: Callable[[], list[Axis]]) -> list[Axis]:
 
 
 def others(rng: np.random.Generator, kinds: str, square: bool) -> list[Axis]:
-    """Axes anywhere, of kinds such as ``"RPR"``; ``square``: along x, y or z, and some of them meet."""
+    """Random axes of kinds such as ``"RPR"``; ``square``: along x, y or z, and some of them meet."""
     axes: list[Axis] = []
     for kind in kinds:
         direction = np.eye(3)[rng.integers(3)] if square else unit(rng)
@@ -104,7 +104,7 @@ def others(rng: np.random.Generator, kinds: str, square: bool) -> list[Axis]:
 
 @st.composite
 def six_axes(draw):
-    """Six axes, three of which make a triple, at any place; enough of them turn, and not too many slide."""
+    """Six axes with a triple at a random position; the number of prismatic joints is bounded."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     first = draw(st.integers(0, 3))
     square = draw(st.booleans())
@@ -131,13 +131,13 @@ def conditioning(arm: pp.Arm, q: np.ndarray) -> float:
 
 
 def misses(arm: pp.Arm, found: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """(N,) for each of wanted (N, n) how far the nearest row of found (N, k, n), NaN-padded, is from it."""
+    """(N,) distance of each row of wanted (N, n) from the closest row of found (N, k, n), NaN-padded."""
     gap = apart(arm, found, wanted[:, None])
     return np.where(np.isnan(gap), np.inf, gap).min(axis=1)
 
 
 def assert_reaches(arm: pp.Arm, q: np.ndarray, target: np.ndarray, tolerance: float = 1.000001e-9) -> None:
-    """Inside the limits, and at the target by Pinocchio."""
+    """Whether q is within the limits and at the target, by Pinocchio."""
     assert arm.limits.contains(q)
     off = np.linalg.inv(np.asarray(target)) @ arm.forward_kinematics(q).homogeneous
     assert np.linalg.norm(off[:3, 3]) <= tolerance
@@ -146,6 +146,6 @@ def assert_reaches(arm: pp.Arm, q: np.ndarray, target: np.ndarray, tolerance: fl
 
 
 def apart(arm: pp.Arm, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """The largest joint difference between rows of a and b, whole turns taken out; broadcasts."""
+    """The largest joint difference between rows of a and b modulo 2 pi; broadcasts."""
     gap = np.abs(a - b)
     return np.where(arm.periodic, np.abs(gap - TURN * np.round(gap / TURN)), gap).max(axis=-1)

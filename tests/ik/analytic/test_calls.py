@@ -1,4 +1,4 @@
-"""What is taken, what is refused and in which words; batches, threads, seven joints."""
+"""AnalyticIk: accepted and refused arguments, batches, threads, and arms of seven joints."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .arms import Axis, apart, arm_of, assert_reaches, others, random_configurat
 TARGET_Q = np.array([0.3, -0.8, 1.1, 0.4, 1.2, -0.5])
 
 
-def test_any_form_of_a_target(ur5):
+def test_targets_are_accepted_in_every_form(ur5):
     pose = ur5.forward_kinematics(TARGET_Q)
     plain = np.array(pose.homogeneous)
     expected = pp.AnalyticIk().solve_all(ur5, pose).q
@@ -40,7 +40,7 @@ def test_any_form_of_a_target(ur5):
         lambda T: "here",
     ],
 )
-def test_targets_that_are_no_pose(ur5, spoil):
+def test_targets_that_are_not_poses_are_refused(ur5, spoil):
     target = spoil(np.array(ur5.forward_kinematics(TARGET_Q).homogeneous))
     for call in (pp.AnalyticIk().solve_all, pp.AnalyticIk().solve):
         with pytest.raises(pp.InputError, match="target"):
@@ -56,7 +56,7 @@ def test_a_target_within_rounding_of_rigid_is_reached_exactly(ur5):
     assert apart(ur5, found.branches, TARGET_Q).min() < 1e-5
 
 
-def test_bad_settings_and_arguments(ur5):
+def test_invalid_settings_and_arguments_are_refused(ur5):
     target = ur5.forward_kinematics(TARGET_Q)
     with pytest.raises(pp.InputError):
         pp.AnalyticIk(position_tolerance=0.0)
@@ -71,7 +71,7 @@ def test_bad_settings_and_arguments(ur5):
 
 
 @pytest.mark.parametrize("name", ["ur5", "puma560", "stanford", "scara"])
-def test_batches_equal_singles_and_threads_do_not_matter(name):
+def test_batches_equal_single_calls_for_any_number_of_threads(name):
     arm = pp.load_robot(name).arm(tcp="tool0") if name == "ur5" else pp.load_robot(name).arm()
     q = random_configurations(arm, 101, seed=1)
     targets = arm.forward_kinematics_batch(q)
@@ -93,14 +93,14 @@ def test_batches_equal_singles_and_threads_do_not_matter(name):
         assert chosen.q[i] == pytest.approx(one.q, abs=1e-12)
 
 
-def test_an_empty_batch(ur5):
+def test_an_empty_batch_has_no_results(ur5):
     none = pp.AnalyticIk().solve_all_batch(ur5, np.empty((0, 4, 4)))
     assert len(none) == 0
     assert none.q.shape[2] == 6
     assert len(pp.AnalyticIk().solve_batch(ur5, np.empty((0, 4, 4))).q) == 0
 
 
-def test_accept_free_and_or_raise(ur5):
+def test_accept_free_and_or_raise_agree(ur5):
     target = ur5.forward_kinematics(TARGET_Q)
     found = pp.AnalyticIk().solve_all(ur5, target)
 
@@ -120,7 +120,7 @@ def test_accept_free_and_or_raise(ur5):
     with pytest.raises(pp.errors.IkFailed):
         found.free(lambda q: False).or_raise()
     far = pp.AnalyticIk().solve_all(ur5, pp.pose((9.0, 0, 0)))
-    with pytest.raises(pp.errors.IkFailed, match="out of reach"):
+    with pytest.raises(pp.errors.IkFailed, match="0 branches"):
         far.or_raise()
     with pytest.raises(pp.errors.IkFailed):
         far.nearest(np.zeros(6))
@@ -128,7 +128,7 @@ def test_accept_free_and_or_raise(ur5):
     assert far.q.shape == (0, 6)
 
 
-def test_answers_are_read_only_and_the_solver_travels(ur5):
+def test_results_are_read_only_and_the_solver_can_be_pickled(ur5):
     solver = pp.AnalyticIk(redundant_steps=33)
     target = ur5.forward_kinematics(TARGET_Q)
     found = solver.solve_all(ur5, target)
@@ -139,17 +139,17 @@ def test_answers_are_read_only_and_the_solver_travels(ur5):
     assert np.array_equal(copy.solve_all(ur5, target).q, found.q)
 
 
-def test_one_solver_serves_many_arms(ur5, generic):
+def test_one_solver_can_be_used_for_several_arms(ur5, generic):
     solver = pp.AnalyticIk()
     for arm in (ur5, generic, ur5):
         q = random_configurations(arm, 1, seed=3)[0]
         assert apart(arm, solver.solve_all(arm, arm.forward_kinematics(q)).branches, q).min() < 1e-6
 
 
-def test_six_axes_anywhere_have_no_closed_form():
+def test_six_general_axes_have_no_closed_form():
     rng = np.random.default_rng(0)
     arm = arm_of(others(rng, "RRRRRR", square=False))
-    with pytest.raises(NoClosedForm, match=r"the nearest are those of j\d, j\d, j\d.*use Clik"):
+    with pytest.raises(NoClosedForm, match=r"j\d, j\d, j\d.*use Clik"):
         pp.AnalyticIk().solve_all(arm, pp.pose((0.1, 0.2, 0.3)))
 
 
@@ -159,12 +159,12 @@ def test_mimic_and_eight_joints_have_no_closed_form():
     with pytest.raises(NoClosedForm, match="mimic"):
         pp.AnalyticIk().solve_all(arm, pp.pose())
     arm = arm_of([Axis(unit(rng), rng.uniform(-0.5, 0.5, 3)) for _ in range(8)])
-    with pytest.raises(NoClosedForm, match="8 joints are 2 more"):
+    with pytest.raises(NoClosedForm, match="8 joints"):
         pp.AnalyticIk().solve_all(arm, pp.pose())
 
 
 @pytest.mark.parametrize(("name", "share"), [("panda", 1.0), ("iiwa14", 1.0), ("xarm7", 0.98)])
-def test_seven_joints_at_the_generating_value(name, share):
+def test_seven_joints_have_the_generating_configuration_at_its_redundant_value(name, share):
     arm = pp.load_robot(name).arm()
     solver = pp.AnalyticIk(redundant_steps=2)
     q = random_configurations(arm, 150, seed=4)
@@ -181,7 +181,7 @@ def redundant(arm):
 
 
 @pytest.mark.parametrize("name", ["panda", "iiwa14"])
-def test_ends_of_the_intervals_of_seven_joints(name):
+def test_interval_ends_of_seven_joints_are_where_the_number_of_branches_changes(name):
     arm = pp.load_robot(name).arm()
     q = random_configurations(arm, 1, seed=5)[0]
     target = arm.forward_kinematics(q)
@@ -207,7 +207,7 @@ def test_ends_of_the_intervals_of_seven_joints(name):
                 assert branches_at(end + way * 1e-6) != one.branches
 
 
-def test_values_of_the_redundant_joint_may_be_chosen():
+def test_values_of_the_redundant_joint_can_be_given():
     arm, solver = pp.load_robot("panda").arm(), pp.AnalyticIk(redundant_steps=24)
     targets = arm.forward_kinematics_batch(np.random.default_rng(4).uniform(*arm.limits.sampling_range(), (20, 7)))
     joint, values = solver.redundant_grid(arm)
@@ -221,13 +221,13 @@ def test_values_of_the_redundant_joint_may_be_chosen():
         np.testing.assert_array_equal(row[:count], solver.solve_all(arm, target).rows[:, :7])
 
 
-def test_only_an_arm_of_seven_has_a_redundant_joint(ur5):
+def test_redundant_values_require_an_arm_of_seven_joints(ur5):
     assert pp.AnalyticIk().redundant_grid(ur5) is None
     with pytest.raises(pp.InputError, match="redundant"):
         pp.AnalyticIk().solve_all_batch(ur5, np.eye(4)[None], redundant_values=[0.0])
 
 
-def test_branches_that_limits_alone_rule_out_are_counted(ur5):
+def test_branches_outside_the_limits_are_counted(ur5):
     targets = ur5.forward_kinematics_batch(np.random.default_rng(5).uniform(-3.0, 3.0, (50, 6)))
     all_round = pp.AnalyticIk().solve_all_batch(ur5, targets)
     half = ur5.with_limits(pp.JointLimits(ur5.limits.lower / 4, ur5.limits.upper / 4, ur5.limits.velocity))

@@ -1,4 +1,4 @@
-"""Targets at and near several singularities at once: what is claimed of them has to hold."""
+"""Targets at and near several singularities at once: claims of completeness are true."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def arm_named(name, limits=None):
 
 
 def special_configurations(arm, count, seed):
-    """(count, n): one to three joints at 0, +-pi/2, +-pi or a limit, or beside it by 1e-12 to 1e-6."""
+    """(count, n): one to three joints at 0, +-pi/2, +-pi or a limit, or off by 1e-12 to 1e-6."""
     rng = np.random.default_rng(seed)
     lower, upper = arm.limits.sampling_range()
     q = rng.uniform(lower, upper, (count, arm.dof))
@@ -34,7 +34,7 @@ def special_configurations(arm, count, seed):
 
 
 def distance_from_families(arm, families, q):
-    """The largest joint difference between q and the nearest member that was tried, of any family."""
+    """The largest joint difference between q and the closest sampled member of any family."""
     least = np.inf
     for family in families:
         joint = arm.joint_names.index(family.parameter)
@@ -51,7 +51,7 @@ def distance_from_families(arm, families, q):
 
 
 def assert_claims_hold(arm, q):
-    """No target made by a row of q is called impossible, and each row is found where completeness is claimed."""
+    """No generated target has the status IMPOSSIBLE, and each row is found if completeness is claimed."""
     solver = pp.AnalyticIk()
     targets = arm.forward_kinematics_batch(q)
     found = solver.solve_all_batch(arm, targets)
@@ -67,7 +67,7 @@ def assert_claims_hold(arm, q):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_what_is_claimed_at_special_angles_holds(name):
+def test_completeness_claims_at_special_angles_are_true(name):
     arm = arm_named(name)
     found = assert_claims_hold(arm, special_configurations(arm, 1500, seed=11))
     assert found.ok.mean() > 0.99
@@ -77,7 +77,7 @@ def test_what_is_claimed_at_special_angles_holds(name):
     ("name", "fixed"), [("stanford", {1: 0.0, 4: 0.0}), ("generic_6dof", {1: np.pi / 2, 2: 0.0, 4: 0.0})]
 )
 def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
-    """The elbow is known to 1e-8 only, so the wrist's direction is not known at all, and joint 4 is limited."""
+    """The elbow is known to 1e-8 only, the direction of the wrist is undetermined, and joint 4 is limited."""
     whole = arm_named(name)
     arm = arm_named(name, limits={whole.joint_names[3]: (-1.0, 1.0)})
     rng = np.random.default_rng(0)
@@ -92,13 +92,13 @@ def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
 
 
 @pytest.mark.parametrize("name", ["stanford", "generic_6dof"])
-def test_limited_wrists_at_special_angles(name):
+def test_limited_wrists_are_solved_at_special_angles(name):
     arm = arm_named(name, limits={arm_named(name).joint_names[3]: (-1.0, 1.0)})
     assert_claims_hold(arm, special_configurations(arm, 800, seed=12))
 
 
 @pytest.mark.parametrize("name", ["panda", "iiwa14"])
-def test_nothing_is_claimed_of_seven_joints(name):
+def test_completeness_is_never_claimed_for_seven_joints(name):
     arm = arm_named(name)
     q = special_configurations(arm, 40, seed=13)
     targets = arm.forward_kinematics_batch(q)
@@ -109,7 +109,7 @@ def test_nothing_is_claimed_of_seven_joints(name):
 
 
 @pytest.mark.parametrize("name", ARMS)
-def test_ordinary_targets_keep_the_claim(name):
+def test_completeness_is_claimed_at_regular_targets(name):
     arm = arm_named(name)
     q = np.random.default_rng(14).uniform(*arm.limits.sampling_range(), (20000, 6))
     found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
@@ -117,7 +117,7 @@ def test_ordinary_targets_keep_the_claim(name):
     assert found.complete.mean() > 0.999
 
 
-def test_batches_claim_what_single_calls_claim():
+def test_batches_and_single_calls_claim_completeness_alike():
     arm = arm_named("puma560")
     q = special_configurations(arm, 200, seed=15)
     targets = arm.forward_kinematics_batch(q)
@@ -129,8 +129,8 @@ def test_batches_claim_what_single_calls_claim():
 
 
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-7, 1e-6])
-def test_the_tolerance_is_part_of_the_claim(ur5, tolerance):
-    """Just beyond a straight elbow: impossible is not said of what a search reaches within the same tolerance."""
+def test_the_tolerance_is_part_of_the_completeness_claim(ur5, tolerance):
+    """Just beyond a straight elbow: a target that a search reaches within the tolerance is not IMPOSSIBLE."""
     tolerances = {"position_tolerance": tolerance, "orientation_tolerance": tolerance}
     closed, search = pp.AnalyticIk(**tolerances), pp.Clik(**tolerances)
     rng = np.random.default_rng(0)
@@ -155,7 +155,7 @@ def test_the_tolerance_is_part_of_the_claim(ur5, tolerance):
 @pytest.mark.parametrize("name", ["stanford", "irb120", "z1", "ur5"])
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-6])
 def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, tolerance):
-    """A configuration at special angles or limits reaches them within the tolerance."""
+    """A configuration at special angles or limits reaches the targets within the tolerance."""
     arm = arm_named(name)
     rng = np.random.default_rng(21)
     targets = arm.forward_kinematics_batch(special_configurations(arm, 1500, seed=16))

@@ -1,4 +1,4 @@
-"""Whole turns, limits, joints without any, the border of reach, arms that are a hair off the ideal."""
+"""Rotations by 2 pi, limits, joints without limits, the workspace boundary, and calibrated arms."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ from .arms import (
 )
 
 
-def test_every_whole_turn_inside_the_limits(ur5):
-    """The UR5's joints have two turns, but for the elbow, which has one."""
+def test_every_rotation_by_2_pi_within_the_limits_is_returned(ur5):
+    """The joints of the UR5 have a range of 4 pi, except the elbow with 2 pi."""
     q = np.array([0.5, -1.2, 1.0, 0.7, 1.1, -2.0])
     target = ur5.forward_kinematics(q)
     found = pp.AnalyticIk().solve_all(ur5, target)
@@ -39,7 +39,7 @@ def test_every_whole_turn_inside_the_limits(ur5):
     assert np.array(list(found)) == pytest.approx(found.q)
 
 
-def test_nearest_counts_whole_turns(ur5):
+def test_nearest_includes_rotations_by_2_pi(ur5):
     q = np.array([5.0, -1.2, 1.0, -4.7, 1.1, 6.0])
     found = pp.AnalyticIk().solve_all(ur5, ur5.forward_kinematics(q))
     goal = q + 0.05
@@ -51,14 +51,14 @@ def test_nearest_counts_whole_turns(ur5):
     )
 
 
-def test_answers_keep_the_turns_of_q0(ur5):
+def test_solutions_keep_the_rotations_of_q0(ur5):
     q = np.array([5.0, -1.2, 1.0, -4.7, 1.1, 6.0])
     assert pp.AnalyticIk().solve(ur5, ur5.forward_kinematics(q), q + 0.05).q == pytest.approx(q, abs=1e-8)
 
 
 @pytest.mark.parametrize("name", ["puma560", "irb120", "stanford", "generic_6dof"])
 @pytest.mark.parametrize("bound", ["lower", "upper"])
-def test_joints_that_stand_exactly_at_their_limits(name, bound):
+def test_joints_exactly_at_their_limits_are_solved(name, bound):
     arm = pp.load_robot(name).arm()
     limit = getattr(arm.limits, bound)
     for joint in range(6):
@@ -72,8 +72,8 @@ def test_joints_that_stand_exactly_at_their_limits(name, bound):
         assert inside.all()
 
 
-def test_a_joint_at_its_limit_at_a_singular_target():
-    """Where branches meet, rounding puts a joint 1e-8 beyond its limit; it is brought back, not thrown away."""
+def test_a_joint_at_its_limit_is_solved_at_a_singular_target():
+    """Where branches meet, rounding moves a joint 1e-8 beyond its limit; the branch is corrected, not discarded."""
     arm = pp.load_robot("stanford").arm()
     q = np.array([arm.limits.upper[0], 0.0, 0.5, 0.4, -0.8, 1.2])
     found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q))
@@ -81,7 +81,7 @@ def test_a_joint_at_its_limit_at_a_singular_target():
     assert_reaches(arm, found.branches[0], arm.forward_kinematics(q).homogeneous)
 
 
-def test_branches_outside_the_limits_are_told_and_left_out():
+def test_branches_outside_the_limits_are_reported_and_omitted():
     rng = np.random.default_rng(3)
     axes = [*others(rng, "RRR", square=False), *spherical(rng, square=True)]
     wide, tight = arm_of(axes, limits=[None] * 6), arm_of(axes, limits=[(-1.0, 1.0)] * 6)
@@ -95,19 +95,19 @@ def test_branches_outside_the_limits_are_told_and_left_out():
         assert (f"{outside} more outside the limits" in some.message) == (outside > 0)
 
 
-def test_limits_in_the_way_are_the_reason_given():
+def test_the_reason_names_the_joint_limits():
     rng = np.random.default_rng(3)
     axes = [*others(rng, "RRR", square=False), *spherical(rng, square=True)]
     wide, tight = arm_of(axes), arm_of(axes, limits=[(-0.1, 0.1)] * 6)
     q = np.array([1.0, 0.9, 0.8, 0.7, 0.6, 0.5])
     answer = pp.AnalyticIk().solve(tight, wide.forward_kinematics(q))
     assert answer.status is IkStatus.IMPOSSIBLE
-    assert "the limits stand in the way" in answer.message
+    assert "joint limits" in answer.message
     assert tight.limits.contains(answer.q)
     assert answer.position_error > 1e-3
 
 
-def test_joints_without_limits():
+def test_joints_without_limits_are_solved():
     rng = np.random.default_rng(5)
     axes = [*others(rng, "RRR", square=False), *spherical(rng, square=True)]
     arm = arm_of(axes, limits=[None] * 6)
@@ -120,8 +120,8 @@ def test_joints_without_limits():
 
 
 @pytest.mark.parametrize("beyond", [-1e-3, -1e-8, -1e-12, 0.0, 1e-12, 1e-4])
-def test_the_border_of_reach(beyond):
-    """Stretched out: two elbows become one, then none."""
+def test_branches_appear_at_the_workspace_boundary(beyond):
+    """Near the stretched arm: two elbow branches become one, then none."""
     arm = arm_of(
         [
             Axis(np.array([0, 0, 1.0]), np.zeros(3)),
@@ -147,7 +147,7 @@ def test_the_border_of_reach(beyond):
 
 @settings(deadline=None, max_examples=60)
 @given(seed=st.integers(0, 10**6), name=st.sampled_from(["ur5", "puma560", "generic_6dof"]), scale=st.floats(0.2, 1.6))
-def test_impossible_is_never_said_of_what_clik_reaches(seed, name, scale):
+def test_targets_that_clik_reaches_are_never_impossible(seed, name, scale):
     arm = pp.load_robot(name).arm(tcp="tool0") if name == "ur5" else pp.load_robot(name).arm()
     target = arm.forward_kinematics(random_configurations(arm, 1, seed)[0])
     target.translation *= scale
@@ -179,11 +179,11 @@ def calibrated(name, rng, amount):
 
 @settings(deadline=None, max_examples=24)
 @given(seed=st.integers(0, 10**6), name=st.sampled_from(sorted(CALIBRATED)), amount=st.sampled_from([1e-6, 1e-4, 1e-3]))
-def test_calibrated_arms(seed, name, amount):
-    """Axes off the ideal: the branches of the true arm, all of them."""
+def test_calibrated_arms_are_solved(seed, name, amount):
+    """All branches of an arm whose axes deviate from the ideal are found."""
     arm = calibrated(name, np.random.default_rng(seed), amount)
     plan = plan_for(arm, 1e-9, 1e-9)
-    assert 0.0 < plan.miss < 10 * amount
+    assert 0.0 < plan.deviation < 10 * amount
     q = random_configurations(arm, 40, seed)
     targets = arm.forward_kinematics_batch(q)
     found = pp.AnalyticIk().solve_all_batch(arm, targets)
@@ -195,8 +195,8 @@ def test_calibrated_arms(seed, name, amount):
             assert_reaches(arm, answer, target)
 
 
-def test_calibrated_arms_near_their_singularities():
-    """There the true arm's branches lie far from the ideal one's, or exist alone: few are missed."""
+def test_calibrated_arms_are_solved_near_singularities():
+    """There the branches of the true arm are far from those of the ideal arm, or have no partner: few are missed."""
     arm = calibrated("ur5", np.random.default_rng(4), 5e-4)
     q = random_configurations(arm, 6000, seed=9)
     q = np.array([one for one in q if np.linalg.svd(arm.jacobian(one), compute_uv=False)[-1] < 0.02])

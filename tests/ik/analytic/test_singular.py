@@ -1,4 +1,4 @@
-"""Targets at which joints are free: the whole family, and never a NaN."""
+"""Singular targets: families of solutions, without NaN."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def case(name):
 
 
 def over_the_shoulder(arm):
-    """A configuration of the IRB 120 whose wrist centre stands on axis 1 (x = y = 0): q3 solved for at q1 = q2 = 0."""
+    """A configuration of the IRB 120 with its wrist centre on axis 1 (x = y = 0): q3 is computed at q1 = q2 = 0."""
 
     def beside(q3):
         # The wrist centre: where the tcp would be without the flange, 0.072 m along its approach.
@@ -50,7 +50,7 @@ WRIST = 0.072
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_family_is_told_and_every_member_reaches(name):
+def test_the_family_is_reported_and_every_member_reaches_the_target(name):
     arm, q, joints = case(name)
     target = arm.forward_kinematics(q)
     found = pp.AnalyticIk().solve_all(arm, target, q)
@@ -72,16 +72,16 @@ def test_the_family_is_told_and_every_member_reaches(name):
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_beyond_its_ends_a_family_has_no_member(name):
+def test_a_family_has_no_member_beyond_its_ends(name):
     arm, q, _ = case(name)
     family = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q).families[0]
-    with pytest.raises(pp.InputError, match="the family runs from"):
+    with pytest.raises(pp.InputError, match="no member"):
         family.at(family.upper + 1e-3)
-    with pytest.raises(pp.InputError, match="the family runs from"):
+    with pytest.raises(pp.InputError, match="no member"):
         family.at(family.lower - 1e-3)
 
 
-def test_a_straight_wrist_turns_by_what_the_other_end_turns_back():
+def test_outer_joints_of_a_straight_wrist_rotate_in_opposite_directions():
     arm, q, _ = case("straight wrist")
     family = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q).families[0]
     assert np.abs(family.direction) == pytest.approx([0, 0, 0, np.sqrt(0.5), 0, np.sqrt(0.5)], abs=1e-7)
@@ -90,7 +90,7 @@ def test_a_straight_wrist_turns_by_what_the_other_end_turns_back():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_the_nearest_member(name):
+def test_nearest_returns_the_closest_member(name):
     arm, q, _ = case(name)
     target = arm.forward_kinematics(q)
     family = pp.AnalyticIk().solve_all(arm, target, q).families[0]
@@ -101,7 +101,7 @@ def test_the_nearest_member(name):
     assert np.abs(nearest - goal).max() <= min(np.abs(member - goal).max() for member in members) + 1e-6
 
 
-def test_nearest_of_all_branches_looks_along_families():
+def test_nearest_of_all_branches_includes_families():
     arm, q, _ = case("straight wrist")
     found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q)
     goal = q + np.array([0, 0, 0, 0.6, 0, -0.6])
@@ -109,8 +109,8 @@ def test_nearest_of_all_branches_looks_along_families():
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_target_made_at_any_member_is_solved_from_home(name):
-    """Also where q0's value of the free joint has no member."""
+def test_targets_generated_at_any_member_are_solved_from_home(name):
+    """Also if the family has no member at the value of the free joint in q0."""
     arm, q, _ = case(name)
     family = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q).families[0]
     for value in np.linspace(family.lower, family.upper, 7):
@@ -120,7 +120,7 @@ def test_a_target_made_at_any_member_is_solved_from_home(name):
         assert_reaches(arm, found.q, target.homogeneous)
 
 
-def test_shoulder_and_wrist_at_once():
+def test_simultaneous_shoulder_and_wrist_singularity_is_solved():
     arm, q, _ = case("wrist centre on the first axis")
     q[4] = 0.0
     found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q), q)
@@ -131,8 +131,8 @@ def test_shoulder_and_wrist_at_once():
             assert_reaches(arm, family.at(value), found.target)
 
 
-def test_a_free_joint_whose_value_at_q0_leads_nowhere():
-    """Wrist straight; q0 has joint 4 where joint 6 would have to leave its limits. Other members are found."""
+def test_a_free_joint_without_a_solution_at_its_value_in_q0_is_solved():
+    """Straight wrist; at the value of joint 4 in q0, joint 6 violates its limits. Other members are found."""
     rng = np.random.default_rng(0)
     axes = [*others(rng, "RRR", square=False), *spherical(rng, square=True)]
     arm = arm_of(axes, limits=[(-3.1, 3.1)] * 3 + [(-2.0, 2.0), (-2.0, 2.0), (-0.1, 0.1)])
@@ -151,6 +151,6 @@ def test_a_free_joint_whose_value_at_q0_leads_nowhere():
         assert_reaches(arm, solved, target.homogeneous)
 
 
-def test_no_families_at_ordinary_targets(ur5):
+def test_regular_targets_have_no_families(ur5):
     q = random_configurations(ur5, 1, seed=1)[0]
     assert pp.AnalyticIk().solve_all(ur5, ur5.forward_kinematics(q)).families == ()

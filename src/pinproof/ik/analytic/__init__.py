@@ -1,8 +1,7 @@
-"""Closed-form inverse kinematics: every branch, from the chain itself."""
+"""Closed-form inverse kinematics: all IK branches, derived from the geometry of the chain."""
 
-from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
+from pinproof.ik.analytic.analytic_ik import AnalyticIk
+from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, Interval
 from pinproof.ik.analytic.family import IkFamily
-from pinproof.ik.analytic.solver import AnalyticIk
-from pinproof.ik.analytic.sweep import Interval
 
 __all__ = ["AnalyticIk", "IkBranches", "IkBranchesBatch", "IkFamily", "Interval"]

@@ -1,4 +1,4 @@
-"""Every configuration of an arm for one pose, and for many: what the closed form answers."""
+"""Results of the closed form for one and for many targets, and the sweep over the redundant joint of seven."""
 
 from __future__ import annotations
 
@@ -13,41 +13,128 @@ import numpy.typing as npt
 from pinproof.errors import IkFailed
 from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
-from pinproof.ik.analytic.sweep import Interval, joined
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
 
-__all__ = ["IkBranches", "IkBranchesBatch"]
+__all__ = ["IkBranches", "IkBranchesBatch", "Interval", "joined", "sweep", "sweep_many"]
 
 Array = npt.NDArray[np.float64]
 
+END = 1e-9
+"""Rad or m: accuracy of the ends of an interval."""
+
+BLOCK = 256
+"""Number of targets that are swept at a time, which bounds the memory for their branches."""
+
+
+@dataclass(frozen=True)
+class Interval:
+    """An interval from ``lower`` to ``upper`` of the redundant joint in which the number of branches is constant."""
+
+    lower: float
+    upper: float
+    branches: int
+
+
+def joined(intervals: tuple[Interval, ...]) -> list[tuple[float, float]]:
+    """Lower and upper ends of the ranges with solutions: adjacent intervals are merged."""
+    spans: list[tuple[float, float]] = []
+    for one in intervals:
+        if spans and one.lower - spans[-1][1] <= 2 * END:
+            spans[-1] = (spans[-1][0], one.upper)
+        else:
+            spans.append((one.lower, one.upper))
+    return spans
+
+
+def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[Array, tuple[Interval, ...]]:
+    """The rows (b + 1, n + 4) of all values, in the layout of the kernel for one value, and the intervals.
+
+    An interval ends where the number of branches changes between two adjacent values; branches that appear and
+    disappear between two values are not found.
+    """
+    q, errors, counts, _ = sweep_many(plan, target[None], reference[None], values[None])
+    rows = np.zeros((len(q) + 1, plan.dof + 4))
+    rows[:-1, : plan.dof], rows[:-1, plan.dof : plan.dof + 2] = q, errors
+    return rows, _intervals(plan, target, reference, values, counts[0])
+
+
+def sweep_many(
+    plan: Plan, targets: Array, references: Array, values: Array
+) -> tuple[Array, Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """The branches for targets (N, 4, 4) at values (1, v) or (N, v) of the redundant joint.
+
+    Returns q (b, n) and errors (b, 2), ordered by target and value, the number of branches for each target and value
+    (N, v), and the number of further branches outside the limits (N, v).
+    """
+    from pinproof.kernels.branches import branches_of_many
+
+    v = values.shape[1]
+    counts, outside = np.zeros((2, len(targets) * v), dtype=np.int64)
+    known = np.empty(BLOCK * v, dtype=np.bool_)
+    found, missed = [np.empty((0, plan.dof))], [np.empty((0, 2))]
+    for first in range(0, len(targets), BLOCK):
+        rows = slice(first, first + BLOCK)
+        some, here = targets[rows], slice(first * v, (first + BLOCK) * v)
+        q = np.empty((len(some) * v, plan.capacity, plan.dof))
+        errors = np.empty((len(some) * v, plan.capacity, 2))
+        own = [each if len(each) == 1 else each[rows] for each in (references, values)]
+        branches_of_many(plan.array, some, *own, 0, len(q), q, errors, counts[here], outside[here], known)
+        np.maximum(counts[here], 0, out=counts[here])  # negative codes: the sweep covers other values of free joints
+        there = np.arange(plan.capacity) < counts[here, None]
+        found.append(q[there])
+        missed.append(errors[there])
+    return np.concatenate(found), np.concatenate(missed), counts.reshape(-1, v), outside.reshape(-1, v)
+
+
+def _intervals(
+    plan: Plan, target: Array, reference: Array, values: Array, counts: npt.NDArray[np.int64]
+) -> tuple[Interval, ...]:
+    found, start, count, out = [], float(values[0]), int(counts[0]), np.empty(plan.shape)
+    for i in range(len(values) - 1):
+        low = float(values[i])
+        while count != counts[i + 1]:
+            high = float(values[i + 1])
+            while high - low > END:
+                middle = (low + high) / 2
+                if plan.kernel(plan.array, target, reference, middle, out) == count:
+                    low = middle
+                else:
+                    high = middle
+            found.append(Interval(start, low, count))
+            # The count may differ from that at the next grid value, as several changes may lie between two values.
+            start = low = high
+            count = plan.kernel(plan.array, target, reference, high, out)
+    found.append(Interval(start, float(values[-1]), count))
+    return tuple(one for one in found if one.branches)
+
 
 class IkBranches:
-    """All configurations inside the limits that bring an arm's tcp to a target.
+    """All IK solutions of an arm for one target, within its limits.
 
-    ``branches`` (b, n) are distinct modulo whole turns: every elbow, shoulder and wrist, each with the whole turns
-    nearest to the q0 that was given (else to ``arm.home``). ``q`` (k, n) adds every whole turn that the limits leave to
-    each joint (of a joint without limits, the nearest to q0 alone). Both are sorted, the nearest to q0 (largest joint
-    difference) first. Everything is worked out when it is asked for.
+    ``branches`` (b, n) are distinct modulo 2 pi: all combinations of shoulder, elbow and wrist, each shifted by
+    multiples of 2 pi to be closest to q0 (by default ``arm.home``). ``q`` (k, n) contains in addition every other
+    rotation by 2 pi that the limits permit (for joints without limits, only the one closest to q0). Both are sorted by
+    the largest joint difference from q0. Attributes are computed when they are first read.
 
-    For six joints and fewer these are all there are; where some joints are free to move at this very target, each such
-    motion is among the ``families``, and its member at q0 among the ``branches``. Of seven joints, the redundant one
-    was swept: ``branches`` are those at the values of ``grid``, and ``intervals`` say how many there are in between.
+    For up to six joints these are all solutions. If joints are free to move at a singular target, each such motion is
+    one of the ``families``, and its member at q0 is one of the ``branches``. For seven joints, the redundant joint is
+    swept: ``branches`` are those at the values of ``grid``, and ``intervals`` give the number of branches in between.
 
     Parameters
     ----------
     arm
-        Whose configurations these are.
+        The arm.
     target
         (4, 4) the pose.
     reference
         (n,) q0.
     out, count
-        (c + 1, n + 4) as the kernel wrote it: ``count`` rows of q, distance (m), angle (rad), free joints (bits) and
-        which solution; in the last row free joints, branches that failed the check, branches outside the limits,
-        whether a quartic was solved, and what was left in doubt.
+        (c + 1, n + 4) the output of the kernel: ``count`` rows of q, distance (m), angle (rad), free joints (bits) and
+        number of the solution; in the last row the free joints, the number of branches that failed the check, the
+        number of branches outside the limits, whether a quartic was solved, and the unresolved solutions.
     grid, intervals
-        Of seven joints: the values that the redundant one was given, and where it has how many branches.
+        For seven joints: the values of the redundant joint, and the intervals with a constant number of branches.
     """
 
     def __init__(
@@ -66,7 +153,7 @@ class IkBranches:
 
     @cached_property
     def rows(self) -> Array:
-        """(b, n + 4) as the kernel wrote them, the nearest to q0 first."""
+        """(b, n + 4) the rows of the kernel's output, sorted by the largest joint difference from q0."""
         rows = self._out[: self._count]
         away = np.abs(rows[:, : self._plan.dof] - self.reference).max(axis=1, initial=0.0)
         return rows[np.argsort(away, kind="stable")]
@@ -77,7 +164,7 @@ class IkBranches:
 
     @cached_property
     def branches(self) -> Array:
-        """(b, n) distinct modulo whole turns, read-only."""
+        """(b, n) the solutions that are distinct modulo 2 pi, read-only."""
         return _locked(self.rows[:, : self._plan.dof].copy())
 
     @cached_property
@@ -93,7 +180,7 @@ class IkBranches:
 
     @property
     def q(self) -> Array:
-        """(k, n) every branch with every whole turn inside the limits, read-only."""
+        """(k, n) every branch with every rotation by 2 pi within the limits, read-only."""
         return self._expanded[0]
 
     @property
@@ -103,12 +190,12 @@ class IkBranches:
 
     @property
     def orientation_error(self) -> Array:
-        """(k,) angle (rad) between them."""
+        """(k,) angle (rad) between the orientations of tcp and target at each row of :attr:`q`."""
         return np.asarray(self.rows[self._expanded[1], self._plan.dof + 1])
 
     @property
     def errors(self) -> Array:
-        """(k, 2) distances (m) and angles (rad)."""
+        """(k, 2) :attr:`position_error` (m) and :attr:`orientation_error` (rad)."""
         return np.stack([self.position_error, self.orientation_error], axis=1)
 
     @cached_property
@@ -121,60 +208,61 @@ class IkBranches:
 
     @property
     def families(self) -> tuple[IkFamily, ...]:
-        """The motions that leave the pose, of a target at which some joints are free; most targets have none."""
+        """The self-motions at a singular target at which joints are free; empty for most targets."""
         return self._families[0]
 
     @property
     def ok(self) -> bool:
-        """Whether there is any."""
+        """Whether there is at least one solution."""
         return self._count > 0
 
     @property
     def complete(self) -> bool:
-        """Whether these are proven to be all.
+        """Whether these are proven to be all solutions.
 
-        So it is for six joints and fewer of exact geometry, with these exceptions: a branch that may exist by a hair
-        failed its check; joints are free at the target, and no member of their family was found, or two joints are
-        free independently of each other.
+        This is the case for up to six joints of exact geometry, unless a candidate close to a double root failed its
+        check, or joints are free at the target and no member of their family was found, or two joints are free
+        independently of each other.
         """
-        if self._plan.redundant is not None or self._plan.miss > 0.0 or self._tail[1] or int(self._tail[4]) & 1:
+        if self._plan.redundant is not None or self._plan.deviation > 0.0 or self._tail[1] or int(self._tail[4]) & 1:
             return False
         return not self._tail[0] or (self.ok and self._families[1])
 
     @property
     def redundant_joint(self) -> str | None:
-        """The joint that was swept, of an arm of seven."""
+        """The joint that is swept for an arm of seven joints, else None."""
         return None if self._plan.redundant is None else self.arm.joint_names[self._plan.redundant]
 
     @property
     def message(self) -> str:
-        """The answer in words."""
+        """The number of branches, and the reason if no solution was found, as text."""
         count = self._count
         if self._plan.redundant is not None:
-            spans = ", ".join(f"[{low:.4g}, {high:.4g}]" for low, high in joined(self.intervals)) or "nowhere"
-            return f"{count} configurations over a sweep of {self.redundant_joint}; there are some in {spans}"
-        said = f"{count} branch{'' if count == 1 else 'es'}"
+            spans = ", ".join(f"[{low:.4g}, {high:.4g}]" for low, high in joined(self.intervals))
+            where = f"solutions exist for its values in {spans}" if spans else "no value has a solution"
+            return f"{count} configurations over a sweep of {self.redundant_joint}; {where}"
+        text = f"{count} branch{'' if count == 1 else 'es'}"
         if self._tail[2]:
-            said += f", {int(self._tail[2])} more outside the limits"
+            text += f", {int(self._tail[2])} more outside the limits"
         if self._tail[1]:
-            said += f", {int(self._tail[1])} that forward kinematics did not confirm"
+            text += f", {int(self._tail[1])} not confirmed by forward kinematics"
         if self.families:
-            said += f", {len(self.families)} of them free to move"
+            text += f", {len(self.families)} of them with a free joint"
         if count:
-            return said
+            return text
         if self._tail[2]:
-            return f"{said}: the limits stand in the way"
+            return f"{text}: the joint limits exclude every solution; move the target or widen the limits"
         short = self.arm.dof < 6
-        why = f"{self.arm.dof} joints reach few poses exactly" if short else "out of reach"
-        return f"{said}: {why}; Clik gives the nearest configuration and how far it is off"
+        why = f"an arm of {self.arm.dof} joints reaches few poses exactly" if short else "the target is out of reach"
+        return f"{text}: {why}; use Clik to get the closest configuration and its residual"
 
     def nearest(self, q: npt.ArrayLike) -> Array:
-        """(n,) the configuration whose largest joint difference from ``q`` (n,) is smallest, whole turns considered.
+        """(n,) the solution with the smallest largest joint difference from ``q`` (n,), including shifts by 2 pi.
 
         Raises
         ------
         IkFailed
-            If there is none.
+            If there is no solution.
         """
         self.or_raise()
         reference = self.arm.configuration(q)
@@ -183,9 +271,9 @@ class IkBranches:
         return np.array(min(choice, key=lambda one: float(np.abs(one - reference).max())))
 
     def free(self, accept: Callable[[Array], bool]) -> IkBranches:
-        """Those of the branches that ``accept`` takes; it is called with a copy of each of :attr:`branches`.
+        """The branches for which ``accept`` returns True; it is called with a copy of each of :attr:`branches`.
 
-        Whole turns do not change where any link is, so they are taken or refused together.
+        Rotations by 2 pi do not change the pose of any link, so they are accepted or rejected together.
         """
         taken = np.array([bool(accept(branch.copy())) for branch in self.branches], dtype=bool)
         return IkBranches(
@@ -200,12 +288,12 @@ class IkBranches:
         )
 
     def or_raise(self) -> IkBranches:
-        """The branches themselves if there are any.
+        """The result itself if it contains a solution.
 
         Raises
         ------
         IkFailed
-            If there are none; ``.result`` of the error is this value.
+            If it contains no solution; ``.result`` of the error is this value.
         """
         if not self.ok:
             raise IkFailed(self.message, self)
@@ -228,16 +316,16 @@ class IkBranchesBatch:
     Parameters
     ----------
     q
-        (N, k, n) distinct branches, each with the whole turns nearest to q0; NaN where a target has fewer than k.
+        (N, k, n) distinct branches, each shifted by 2 pi to be closest to q0; NaN where a target has fewer than k.
     count
-        (N,) how many each has.
+        (N,) number of branches of each target.
     position_error, orientation_error
-        (N, k) in m and rad, by forward kinematics; NaN likewise.
+        (N, k) in m and rad, by forward kinematics; NaN where a target has fewer than k branches.
     outside
-        (N,) how many more there would be if limits were left aside; of a swept joint, at the values swept.
+        (N,) number of further branches that violate the limits; for a swept joint, at the values of the sweep.
     complete
-        (N,) whether these are proven to be all the configurations of the target. Not where joints are free at it:
-        :attr:`IkBranches.families` has the others.
+        (N,) whether these are proven to be all solutions of the target. False if joints are free at the target:
+        :attr:`IkBranches.families` contains the other solutions.
     """
 
     q: Array
@@ -257,7 +345,7 @@ class IkBranchesBatch:
 
 
 def _windings(arm: Arm, branch: Array) -> Array:
-    """(w, n) the branch with every whole turn of its periodic joints that the limits leave."""
+    """(w, n) the branch with all shifts of its periodic joints by 2 pi that the limits permit."""
     choices = []
     for joint, value in enumerate(branch.tolist()):
         lower, upper = arm.limits.lower[joint], arm.limits.upper[joint]

@@ -1,4 +1,4 @@
-"""Where joints are free to move and the tcp stays: the whole family of configurations of a singular target."""
+"""One-parameter families of IK solutions at singular targets, where joints move while the tcp is at rest."""
 
 from __future__ import annotations
 
@@ -17,47 +17,48 @@ __all__ = ["IkFamily", "branches_elsewhere", "families_of"]
 Array = npt.NDArray[np.float64]
 
 SCAN = 72
-"""Values of the parameter looked at over its range, to find where the family ends."""
+"""Number of values of the parameter over its range at which members are computed to find the ends of the family."""
 
 END = 1e-9
-"""Rad or m: how closely ends are told."""
+"""Rad or m: accuracy of the ends."""
 
 FINE_SCAN = 720
-"""The same where families are known to exist, of which the first values have no member."""
+"""Number of values if families are known to exist and no member was found at SCAN values."""
 
 COARSE_SCAN = 24
-"""The same for each of two joints that are both free."""
+"""Number of values for each of two joints that are both free."""
 
 DOUBLY_SINGULAR = 1e-6
-"""Of the second smallest singular value of the Jacobian: below, its null space has more motions than the family's."""
+"""If the second smallest singular value of the Jacobian is below this, its null space has more than one dimension."""
 
 STEP = 1e-4
-"""Rad or m: the step of the difference quotient that the family's motion is then taken from."""
+"""Rad or m: step of the difference quotient for the direction of the family in that case."""
 
 MOVES = 1e-6
-"""A joint whose part of the unit direction is larger moves along the family."""
+"""A joint moves along the family if its component of the unit direction is larger than this."""
 
 
 SAME = 1e-5
-"""Rad or m. Configurations nearer than this are one member."""
+"""Rad or m. Configurations closer than this are the same member."""
 
 
 @dataclass(frozen=True, eq=False)
 class IkFamily:
-    """Configurations of an arm that all have their tcp at the same singular target, along one free motion.
+    """A one-parameter family of IK solutions for the same singular target.
 
     Parameters
     ----------
     parameter
-        The joint whose value tells the members apart.
+        The joint whose value is the parameter of the family.
     joints
         The joints that move along the family.
     q
-        (n,) the member at q0's value of the parameter.
+        (n,) the member at the value of the parameter in q0.
     direction
-        (n,) the unit motion at ``q`` that leaves the pose; constant for a straight wrist, not for four parallel axes.
+        (n,) the unit direction of the self-motion at ``q``; constant for a straight wrist, but not for four parallel
+        axes.
     lower, upper
-        The range of the parameter (rad or m) around ``q`` in which members exist inside the limits.
+        The range of the parameter (rad or m) around ``q`` in which members exist within the limits.
     """
 
     parameter: str
@@ -73,14 +74,13 @@ class IkFamily:
 
     @classmethod
     def at_branch(cls, arm: Arm, plan: Plan, target: Array, row: Array, joint: int) -> IkFamily:
-        """The family of a branch (a kernel's row) of which joint number ``joint`` is free."""
+        """The family of a branch (a row of the kernel's output) in which the joint with index ``joint`` is free."""
         n = plan.dof
         q = row[:n].copy()
         _, values, motions = np.linalg.svd(arm.jacobian(q))
         direction = motions[-1]
-        if (
-            n >= 2 and len(values) >= n and values[-2] < DOUBLY_SINGULAR
-        ):  # the Jacobian loses two: which is the family's?
+        # With a two-dimensional null space, the direction of the family follows from a difference quotient.
+        if n >= 2 and len(values) >= n and values[-2] < DOUBLY_SINGULAR:
             family = cls(arm.joint_names[joint], (), q, direction, 0.0, 0.0, arm, plan, target, float(row[n + 3]))
             direction = family._tangent(float(q[joint]), direction)
         direction = direction * (1.0 if direction[joint] >= 0 else -1.0)
@@ -97,17 +97,18 @@ class IkFamily:
         Raises
         ------
         InputError
-            If there is none inside the limits.
+            If there is no member within the limits.
         """
         member = self._member(float(value))
         if member is None:
             raise InputError(
-                f"no member at {self.parameter} = {value:g}; the family runs from {self.lower:g} to {self.upper:g}"
+                f"the family has no member at {self.parameter} = {value:g}; choose a value from {self.lower:g} to "
+                f"{self.upper:g}"
             )
         return member
 
     def nearest(self, q: npt.ArrayLike) -> Array:
-        """(n,) the member whose largest joint difference from q (n,) is smallest (found to 1e-6 of the range)."""
+        """(n,) the member with the smallest largest joint difference from q (n,), to 1e-6 of the range."""
         goal = self._arm.configuration(q)
 
         def away(value: float) -> float:
@@ -128,7 +129,7 @@ class IkFamily:
         return min(members, key=lambda one: float(np.abs(one - goal).max()))
 
     def holds(self, row: Array) -> bool:
-        """Whether a branch (a kernel's row) is a member."""
+        """Whether a branch (a row of the kernel's output) is a member."""
         value = float(row[self._arm.joint_names.index(self.parameter)])
         if not self.lower - MOVES <= value <= self.upper + MOVES:
             return False
@@ -136,7 +137,7 @@ class IkFamily:
         return member is not None and bool(np.abs(difference(self._arm, member, row[: self._plan.dof])).max() < SAME)
 
     def _tangent(self, value: float, otherwise: Array) -> Array:
-        """(n,) the unit motion of the members at a value of the parameter; ``otherwise`` if none is beside it."""
+        """(n,) the unit direction of the family at a value of the parameter; ``otherwise`` without a member nearby."""
         for step in (STEP, -STEP):
             member = self._member(value + step)
             if member is not None:
@@ -145,7 +146,7 @@ class IkFamily:
         return otherwise
 
     def _end(self, inside: float, bound: float) -> float:
-        """How far the family goes from ``inside`` towards ``bound``."""
+        """The last value of the parameter with a member, from ``inside`` towards ``bound``."""
         values = np.linspace(inside, bound, SCAN + 1)
         low = inside
         for value in values[1:].tolist():
@@ -174,10 +175,10 @@ class IkFamily:
 
 
 def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array, out: Array) -> tuple[Array, int]:
-    """What the kernel wrote, and its count, at other values of the free joints: at the nearest that has branches.
+    """The kernel's output and count at the values of the free joints that are closest to q0 and have branches.
 
-    For targets at which joints are free, and have no branch inside the limits at their values in ``reference``. Looks
-    at SCAN values of one joint, then at FINE_SCAN; at COARSE_SCAN of two.
+    For targets with free joints that have no branch within the limits at their values in ``reference``. Tries SCAN
+    values of one joint, then FINE_SCAN; COARSE_SCAN values of each of two.
     """
     joints = _free(out)[:2]
     for many in (SCAN, FINE_SCAN) if len(joints) == 1 else (COARSE_SCAN,):
@@ -190,7 +191,7 @@ def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array, ou
 def _nearest_with_branches(
     arm: Arm, plan: Plan, target: Array, reference: Array, joints: list[int], many: int
 ) -> tuple[Array, int]:
-    """What the kernel wrote, and its count, at the nearest of ``many`` values of each joint that has branches."""
+    """The kernel's output and count at the closest of ``many`` values of each joint that has branches."""
     lower, upper = arm.limits.sampling_range()
     values = [np.linspace(lower[joint], upper[joint], many + 1) for joint in joints]
     grid = np.stack([one.ravel() for one in np.meshgrid(*values, indexing="ij")], axis=1)
@@ -207,11 +208,11 @@ def _nearest_with_branches(
 def families_of(
     arm: Arm, plan: Plan, target: Array, reference: Array, rows: Array, tail: Array
 ) -> tuple[list[IkFamily], bool]:
-    """Those that the kernel's ``rows`` belong to, and those that have no member at q0's value of their parameter.
+    """The families of the kernel's ``rows``, and those without a member at the value of their parameter in q0.
 
-    Each joint that ``tail`` says is free is looked at SCAN values of its range, with the others at q0's; at FINE_SCAN
-    values, if solutions that the kernel knows to have a free joint were not met. The second value is whether all of
-    them were met in the end: else there may be families in narrower ranges.
+    Each free joint of ``tail`` is tried at SCAN values of its range, with the other joints at q0, and at FINE_SCAN
+    values if solutions with a free joint have no member found so far. The second value is whether a member of each was
+    found; if not, there may be families in narrower ranges.
     """
     lower, upper = arm.limits.sampling_range()
     found: list[IkFamily] = []
@@ -241,9 +242,10 @@ def families_of(
 
 
 def _outside_everywhere(arm: Arm, plan: Plan, target: Array, reference: Array, tail: Array) -> int:
-    """Of the solutions that ``tail`` has in doubt, those that some joint keeps outside its limits, whatever is free.
+    """The unresolved solutions of ``tail`` (bits) in which some joint violates its limits for every free value.
 
-    That is taken for proven where at all of SCAN values one joint is further outside than it moves between neighbours.
+    This is considered proven if, at all SCAN values, one joint is outside its limits by more than it moves between
+    adjacent values.
     """
     wide, n = plan.without_limits(), plan.dof
     lower, upper = arm.limits.sampling_range()
@@ -265,7 +267,7 @@ def _outside_everywhere(arm: Arm, plan: Plan, target: Array, reference: Array, t
             steps = np.abs(difference(arm, q[1:], q[:-1])).max(axis=0, initial=0.0)
             if len(q) > SCAN and (away.min(axis=0) > steps + MOVES).any():
                 proven |= 1 << number
-                other = number ^ 1  # the second root of the middle joint, which is left out where both are one
+                other = number ^ 1  # the second root of the middle joint, which is omitted if both coincide
                 if other not in met and not unmet >> other & 1:
                     proven |= 1 << other
         outside &= proven
@@ -273,7 +275,7 @@ def _outside_everywhere(arm: Arm, plan: Plan, target: Array, reference: Array, t
 
 
 def _away(arm: Arm, q: Array) -> Array:
-    """(k, n) how far each joint of q (k, n) is outside its limits, with the whole turns that bring it nearest."""
+    """(k, n) the smallest limit violation of each joint of q (k, n), including shifts by 2 pi."""
     lower, upper = arm.limits.lower, arm.limits.upper
     below, above = lower - q, q - upper
     away = np.maximum(np.maximum(below, above), 0.0)
@@ -286,11 +288,11 @@ def _away(arm: Arm, q: Array) -> Array:
 
 
 def _number(name: float) -> int:
-    """The bit of a solution among those in doubt, by its name: as in :mod:`pinproof.kernels.branches`."""
+    """The bit of a solution among the unresolved ones, from its number; see :mod:`pinproof.kernels.branches`."""
     return int(name) % 1000 % 200 + (16 if name >= 200.0 else 0)
 
 
 def _free(out: Array) -> list[int]:
-    """The joints that the last row, a kernel's, says are free."""
+    """The indices of the free joints in the last row of the kernel's output."""
     bits = int(out[-1, 0])
     return [joint for joint in range(bits.bit_length()) if bits >> joint & 1]

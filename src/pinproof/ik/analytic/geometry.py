@@ -1,4 +1,14 @@
-"""The lines an arm's joints turn about and slide along, at q = 0, and the triples among them."""
+"""The joint axes of an arm at q = 0, the triples among them, and the completion of shorter chains to six axes.
+
+A *triple* consists of three consecutive axes that meet in one point or generate motions of one plane.
+
+A prismatic joint commutes with an adjacent revolute joint whose axis is parallel: a SCARA with the order RRPR is
+equivalent to RRRP. An arm of seven joints is considered with each joint locked in turn.
+
+An arm of fewer than six joints is completed by virtual revolute joints, whose values must be zero. If two of its axes
+meet or are parallel, one virtual joint completes them to a triple; a single revolute axis needs two, and no revolute
+axis three. The remaining virtual axes pass near the tcp in general position: the best conditioned of some random draws.
+"""
 
 from __future__ import annotations
 
@@ -11,84 +21,84 @@ import numpy.typing as npt
 from pinproof.errors import NoClosedForm
 from pinproof.model import Arm
 
-__all__ = ["Line", "Triple", "find_triples", "lines_of", "size_of"]
+__all__ = ["Line", "Triple", "completed", "find_triples", "lines_of", "size_of"]
 
 Array = npt.NDArray[np.float64]
 
 SNAP_TOLERANCE = 5e-3
-"""Rad, and m on an arm of 1 m. Calibration moves axes by less; Newton's iteration on the true arm still arrives."""
+"""Rad, and m for an arm of 1 m. Calibration moves axes by less, and Newton's method on the true arm still converges."""
 
 EXACT = 1e-9
-"""Rad, and parts of the arm's size. Axes this near to the ideal are ideal: a branch is then wrong by less than the
-finest tolerance, and refinement costs nothing."""
+"""Rad, and fraction of the arm's size. Axes this close to the ideal are treated as ideal: the error of a branch is then
+below the finest tolerance."""
 
 DISTINCT = 1e-2
-"""Axes nearer to one line than this (rad, and parts of the arm's size) move as one joint: no triple rests on them."""
+"""Rad, and fraction of the arm's size. Two axes closer than this act as one joint and are not used in one triple."""
 
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A joint: unit direction (3,), a point (3,) in m, whether it slides, and its place in q (-1: made up)."""
+    """A joint axis: unit direction (3,), point (3,) in m, whether it is prismatic, and its index in q (-1: virtual)."""
 
     direction: Array
     point: Array
-    slides: bool
-    own: int
+    prismatic: bool
+    joint: int
 
     def nearest_to(self, other: Line) -> Array:
-        """The point (3,) of this line that is nearest to another; of parallel ones, nearest to its stored point."""
+        """The point (3,) of this line that is closest to another line; for parallel lines, to the other's point."""
         gap = other.point - self.point
         cosine = float(self.direction @ other.direction)
         across = 1.0 - cosine**2
         if across < DISTINCT**2:
             return np.asarray(self.point + (gap @ self.direction) * self.direction)
-        way = (gap @ self.direction - (gap @ other.direction) * cosine) / across
-        return np.asarray(self.point + way * self.direction)
+        along = (gap @ self.direction - (gap @ other.direction) * cosine) / across
+        return np.asarray(self.point + along * self.direction)
 
 
 @dataclass(frozen=True, eq=False)
 class Triple:
-    """Three neighbouring lines of six that meet in a point, or that move in a plane.
+    """Three consecutive axes of six that meet in one point, or that generate motions of one plane.
 
     Parameters
     ----------
     first
-        Index of the first.
+        Index of the first axis.
     planar
         Whether they generate planar motions; else they are spherical.
-    miss
-        How far from ideal they are: rad, or m over the arm's size.
+    deviation
+        Their deviation from the ideal geometry: rad, or m divided by the arm's size.
     lines
-        The three, made ideal.
+        The three axes, moved to the ideal geometry.
     """
 
     first: int
     planar: bool
-    miss: float
+    deviation: float
     lines: tuple[Line, Line, Line]
 
     @property
     def name(self) -> str:
-        """In words."""
-        kind = "move in one plane" if self.planar else "meet in one point"
-        if self.planar and not any(line.slides for line in self.lines):
+        """The kind of triple, as a phrase of a message."""
+        kind = "generate motions of one plane" if self.planar else "meet in one point"
+        if self.planar and not any(line.prismatic for line in self.lines):
             kind = "are parallel"
         return kind
 
 
 def lines_of(arm: Arm) -> tuple[list[Line], Array]:
-    """The lines of the joints at q = 0, and base_from_tcp (4, 4) there.
+    """The joint axes at q = 0, and base_from_tcp (4, 4) at q = 0.
 
     Raises
     ------
     NoClosedForm
-        If a joint on the chain follows another (mimic).
+        If the chain contains a mimic joint.
     """
     chain = arm.packed
     coupled = len(chain) - 1 != arm.dof or (chain[:-1, 14] != 1.0).any() or chain[:-1, 15].any()
     if coupled:
         raise NoClosedForm(
-            f"no closed form: between {arm.base!r} and {arm.tcp!r} a joint follows another (mimic), which couples the "
+            f"no closed form: the chain from {arm.base!r} to {arm.tcp!r} contains a mimic joint, which couples the "
             "equations; use Clik"
         )
     pose, lines = np.eye(4), []
@@ -101,22 +111,22 @@ def lines_of(arm: Arm) -> tuple[list[Line], Array]:
 
 
 def size_of(lines: Sequence[Line], tool: Array) -> float:
-    """The length (m) the arm is measured in: the widest distance between its joints and the tcp."""
+    """The size of the arm (m): the largest distance between its joints and the tcp."""
     points = np.array([line.point for line in lines] + [tool[:3, 3]])
     return max(float(np.linalg.norm(points[:, None] - points[None], axis=2).max()), 1e-3)
 
 
 def find_triples(lines: Sequence[Line], size: float, tolerance: float = SNAP_TOLERANCE) -> Iterator[Triple]:
-    """Every triple among neighbours of six lines whose miss is within the tolerance."""
+    """All triples of consecutive lines whose deviation is within the tolerance."""
     for first in range(len(lines) - 2):
         three = (lines[first], lines[first + 1], lines[first + 2])
         for triple in (_spherical(first, three, size), _planar(first, three, size)):
-            if triple is not None and triple.miss <= tolerance:
+            if triple is not None and triple.deviation <= tolerance:
                 yield triple
 
 
 def _spherical(first: int, three: tuple[Line, Line, Line], size: float) -> Triple | None:
-    if any(line.slides for line in three):
+    if any(line.prismatic for line in three):
         return None
     axes = np.array([line.direction for line in three])
     if min(np.linalg.norm(np.cross(axes[i], axes[i + 1])) for i in range(2)) < DISTINCT:
@@ -124,13 +134,13 @@ def _spherical(first: int, three: tuple[Line, Line, Line], size: float) -> Tripl
     points = np.array([line.point for line in three])
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
     centre = np.linalg.solve(across.sum(axis=0), np.einsum("kij,kj->i", across, points))
-    miss = float(np.linalg.norm(np.einsum("kij,kj->ki", across, centre - points), axis=1).max()) / size
+    deviation = float(np.linalg.norm(np.einsum("kij,kj->ki", across, centre - points), axis=1).max()) / size
     a, b, c = (replace(line, point=centre) for line in three)
-    return Triple(first, False, miss, (a, b, c))
+    return Triple(first, False, deviation, (a, b, c))
 
 
 def _planar(first: int, three: tuple[Line, Line, Line], size: float) -> Triple | None:
-    turning = [line for line in three if not line.slides]
+    turning = [line for line in three if not line.prismatic]
     if not turning:
         return None
     same = np.array([np.sign(line.direction @ turning[0].direction) * line.direction for line in turning])
@@ -138,14 +148,16 @@ def _planar(first: int, three: tuple[Line, Line, Line], size: float) -> Triple |
     if np.linalg.norm(normal) < 0.5:
         return None
     normal /= np.linalg.norm(normal)
-    miss = max(
-        float(abs(line.direction @ normal)) if line.slides else float(np.linalg.norm(np.cross(line.direction, normal)))
+    deviation = max(
+        float(abs(line.direction @ normal))
+        if line.prismatic
+        else float(np.linalg.norm(np.cross(line.direction, normal)))
         for line in three
     )
     level = normal @ turning[0].point
     ideal = []
     for line in three:
-        if line.slides:
+        if line.prismatic:
             direction = line.direction - (line.direction @ normal) * normal
             if np.linalg.norm(direction) < 0.5:
                 return None
@@ -154,12 +166,148 @@ def _planar(first: int, three: tuple[Line, Line, Line], size: float) -> Triple |
             direction = np.sign(line.direction @ normal) * normal
             ideal.append(replace(line, direction=direction, point=line.point + (level - normal @ line.point) * normal))
     for a, b in ((0, 1), (1, 2)):
-        if ideal[a].slides == ideal[b].slides:
+        if ideal[a].prismatic == ideal[b].prismatic:
             apart = (
                 np.linalg.norm(np.cross(ideal[a].direction, ideal[b].direction))
-                if ideal[a].slides
+                if ideal[a].prismatic
                 else np.linalg.norm(ideal[a].point - ideal[b].point) / size
             )
-            if apart < (DISTINCT if ideal[a].slides else DISTINCT / 10):
+            if apart < (DISTINCT if ideal[a].prismatic else DISTINCT / 10):
                 return None
-    return Triple(first, True, miss, (ideal[0], ideal[1], ideal[2]))
+    return Triple(first, True, deviation, (ideal[0], ideal[1], ideal[2]))
+
+
+Order = list[Line]
+
+DRAWS = 24
+
+
+def completed(lines: Sequence[Line], tool: Array, size: float) -> Iterator[tuple[int | None, Order]]:
+    """Chains of six lines, or of seven with the index of the locked one."""
+    if len(lines) == 7:
+        for locked in range(7):
+            yield locked, list(lines)
+        return
+    for order in _commuted(list(lines)):
+        for with_triple in _with_triple(order, tool, size):
+            missing = 6 - len(with_triple)
+            yield None, with_triple if missing == 0 else _in_general_position(with_triple, missing, tool, size)
+
+
+def _commuted(lines: Order) -> list[Order]:
+    """The orders that result from swapping adjacent joints that commute, the original order first."""
+    found = [lines]
+    for order in found:
+        for i in range(len(order) - 1):
+            a, b = order[i], order[i + 1]
+            if a.prismatic == b.prismatic or np.linalg.norm(np.cross(a.direction, b.direction)) > 1e-9:
+                continue
+            swapped = [*order[:i], b, a, *order[i + 2 :]]
+            if not any([x.joint for x in swapped] == [x.joint for x in other] for other in found):
+                found.append(swapped)
+    return found
+
+
+def _with_triple(lines: Order, tool: Array, size: float) -> Iterator[Order]:
+    """The lines, completed by the fewest virtual axes such that three consecutive ones are a triple."""
+    missing = 6 - len(lines)
+    if missing == 0 or any(find_triples(lines, size)):
+        yield lines
+        return
+    place = tool[:3, 3]
+    rng = np.random.default_rng(1)
+    found = False
+    for i in range(len(lines) - 1):
+        a, b = lines[i], lines[i + 1]
+        for virtual in _third(a, b, place, size):
+            for at in (i, i + 1, i + 2):
+                order = [*lines[:at], virtual, *lines[at:]]
+                if any(triple.first <= at < triple.first + 3 for triple in find_triples(order, size)):
+                    found = True
+                    yield order
+    if found:
+        return
+    if missing >= 2:
+        for i, line in enumerate(lines):
+            if line.prismatic:
+                continue
+            centre = line.point + ((place - line.point) @ line.direction) * line.direction
+            two = [Line(_unit(rng), centre, False, -1) for _ in range(2)]
+            found = True
+            yield [*lines[: i + 1], *two, *lines[i + 1 :]]
+    if missing >= 3 and not found:
+        yield [*lines, *(Line(direction, place, False, -1) for direction in np.eye(3))]
+
+
+def _third(a: Line, b: Line, place: Array, size: float) -> Iterator[Line]:
+    """Virtual axes that complete two adjacent axes to a triple."""
+    if a.prismatic and b.prismatic:
+        normal = np.cross(a.direction, b.direction)
+        if np.linalg.norm(normal) > DISTINCT:
+            yield Line(normal / np.linalg.norm(normal), place, False, -1)
+        return
+    if a.prismatic or b.prismatic:
+        turning = b if a.prismatic else a
+        if abs(a.direction @ b.direction) < SNAP_TOLERANCE:
+            yield _beside(turning.direction, turning, turning, place, size)
+        return
+    normal = np.cross(a.direction, b.direction)
+    if np.linalg.norm(normal) < SNAP_TOLERANCE:
+        yield _beside(a.direction, a, b, place, size)
+    elif np.linalg.norm(normal) > DISTINCT:
+        centre = a.nearest_to(b)
+        if np.linalg.norm(centre - b.nearest_to(a)) < SNAP_TOLERANCE * size:
+            yield Line(normal / np.linalg.norm(normal), centre, False, -1)
+
+
+def _beside(direction: Array, a: Line, b: Line, place: Array, size: float) -> Line:
+    """A parallel axis distinct from both: through the tcp, or at a distance from it."""
+    aside = np.cross(direction, np.eye(3)[int(np.abs(direction).argmin())])
+    for offset in (0.0, 0.5, 1.1, 1.7):
+        point = place + offset * size * aside
+        if min(np.linalg.norm(np.cross(direction, point - line.point)) for line in (a, b)) > 0.1 * size:
+            return Line(direction, point, False, -1)
+    return Line(direction, place, False, -1)
+
+
+def _in_general_position(lines: Order, missing: int, tool: Array, size: float) -> Order:
+    best, best_value = lines, -1.0
+    for draw in range(DRAWS):
+        rng = np.random.default_rng(draw)
+        more = [Line(_unit(rng), tool[:3, 3] + rng.uniform(-0.5, 0.5, 3) * size, False, -1) for _ in range(missing)]
+        order = [*lines, *more]
+        value = min(_conditioning(order, np.random.default_rng(7 + k), size) for k in range(4))
+        if value > best_value:
+            best, best_value = order, value
+    return best
+
+
+def _conditioning(lines: Sequence[Line], rng: np.random.Generator, size: float) -> float:
+    """The smallest singular value of the screws of the lines, at random values of the joints that are not virtual."""
+    moved, screws = np.eye(4), []
+    for line in lines:
+        h = moved[:3, :3] @ line.direction
+        o = moved[:3, :3] @ line.point + moved[:3, 3]
+        screws.append(
+            np.concatenate([h, np.zeros(3)]) if line.prismatic else np.concatenate([np.cross(o, h) / size, h])
+        )
+        if line.joint >= 0:
+            moved = moved @ _motion(line, float(rng.uniform(-2.0, 2.0)), size)
+    return float(np.linalg.svd(np.array(screws), compute_uv=False)[-1])
+
+
+def _motion(line: Line, value: float, size: float) -> Array:
+    pose = np.eye(4)
+    if line.prismatic:
+        pose[:3, 3] = value * size * line.direction
+        return pose
+    x, y, z = line.direction
+    skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    pose[:3, :3] += np.sin(value) * skew + (1 - np.cos(value)) * skew @ skew
+    pose[:3, 3] = line.point - pose[:3, :3] @ line.point
+    return pose
+
+
+def _unit(rng: np.random.Generator) -> Array:
+    v = rng.normal(size=3)
+    return np.asarray(v / np.linalg.norm(v))

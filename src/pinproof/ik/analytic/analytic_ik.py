@@ -1,4 +1,4 @@
-"""Closed-form inverse kinematics with the calls of the other methods, and with all branches."""
+"""The solver :class:`AnalyticIk`: all IK branches in closed form, and the interface of the other IK methods."""
 
 from __future__ import annotations
 
@@ -14,12 +14,11 @@ import numpy.typing as npt
 
 from pinproof.common.validation import Rng, positive, random_generator, whole
 from pinproof.errors import InputError
-from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch
+from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sweep_many
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
-from pinproof.ik.analytic.sweep import sweep, sweep_many
+from pinproof.ik.iterative import Accept, TaskLike
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
-from pinproof.ik.solver import Accept, TaskLike
 from pinproof.ik.task import Task, make_task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
@@ -32,26 +31,26 @@ Array = npt.NDArray[np.float64]
 DOUBLE, SHAPE = np.dtype(np.float64), (4, 4)
 
 FINEST_PROOF = 1e-6
-"""M or rad. That no configuration reaches a pose is claimed at tolerances up to this; at coarser ones, neighbours of
-the pose that can be reached may do."""
+"""M or rad. IMPOSSIBLE is returned only for tolerances up to this: with larger ones, a reachable pose close to the
+target might satisfy them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class AnalyticIk:
-    """Inverse kinematics in closed form: all branches at once, for arms whose geometry allows it.
+    """Inverse kinematics in closed form: all IK branches, for arms with a suitable geometry.
 
-    What it takes is read off the chain (:mod:`pinproof.kernels.two_curves`): three neighbouring axes that meet in one
-    point, are parallel, or move in one plane, anywhere among six (Pieper's condition). Shorter arms are completed to
-    six, arms of seven swept along one joint. Axes up to 5e-3 rad or 5 mm (on an arm of 1 m) off such a geometry, as
-    calibration leaves them, are solved for the ideal arm and refined on the true one by Newton's iteration. Every
-    answer is checked by forward kinematics of the true chain.
+    The condition is determined from the chain (:mod:`pinproof.kernels.two_curves`): three consecutive axes among six
+    meet in one point, are parallel, or generate motions of one plane (Pieper's condition). Shorter arms are completed
+    to six joints; for arms of seven, one joint is swept. Axes that deviate by up to 5e-3 rad or 5 mm (for an arm of
+    1 m) after calibration are solved for the ideal arm, and the solutions are refined on the true arm by Newton's
+    method. Every solution is verified by forward kinematics of the true chain.
 
     Parameters
     ----------
     position_tolerance, orientation_tolerance
-        In m and rad: how far off an answer may be.
+        Largest errors of a solution, in m and rad.
     redundant_steps
-        Values of the redundant joint that are looked at, of an arm of seven.
+        Number of values in the sweep of the redundant joint of an arm of seven joints.
 
     References
     ----------
@@ -72,7 +71,7 @@ class AnalyticIk:
     _latest: ClassVar[tuple[Any, Any]] = (lambda: None, None)
 
     def solve_all(self, arm: Arm, target: SE3 | npt.ArrayLike, q0: npt.ArrayLike | None = None) -> IkBranches:
-        """Every configuration of the arm, inside its limits, that brings its tcp to the target.
+        """All configurations of the arm within its limits that bring its tcp to the target.
 
         Parameters
         ----------
@@ -81,17 +80,17 @@ class AnalyticIk:
         target
             ``base_from_target``, as ``pin.SE3`` or (4, 4).
         q0
-            (n,) by default ``arm.home``: answers are sorted by their distance from it, whole turns and joints that are
-            free at the target take what is nearest to it.
+            (n,) by default ``arm.home``. Solutions are sorted by their distance from it, and shifted by 2 pi to be
+            closest to it; joints that are free at the target keep their value of q0 if possible.
 
         Raises
         ------
         NoClosedForm
-            If the arm's geometry has none; says why, and what to use instead.
+            If the arm has no closed form; the message states the reason and the alternative.
         InputError
-            For a target that is not rigid, or a q0 of wrong shape.
+            If the target is not rigid, or q0 has the wrong shape.
         """
-        known, plan = self._latest  # looking it up by the arm would take as long as a third of the solution
+        known, plan = self._latest  # a lookup by the arm would take a third of the time of the solution
         if known() is not arm:
             plan = self._plan(arm)
         reference = plan.home if q0 is None else arm.configuration(q0, "q0")
@@ -105,7 +104,7 @@ class AnalyticIk:
         count = plan.kernel(plan.array, target, reference, 0.0, out)
         if count <= 0:
             if count < 0:
-                rigid("target", target)  # says what is wrong with it
+                rigid("target", target)  # raises with the reason
             elif out[-1, 0]:
                 out, count = branches_elsewhere(arm, plan, target, reference, out)
         return IkBranches(arm, plan, target, reference, out, count)
@@ -119,7 +118,7 @@ class AnalyticIk:
         redundant_values: npt.ArrayLike | None = None,
         threads: int = 1,
     ) -> IkBranchesBatch:
-        """The distinct branches for N targets, each with the whole turns nearest to q0.
+        """The distinct branches for N targets, each shifted by multiples of 2 pi to be closest to q0.
 
         Parameters
         ----------
@@ -128,15 +127,15 @@ class AnalyticIk:
         q0
             (n,) for all targets, or (N, n); by default ``arm.home``.
         redundant_values
-            (v,) values (rad or m) of the redundant joint at which an arm of seven is looked at; by default
-            ``redundant_steps`` over its limits, and where q0 has it.
+            (v,) values (rad or m) of the redundant joint of an arm of seven joints; by default ``redundant_steps``
+            values over its limits, and its value in q0.
         threads
-            Threads that share the work; the answers do not depend on their number.
+            Number of threads; the results do not depend on it.
 
         Raises
         ------
         NoClosedForm, InputError
-            As :meth:`solve_all`; names the target.
+            As :meth:`solve_all`; the message names the target.
         """
         from pinproof.kernels.branches import BAD_TARGET, ELSEWHERE, branches_of_many
 
@@ -147,7 +146,7 @@ class AnalyticIk:
         if plan.redundant is not None:
             return self._swept_batch(arm, plan, rigid_many("targets", many), references, redundant_values)
         if redundant_values is not None:
-            raise InputError(f"redundant_values are for arms with a redundant joint, not for one of {arm.dof}")
+            raise InputError(f"redundant_values requires an arm of 7 joints, and this arm has {arm.dof}; omit it")
         q = np.empty((len(many), plan.capacity, plan.dof))
         errors = np.empty((len(many), plan.capacity, 2))
         counts, outside = np.empty((2, len(many)), dtype=np.int64)
@@ -165,7 +164,7 @@ class AnalyticIk:
                 list(pool.map(lambda cut: share(*cut), pairwise(cuts)))
         if (counts < 0).any():
             if (counts == BAD_TARGET).any():
-                rigid_many("targets", many)  # says which is wrong, and what
+                rigid_many("targets", many)  # raises with the index and the reason
             for row in np.flatnonzero(counts == ELSEWHERE):
                 rows = self.solve_all(arm, many[row], references[row if len(references) > 1 else 0]).rows
                 counts[row] = len(rows)
@@ -174,7 +173,7 @@ class AnalyticIk:
                     q, errors = np.pad(q, more, constant_values=np.nan), np.pad(errors, more, constant_values=np.nan)
                 q[row, : len(rows)], errors[row, : len(rows)] = rows[:, : arm.dof], rows[:, arm.dof : arm.dof + 2]
         k = max(int(counts.max(initial=0)), 1)
-        complete = known & (plan.miss == 0.0)
+        complete = known & (plan.deviation == 0.0)
         return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside, complete)
 
     def solve(
@@ -187,33 +186,34 @@ class AnalyticIk:
         task: TaskLike = "pose",
         accept: Accept | None = None,
     ) -> IkResult:
-        """The branch nearest to q0 (largest joint difference, whole turns considered) that ``accept`` takes.
+        """The branch closest to q0 (largest joint difference, including shifts by 2 pi) that ``accept`` accepts.
 
-        The parameters are those of :meth:`pinproof.Clik.solve`; ``rng`` is not drawn from, and ``task`` can only be
-        ``"pose"``. A "no" is IMPOSSIBLE where the branches are all there are, and NOT_FOUND where they may not be.
+        The parameters are those of :meth:`pinproof.Clik.solve`; ``rng`` is not used, and ``task`` must be ``"pose"``.
+        Without a solution, the status is IMPOSSIBLE if the branches are proven to be complete, else NOT_FOUND.
         """
         random_generator(rng)
-        asked = self._pose_only(task)
+        resolved = self._pose_only(task)
         found = self.solve_all(arm, target, q0)
         reference, branches = found.reference, found.branches
         refused = 0
 
         def result(status: IkStatus, q: Array, message: str) -> IkResult:
-            candidate = judge(arm, found.target, asked, q, reference)
+            candidate = judge(arm, found.target, resolved, q, reference)
             return IkResult(status, candidate.q, *candidate.errors, 0, 0, self.engine, message)
 
         nearest = [branch for family in found.families for branch in [family.nearest(reference)]]
         choice = nearest_winding(arm, np.array([*branches, *nearest]).reshape(-1, arm.dof), reference)
         for index in np.argsort(np.abs(choice - reference).max(axis=1, initial=0.0), kind="stable"):
             if accept is None or accept(choice[index].copy()):
-                return result(IkStatus.FOUND, choice[index], f"the nearest of {found.message}")
+                return result(IkStatus.FOUND, choice[index], f"found: closest to q0 of {found.message}")
             refused += 1
         if refused:
-            said = f"accept refused each of {found.message}; see what it objects to at q, or move the target"
-            return result(IkStatus.REFUSED, choice[0], said)
+            text = f"rejected: accept returned False for each of {found.message}"
+            return result(IkStatus.REFUSED, choice[0], f"{text}; check why it rejects q, or move the target")
         proven = found.complete and max(self.position_tolerance, self.orientation_tolerance) <= FINEST_PROOF
         status = IkStatus.IMPOSSIBLE if proven else IkStatus.NOT_FOUND
-        return result(status, arm.limits.clip(nearest_winding(arm, reference, reference)), found.message)
+        text = f"{'proven impossible' if proven else 'not reached'}: {found.message}"
+        return result(status, arm.limits.clip(nearest_winding(arm, reference, reference)), text)
 
     def solve_batch(
         self,
@@ -232,7 +232,7 @@ class AnalyticIk:
         plan = self._plan(arm)
         many = rigid_many("targets", targets)
         references = self._references(arm, plan, q0, len(many))
-        if accept is not None or plan.redundant is not None or plan.miss > 0.0:
+        if accept is not None or plan.redundant is not None or plan.deviation > 0.0:
             starts = np.broadcast_to(references, (len(many), arm.dof))
             results = [self.solve(arm, many[i], starts[i], accept=accept) for i in range(len(many))]
             return IkBatch.of(results, arm, self.engine)
@@ -243,14 +243,11 @@ class AnalyticIk:
         none = ~found.ok
         q = np.where(none[:, None], arm.limits.clip(references), found.q[rows, best])
         position, orientation = found.position_error[rows, best], found.orientation_error[rows, best]
-        for row in np.flatnonzero(none):  # how far a "no" is off, from where it was asked
-            single = self.solve(arm, many[row], references[row if len(references) > 1 else 0])
-            q[row], position[row], orientation[row] = single.q, single.position_error, single.orientation_error
-        code = STATUSES.index(IkStatus.FOUND)
-        codes = np.full(len(many), code, dtype=np.int8)
-        words = [f"the nearest of {count} branches" for count in found.count.tolist()]
+        codes = np.full(len(many), STATUSES.index(IkStatus.FOUND), dtype=np.int8)
+        words = [f"found: closest to q0 of {count} branches" for count in found.count.tolist()]
         for row in np.flatnonzero(none):
             single = self.solve(arm, many[row], references[row if len(references) > 1 else 0])
+            q[row], position[row], orientation[row] = single.q, single.position_error, single.orientation_error
             codes[row], words[row] = STATUSES.index(single.status), single.message
         zeros = np.zeros(len(many), dtype=np.int64)
         return IkBatch(q, codes, position, orientation, zeros, zeros, self.engine, arm, tuple(words))
@@ -264,16 +261,16 @@ class AnalyticIk:
         return {name: value for name, value in self.__dict__.items() if name != "_latest"}
 
     def _references(self, arm: Arm, plan: Plan, q0: npt.ArrayLike | None, count: int) -> Array:
-        """(1, n) or (count, n) where to choose from."""
+        """(1, n) or (count, n) the reference configurations."""
         if q0 is None:
             return plan.home[None]
         return arm.configuration(q0, "q0")[None] if np.ndim(q0) <= 1 else finite("q0", q0, (count, arm.dof))
 
     def _pose_only(self, task: TaskLike) -> Task:
-        asked = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        if not asked.asked.all():
-            raise InputError(f"AnalyticIk solves for whole poses, not for task={task!r}; use Clik for this task")
-        return asked
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        if not resolved.mask.all():
+            raise InputError(f"AnalyticIk supports task='pose' only, not task={task!r}; use Clik for this task")
+        return resolved
 
     def _swept(self, arm: Arm, plan: Plan, target: Array, reference: Array) -> IkBranches:
         grid = self._grid(arm, plan, reference)
@@ -287,7 +284,7 @@ class AnalyticIk:
             values = finite("redundant_values", given, (None,))[None]
         else:
             grids = [self._grid(arm, plan, each) for each in references]
-            most = max(map(len, grids), default=1)  # one less where the reference is on the grid: its middle makes up
+            most = max(map(len, grids), default=1)  # a grid that contains its reference is shorter by one value
             values = np.array([g if len(g) == most else np.sort([*g, (g[0] + g[1]) / 2]) for g in grids])
         found, missed, per_value, outside = sweep_many(plan, many, references, values)
         counts = per_value.sum(axis=1)
@@ -303,7 +300,7 @@ class AnalyticIk:
         )  # fmt: skip
 
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
-        """The joint of an arm of seven that is swept, and its values (v,) (rad or m); None for other arms.
+        """The index of the swept joint of an arm of seven, and its values (v,) (rad or m); None for other arms.
 
         Raises
         ------
@@ -316,7 +313,7 @@ class AnalyticIk:
         return plan.redundant, self._grid(arm, plan, plan.home if q0 is None else arm.configuration(q0, "q0"))
 
     def _grid(self, arm: Arm, plan: Plan, reference: Array) -> Array:
-        """Values of the redundant joint: evenly over its limits, and where the reference has it."""
+        """Values of the redundant joint: equidistant over its limits, and its value in the reference."""
         joint = plan.redundant
         lower, upper = (float(bound[joint]) for bound in arm.limits.sampling_range())
         own = float(np.clip(reference[joint], lower, upper))
@@ -324,7 +321,7 @@ class AnalyticIk:
 
 
 def _poses(targets: npt.ArrayLike | Sequence[SE3]) -> Array:
-    """The targets as a kernel takes them, (N, 4, 4); it looks itself whether they are rigid."""
+    """The targets as an array (N, 4, 4) for a kernel, which checks itself whether they are rigid."""
     plain = isinstance(targets, np.ndarray) and targets.dtype is DOUBLE and targets.flags.carray
     if plain and targets.ndim == 3 and targets.shape[1:] == SHAPE:  # type: ignore[union-attr]  # plain is an array
         return targets  # type: ignore[return-value]

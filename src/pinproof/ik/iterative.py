@@ -1,4 +1,4 @@
-"""The search that every iterative method shares: starts, restarts, acceptance, and the final check."""
+"""The base class of the iterative methods: settings, restarts, acceptance, and the final check."""
 
 from __future__ import annotations
 
@@ -14,7 +14,17 @@ import numpy.typing as npt
 
 from pinproof.common.validation import Rng, positive, whole
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.ik.loop import CompiledEngine, KernelRule, OnStep, PinocchioEngine, Query, Stall, StepRule, box_of
+from pinproof.ik.loop import (
+    CompiledEngine,
+    KernelRule,
+    OnStep,
+    PinocchioEngine,
+    Query,
+    Stall,
+    StepRule,
+    box_of,
+    seeds_of,
+)
 from pinproof.ik.result import (
     STATUSES,
     Candidate,
@@ -29,7 +39,6 @@ from pinproof.ik.result import (
     refused,
     sampled,
 )
-from pinproof.ik.seeds import seeds_of
 from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_task, packed_goal
 from pinproof.ik.windings import difference, nearest_winding
 from pinproof.model import Arm
@@ -43,36 +52,36 @@ EngineName = Literal["auto", "compiled", "pinocchio"]
 TaskLike = TaskName | IkTask | Sequence[bool]
 
 SAME_SOLUTION = 1e-3
-"""Two solutions whose joints all differ by less (rad or m) are one. At a singular target, poses within 1e-6 of it come
-from configurations up to about this far apart."""
+"""Solutions whose joints all differ by less (rad or m) count as one. At a singular target, configurations up to about
+this far apart have poses within 1e-6 of each other."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class IterativeIk(ABC):
-    """Settings and search of the iterative methods; a method adds its :meth:`step_rule`.
+    """Base class of the iterative methods: settings and search. A method implements :meth:`step_rule`.
 
     Parameters
     ----------
     position_tolerance
-        In m. A solution's tcp is at most this far from the target.
+        Largest distance in m between the tcp and the target for a solution.
     orientation_tolerance
-        In rad. A solution's tcp is turned from the target by at most this angle.
+        Largest angle in rad between the orientations of tcp and target for a solution.
     max_iterations
-        Steps of one attempt.
+        Maximum number of steps of one attempt.
     restarts
-        Attempts after the first. The first starts at q0; the second at the nearest in pose to the target among the
-        flips of where that one ended (elbow or wrist the other way round) and a low-discrepancy set inside the limits;
-        the others at the nearest of that set.
+        Maximum number of attempts after the first. The first attempt starts at q0. The second starts at the
+        configuration closest in pose to the target among the flips of the first result (one joint mirrored about the
+        middle of its range) and a low-discrepancy set within the limits; the others start at the closest of that set.
     max_step
-        The most a joint moves in one step, in rad or m.
+        Largest motion of a joint in one step, in rad or m.
     engine
-        ``"compiled"``; ``"pinocchio"``: the same iterates on Pinocchio's own kinematics, some hundred times slower;
-        ``"auto"``: compiled, except where ``on_step`` watches or the method has no compiled rule.
+        ``"compiled"``; ``"pinocchio"``, which computes the same iterates with Pinocchio's kinematics about a hundred
+        times slower; or ``"auto"``: compiled, unless ``on_step`` is given or the method has no compiled rule.
 
     Raises
     ------
     InputError
-        For a setting that makes no sense.
+        If a setting is invalid.
     """
 
     position_tolerance: float = 1e-6
@@ -83,7 +92,7 @@ class IterativeIk(ABC):
     engine: EngineName = "auto"
 
     stall: ClassVar[Stall] = Stall()
-    """When an attempt of this method gives the next one a chance."""
+    """The criterion for ending an attempt of this method early."""
 
     def __post_init__(self) -> None:
         for name in ("position_tolerance", "orientation_tolerance", "max_step"):
@@ -98,16 +107,16 @@ class IterativeIk(ABC):
         """A fresh step rule for one attempt."""
 
     def check(self, arm: Arm, task: Task, goal: GoalName | IkGoal | None) -> None:  # noqa: B027 - most do it all
-        """Refuse what the method cannot do; by default nothing.
+        """Reject arms, tasks and goals that the method does not support; by default none.
 
         Raises
         ------
         InputError
-            Says what cannot be done, and what can.
+            If one is not supported; the message names the alternatives.
         """
 
     def kernel_rule(self) -> KernelRule | None:
-        """The same rule compiled; None for a method that has none."""
+        """The compiled form of the step rule, or None if the method has none."""
         return None
 
     def solve(
@@ -131,26 +140,26 @@ class IterativeIk(ABC):
         target
             ``base_from_target``, as ``pin.SE3`` or (4, 4).
         q0
-            (n,) where the first attempt starts; by default ``arm.home``. A joint outside its limits starts inside them:
-            whole turns away where it is an angle and they do it, else at the nearest limit. Of the whole turns that
-            reach the same pose, solutions take the one nearest to q0.
+            (n,) start of the first attempt; by default ``arm.home``. A joint outside its limits is shifted by multiples
+            of 2 pi if that brings it within them, else clipped. Among the rotations by 2 pi that reach the same pose,
+            a solution uses the one closest to q0.
         rng
-            Seed or Generator that shifts the set of starts of the others.
+            Seed or Generator that shifts the set of starts of the other attempts.
         task
-            ``"pose"``; only its ``"position"`` or ``"orientation"``; ``"spin_z"`` (or x, y), the pose but free to spin
-            about that axis of the target; or an :class:`IkTask` with any of its six coordinates.
+            ``"pose"``, ``"position"``, ``"orientation"``; ``"spin_z"`` (or x, y), the pose with a free rotation about
+            that axis of the target; or an :class:`IkTask` with any of the six coordinates.
         accept
-            Called with a copy of each solution (n,): False refuses it, and the search goes on.
+            Called with a copy of each solution (n,). If it returns False, the search continues.
         goal
-            What the joints shall do besides, where the task leaves them free: ``"centre"`` of their limits, ``"near"``
-            q0, or ``"manipulability"``; or an :class:`IkGoal`.
+            Null-space objective for the degrees of freedom that the task leaves: ``"centre"`` (middle of the joint
+            ranges), ``"near"`` (close to q0), ``"manipulability"``, or an :class:`IkGoal`.
         on_step
-            Called with every step, for plots and lessons.
+            Called with every step, for example for plots.
 
         Raises
         ------
         InputError
-            For a target that is not rigid, a q0 of wrong shape, an unknown task or goal, an rng that is none.
+            If the target is not rigid, q0 has the wrong shape, the task or goal is unknown, or rng is invalid.
         """
         placement, start = rigid("target", target), _start(arm, q0)
         engine = self._engine(on_step)
@@ -170,7 +179,7 @@ class IterativeIk(ABC):
     ) -> IkBatch:
         """:meth:`solve` for N targets.
 
-        What is not named here is as for :meth:`solve`.
+        The other parameters are those of :meth:`solve`.
 
         Parameters
         ----------
@@ -179,12 +188,12 @@ class IterativeIk(ABC):
         q0
             (n,) for all targets, or (N, n).
         threads
-            Threads that share the work; the answers do not depend on their number, nor on the other targets.
+            Number of threads. A result does not depend on it, nor on the other targets.
 
         Raises
         ------
         InputError
-            As :meth:`solve`; names the target.
+            As :meth:`solve`; the message names the target.
         """
         whole("threads", threads, 1)
         many = rigid_many("targets", targets)
@@ -199,17 +208,17 @@ class IterativeIk(ABC):
             with ThreadPoolExecutor(threads) as pool:
                 return IkBatch.of(list(pool.map(one, range(len(many)))), arm, engine.name)
 
-        asked = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        self.check(arm, asked, goal)
-        wish, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        self.check(arm, resolved, goal)
+        packed, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
         box = box_of(arm)
         firsts = arm.limits.clip(nearest_winding(arm, starts, starts))
 
         def share(rows: slice) -> tuple[npt.NDArray[np.generic], ...]:
             q, iterations, attempts = engine.many(
-                arm, box, many[rows], asked, wish, firsts[rows], seeds, count=self.restarts + 1
+                arm, box, many[rows], resolved, packed, firsts[rows], seeds, count=self.restarts + 1
             )
-            return (*judge_many(arm, many[rows], asked, q, starts[rows]), iterations, attempts)
+            return (*judge_many(arm, many[rows], resolved, q, starts[rows]), iterations, attempts)
 
         cuts = np.linspace(0, len(many), threads + 1).astype(int)
         with ThreadPoolExecutor(threads) as pool:
@@ -230,20 +239,20 @@ class IterativeIk(ABC):
         task: TaskLike = "pose",
         accept: Accept | None = None,
     ) -> IkSolutions:
-        """Several different solutions, such as elbow up and elbow down, nearest to q0 first.
+        """Several distinct solutions, such as elbow up and elbow down, sorted by distance from q0.
 
-        A sample: ``attempts`` descents, the first from q0 and the others from random starts, until ``count`` different
-        solutions are there. Others may exist. Configurations that differ by whole turns count as one, the one nearest
-        to q0; of a redundant arm's continuum, points at least 1e-3 apart in some joint are different.
+        The result is a sample: descents from q0 and from a set of starts are made until ``count`` distinct solutions
+        are found. Others may exist. Configurations that differ by multiples of 2 pi count as one, the one closest to
+        q0. For a redundant arm, configurations that differ by at least 1e-3 in some joint are distinct.
 
-        What is not named here is as for :meth:`solve`.
+        The other parameters are those of :meth:`solve`.
 
         Parameters
         ----------
         count
-            Solutions after which the search ends.
+            Number of solutions after which the search ends.
         attempts
-            Descents after which the search ends.
+            Number of descents after which the search ends.
         """
         whole("count", count, 1)
         whole("attempts", attempts, 1)
@@ -252,9 +261,9 @@ class IterativeIk(ABC):
         kept: list[Candidate] = []
         tried = iterations = refusals = 0
         while tried < attempts and len(kept) < count:
-            ended = engine(query, first=tried, count=attempts, polish=False)
-            tried, iterations = ended.attempts, iterations + ended.iterations
-            candidate = judge(arm, query.matrix, query.task, ended.q, query.start)
+            end = engine(query, first=tried, count=attempts, polish=False)
+            tried, iterations = end.attempts, iterations + end.iterations
+            candidate = judge(arm, query.matrix, query.task, end.q, query.start)
             if not candidate.fulfils or any(_same(arm, candidate.q, other.q) for other in kept):
                 continue
             if not _accepts(accept, candidate):
@@ -277,11 +286,11 @@ class IterativeIk(ABC):
         if rule is None:
             if self.engine == "compiled":
                 why = (
-                    "on_step watches the loop on Pinocchio"
+                    "on_step requires the loop on Pinocchio"
                     if on_step is not None
                     else "this method has no compiled rule"
                 )
-                raise InputError(f"engine='compiled' cannot be had: {why}; use engine='auto'")
+                raise InputError(f"engine='compiled' is not available: {why}; use engine='auto'")
             return PinocchioEngine(self.step_rule, self.max_iterations, self.max_step, self.stall, on_step)
         tolerances = self.position_tolerance, self.orientation_tolerance
         return CompiledEngine(rule, tolerances, self.max_iterations, self.max_step, self.stall)
@@ -289,11 +298,11 @@ class IterativeIk(ABC):
     def _query(
         self, arm: Arm, target: SE3, start: Array, rng: Rng, task: TaskLike, goal: GoalName | IkGoal | None
     ) -> Query:
-        asked: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        self.check(arm, asked, goal)
+        resolved: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        self.check(arm, resolved, goal)
         first = start if arm.limits.contains(start) else arm.limits.clip(nearest_winding(arm, start, start))
-        wish = packed_goal(goal, arm, start)
-        return Query(arm, box_of(arm), target, matrix(target), asked, wish, start, first, seeds_of(arm, rng))
+        packed = packed_goal(goal, arm, start)
+        return Query(arm, box_of(arm), target, matrix(target), resolved, packed, start, first, seeds_of(arm, rng))
 
     def _solve(self, engine: CompiledEngine | PinocchioEngine, query: Query, accept: Accept | None) -> IkResult:
         count, tried, iterations, refusals = self.restarts + 1, 0, 0, 0
@@ -303,9 +312,9 @@ class IterativeIk(ABC):
             return IkResult(status, candidate.q, *candidate.errors, iterations, tried - 1, engine.name, message)
 
         while True:
-            ended = engine(query, first=tried, count=count, polish=first_refused is None)
-            tried, iterations = ended.attempts, iterations + ended.iterations
-            candidate = judge(query.arm, query.matrix, query.task, ended.q, query.start)
+            end = engine(query, first=tried, count=count, polish=first_refused is None)
+            tried, iterations = end.attempts, iterations + end.iterations
+            candidate = judge(query.arm, query.matrix, query.task, end.q, query.start)
             if candidate.fulfils:
                 if _accepts(accept, candidate):
                     return result(IkStatus.FOUND, candidate, found(candidate.errors, iterations, tried - 1))
@@ -320,7 +329,7 @@ class IterativeIk(ABC):
 
 
 def _accepts(accept: Accept | None, candidate: Candidate) -> bool:
-    """Whether the caller takes a solution; the callable gets a copy."""
+    """Whether ``accept`` returns True for a copy of the solution, or is not given."""
     return accept is None or bool(accept(candidate.q.copy()))
 
 
@@ -329,7 +338,7 @@ def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:
 
 
 def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> Array:
-    """A start (count, n) for each target: one for all, or a row each."""
+    """The starts (count, n): q0 (n,) for all targets, or q0 (count, n)."""
     if q0 is None or np.ndim(q0) <= 1:
         return np.tile(_start(arm, q0), (count, 1))
     return arm.limits.snap(finite("q0", q0, (count, arm.dof)))

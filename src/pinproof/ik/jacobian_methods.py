@@ -1,0 +1,202 @@
+"""The methods that use the Jacobian: CLIK, damped least squares, and the pseudo-inverse."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.common.validation import positive
+from pinproof.ik.iterative import IterativeIk, KernelRule
+from pinproof.ik.loop import NOTHING, DescentState, StepRule
+
+__all__ = ["Clik", "DampedLeastSquares", "PseudoInverse"]
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Clik(IterativeIk):
+    """Closed-loop inverse kinematics: the default method, for every arm and task.
+
+    Each step solves, with the residual r and A = dr/dq (see :mod:`pinproof.ik.task`)::
+
+        step = -A^T (A A^T + lambda I)^-1 r,      lambda = growth * damping/2 * |r|^2
+
+    The damping decreases with the square of the error, so that convergence is fast and singular targets are reached
+    within the tolerance. The factor ``growth`` increases in two cases: if a step exceeds ``max_step``, until it does
+    not, which suppresses the nearly singular directions first; and after a step that increased the error, so that an
+    arm with an unreachable target converges to a stretched configuration without oscillation.
+
+    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
+
+    Parameters
+    ----------
+    damping
+        The factor above, at least 0. Larger values are slower and more robust.
+
+    References
+    ----------
+    Sugihara (2011), "Solvability-Unconcerned Inverse Kinematics by the Levenberg-Marquardt Method", eq. 22.
+    More (1978), "The Levenberg-Marquardt algorithm: implementation and theory": damping that fits the step to a bound.
+    """
+
+    damping: float = 0.1
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("damping", self.damping, zero=True)
+
+    def step_rule(self) -> StepRule:
+        """The damped least-squares step with these settings."""
+        return _DampedStep(self.damping, self.max_step)
+
+    def kernel_rule(self) -> KernelRule:
+        """The compiled form of :meth:`step_rule`."""
+        from pinproof.kernels.descent import CLIK
+
+        return CLIK, (self.damping, 0.0, 0.0)
+
+
+class _DampedStep:
+    """The step rule of :class:`Clik`, with the current factor of its damping."""
+
+    def __init__(self, damping: float, max_step: float) -> None:
+        from pinproof.kernels import step_clik
+
+        self._constants = step_clik
+        self._damping, self._max_step = damping, max_step
+        self._last, self._growth = np.inf, 1.0
+
+    def observe(self, here: DescentState) -> None:
+        better = here.squared_residual < self._last
+        reduced = max(1.0, self._growth * self._constants.RELIEF)
+        self._growth = reduced if better else self._growth * self._constants.GROWTH
+        self._last = here.squared_residual
+        self._squared_residual = min(here.squared_residual, 1.0)
+
+    def __call__(self, residual: Array, jacobian: Array) -> Array:
+        square = jacobian @ jacobian.T
+        damping = 0.5 * self._growth * self._damping * self._squared_residual + self._constants.SMALLEST_DAMPING
+        step = np.zeros(jacobian.shape[1])
+        for _ in range(self._constants.MOST_GROWTHS):
+            step = -jacobian.T @ np.linalg.solve(square + damping * np.eye(6), residual)
+            if np.abs(step).max() <= self._max_step:
+                break
+            damping *= self._constants.GROWTH
+        return np.asarray(step)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DampedLeastSquares(IterativeIk):
+    """Inverse kinematics by damped least squares: step = -A^T (A A^T + lambda^2 I)^-1 r.
+
+    The damping depends on the distance from a singularity and from the target: with s the smallest singular value of A
+    within its rank, ``lambda^2 = damping^2 |r| (1 - (s / region)^2)`` for s below ``region``, else 0. It decreases with
+    the residual, so that singular targets are reached within the tolerance.
+
+    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
+
+    Parameters
+    ----------
+    damping
+        The largest lambda, at a singularity for a residual of norm 1; above 0.
+    region
+        The singular value (metres and radians mixed) below which the step is damped; above 0.
+
+    References
+    ----------
+    Wampler (1986), "Manipulator inverse kinematic solutions based on vector formulations and damped least-squares
+    methods"; Maciejewski, Klein (1988), "Numerical filtering for the operation of robotic manipulators through
+    kinematically singular configurations": the damping that follows the smallest singular value. Chan, Lawrence (1988),
+    "General inverse kinematics with the error damped pseudoinverse": the damping that follows the error.
+    """
+
+    damping: float = 0.5
+    region: float = 0.5
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("damping", self.damping)
+        positive("region", self.region)
+
+    def step_rule(self) -> StepRule:
+        """The damped least-squares step."""
+        return _DampedLeastSquaresStep(self.damping, self.region)
+
+    def kernel_rule(self) -> KernelRule:
+        """The compiled form of :meth:`step_rule`."""
+        from pinproof.kernels.descent import SINGULAR
+
+        return SINGULAR, (0.0, self.damping, self.region)
+
+
+class _DampedLeastSquaresStep:
+    def __init__(self, damping: float, region: float) -> None:
+        self._damping, self._region = damping, region
+
+    def observe(self, here: DescentState) -> None:
+        """Do nothing: the step depends on the residual and the Jacobian only."""
+
+    def __call__(self, residual: Array, jacobian: Array) -> Array:
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        there = np.abs(jacobian) > NOTHING
+        rank = min(there.any(axis=1).sum(), there.any(axis=0).sum())
+        smallest = values[rank - 1] if rank else 0.0
+        size = float(np.linalg.norm(residual))
+        squared = self._damping**2 * size * (1 - (smallest / self._region) ** 2) if smallest < self._region else 0.0
+        kept = values > NOTHING
+        shares = values[kept] / (values[kept] ** 2 + squared)
+        return np.asarray(-right[kept].T @ (shares * (left[:, kept].T @ residual)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class PseudoInverse(IterativeIk):
+    """Inverse kinematics by the Moore-Penrose inverse of the Jacobian: step = -A^+ r.
+
+    Singular values s of A up to ``cutoff`` times the largest are treated as zero. Just above that threshold the step
+    grows as 1/s and is bounded by ``max_step`` only, so that the method oscillates near singularities; the damped
+    methods do not.
+
+    The other settings are those of :class:`~pinproof.ik.iterative.IterativeIk`.
+
+    Parameters
+    ----------
+    cutoff
+        The fraction of the largest singular value, at least 0 and below 1.
+
+    References
+    ----------
+    Whitney (1969), "Resolved motion rate control of manipulators and human prostheses"; Golub, Kahan (1965),
+    "Calculating the singular values and pseudo-inverse of a matrix".
+    """
+
+    cutoff: float = 1e-4
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        positive("cutoff", self.cutoff, zero=True, below=1.0)
+
+    def step_rule(self) -> StepRule:
+        """The pseudo-inverse step."""
+        return _PseudoInverseStep(self.cutoff)
+
+    def kernel_rule(self) -> KernelRule:
+        """The compiled form of :meth:`step_rule`."""
+        from pinproof.kernels.descent import SINGULAR
+
+        return SINGULAR, (self.cutoff, 0.0, 0.0)
+
+
+class _PseudoInverseStep:
+    def __init__(self, cutoff: float) -> None:
+        self._cutoff = cutoff
+
+    def observe(self, here: DescentState) -> None:
+        """Do nothing: the step depends on the residual and the Jacobian only."""
+
+    def __call__(self, residual: Array, jacobian: Array) -> Array:
+        left, values, right = np.linalg.svd(jacobian, full_matrices=False)
+        kept = values > max(self._cutoff * values[0], NOTHING)
+        return np.asarray(-right[kept].T @ (left[:, kept].T @ residual / values[kept]))

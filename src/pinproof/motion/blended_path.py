@@ -96,7 +96,7 @@ class BlendedPath:
         reach
             (m,) how far before and behind each waypoint (rad or m, Euclidean) its rounding begins and ends; 0 keeps
             the corner, and the arm stops there. First and last must be 0. By how far the rounding then misses the
-            waypoint says :func:`pinproof.motion.corner.miss`.
+            waypoint says :func:`pinproof.motion.corner.distance_to_corner`.
 
         Raises
         ------

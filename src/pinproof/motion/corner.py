@@ -7,13 +7,13 @@ control points
 
 Three of them are on each segment, at a distance h. Hence the curve has the direction of the segment and no second
 derivative at both ends, and segment, rounding and segment together are twice differentiable with respect to the
-parameter. Over a parameter interval of width 5 h, the speed at the ends is 1, as on the segments. h = c d is chosen such
-that the speed in the middle,
+parameter. Over a parameter interval of width 5 h, the speed at the ends is 1, as on the segments. h = c d is chosen
+such that the speed in the middle,
 
     |u + v| (6 / c - 7) / 16,
 
-is 1 as well, so that the parameter is close to the arc length: c = 6 / (7 + 16 / |u + v|), from 0.4 for a straight line
-to 0 for a reversal. By symmetry the middle is the point nearest to p, at the distance d |v - u| (16 - 25 c) / 32.
+is 1 as well, so that the parameter is close to the arc length: c = 6 / (7 + 16 / |u + v|), from 0.4 for a straight
+line to 0 for a reversal. By symmetry the middle is the point nearest to p, at the distance d |v - u| (16 - 25 c) / 32.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def spacing(into: Array, out: Array) -> Array:
 
 
 def distance_to_corner(into: Array, out: Array) -> Array:
-    """(k,) distance between a corner and its rounding of reach 1, for unit directions (k, n) into and out of the corner."""
+    """(k,) distance between a corner and its rounding of reach 1, for unit directions (k, n) into and out of it."""
     result: Array = np.linalg.norm(out - into, axis=-1) * (16.0 - 25.0 * spacing(into, out)) / 32.0
     return result
 
@@ -86,7 +86,7 @@ def round_off(q: Array, reach: Array) -> tuple[Array, Array]:
         if reach[i + 1]:
             away = directions[i + 1]
             if np.linalg.norm(towards + away) < REVERSAL:
-                raise InputError(f"the path reverses its direction at waypoint {i + 1}, which cannot be rounded; set its reach to 0")
+                raise InputError(f"the path reverses its direction at waypoint {i + 1}; set its reach to 0")
             width, piece = rounding(q[i + 1], towards, away, reach[i + 1])
             piece[0] = pieces[-1][-1] if pieces else q[0]  # exactly equal
             pieces.append(piece)

@@ -70,7 +70,7 @@ END_PARTS = 8
 """Number of parts into which the piece is divided in which the route becomes unreachable, to locate the end."""
 
 LIMIT_GUARD = 2e-3
-"""Distance (rad or m) by which the joint limits are reduced in a second attempt; more than the overshoot of a spline."""
+"""Reduction of the joint limits (rad or m) in a second attempt; it exceeds the overshoot of a spline."""
 
 ANY_STEP = 2 * np.pi
 """Joint step (rad or m) that is allowed in the test whether a pose can be reached by a jump."""
@@ -98,8 +98,8 @@ def line_task(task: TaskName | IkTask | Sequence[bool]) -> IkTask:
     constrained = make_task(task, 1.0, 1.0).asked > 0.0
     if constrained[:3].sum() not in (0, 3) or constrained[3:].sum() == 1:
         raise InputError(
-            "the task of a linear move must constrain all or none of x, y and z, and none, two or all of the rotations; "
-            f"it is {task}"
+            "a linear move must constrain all or none of x, y and z, and none, two or all of the rotations; its task "
+            f"is {task}"
         )
     return IkTask(*constrained.tolist())
 

@@ -36,7 +36,7 @@ MAX_PASSES = 5
 """Maximum number of passes in which waypoints are moved."""
 
 END_DISTANCE = 0.1
-"""Fraction of the distance between its neighbours that a moved waypoint keeps from both, so that no edge becomes tiny."""
+"""Minimum distance of a moved waypoint from its neighbours, as a fraction of their distance; it avoids tiny edges."""
 
 MIN_SHARE = 0.2
 """A waypoint is left in place if it cannot be moved by this fraction of its distance to the straight line."""
@@ -285,8 +285,7 @@ class _Shortener:
                 foot = before + chord * min(max(along, END_DISTANCE), 1.0 - END_DISTANCE)
                 moved = here + (foot - here) * share[i]
                 lengths = [
-                    float(np.linalg.norm(step))
-                    for step in (here - before, after - here, moved - before, after - moved)
+                    float(np.linalg.norm(step)) for step in (here - before, after - here, moved - before, after - moved)
                 ]
                 if share[i] < MIN_SHARE or lengths[0] + lengths[1] - lengths[2] - lengths[3] <= min_gain:
                     continue

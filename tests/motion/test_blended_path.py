@@ -169,7 +169,7 @@ def test_a_reach_that_makes_no_sense(reach: list[float], word: str) -> None:
 
 
 def test_what_is_no_path() -> None:
-    with pytest.raises(pp.InputError, match="turns back"):
+    with pytest.raises(pp.InputError, match="waypoint 1"):
         pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (1, 0, 0), (0, 0, 0)], NAMES), [0, 0.1, 0])
     with pytest.raises(pp.InputError, match="equal"):
         pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (0, 0, 0), (1, 0, 0)], NAMES), [0, 0, 0])

@@ -41,7 +41,7 @@ from pinproof.planning.result import LinearStatus
 from pinproof.planning.route import Route
 from pinproof.spatial import SE3
 
-__all__ = ["FollowedRoute", "RouteFollower", "line_task", "nearest_target"]
+__all__ = ["DeviationBound", "FollowedRoute", "RouteFollower", "line_task", "nearest_target"]
 
 Array = npt.NDArray[np.float64]
 Flags = npt.NDArray[np.bool_]
@@ -199,7 +199,7 @@ class RouteFollower:
 
     def _follow_within(self, arm: Arm, route: Route, first: Array) -> FollowedRoute:
         """Follow a route; the poses are solved within the limits of ``arm``, the curve keeps those of :attr:`arm`."""
-        bound = _DeviationBound(self.arm, self.mask, self.deviation, self.rotation_deviation)
+        bound = DeviationBound(self.arm, self.mask, self.deviation, self.rotation_deviation)
         knots = route.knots(self.translation_step, self.rotation_step, MIN_PIECES)
         spacing = float(np.diff(knots).max())
         stop: _Stop = (LinearStatus.COMPLETE, "", ())
@@ -302,7 +302,7 @@ def _subdivide(knots: Array, which: Flags, parts: int = 2) -> Array:
     return np.sort(np.concatenate([knots, inner.ravel()]))
 
 
-class _DeviationBound:
+class DeviationBound:
     """Upper bounds of the deviation of the tcp from a route; see the module for the derivation.
 
     Parameters

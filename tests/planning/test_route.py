@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.planning.follow import DeviationBound
-from pinproof.planning.route import LEVER, NOTHING, Route, routes_through
+from pinproof.planning.route import LEVER, MIN_LENGTH, Route, routes_through
 from pinproof.spatial import SE3, interpolate, twist_size
 
-MET = NOTHING / LEVER + 1e-9
-"""Metres and radians: a leg of less than NOTHING is none, so its poses are met to that; the rest is rounding."""
+MET = MIN_LENGTH / LEVER + 1e-9
+"""Metres and radians: a leg of less than MIN_LENGTH is none, so its poses are met to that; the rest is rounding."""
 
 numbers = st.floats(-1, 1)
 some_pose = st.builds(lambda xyz, rpy: pp.pose(xyz, rpy), st.tuples(*[numbers] * 3), st.tuples(*[numbers] * 3))
@@ -60,7 +60,7 @@ def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float)
 @given(st.lists(some_pose, min_size=3, max_size=4), st.floats(0.02, 0.2))
 def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], rounding: float) -> None:
     for route in routes_through(poses, rounding, 0.5):
-        if route.size == 0.0:
+        if route.length == 0.0:
             continue
         bounds = route.derivatives(route.borders)
         for low, high, (pull, spin, _) in zip(route.borders[:-1], route.borders[1:], bounds, strict=True):

@@ -185,5 +185,5 @@ def test_what_is_no_path() -> None:
         pp.motion.BlendedPath([0, 1, 1], line, NAMES, [1.0])
     with pytest.raises(pp.InputError, match="degree"):
         pp.motion.BlendedPath([0, 1], np.zeros((1, 8, 3)), NAMES)
-    with pytest.raises(pp.InputError, match="stands still"):
+    with pytest.raises(pp.InputError, match="zero width"):
         pp.motion.BlendedPath([0, 0], line[:1], NAMES)

@@ -102,7 +102,7 @@ class Trajectory:
         Raises
         ------
         InputError
-            If there is no trajectory, or a position, velocity or acceleration at the end of one differs from that at the
+            If there is no trajectory, or position, velocity or acceleration at the end of one differ from those at the
             start of the next one.
         """
         if not parts:
@@ -118,9 +118,7 @@ class Trajectory:
                 before, after = getattr(first, kind), getattr(second, kind)
                 if before is not None and (jump := np.abs(after[0] - before[-1])).max() > MEET_TOLERANCE:
                     name = first.joint_names[int(jump.argmax())]
-                    raise InputError(
-                        f"parts {i} and {i + 1} have different {kind} of joint {name!r} at their connection"
-                    )
+                    raise InputError(f"parts {i} and {i + 1} have different {kind} of joint {name!r} at the connection")
         times_ns, start = [whole_nanoseconds(parts[0].times)], 0
         for previous, part in pairwise(parts):
             start += int(whole_nanoseconds(previous.times)[-1])
@@ -285,7 +283,7 @@ class Trajectory:
         return bezier.evaluate(self._knots, self._derivatives[2], t)
 
     def jerk(self, t: npt.ArrayLike) -> Array:
-        """(n,) or (N, n) derivatives of the acceleration within the pieces, in rad/s^3 or m/s^3; it may jump at points."""
+        """(n,) or (N, n) jerks within the pieces, in rad/s^3 or m/s^3; the jerk may jump between pieces."""
         return bezier.evaluate(self._knots, self._jerk_control, t)
 
     def bezier(self, order: int = 0) -> tuple[Array, Array]:

@@ -34,7 +34,7 @@ def polylines(draw: st.DrawFn) -> tuple[pp.JointPath, np.ndarray]:
     way = np.diff(q, axis=0) / length[:, None]
     reach = np.zeros(count)
     for i in range(1, count - 1):
-        if np.linalg.norm(way[i] + way[i - 1]) > 2 * corner.TURNS_BACK:
+        if np.linalg.norm(way[i] + way[i - 1]) > 2 * corner.REVERSAL:
             reach[i] = draw(st.sampled_from([0.0, 0.01, 0.3, 1.0])) * min(length[i - 1], length[i]) / 2
     return pp.JointPath(q, NAMES), reach
 
@@ -66,7 +66,7 @@ def test_a_corner_is_missed_by_what_is_said(turn: float, reach: float) -> None:
     smooth = pp.motion.BlendedPath.rounded(pp.JointPath(q, NAMES), [0, reach, 0])
     points = smooth(np.linspace(*smooth.domain, 4001))
     nearest = np.linalg.norm(points, axis=1).min()
-    assert nearest == pytest.approx(reach * float(corner.miss(way[:1], way[1:])[0]), abs=2e-3 * reach)
+    assert nearest == pytest.approx(reach * float(corner.distance_to_corner(way[:1], way[1:])[0]), abs=2e-3 * reach)
     # nowhere is the curve farther from the legs than at its middle
     legs = [np.linalg.norm(points - np.clip(points @ leg, *ends)[:, None] * leg, axis=1)
             for leg, ends in ((way[0], (-1, 0)), (way[1], (0, 1)))]  # fmt: skip
@@ -169,7 +169,7 @@ def test_a_reach_that_makes_no_sense(reach: list[float], word: str) -> None:
 
 
 def test_what_is_no_path() -> None:
-    with pytest.raises(pp.InputError, match="turns back"):
+    with pytest.raises(pp.InputError, match="waypoint 1"):
         pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (1, 0, 0), (0, 0, 0)], NAMES), [0, 0.1, 0])
     with pytest.raises(pp.InputError, match="equal"):
         pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (0, 0, 0), (1, 0, 0)], NAMES), [0, 0, 0])
@@ -185,5 +185,5 @@ def test_what_is_no_path() -> None:
         pp.motion.BlendedPath([0, 1, 1], line, NAMES, [1.0])
     with pytest.raises(pp.InputError, match="degree"):
         pp.motion.BlendedPath([0, 1], np.zeros((1, 8, 3)), NAMES)
-    with pytest.raises(pp.InputError, match="stands still"):
+    with pytest.raises(pp.InputError, match="zero width"):
         pp.motion.BlendedPath([0, 0], line[:1], NAMES)

@@ -90,9 +90,9 @@ def test_any_path_begins_and_ends_at_velocities_or_says_that_it_cannot(problem, 
 @pytest.mark.parametrize(
     ("velocity", "message"),
     [
-        ([0.5, 0.3], "does not lie along the path"),
+        ([0.5, 0.3], "path"),
         ([-0.4, -0.2], "backward"),
-        ([1.2, 0.6], "above the velocity limit 1 of joint 'joint_0'"),
+        ([1.2, 0.6], "velocity limit 1 of joint 'joint_0'"),
         ([0.4], "must have the shape"),
         ([np.nan, 0], "nan"),
     ],
@@ -113,5 +113,5 @@ def test_what_cannot_be_braked_is_said(make, jerk):
 
 
 def test_a_path_that_stands_still_has_no_velocity():
-    with pytest.raises(InputError, match="stands still"):
+    with pytest.raises(InputError, match="start_velocity"):
         time_parametrise(JointPath([[1.0], [1.0]], names(1)), limits_of([1], [1]), start_velocity=[0.1])

@@ -57,7 +57,7 @@ def test_ends_that_differ_by_rounding_are_both_kept():
 @pytest.mark.parametrize(
     ("other", "message"),
     [
-        (JointPath([[3, 5.1], [0, 0]], NAMES), "joint 'elbow' ends at 5.0 and goes on at 5.1"),
+        (JointPath([[3, 5.1], [0, 0]], NAMES), "joint 'elbow' ends at 5.0 .* 5.1"),
         (JointPath([[3, 5], [0, 0]], ("elbow", "shoulder")), "different joints"),
     ],
 )

@@ -228,13 +228,13 @@ def test_motions_that_do_not_meet_are_not_joined():
     moving = Trajectory([0, 1], np.zeros((2, 2)), [[0, 1], [0, 0]], NAMES)
     with pytest.raises(InputError, match="do not meet"):
         Trajectory.join(still, away)
-    with pytest.raises(InputError, match="different velocities of joint 'turn'"):
+    with pytest.raises(InputError, match=r"different velocities .* 'turn'"):
         Trajectory.join(still, moving)
     at_rest, pushed = (
         Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES, accelerations=[[0, a], [0, 0]]) for a in (0, 1)
     )
     assert Trajectory.join(at_rest, at_rest).accelerations.shape == (3, 2)
-    with pytest.raises(InputError, match="different accelerations of joint 'turn'"):
+    with pytest.raises(InputError, match=r"different accelerations .* 'turn'"):
         Trajectory.join(at_rest, pushed)
     with pytest.raises(InputError, match="a cubic and a quintic"):
         Trajectory.join(still, at_rest)

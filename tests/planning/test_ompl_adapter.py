@@ -64,14 +64,14 @@ def test_a_planner_that_shortens_is_the_same_within_a_budget_of_edges(slot: pp.C
     assert plans[0].path.length < quick.path.length
 
 
-def test_an_edge_that_only_looks_free_is_never_taken(gantry: pp.Arm) -> None:
+def test_an_edge_that_only_samples_free_is_never_taken(gantry: pp.Arm) -> None:
     plates = [
         pp.Obstacle("below", pp.Box(0.002, 1.4, 1.0), pp.pose((0.013, -0.5, 0.0))),
         pp.Obstacle("above", pp.Box(0.002, 0.4, 1.0), pp.pose((0.013, 0.8, 0.0))),
     ]
     checker = pp.CollisionChecker(gantry, pp.Scene(plates))
     start, goal = np.array([-0.9, -0.5]), np.array([0.9, -0.5])
-    assert Edges(checker, 0.6, np.array([start, goal])).looks_free(start, goal)
+    assert Edges(checker, 0.6, np.array([start, goal])).samples_free(start, goal)
     plan = pp.OmplPlanner(time_limit=600.0, resolution=0.6, max_edges=20_000).plan(checker, start, goal)
     _assert_solves(plan, checker, start, goal)
 
@@ -128,7 +128,7 @@ def test_what_is_raised_while_ompl_plans_comes_out(
     def fail(*_: object) -> bool:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Edges, "looks_free", fail)
+    monkeypatch.setattr(Edges, "proven_free", fail)
     with pytest.raises(KeyboardInterrupt):
         pp.OmplPlanner(name, time_limit=600.0).plan(slot, START, GOAL)
 

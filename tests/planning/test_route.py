@@ -8,12 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.planning.follow import Stray
-from pinproof.planning.route import LEVER, NOTHING, Route, sections
+from pinproof.planning.follow import DeviationBound
+from pinproof.planning.route import LEVER, MIN_LENGTH, Route, routes_through
 from pinproof.spatial import SE3, interpolate, twist_size
 
-MET = NOTHING / LEVER + 1e-9
-"""Metres and radians: a leg of less than NOTHING is none, so its poses are met to that; the rest is rounding."""
+MET = MIN_LENGTH / LEVER + 1e-9
+"""Metres and radians: a leg of less than MIN_LENGTH is none, so its poses are met to that; the rest is rounding."""
 
 numbers = st.floats(-1, 1)
 some_pose = st.builds(lambda xyz, rpy: pp.pose(xyz, rpy), st.tuples(*[numbers] * 3), st.tuples(*[numbers] * 3))
@@ -34,7 +34,7 @@ def test_a_leg_is_the_interpolation_of_its_ends(first: SE3, last: SE3) -> None:
 @settings(deadline=None, max_examples=20)
 @given(st.lists(some_pose, min_size=2, max_size=5))
 def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> None:
-    routes = sections(poses, 0.0, 0.1)
+    routes = routes_through(poses, 0.0, 0.1)
     assert len(routes) == len(poses) - 1
     for first, last, route in zip(poses[:-1], poses[1:], routes, strict=True):
         ends = route.poses(np.array([0.0, 1.0]))
@@ -46,7 +46,7 @@ def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> N
 @given(st.lists(some_pose, min_size=3, max_size=5), st.floats(1e-3, 0.2))
 def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float) -> None:
     seen = 1
-    for route in sections(poses, rounding, 0.2):
+    for route in routes_through(poses, rounding, 0.2):
         at = route.poses(np.array(route.passes))
         for matrix, pose in zip(at, poses[seen:], strict=False):
             metres, radians = twist_size(pose, as_pose(matrix))
@@ -59,8 +59,8 @@ def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float)
 @settings(deadline=None, max_examples=20)
 @given(st.lists(some_pose, min_size=3, max_size=4), st.floats(0.02, 0.2))
 def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], rounding: float) -> None:
-    for route in sections(poses, rounding, 0.5):
-        if route.size == 0.0:
+    for route in routes_through(poses, rounding, 0.5):
+        if route.length == 0.0:
             continue
         bounds = route.derivatives(route.borders)
         for low, high, (pull, spin, _) in zip(route.borders[:-1], route.borders[1:], bounds, strict=True):
@@ -78,13 +78,13 @@ def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], round
 def test_the_bound_holds_everywhere_and_is_not_far_from_the_truth(name: str, deviation: float) -> None:
     arm = pp.load_robot(name).arm()
     rng = np.random.default_rng(0)
-    stray = Stray(arm, np.ones(6), deviation, 10 * deviation)
+    bound = DeviationBound(arm, np.ones(6), deviation, 10 * deviation)
     for _ in range(3):
         q = arm.limits.clip(arm.home + np.cumsum(rng.uniform(-0.1, 0.1, (4, arm.dof)), axis=0))
         path = pp.motion.CubicPath.through(q, arm.joint_names, knots=np.linspace(0, 1, 4))
         first, last = (arm.forward_kinematics(q[k]) for k in (0, -1))
         route = Route.straight(first, last)
-        off = stray.bound(path, route)
+        off = bound.bound(path, route)
         s = np.unique(np.concatenate([np.linspace(0, 1, 601), path.knots]))
         seen = np.array(
             [twist_size(as_pose(w), arm.forward_kinematics(p)) for w, p in zip(route.poses(s), path(s), strict=True)]
@@ -101,14 +101,14 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
     here = ur5.forward_kinematics(q[0])
     route = Route.straight(here, here)
     both, place, turn = (
-        Stray(ur5, np.array(asked), 1e-3, 1e-2).bound(path, route)
+        DeviationBound(ur5, np.array(asked), 1e-3, 1e-2).bound(path, route)
         for asked in ([1.0] * 6, [1.0, 1, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
     )
     assert (place[:, 1] == 0).all()
     assert (turn[:, 0] == 0).all()
     assert np.allclose(place[:, 0], both[:, 0], rtol=1e-2)
     assert np.allclose(turn[:, 1], both[:, 1], rtol=1e-2)
-    spin = Stray(ur5, np.array([1.0, 1, 1, 1, 1, 0]), 1e-3, 1e-2).bound(path, route)
+    spin = DeviationBound(ur5, np.array([1.0, 1, 1, 1, 1, 0]), 1e-3, 1e-2).bound(path, route)
     s = np.linspace(0, 1, 2001)
     axes = ur5.forward_kinematics_batch(path(s))[:, :3, 2]
     angle = np.arccos(np.clip(axes @ here.rotation[:, 2], -1, 1))
@@ -118,12 +118,12 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
 def test_a_curve_that_would_need_too_many_samples_is_not_waved_through(ur5: pp.Arm) -> None:
     here = ur5.forward_kinematics(ur5.home)
     path = pp.motion.CubicPath.through([ur5.home, ur5.home, ur5.home + 3], ur5.joint_names, knots=[0, 0.5, 1])
-    assert np.isinf(Stray(ur5, np.ones(6), 1e-9, 1e-9).bound(path, Route.straight(here, here))).all()
+    assert np.isinf(DeviationBound(ur5, np.ones(6), 1e-9, 1e-9).bound(path, Route.straight(here, here))).all()
 
 
 def test_roundings_and_legs_together_are_twice_differentiable() -> None:
     poses = [pp.pose((0, 0, 0)), pp.pose((1, 0, 0), (0.3, 0, 0)), pp.pose((1, 1, 0)), pp.pose((0, 1, 1), (0, 0.4, 0))]
-    (route,) = sections(poses, 0.05, 0.3)
+    (route,) = routes_through(poses, 0.05, 0.3)
     s = np.linspace(0, 1, 20_001)
     second = np.diff(route.poses(s)[:, :3, :], 2, axis=0) / (s[1] - s[0]) ** 2
     jumps = np.abs(np.diff(second, axis=0)).max()

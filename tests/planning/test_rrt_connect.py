@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.kernels import rrt, rrt_edge, sweep
+from pinproof.planning import rrt_connect
 from pinproof.planning.edges import Edges
 
 from .arms import assert_free, ball_arm
@@ -41,7 +44,7 @@ def test_panda_between_two_posts(panda: pp.Arm) -> None:
     checker = pp.CollisionChecker(panda, pp.Scene(posts), margin=0.002)
     start, goal = panda.home.copy(), panda.home.copy()
     start[0], goal[0] = -1.3, 1.3
-    assert not Edges(checker, 0.02, np.array([start, goal])).looks_free(start, goal)
+    assert not Edges(checker, 0.02, np.array([start, goal])).samples_free(start, goal)
     _assert_solves(QUICK.plan(checker, start, goal, rng=0), checker, start, goal)
 
 
@@ -85,10 +88,10 @@ def test_a_tree_grows_where_no_whole_step_fits(gantry: pp.Arm) -> None:
 def test_the_search_keeps_off_the_margin_so_that_proofs_succeed(gantry: pp.Arm) -> None:
     wall = pp.Obstacle("wall", pp.Box(0.2, 0.2, 1.0))
     checker = pp.CollisionChecker(gantry, pp.Scene([wall]), margin=0.005)
-    for beyond, looks_free in ((3e-4, False), (1e-3, True)):
+    for beyond, samples_free in ((3e-4, False), (1e-3, True)):
         y = 0.1 + 0.05 + checker.margin + beyond
         a, b = np.array([-0.9, y]), np.array([0.9, y])
-        assert Edges(checker, 0.01, np.array([[-0.9, -0.9]])).looks_free(a, b) is looks_free
+        assert Edges(checker, 0.01, np.array([[-0.9, -0.9]])).samples_free(a, b) is samples_free
 
 
 def test_between_ends_that_are_tight_themselves_it_keeps_off_less(gantry: pp.Arm) -> None:
@@ -204,6 +207,46 @@ def test_no_way_is_an_honest_no(gantry: pp.Arm, planner: pp.RrtConnect, spent: s
     assert plan.nodes >= 2
 
 
+class _Clock:
+    """A clock that only the kernels advance."""
+
+    def __init__(self) -> None:
+        self.seconds = 0.0
+
+    def monotonic(self) -> float:
+        return self.seconds
+
+    def slow_first_call(self, kernel: Callable[..., object]) -> Callable[..., object]:
+        """The kernel, whose first call takes 1000 s on this clock, as if it were compiled."""
+        calls = 0
+
+        def call(*arguments: object) -> object:
+            nonlocal calls
+            calls += 1
+            self.seconds += 1000.0 if calls == 1 else 0.0
+            return kernel(*arguments)
+
+        return call
+
+
+def test_the_time_limit_does_not_include_the_first_call_of_a_kernel(
+    gantry: pp.Arm, slotted: pp.Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checker = pp.CollisionChecker(gantry, slotted)
+    start, goal = np.array([-0.8, -0.8]), np.array([0.8, -0.8])
+    before = pp.RrtConnect(time_limit=600.0).plan(checker, start, goal, rng=2)
+    clock = _Clock()
+    monkeypatch.setattr(rrt_connect, "time", clock)
+    for module, name in ((rrt, "grow"), (rrt_edge, "look"), (sweep, "sweep")):
+        monkeypatch.setattr(module, name, clock.slow_first_call(getattr(module, name)))
+    plan = pp.RrtConnect(time_limit=20.0).plan(checker, start, goal, rng=2)
+    assert clock.seconds == 3000.0
+    assert plan.status is pp.PlanStatus.FOUND
+    assert plan.seconds == 0.0
+    assert plan.samples > 0  # the direct edge is blocked: all three kernels are used by the search
+    assert plan.path.q.tobytes() == before.path.q.tobytes()
+
+
 def test_trees_that_cannot_grow_end_too(gantry: pp.Arm) -> None:
     # Both ends sit in holes hardly larger than the ball: hardly a node is ever added.
     walls = [
@@ -223,7 +266,7 @@ def test_trees_that_cannot_grow_end_too(gantry: pp.Arm) -> None:
     assert "x stayed in" in plan.message  # the joint in which the trees never met
 
 
-def test_an_edge_that_only_looks_free_is_cut(gantry: pp.Arm) -> None:
+def test_an_edge_that_only_samples_free_is_cut(gantry: pp.Arm) -> None:
     # A plate of 2 mm across all but a slot; at this resolution samples step over it.
     plates = [
         pp.Obstacle("below", pp.Box(0.002, 1.4, 1.0), pp.pose((0.013, -0.5, 0.0))),
@@ -232,7 +275,7 @@ def test_an_edge_that_only_looks_free_is_cut(gantry: pp.Arm) -> None:
     checker = pp.CollisionChecker(gantry, pp.Scene(plates))
     start, goal = np.array([-0.9, -0.5]), np.array([0.9, -0.5])
     coarse = 0.6
-    assert Edges(checker, coarse, np.array([start, goal])).looks_free(start, goal)
+    assert Edges(checker, coarse, np.array([start, goal])).samples_free(start, goal)
     plan = pp.RrtConnect(resolution=coarse, max_nodes=4000, time_limit=600.0).plan(checker, start, goal, rng=0)
     assert plan.cut >= 1
     _assert_solves(plan, checker, start, goal)

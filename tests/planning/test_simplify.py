@@ -75,7 +75,7 @@ def test_a_curve_that_fails_its_last_proof_is_given_up_for_the_one_before(
     monkeypatch.setattr(home, "round_corners", lambda *args, **settings: through_the_wall)
     found = pp.simplify(detour, checker).or_raise()
     assert isinstance(found.path, pp.JointPath)
-    assert "given up" in found.message
+    assert "rejected" in found.message
     monkeypatch.setattr(home, "shortcut", lambda *args, **settings: pp.JointPath(detour.q[[0, -1]], detour.joint_names))
     found = pp.simplify(detour, checker).or_raise()
     assert found.path is detour

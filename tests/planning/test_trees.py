@@ -12,7 +12,7 @@ def _add(trees: Trees, sizes: np.ndarray, tree: int, q: np.ndarray, parent: int)
     """Add a node, as the compiled loop does."""
     index = int(sizes[tree])
     if index == trees.q.shape[1]:
-        trees.make_room()
+        trees.enlarge()
     trees.q[tree, index], trees.parents[tree, index] = q, parent
     sizes[tree] += 1
     return index
@@ -27,8 +27,8 @@ def test_a_cut_takes_all_that_hangs_on_it_and_no_more() -> None:
     d = _add(trees, sizes, 1, np.array([3.0, 0.0]), b)
     assert trees.branch(1, d) == [d, b, a, 0]
     trees.cut(1, a)
-    assert sorted(map(tuple, trees.living(1))) == [(0.0, 0.0), (0.0, 1.0), (10.0, 0.0)]
-    assert trees.living(0).tolist() == [[5.0, 5.0]]
+    assert sorted(map(tuple, trees.nodes(1))) == [(0.0, 0.0), (0.0, 1.0), (10.0, 0.0)]
+    assert trees.nodes(0).tolist() == [[5.0, 5.0]]
     assert nearest(trees.q[1], sizes[1], np.array([3.0, 0.1])) == 0
     assert nearest(trees.q[1], sizes[1], np.array([0.1, 2.0])) == c
     assert len(trees) == 7  # what was ever added: cutting gives no budget back
@@ -41,4 +41,4 @@ def test_nearest_is_the_nearest_of_all_beyond_the_first_room() -> None:
     for _ in range(600):
         _add(trees, sizes, 1, rng.uniform(-1, 1, 3), int(sizes[1]) - 1)
     for target in rng.uniform(-1, 1, (20, 3)):
-        assert nearest(trees.q[1], sizes[1], target) == np.linalg.norm(trees.living(1) - target, axis=1).argmin()
+        assert nearest(trees.q[1], sizes[1], target) == np.linalg.norm(trees.nodes(1) - target, axis=1).argmin()

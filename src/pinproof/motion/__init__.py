@@ -1,4 +1,4 @@
-"""Curves in joint space: paths, timed trajectories, and the timing that leads from one to the other."""
+"""Curves in joint space: paths, timed trajectories, and time parametrisation."""
 
 from pinproof.motion.blended_path import BlendedPath
 from pinproof.motion.cubic_path import CubicPath

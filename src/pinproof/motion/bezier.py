@@ -1,12 +1,12 @@
-"""Polynomial pieces by their Bernstein coefficients: evaluate, split, differentiate, bound.
+"""Polynomial pieces in the Bernstein basis: evaluation, subdivision, derivatives and bounds.
 
 A curve is ``knots`` (k+1,) and ``control`` (k, degree+1, n): for a parameter t in [knots[i], knots[i+1]] and
 u = (t - knots[i]) / (knots[i+1] - knots[i]), piece i is sum_r C(degree, r) u^r (1-u)^(degree-r) control[i, r].
-The n columns are independent (one a joint), in whatever units the curve has. A piece of zero width is legal and stands
-for the single configuration control[i, 0].
+The n columns are independent (one per joint), in the units of the curve. A piece of zero width represents the single
+configuration control[i, 0].
 
-Why this basis: a piece never leaves the convex hull of its control points, halving is exact up to the rounding of
-averages, and coefficients of the derivative are scaled differences.
+In this basis, a piece is inside the convex hull of its control points, subdivision is exact up to the rounding of
+averages, and the coefficients of the derivative are scaled differences.
 
 Source: R. T. Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29
 (2012), sections 3 (hull, differences) and 5 (de Casteljau's algorithm).
@@ -37,8 +37,8 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 EXTREME_TOLERANCE = 1e-12
-"""By how much, relative to its largest coefficient, an extremum may be overstated where none is in closed form: far
-above the rounding of de Casteljau's averages, far below every limit's tolerance."""
+"""Maximum error of an extremum, relative to the largest coefficient, for degrees without a closed form: far above the
+rounding of de Casteljau's averages, far below the tolerance of every limit."""
 
 
 def degree(control: Array) -> int:
@@ -54,26 +54,26 @@ def evaluate(knots: Array, control: Array, t: npt.ArrayLike) -> Array:
     knots, control
         The curve, (k+1,) and (k, degree+1, n).
     t
-        A parameter, or (N,) of them, in [knots[0], knots[-1]]. At an inner knot the piece to its right is used.
+        A parameter or (N,) parameters in [knots[0], knots[-1]]. At an inner knot, the later piece is used.
 
     Returns
     -------
-    (n,) for a scalar, else (N, n). Both ends of every piece are met bit for bit.
+    (n,) for a scalar, else (N, n). The values at both ends of every piece are exactly its end control points.
 
     Raises
     ------
     InputError
-        If ``t`` is not finite, lies outside the curve, or has more than one axis.
+        If ``t`` is not finite, is outside the domain, or has more than one axis.
     """
     try:
         parameter = np.asarray(t, dtype=float)
     except (TypeError, ValueError) as error:
-        raise InputError(f"a curve is evaluated at numbers: {error}") from error
+        raise InputError(f"the parameter of a curve must be a number: {error}") from error
     if parameter.ndim > 1:
-        raise InputError(f"a curve is evaluated at a scalar or at (N,) parameters, not at the shape {parameter.shape}")
-    outside = ~((parameter >= knots[0]) & (parameter <= knots[-1]))  # written so that NaN is outside
+        raise InputError(f"the parameter must be a scalar or have the shape (N,); its shape is {parameter.shape}")
+    outside = ~((parameter >= knots[0]) & (parameter <= knots[-1]))  # True for NaN
     if outside.any():
-        raise InputError(f"the parameter {parameter[outside][0]} lies outside the curve: [{knots[0]}, {knots[-1]}]")
+        raise InputError(f"the parameter {parameter[outside][0]} is outside the domain [{knots[0]}, {knots[-1]}]")
     flat = parameter.reshape(-1)
     piece = np.clip(np.searchsorted(knots, flat, side="right") - 1, 0, len(control) - 1)
     width = knots[piece + 1] - knots[piece]
@@ -83,14 +83,14 @@ def evaluate(knots: Array, control: Array, t: npt.ArrayLike) -> Array:
 
 
 def on_pieces(control: Array, piece: npt.NDArray[np.intp], u: Array) -> Array:
-    """(N, n) points at local parameters ``u`` (N,) in [0, 1] of the pieces (N,) told."""
+    """(N, n) points at the local parameters ``u`` (N,) in [0, 1] of the given pieces (N,)."""
     return _de_casteljau(control[piece], u[:, None])
 
 
 def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
-    """Cut every piece at the local parameter ``u`` in [0, 1]; left and right halves, each shaped as ``control``.
+    """Subdivide every piece at the local parameter ``u`` in [0, 1] into left and right parts, shaped as ``control``.
 
-    The halves trace the same curve; each point is a convex combination, so nothing is magnified (Farouki 2012, 5.1).
+    Each control point is a convex combination, so that rounding errors are not amplified (Farouki 2012, 5.1).
     """
     left, right = np.empty_like(control), np.empty_like(control)
     rest, last = control, degree(control)
@@ -102,9 +102,9 @@ def split(control: Array, u: float = 0.5) -> tuple[Array, Array]:
 
 
 def derivative(knots: Array, control: Array) -> Array:
-    """Control points (k, degree, n) of the derivative by the curve's parameter, over the same ``knots``.
+    """Control points (k, degree, n) of the derivative with respect to the parameter, over the same ``knots``.
 
-    A piece of degree 0 gives (k, 1, n) zeros, and so does a piece of zero width.
+    The derivative of a piece of degree 0, shape (k, 1, n), or of zero width is zero.
     """
     if degree(control) == 0:
         return np.zeros_like(control)
@@ -114,26 +114,26 @@ def derivative(knots: Array, control: Array) -> Array:
 
 
 def elevate(control: Array, to: int) -> Array:
-    """The same pieces with control points (k, to+1, n) of a degree that is not below theirs (Farouki 2012, 5.2)."""
+    """The same pieces with control points (k, to+1, n) of the degree ``to``, at least their own (Farouki 2012, 5.2)."""
     while (n := degree(control)) < to:
         share = (np.arange(n + 2) / (n + 1))[:, None]
-        before = np.concatenate([control[:, :1], control], axis=1)  # the doubled ends have no weight
+        before = np.concatenate([control[:, :1], control], axis=1)  # the repeated ends have weight 0
         control = share * before + (1.0 - share) * np.concatenate([control, control[:, -1:]], axis=1)
     return control
 
 
 def hull(control: Array) -> tuple[Array, Array]:
-    """Per piece and joint, bounds (low, high), each (k, n), which the curve does not leave; not tight in general."""
+    """Lower and upper bounds (k, n) of the curve per piece and joint; not tight in general."""
     return control.min(axis=-2), control.max(axis=-2)
 
 
 def extremes(control: Array) -> tuple[Array, Array]:
-    """Per piece and joint, the least and greatest value taken, each (k, n).
+    """The minimum and maximum (k, n) per piece and joint.
 
-    Up to degree 3 the derivative's roots are found in closed form and the curve is evaluated there, so both values are
-    attained: a root that is off by e moves the value by order e^2 only. Above that, pieces are halved until their hull
-    is within :data:`EXTREME_TOLERANCE` of a value that is taken (Farouki 2012, 3 and 5: a hull is off by a quarter
-    after each halving); what is returned then bounds the curve and is above what it takes by no more than that.
+    Up to degree 3, the roots of the derivative are computed in closed form and the curve is evaluated there. Both
+    values are attained; an error e of a root changes the value by order e^2 only. For higher degrees, pieces are
+    subdivided until their hull is within :data:`EXTREME_TOLERANCE` of a value of the curve (Farouki 2012, 3 and 5: the error of a
+    hull decreases to a quarter with each subdivision). The result then bounds the curve to this tolerance.
     """
     if degree(control) > 3:
         pieces, points, n = control.shape
@@ -148,9 +148,9 @@ def extremes(control: Array) -> tuple[Array, Array]:
 
 
 def largest(control: Array, enough: Array | None = None) -> Array:
-    """Per piece and joint, the largest magnitude taken (k, n), as good as :func:`extremes`.
+    """The maximum magnitude (k, n) per piece and joint, with the accuracy of :func:`extremes`.
 
-    Where the hull tells that it is not above ``enough`` (n,), the hull's may be returned, which is no smaller.
+    If the hull is not above ``enough`` (n,), the result may be the bound of the hull, which is not smaller.
     """
     size: Array = np.abs(control).max(axis=1)
     above = np.ones(len(size), dtype=bool) if enough is None else (~(size <= enough)).any(axis=1)
@@ -161,11 +161,11 @@ def largest(control: Array, enough: Array | None = None) -> Array:
 
 
 def hermite(knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Array:
-    """Control points of the pieces with these derivatives (k+1, n) at the knots.
+    """Control points of Hermite pieces with given derivatives (k+1, n) at the knots.
 
-    Cubic, (k, 4, n), through ``values`` with ``slopes``; with ``curvatures``, the second derivatives, quintic,
-    (k, 6, n). The first two (three) points follow from the derivatives at the left end alone, by the differences of
-    the derivative's coefficients (Farouki 2012, 3), the others from those at the right.
+    The pieces are cubic, (k, 4, n), with ``values`` and ``slopes``; with the second derivatives ``curvatures`` they are
+    quintic, (k, 6, n). The first two (three) points follow from the derivatives at the left end by the differences of
+    the coefficients of the derivative (Farouki 2012, 3), the others from those at the right end.
     """
     width = np.diff(knots)[:, None]
     if curvatures is None:
@@ -186,9 +186,9 @@ def hermite(knots: Array, values: Array, slopes: Array, curvatures: Array | None
 def hermite_slope(knots: Array, values: Array, slopes: Array, curvatures: Array | None = None) -> Array:
     """Control points (k, 3 or 5, n) of the derivative of the pieces of :func:`hermite`.
 
-    The outer coefficients are the derivatives at the ends. The one in the middle is what is left of the mean slope,
-    which is the mean of all coefficients. So it comes from the points themselves: differences of inner control points
-    would magnify their rounding by 1 / width.
+    The outer coefficients are the derivatives at the ends. The middle one follows from the mean slope, which is the
+    mean of all coefficients. This uses the points themselves, because differences of inner control points would amplify
+    their rounding by 1 / width.
     """
     width = np.diff(knots)[:, None]
     mean = np.diff(values, axis=0) / width
@@ -200,7 +200,7 @@ def hermite_slope(knots: Array, values: Array, slopes: Array, curvatures: Array 
 
 
 def _upper(rows: Array) -> Array:
-    """A bound (R,) on each polynomial with coefficients ``rows`` (R, degree+1), tight to EXTREME_TOLERANCE."""
+    """An upper bound (R,) of each polynomial with coefficients ``rows`` (R, degree+1), tight to EXTREME_TOLERANCE."""
     proven, seen = rows.max(axis=1), np.maximum(rows[:, 0], rows[:, -1])
     slack = EXTREME_TOLERANCE * np.abs(rows).max(axis=1)
     owner = np.flatnonzero(proven > seen + slack)
@@ -215,7 +215,7 @@ def _upper(rows: Array) -> Array:
 
 
 def _de_casteljau(control: Array, u: Array) -> Array:
-    """One point a piece; ``u`` broadcasts against (k, n)."""
+    """One point per piece; ``u`` is broadcast to (k, n)."""
     weight = u[:, None, :]
     while control.shape[1] > 1:
         control = control[:, :-1] * (1.0 - weight) + control[:, 1:] * weight
@@ -223,15 +223,15 @@ def _de_casteljau(control: Array, u: Array) -> Array:
 
 
 def _critical(slope: Array) -> list[Array]:
-    """Where in [0, 1] a polynomial with Bernstein coefficients ``slope`` (k, 0..3, n) vanishes, each (k, n).
+    """The roots in [0, 1] of polynomials with Bernstein coefficients ``slope`` (k, 0..3, n), each (k, n).
 
-    Without a root the entry is a harmless point of [0, 1].
+    If there is no root, the entry is an arbitrary point of [0, 1].
     """
     if slope.shape[1] < 2:  # a constant slope: monotone
         return []
     if slope.shape[1] == 2:
         return [_ratio(slope[:, 0], slope[:, 0] - slope[:, 1])]
-    # a u^2 - 2 b u + c with the larger root first, the other from their product: no cancellation
+    # For a u^2 - 2 b u + c, the larger root is computed first and the other from their product, without cancellation.
     c = slope[:, 0]
     b = slope[:, 0] - slope[:, 1]
     a = slope[:, 0] - 2.0 * slope[:, 1] + slope[:, 2]

@@ -1,4 +1,4 @@
-"""A path that runs through its corners: polynomial pieces with equal tangents, and the few stops that are left."""
+"""A path with rounded corners: polynomial pieces with continuous tangents, except at remaining stops."""
 
 from __future__ import annotations
 
@@ -20,43 +20,43 @@ from pinproof.spatial import finite
 __all__ = ["MAX_DEGREE", "BlendedPath"]
 
 MAX_DEGREE = 5
-"""What a corner needs: position, tangent and no curvature at both of its ends."""
+"""Maximum degree of a piece: a rounding prescribes position, tangent and zero second derivative at both ends."""
 
 SAME_TANGENT = 1e-6
-"""Relative to the faster of two pieces: derivatives that differ by less are equal. What rounding makes of short pieces
-is let pass besides; anything else is a corner."""
+"""Relative difference of the derivatives of two adjacent pieces below which they are equal. The effect of rounding on
+short pieces is permitted in addition. A larger difference is a corner."""
 
 ROUNDINGS = 16
-"""Units in the last place by which control points may be off, after the few sums that made them."""
+"""Rounding error of control points in units in the last place."""
 
 GAUSS_POINTS = 16
-"""Of the rule that measures a piece's length: 1e-9 of it for any corner up to a right angle, 1e-6 for sharper ones."""
+"""Points of the quadrature of the length: relative error 1e-9 for corners up to 90 degrees, 1e-6 for sharper ones."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class BlendedPath:
-    """Polynomial pieces over a path parameter that meet with equal derivatives, but for the stops; no timing.
+    """Polynomial pieces over a path parameter with a continuous derivative, except at the stops; no timing.
 
-    The parameter of what :meth:`rounded` makes is the arc length on straight stretches and close to it in corners.
+    In results of :meth:`rounded`, the parameter is the arc length on straight segments and close to it in corners.
 
     Parameters
     ----------
     knots
-        (k+1,) path parameter at the ends of the pieces, strictly increasing; equal only where there is one piece of
-        zero width, a path that stands still.
+        (k+1,) path parameters at the ends of the pieces, strictly increasing. They may be equal only for one piece of
+        zero width, a path of length 0.
     control
         (k, degree+1, n) control points in radians or metres, degree 1 to :data:`MAX_DEGREE`, see
-        :mod:`pinproof.motion.bezier`. Each piece begins where the one before ends, bit for bit.
+        :mod:`pinproof.motion.bezier`. Each piece begins exactly at the end of the previous one.
     joint_names
         The n joints, in the order of the columns.
     corners
-        Inner knots at which the arm must stop: only there may the derivative jump. Increasing.
+        Inner knots at which the arm must stop, increasing. Only there the derivative may jump.
 
     Raises
     ------
     InputError
-        For a wrong shape or degree, a number that is not finite, knots that do not increase, pieces that do not meet,
-        a derivative that jumps where no corner is, a corner that is no inner knot, or bad joint names.
+        If a shape or the degree is wrong, a number is not finite, knots do not increase, pieces do not meet, a
+        derivative jumps at a knot that is not a corner, a corner is not an inner knot, or joint names are invalid.
     """
 
     knots: Array
@@ -75,7 +75,7 @@ class BlendedPath:
         points = finite("control", control, (None, None, len(names)))
         if len(points) == 0 or not 1 <= bezier.degree(points) <= MAX_DEGREE:
             raise InputError(
-                f"control must hold a piece at least, of degree 1 to {MAX_DEGREE}; its shape is {points.shape}"
+                f"control must contain at least one piece of degree 1 to {MAX_DEGREE}; its shape is {points.shape}"
             )
         parameter = finite("knots", knots, (len(points) + 1,))
         stops = tuple(finite("corners", list(corners), (None,)).tolist())
@@ -87,22 +87,22 @@ class BlendedPath:
 
     @classmethod
     def rounded(cls, path: JointPath, reach: npt.ArrayLike) -> BlendedPath:
-        """A path of straight segments whose corners are rounded by quintic pieces: twice differentiable there.
+        """Round the corners of a path by quintic pieces, so that it is twice differentiable there.
 
         Parameters
         ----------
         path
-            The path, without equal neighbours.
+            The path; consecutive waypoints must differ.
         reach
-            (m,) how far before and behind each waypoint (rad or m, Euclidean) its rounding begins and ends; 0 keeps
-            the corner, and the arm stops there. First and last must be 0. By how far the rounding then misses the
-            waypoint says :func:`pinproof.motion.corner.miss`.
+            (m,) distance before and after each waypoint (rad or m, Euclidean) at which its rounding begins and ends. 0
+            keeps the corner, and the arm stops there. The first and the last must be 0. The distance between waypoint
+            and rounding is given by :func:`pinproof.motion.corner.distance_to_corner`.
 
         Raises
         ------
         InputError
-            For equal neighbours, a reach that is negative, two that together exceed their segment, or one at a
-            waypoint where the path turns back on itself.
+            If consecutive waypoints are equal, a reach is negative, two reaches together exceed their segment, or a
+            reach is not 0 at a waypoint at which the path reverses its direction.
         """
         length = finite("reach", reach, (len(path),))
         knots, control = corner.round_off(path.q, length)
@@ -110,17 +110,17 @@ class BlendedPath:
 
     @classmethod
     def join(cls, *parts: JointPath | CubicPath | BlendedPath) -> BlendedPath:
-        """The parts one after another, each keeping its parameter's scale; a stop where the derivatives differ.
+        """Concatenate paths; the scale of the parameters is kept, and the arm stops where the derivatives differ.
 
-        Pieces that stand still are left out, unless all do.
+        Pieces of length 0 are omitted, unless all pieces have length 0.
 
         Raises
         ------
         InputError
-            Without parts, or where the end of one is not the start of the next.
+            If there is no path, or the end of a path is not the start of the next one.
         """
         if not parts:
-            raise InputError("BlendedPath.join needs at least one path")
+            raise InputError("BlendedPath.join requires at least one path")
         for i, (first, second) in enumerate(pairwise(parts)):
             ends_meet(first, second, f"parts {i} and {i + 1}")
         pieces = [part.bezier() for part in parts]
@@ -131,7 +131,7 @@ class BlendedPath:
         if not moving.any():
             return cls(np.zeros(2), control[:1], parts[0].joint_names)
         control, width = control[moving], width[moving]
-        control[1:, 0] = control[:-1, -1]  # they meet to rounding; from here on, bit for bit
+        control[1:, 0] = control[:-1, -1]  # replaces ends that agree to rounding by equal ones
         knots = np.concatenate([[0.0], np.cumsum(width)])
         return cls(knots, control, parts[0].joint_names, knots[1:-1][_jumps(knots, control)].tolist())
 
@@ -162,7 +162,7 @@ class BlendedPath:
 
     @cached_property
     def length(self) -> float:
-        """Euclidean length in joint space (radians and metres count alike), by Gauss-Legendre quadrature."""
+        """Euclidean length in joint space (radians and metres have equal weight), by Gauss-Legendre quadrature."""
         nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
         width = np.diff(self.knots)[:, None]
         at = (self.knots[:-1, None] + width * (0.5 + 0.5 * nodes)).ravel()
@@ -192,7 +192,7 @@ class BlendedPath:
         """The number of pieces."""
         return len(self.control)
 
-    def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
+    def __reduce__(self) -> tuple[object, ...]:  # default pickling would restore writable arrays
         return BlendedPath, (self.knots, self.control, self.joint_names, self.corners)
 
     def __repr__(self) -> str:
@@ -201,15 +201,15 @@ class BlendedPath:
 
 
 def _check_pieces(knots: Array, control: Array, corners: tuple[float, ...]) -> None:
-    still = len(control) == 1 and knots[0] == knots[1]
-    if still and (control != control[0, 0]).any():
-        raise InputError("a piece of zero width stands still; its control points differ")
-    if not still and not (np.diff(knots) > 0.0).all():
+    constant = len(control) == 1 and knots[0] == knots[1]
+    if constant and (control != control[0, 0]).any():
+        raise InputError("a piece of zero width must have equal control points; they differ")
+    if not constant and not (np.diff(knots) > 0.0).all():
         i = int(np.flatnonzero(np.diff(knots) <= 0.0)[0])
         raise InputError(f"knots must increase strictly; {knots[i]} is followed by {knots[i + 1]} at index {i + 1}")
-    apart = (control[1:, 0] != control[:-1, -1]).any(axis=1)
-    if apart.any():
-        i = int(np.flatnonzero(apart)[0])
+    gaps = (control[1:, 0] != control[:-1, -1]).any(axis=1)
+    if gaps.any():
+        i = int(np.flatnonzero(gaps)[0])
         raise InputError(f"the pieces {i} and {i + 1} do not meet: {control[i, -1]} and {control[i + 1, 0]}")
     if list(corners) != sorted(set(corners)) or not set(corners) <= set(knots[1:-1].tolist()):
         raise InputError(f"corners must be inner knots, increasing; they are {corners}")
@@ -219,7 +219,7 @@ def _check_pieces(knots: Array, control: Array, corners: tuple[float, ...]) -> N
 
 
 def _jumps(knots: Array, control: Array) -> npt.NDArray[np.bool_]:
-    """(k-1,) at which inner knots the derivative by the parameter jumps."""
+    """(k-1,) whether the derivative jumps at each inner knot."""
     if len(control) == 1:
         return np.zeros(0, dtype=bool)
     slope = bezier.derivative(knots, control)

@@ -1,17 +1,19 @@
-"""A corner between two straight segments, rounded by one quintic piece.
+"""The rounding of a corner between two straight segments by one quintic piece.
 
-Seen from the corner p, with unit directions u into it and v out of it, a rounding of reach d has the control points
+For a corner p with the incoming unit direction u and the outgoing unit direction v, a rounding of reach d has the
+control points
 
     p - d u,  p - (d - h) u,  p - (d - 2 h) u,  p + (d - 2 h) v,  p + (d - h) v,  p + d v
 
-Three of them on each leg, h apart: at both ends the curve has the direction of the leg and no second derivative, so
-that straight stretch, corner and straight stretch together are twice differentiable by the parameter. Over a parameter
-of width 5 h the speed there is 1, as on the straight stretches. h = c d is chosen such that the speed in the middle,
+Three of them are on each segment, at a distance h. Hence the curve has the direction of the segment and no second
+derivative at both ends, and segment, rounding and segment together are twice differentiable with respect to the
+parameter. Over a parameter interval of width 5 h, the speed at the ends is 1, as on the segments. h = c d is chosen
+such that the speed in the middle,
 
     |u + v| (6 / c - 7) / 16,
 
-is 1 as well, for a parameter close to the arc length: c = 6 / (7 + 16 / |u + v|), from 0.4 straight on to 0 turning
-back. By symmetry the middle is the point nearest to p, and it misses p by d |v - u| (16 - 25 c) / 32.
+is 1 as well, so that the parameter is close to the arc length: c = 6 / (7 + 16 / |u + v|), from 0.4 for a straight
+line to 0 for a reversal. By symmetry the middle is the point nearest to p, at the distance d |v - u| (16 - 25 c) / 32.
 """
 
 from __future__ import annotations
@@ -21,16 +23,16 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 
-__all__ = ["TURNS_BACK", "miss", "round_off", "rounding", "spacing"]
+__all__ = ["REVERSAL", "distance_to_corner", "round_off", "rounding", "spacing"]
 
 Array = npt.NDArray[np.float64]
 
-TURNS_BACK = 0.1
-"""|u + v| below which a corner is not rounded: the path turns back on itself to within 6 degrees, and the arm all but
-stops whatever is done there."""
+REVERSAL = 0.1
+"""|u + v| below which a corner is not rounded: the direction is reversed to within 6 degrees, and the arm would almost
+stop in a rounding."""
 
-MEETS = 1e-12
-"""rad or m: a straight stretch shorter than this between two roundings is none."""
+MIN_SEGMENT = 1e-12
+"""Length (rad or m) below which the segment between two roundings is omitted."""
 
 
 def spacing(into: Array, out: Array) -> Array:
@@ -39,21 +41,21 @@ def spacing(into: Array, out: Array) -> Array:
     return result
 
 
-def miss(into: Array, out: Array) -> Array:
-    """(k,) by how far roundings of reach 1 miss their corners, for unit directions (k, n) into and out of them."""
+def distance_to_corner(into: Array, out: Array) -> Array:
+    """(k,) distance between a corner and its rounding of reach 1, for unit directions (k, n) into and out of it."""
     result: Array = np.linalg.norm(out - into, axis=-1) * (16.0 - 25.0 * spacing(into, out)) / 32.0
     return result
 
 
 def rounding(at: Array, into: Array, out: Array, reach: float) -> tuple[float, Array]:
-    """The width of its parameter, and the control points (6, n), of the rounding of a corner ``at`` (n,)."""
+    """The parameter width and the control points (6, n) of the rounding of a corner ``at`` (n,)."""
     h = reach * float(spacing(into, out))
-    before, behind = reach - h * np.arange(3.0)[:, None], reach - h * np.arange(2.0, -1.0, -1.0)[:, None]
-    return 5.0 * h, np.concatenate([at - before * into, at + behind * out])
+    before, after = reach - h * np.arange(3.0)[:, None], reach - h * np.arange(2.0, -1.0, -1.0)[:, None]
+    return 5.0 * h, np.concatenate([at - before * into, at + after * out])
 
 
 def round_off(q: Array, reach: Array) -> tuple[Array, Array]:
-    """Knots (k+1,) and control points (k, 6, n) of straight segments through q (m, n), corners rounded by reach (m,).
+    """Knots (k+1,) and control points (k, 6, n) of segments through q (m, n) with corners rounded by reach (m,).
 
     Raises
     ------
@@ -68,25 +70,25 @@ def round_off(q: Array, reach: Array) -> tuple[Array, Array]:
     lengths = np.linalg.norm(steps, axis=1)
     if not (lengths > 0).all():
         i = int(np.flatnonzero(lengths <= 0)[0])
-        raise InputError(f"the waypoints {i} and {i + 1} are equal: drop one")
-    way = steps / lengths[:, None]
+        raise InputError(f"the waypoints {i} and {i + 1} are equal; remove one")
+    directions = steps / lengths[:, None]
     rest = lengths - reach[:-1] - reach[1:]
-    if (rest < -MEETS).any():
-        i = int(np.flatnonzero(rest < -MEETS)[0])
-        raise InputError(f"the roundings {reach[i]} and {reach[i + 1]} overlap on a segment of {lengths[i]}")
+    if (rest < -MIN_SEGMENT).any():
+        i = int(np.flatnonzero(rest < -MIN_SEGMENT)[0])
+        raise InputError(f"the reaches {reach[i]} and {reach[i + 1]} overlap on a segment of length {lengths[i]}")
     widths, pieces, here = [], [], q[0]
-    for i, towards in enumerate(way):
+    for i, towards in enumerate(directions):
         there = q[i + 1] - reach[i + 1] * towards if reach[i + 1] else q[i + 1]
-        if rest[i] > MEETS:
+        if rest[i] > MIN_SEGMENT:
             share = np.linspace(0.0, 1.0, 6)[:, None]
             pieces.append(here * (1.0 - share) + there * share)
             widths.append(rest[i])
         if reach[i + 1]:
-            away = way[i + 1]
-            if np.linalg.norm(towards + away) < TURNS_BACK:
-                raise InputError(f"the path turns back on itself at waypoint {i + 1}; it cannot be rounded there")
+            away = directions[i + 1]
+            if np.linalg.norm(towards + away) < REVERSAL:
+                raise InputError(f"the path reverses its direction at waypoint {i + 1}; set its reach to 0")
             width, piece = rounding(q[i + 1], towards, away, reach[i + 1])
-            piece[0] = pieces[-1][-1] if pieces else q[0]  # bit for bit
+            piece[0] = pieces[-1][-1] if pieces else q[0]  # exactly equal
             pieces.append(piece)
             widths.append(width)
             there = piece[-1]

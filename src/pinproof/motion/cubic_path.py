@@ -21,24 +21,24 @@ __all__ = ["CubicPath"]
 class CubicPath:
     """A C1 cubic Hermite spline over a path parameter; no timing.
 
-    Meant for curves that are smooth in joint space, such as a straight line of the tcp: the arm need not stop at the
-    samples, as it must at the corners of a :class:`~pinproof.motion.JointPath`.
+    It represents curves that are smooth in joint space, such as a straight line of the tcp. The arm does not stop at
+    its points, in contrast to the corners of a :class:`~pinproof.motion.JointPath`.
 
     Parameters
     ----------
     q
         (m, n) points on the path, m >= 1, in radians or metres.
     tangents
-        (m, n) derivatives by the path parameter there.
+        (m, n) derivatives with respect to the path parameter at the points.
     knots
-        (m,) path parameter there, strictly increasing, without unit.
+        (m,) path parameters of the points, strictly increasing, without unit.
     joint_names
         The n joints, in the order of the columns.
 
     Raises
     ------
     InputError
-        For a wrong shape, a number that is not finite, knots that do not increase, or bad joint names.
+        If a shape is wrong, a number is not finite, knots do not increase, or joint names are invalid.
     """
 
     q: Array
@@ -52,7 +52,7 @@ class CubicPath:
         names = checked_joint_names(joint_names)
         points = finite("q", q, (None, len(names)))
         if len(points) == 0:
-            raise InputError("q has no point; a path needs at least one")
+            raise InputError("q has no point; a path requires at least one")
         object.__setattr__(self, "q", read_only(points))
         object.__setattr__(self, "tangents", read_only(finite("tangents", tangents, points.shape)))
         object.__setattr__(self, "knots", read_only(_increasing(finite("knots", knots, (len(points),)))))
@@ -69,13 +69,13 @@ class CubicPath:
         joint_names
             The n joints.
         knots
-            (m,) path parameter of the points, strictly increasing; without it the chord length: the sum of Euclidean
+            (m,) path parameters of the points, strictly increasing. By default the chord length: the sum of Euclidean
             distances in joint space up to each point.
 
         Raises
         ------
         InputError
-            As the constructor; also for equal neighbours without ``knots``.
+            As for the constructor; also if consecutive points are equal and ``knots`` is not given.
 
         Notes
         -----
@@ -89,7 +89,7 @@ class CubicPath:
             chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
             if not (chord > 0.0).all():
                 i = int(np.flatnonzero(chord <= 0.0)[0])
-                raise InputError(f"the points {i} and {i + 1} are equal: drop one, or give knots")
+                raise InputError(f"the points {i} and {i + 1} are equal; remove one, or give knots")
             parameter = np.concatenate([[0.0], np.cumsum(chord)])
         else:
             parameter = finite("knots", knots, (len(points),))
@@ -103,7 +103,7 @@ class CubicPath:
         return bezier.evaluate(*self._pieces, t)
 
     def bezier(self) -> tuple[Array, Array]:
-        """Knots (k+1,) and control points (k, 4, n), one piece between neighbouring points."""
+        """Knots (k+1,) and control points (k, 4, n), one piece between consecutive points."""
         return self._pieces
 
     @property
@@ -141,7 +141,7 @@ class CubicPath:
             return read_only(np.repeat(self.knots, 2)), read_only(np.stack([self.q] * 4, axis=1))
         return self.knots, read_only(bezier.hermite(self.knots, self.q, self.tangents))
 
-    def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
+    def __reduce__(self) -> tuple[object, ...]:  # default pickling would restore writable arrays
         return CubicPath, (self.q, self.tangents, self.knots, self.joint_names)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""What every curve in joint space can do, and the checks its constructors share."""
+"""The protocol of curves in joint space, and the validation that their constructors share."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ __all__ = ["MEET_TOLERANCE", "Curve", "checked_joint_names", "ends_meet", "read_
 Array = npt.NDArray[np.float64]
 
 MEET_TOLERANCE = 1e-12
-"""How far apart (rad or m, rad/s or m/s) two ends may be that are joined: rounding, not a step the arm would feel."""
+"""Maximum difference (rad or m, rad/s or m/s) of two ends that are joined: rounding errors only."""
 
 
 @runtime_checkable
 class Curve(Protocol):
     """A curve in joint space: a sequence of polynomial pieces over a scalar parameter.
 
-    :class:`~pinproof.motion.JointPath` and :class:`~pinproof.motion.CubicPath` run over a path parameter,
-    :class:`~pinproof.motion.Trajectory` over time in seconds.
+    :class:`~pinproof.motion.JointPath` and :class:`~pinproof.motion.CubicPath` have a path parameter,
+    :class:`~pinproof.motion.Trajectory` has the time in seconds.
     """
 
     @property
@@ -45,7 +45,7 @@ class Curve(Protocol):
     def bezier(self) -> tuple[Array, Array]:
         """The curve as ``knots`` (k+1,) and control points (k, degree+1, n), see :mod:`pinproof.motion.bezier`.
 
-        There is always a piece to look at: a single configuration is one piece of zero width, k = 1.
+        There is at least one piece: a single configuration is one piece of zero width, k = 1.
         """
 
     def __call__(self, t: npt.ArrayLike) -> Array:
@@ -53,21 +53,21 @@ class Curve(Protocol):
 
 
 def read_only(array: Array) -> Array:
-    """The same array, locked."""
+    """The same array, set to read-only."""
     array.flags.writeable = False
     return array
 
 
 def checked_joint_names(names: Iterable[str]) -> tuple[str, ...]:
-    """Joint names as a tuple.
+    """Validate joint names and return them as a tuple.
 
     Raises
     ------
     InputError
-        If there is none, one is no text or empty, or one occurs twice.
+        If there is no name, a name is empty or not a string, or a name occurs twice.
     """
     if isinstance(names, str):
-        raise InputError(f"joint_names must be a sequence of names, not the single text {names!r}")
+        raise InputError(f"joint_names must be a sequence of names, not the single string {names!r}")
     try:
         result: tuple[object, ...] = tuple(names)
     except TypeError as error:
@@ -77,20 +77,20 @@ def checked_joint_names(names: Iterable[str]) -> tuple[str, ...]:
     checked: list[str] = []
     for name in result:
         if not isinstance(name, str) or not name:
-            raise InputError(f"joint_names must hold non-empty texts; it holds {name!r}")
+            raise InputError(f"joint_names must contain non-empty strings; it contains {name!r}")
         if name in checked:
-            raise InputError(f"joint_names holds {name!r} twice")
+            raise InputError(f"joint_names contains {name!r} twice")
         checked.append(name)
     return tuple(checked)
 
 
 def ends_meet(first: Curve, second: Curve, where: str) -> None:
-    """Check that ``second`` goes on where ``first`` ends.
+    """Check that ``second`` begins at the end of ``first``.
 
     Raises
     ------
     InputError
-        If their joints differ or their ends lie more than :data:`MEET_TOLERANCE` apart; ``where`` names the two.
+        If their joints differ, or their ends differ by more than :data:`MEET_TOLERANCE`; ``where`` names the two.
     """
     if first.joint_names != second.joint_names:
         raise InputError(f"{where} have different joints: {first.joint_names} and {second.joint_names}")
@@ -98,6 +98,6 @@ def ends_meet(first: Curve, second: Curve, where: str) -> None:
     joint = int(gap.argmax())
     if gap[joint] > MEET_TOLERANCE:
         raise InputError(
-            f"{where} do not meet: joint {first.joint_names[joint]!r} ends at {first.end[joint]} and goes on at "
+            f"{where} do not meet: joint {first.joint_names[joint]!r} ends at {first.end[joint]} and continues at "
             f"{second.start[joint]}"
         )

@@ -22,8 +22,8 @@ __all__ = ["JointPath"]
 class JointPath:
     """Straight segments between waypoints; no timing.
 
-    The parameter is the waypoint's index as a float: ``path(1.5)`` is half way from waypoint 1 to waypoint 2. A single
-    waypoint is legal (start is goal), and so are equal neighbours.
+    The parameter is the index of the waypoint as a float: ``path(1.5)`` is the middle between waypoints 1 and 2. A path
+    may have a single waypoint, and consecutive waypoints may be equal.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class JointPath:
     Raises
     ------
     InputError
-        For a wrong shape, a number that is not finite, or joint names that are empty or repeated.
+        If a shape is wrong, a number is not finite, or joint names are empty or repeated.
     """
 
     q: Array
@@ -45,25 +45,25 @@ class JointPath:
         names = checked_joint_names(joint_names)
         waypoints = finite("q", q, (None, len(names)))
         if len(waypoints) == 0:
-            raise InputError("q has no waypoint; a path needs at least one")
+            raise InputError("q has no waypoint; a path requires at least one")
         object.__setattr__(self, "q", read_only(waypoints))
         object.__setattr__(self, "joint_names", names)
 
     @classmethod
     def join(cls, *parts: JointPath) -> JointPath:
-        """The parts one after another.
+        """Concatenate paths.
 
         Raises
         ------
         InputError
-            Without parts, or where the end of one is not the start of the next.
+            If there is no path, or the end of a path is not the start of the next one.
         """
         if not parts:
-            raise InputError("JointPath.join needs at least one path")
+            raise InputError("JointPath.join requires at least one path")
         rows = [parts[0].q]
         for i, (first, second) in enumerate(pairwise(parts)):
             ends_meet(first, second, f"parts {i} and {i + 1}")
-            # ends that differ by rounding are both kept: the image stays the union of the parts
+            # Ends that differ by rounding are both kept, so that the image is the union of the parts.
             rows.append(second.q[1:] if np.array_equal(first.end, second.start) else second.q)
         return cls(np.concatenate(rows), parts[0].joint_names)
 
@@ -79,7 +79,7 @@ class JointPath:
         return bezier.evaluate(*self._pieces, t)
 
     def bezier(self) -> tuple[Array, Array]:
-        """Knots (k+1,) and control points (k, 2, n), one piece a segment."""
+        """Knots (k+1,) and control points (k, 2, n), one piece per segment."""
         return self._pieces
 
     @property
@@ -101,7 +101,7 @@ class JointPath:
 
     @property
     def length(self) -> float:
-        """Sum of the segments' Euclidean lengths in joint space (radians and metres count alike)."""
+        """Sum of the segments' Euclidean lengths in joint space (radians and metres have equal weight)."""
         return float(np.linalg.norm(np.diff(self.q, axis=0), axis=1).sum())
 
     def reversed(self) -> JointPath:
@@ -119,7 +119,7 @@ class JointPath:
             return read_only(np.zeros(2)), read_only(np.stack([self.q, self.q], axis=1))
         return read_only(np.arange(len(self.q), dtype=float)), read_only(np.stack([self.q[:-1], self.q[1:]], axis=1))
 
-    def __reduce__(self) -> tuple[object, ...]:  # pickling would hand back writable arrays
+    def __reduce__(self) -> tuple[object, ...]:  # default pickling would restore writable arrays
         return JointPath, (self.q, self.joint_names)
 
     def __repr__(self) -> str:

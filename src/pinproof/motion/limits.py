@@ -1,4 +1,4 @@
-"""The limits a motion is timed for."""
+"""The limits for which a motion is timed."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ __all__ = ["POSITION_TOLERANCE", "RATE_TOLERANCE", "Bounds", "MotionLimits"]
 Array = npt.NDArray[np.float64]
 
 RATE_TOLERANCE = 1e-9
-"""Relative excess over a limit of velocity, acceleration or jerk that is taken for rounding."""
+"""Relative excess over a velocity, acceleration or jerk limit that is attributed to rounding."""
 
 POSITION_TOLERANCE = 1e-9
-"""Radians or metres beyond a position limit that are taken for rounding: what an inverse kinematics answer carries."""
+"""Excess over a position limit (rad or m) that is attributed to rounding, such as that of an IK solution."""
 
 
 class MotionLimits(Protocol):
-    """What :func:`~pinproof.motion.time_parametrise` asks of limits; ``arm.limits`` is one.
+    """The attributes that :func:`~pinproof.motion.time_parametrise` requires; ``arm.limits`` has them.
 
-    ``lower`` and ``upper`` (n,), ``jerk`` (n,) and the texts ``acceleration_source`` and ``jerk_source`` are used where
-    they exist.
+    The arrays ``lower``, ``upper`` and ``jerk`` (n,) and the texts ``acceleration_source`` and ``jerk_source`` are used
+    if they exist.
     """
 
     @property
     def velocity(self) -> Array:
-        """(n,) largest speeds, rad/s or m/s."""
+        """(n,) velocity limits in rad/s or m/s."""
 
     @property
     def acceleration(self) -> Array:
-        """(n,) largest accelerations, rad/s^2 or m/s^2."""
+        """(n,) acceleration limits in rad/s^2 or m/s^2."""
 
 
 @dataclass(frozen=True, eq=False)
 class Bounds:
-    """Checked limits, (n,) each, and a note that says where those come from that no URDF has; jerk may be None."""
+    """Validated limits, (n,) each; jerk may be None. The note states the source of acceleration and jerk limits."""
 
     velocity: Array
     acceleration: Array
@@ -54,9 +54,9 @@ class Bounds:
     def of(
         cls, limits: MotionLimits, joint_names: tuple[str, ...], jerk: npt.ArrayLike | Literal["limits"] | None = None
     ) -> Bounds:
-        """Check ``limits`` against the joints of a path; InputError names the joint and the remedy.
+        """Validate ``limits`` for the joints of a path; InputError names the joint and the remedy.
 
-        ``jerk`` is None (it does not count), ``"limits"`` (that of the limits), a number for all joints or (n,).
+        ``jerk`` is None (no limit), ``"limits"`` (use ``limits.jerk``), a number for all joints, or (n,).
         """
         velocity = _rates("velocity", limits.velocity, joint_names)
         acceleration = _rates("acceleration", limits.acceleration, joint_names)
@@ -79,9 +79,9 @@ class Bounds:
         )
 
     def excess(self, trajectory: Trajectory) -> Array:
-        """(k,) by which factor each piece must slow down to hold its limits; 1 or less where it does.
+        """(k,) the factor by which each piece must be slowed down to satisfy the limits; 1 or less if it does.
 
-        Slowing down by f divides velocities by f, accelerations by f^2 and jerks by f^3.
+        A factor f divides velocities by f, accelerations by f^2 and jerks by f^3.
         """
         limits = [self.velocity, self.acceleration] + ([] if self.jerk is None else [self.jerk])
         shares = [
@@ -93,8 +93,11 @@ class Bounds:
 
     @staticmethod
     def too_fast(excess: Array) -> npt.NDArray[np.bool_]:
-        """Which pieces exceed a limit by more than :data:`RATE_TOLERANCE`; a third of it, for the roots' sake."""
-        # written so that NaN is too fast
+        """(k,) whether each piece exceeds a limit by more than a third of :data:`RATE_TOLERANCE`.
+
+        The excess is a third root for jerk, so that a third of the tolerance in it is the tolerance in the jerk.
+        """
+        # This form of the comparison is True for NaN.
         return ~(excess <= 1.0 + RATE_TOLERANCE / 3.0)
 
 
@@ -102,8 +105,8 @@ def _rates(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
     rates = _array(kind, value, joint_names)
     for name, rate in zip(joint_names, rates, strict=True):
         if not 0.0 < rate < np.inf:
-            known = "is not known" if np.isnan(rate) else f"is {rate:g}, which is not positive and finite"
-            raise InputError(f"the {kind} limit of joint {name!r} {known}; give it with limits=")
+            found = "is not known" if np.isnan(rate) else f"is {rate:g}, which is not positive and finite"
+            raise InputError(f"the {kind} limit of joint {name!r} {found}; give it with limits=")
     return rates
 
 
@@ -121,7 +124,7 @@ def _array(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:
     try:
         array = np.array(value, dtype=float)
     except (TypeError, ValueError) as error:
-        raise InputError(f"limits.{kind} must be numbers, one a joint: {error}") from error
+        raise InputError(f"limits.{kind} must have one number per joint: {error}") from error
     if array.shape != (len(joint_names),):
-        raise InputError(f"limits.{kind} must have the shape ({len(joint_names)},), one a joint; it has {array.shape}")
+        raise InputError(f"limits.{kind} must have the shape ({len(joint_names)},); it has {array.shape}")
     return array

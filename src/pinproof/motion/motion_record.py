@@ -1,4 +1,4 @@
-"""What a motion was certified with, as its file records it."""
+"""Records in a motion file that state the setup with which the motion was certified."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ __all__ = ["Certified", "MotionRecord", "read_records", "records_of"]
 
 @dataclass(frozen=True)
 class MotionRecord:
-    """What one motion, or one part of a motion, was certified with.
+    """The setup with which a motion, or a part of it, was certified.
 
-    The record is a statement and no proof: it exists so that whoever certifies the motion again notices what is
-    missing. A proof that others can check is written by :meth:`pinproof.Certificate.save`.
+    A record is not a proof. It allows a later certification to detect differences of the setup. A proof that can be
+    verified independently is written by :meth:`pinproof.Certificate.save`.
 
     Parameters
     ----------
     name
         The name of the part, such as ``"transit"``; ``"motion"`` if there is only one.
     start, end
-        Seconds from the start of the trajectory between which the part lies.
+        Start and end time of the part in seconds from the start of the trajectory.
     status
         The status of the certificate: ``"FREE"``, ``"COLLIDING"`` or ``"UNDECIDED"``.
     clearance
-        Metres: the clearance that was proven; None if none was proven, or if there was nothing to touch.
+        The proven clearance (m); None if no clearance was proven or no obstacle exists.
     margin
-        Metres that had to stay between any two bodies.
+        The required distance (m) between any two bodies.
     pairs
-        How many pairs of bodies were checked.
+        Number of pairs of bodies that were checked.
     curve, setup
         Hashes of the certified curve, and of the arm, the scene and the attached bodies.
     attached
-        The bodies that moved with the tcp: their names, and a hash of shape and pose each.
+        The bodies attached to the tcp: a hash of shape and pose by name.
     held
         Values (rad or m) of the joints outside the arm, by name.
     obstacles
@@ -62,7 +62,7 @@ class MotionRecord:
         object.__setattr__(self, "obstacles", tuple(self.obstacles))
 
     def to_dict(self) -> dict[str, Any]:
-        """The record as plain values for JSON."""
+        """The record as a dictionary for JSON."""
         return {**asdict(self), "obstacles": list(self.obstacles)}
 
     def same_setup(self, other: MotionRecord) -> bool:
@@ -79,14 +79,14 @@ KEYS = frozenset(MotionRecord.__dataclass_fields__)
 
 
 class Certified(Protocol):
-    """What :meth:`pinproof.Trajectory.save` asks of a certificate."""
+    """The attributes of a certificate that :meth:`pinproof.Trajectory.save` requires."""
 
     @property
     def curve(self) -> str:
-        """The hash of the curve that it is of."""
+        """The hash of the certified curve."""
 
     def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
-        """What it was made with."""
+        """The record of the setup."""
 
 
 def read_records(stated: object) -> tuple[MotionRecord, ...]:
@@ -95,7 +95,7 @@ def read_records(stated: object) -> tuple[MotionRecord, ...]:
     Raises
     ------
     InputError
-        If they are no list of records, or a value is missing, unknown or of the wrong type.
+        If ``stated`` is not a list of records, or a value is missing, unknown or of the wrong type.
     """
     if not isinstance(stated, list):
         raise InputError(f"certified must be a list of records, not {type(stated).__name__}")
@@ -127,24 +127,24 @@ def _record(number: int, stated: object) -> MotionRecord:
         raise InputError(f"{where}.obstacles must be a list, not {type(stated['obstacles']).__name__}")
     for text in (*texts, *stated["obstacles"]):
         if not isinstance(text, str):
-            raise InputError(f"{where}: {text!r} is no name")
+            raise InputError(f"{where}: {text!r} is not a name")
     return MotionRecord(**stated)
 
 
 def _number(where: str, stated: object) -> None:
-    # an integer beyond all doubles is less than infinity
+    # an integer above the largest double is still less than infinity
     if isinstance(stated, bool) or not isinstance(stated, (int, float)) or not abs(stated) <= sys.float_info.max:
         raise InputError(f"{where} is {stated!r}; it must be a finite number")
 
 
 def records_of(certificate: Certified, curve: str, duration: float) -> tuple[MotionRecord, ...]:
-    """The record of a certificate of a whole curve with this hash.
+    """The record of a certificate for the complete curve with the given hash.
 
     Raises
     ------
     InputError
-        If the certificate is of another curve.
+        If the certificate is for another curve.
     """
     if certificate.curve != curve:
-        raise InputError("the certificate is of another motion; save the motion that was certified")
+        raise InputError("the certificate is for another motion; save the motion that was certified")
     return (certificate.motion_record(end=duration),)

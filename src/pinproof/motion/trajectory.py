@@ -1,4 +1,4 @@
-"""A timed motion: what a controller is sent, and what a certificate is made for."""
+"""Timed motions in joint space, as they are certified and sent to a controller."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ __all__ = ["Trajectory"]
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Trajectory:
-    """Hermite curve between written points in time: cubic, or quintic where accelerations are given.
+    """A Hermite curve between points in time: cubic, or quintic if accelerations are given.
 
-    This is the curve that ros2_control's joint_trajectory_controller rebuilds with its default interpolation
-    (``spline``): between points that bear positions only it goes in a straight line, with velocities too along the
-    cubic, and with accelerations too along the quintic that has them at both ends (ros2_controllers, Trajectory::
-    interpolate_between_points). So accelerations are not a remark: they choose the curve. Times are rounded to whole
-    nanoseconds here and not when saved, so that the curve that was certified is the one in the file.
+    This is the curve that the joint_trajectory_controller of ros2_control reconstructs with its default interpolation
+    (``spline``): linear between points with positions only, cubic with velocities, and quintic with velocities and
+    accelerations (ros2_controllers, Trajectory::interpolate_between_points). Hence the presence of accelerations
+    changes the curve. Times are rounded to nanoseconds by the constructor and not when the trajectory is saved, so that
+    the certified curve is the one in the file.
 
     Parameters
     ----------
     times
-        (m,) seconds, strictly increasing from 0, m >= 1; a single point is a motion of duration 0.
+        (m,) times in seconds, strictly increasing from 0, m >= 1. A single point is a motion of duration 0.
     q
         (m, n) positions in radians or metres.
     velocities
@@ -45,17 +45,17 @@ class Trajectory:
     joint_names
         The n joints, in the order of the columns.
     limits_note
-        Where the limits it was timed for come from, in words.
+        A text that states the source of the limits.
     accelerations
-        (m, n) accelerations in rad/s^2 or m/s^2 of a quintic, or None for a cubic, whose accelerations may jump.
+        (m, n) accelerations in rad/s^2 or m/s^2 of a quintic; None for a cubic, whose acceleration may jump.
     certified
-        What the motion, part by part in time, was certified with, as its file records it; empty if nothing is known.
+        The setups with which the parts of the motion were certified; empty if unknown.
 
     Raises
     ------
     InputError
-        For a wrong shape, a number that is not finite, bad joint names, times that do not start at 0 or do not
-        increase by a nanosecond at least, or a single point that moves.
+        If a shape is wrong, a number is not finite, joint names are invalid, times do not start at 0 or do not
+        increase by at least 1 ns, or a single point has a velocity or acceleration.
     """
 
     times: Array
@@ -80,12 +80,12 @@ class Trajectory:
         names = checked_joint_names(joint_names)
         positions = finite("q", q, (None, len(names)))
         if len(positions) == 0:
-            raise InputError("q has no point; a trajectory needs at least one")
+            raise InputError("q has no point; a trajectory requires at least one")
         rates = finite("velocities", velocities, positions.shape)
         second = None if accelerations is None else finite("accelerations", accelerations, positions.shape)
         if len(positions) == 1 and (rates.any() or (second is not None and second.any())):
             raise InputError(
-                "a trajectory of a single point must be at rest there; its velocity or acceleration is not 0"
+                "a trajectory with a single point must be at rest there; its velocity or acceleration is not 0"
             )
         object.__setattr__(self, "times", read_only(_checked_times(finite("times", times, (len(positions),)))))
         object.__setattr__(self, "q", read_only(positions))
@@ -97,50 +97,51 @@ class Trajectory:
 
     @classmethod
     def join(cls, *parts: Trajectory) -> Trajectory:
-        """The parts one after another in time.
+        """Concatenate trajectories in time.
 
         Raises
         ------
         InputError
-            Without parts, or where position or velocity at the end of one is not that at the start of the next.
+            If there is no trajectory, or position, velocity or acceleration at the end of one differ from those at the
+            start of the next one.
         """
         if not parts:
-            raise InputError("Trajectory.join needs at least one trajectory")
+            raise InputError("Trajectory.join requires at least one trajectory")
         for i, (first, second) in enumerate(pairwise(parts)):
             ends_meet(first, second, f"parts {i} and {i + 1}")
             if first.interpolant != second.interpolant:
                 raise InputError(
                     f"parts {i} and {i + 1} are a {first.interpolant} and a {second.interpolant} curve; time both with "
-                    "a jerk limit, or both without"
+                    "or both without a jerk limit"
                 )
             for kind in ("velocities", "accelerations"):
                 before, after = getattr(first, kind), getattr(second, kind)
                 if before is not None and (jump := np.abs(after[0] - before[-1])).max() > MEET_TOLERANCE:
                     name = first.joint_names[int(jump.argmax())]
-                    raise InputError(f"parts {i} and {i + 1} meet with different {kind} of joint {name!r}")
-        clocks, start = [whole_nanoseconds(parts[0].times)], 0
+                    raise InputError(f"parts {i} and {i + 1} have different {kind} of joint {name!r} at the connection")
+        times_ns, start = [whole_nanoseconds(parts[0].times)], 0
         for previous, part in pairwise(parts):
             start += int(whole_nanoseconds(previous.times)[-1])
-            clocks.append(start + whole_nanoseconds(part.times)[1:])
+            times_ns.append(start + whole_nanoseconds(part.times)[1:])
         curvatures = [part.accelerations for part in parts if part.accelerations is not None]
         return cls(
-            seconds(np.concatenate(clocks)),
-            _one_after_another([part.q for part in parts]),
-            _one_after_another([part.velocities for part in parts]),
+            seconds(np.concatenate(times_ns)),
+            _concatenated([part.q for part in parts]),
+            _concatenated([part.velocities for part in parts]),
             parts[0].joint_names,
             "; ".join(dict.fromkeys(part.limits_note for part in parts if part.limits_note)),
-            accelerations=_one_after_another(curvatures) if curvatures else None,
+            accelerations=_concatenated(curvatures) if curvatures else None,
         )
 
     def slowed(self, factor: float) -> Trajectory:
-        """The same motion, ``factor`` times as long: velocities are divided by it, accelerations by its square.
+        """The same motion with ``factor`` times the duration; accelerations are divided by the square of the factor.
 
-        Points are read off the curve at whole nanoseconds of the new time, so the image is the same to rounding.
+        The curve is evaluated at integer nanoseconds of the new time, so that the image is the same to rounding.
 
         Raises
         ------
         InputError
-            If the factor is below 1 or not finite: only slowing down keeps all limits.
+            If the factor is below 1, which could violate limits, or not finite.
         """
         if not 1.0 <= factor < np.inf:
             raise InputError(f"factor = {factor}; it must be 1 or more, and finite")
@@ -157,25 +158,26 @@ class Trajectory:
 
     @classmethod
     def load(cls, path: str | Path, joint_names: Iterable[str] | None = None, *, subset: bool = False) -> Trajectory:
-        """Read what :meth:`save` wrote, or any trajectory_msgs/JointTrajectory with positions and velocities.
+        """Read an output of :meth:`save`, or a trajectory_msgs/JointTrajectory with positions and velocities.
 
-        Points that bear accelerations too make a quintic, as a controller makes of them. Points of positions alone are
-        refused: a straight line from each to the next jumps in speed.
+        Points with accelerations define a quintic, as in a controller. Points with positions only are refused, because
+        the velocity of a linear interpolation jumps.
 
         Parameters
         ----------
         path
             A .json, .yaml or .csv file.
         joint_names
-            The joints and their order wanted; the file's columns are matched by name. Without it, the file's order.
+            The requested joints and their order; columns are matched by name. By default, those of the file.
         subset
-            Let the file have other joints too, such as those of the whole robot. They must stand still in it: what
-            moves may not be left out of a motion that is to be proven.
+            If True, the file may contain other joints, such as those of the complete robot. They must not move, because
+            a certificate of the motion would not include them.
 
         Raises
         ------
         TrajectoryError
-            Naming file and place, for a file that cannot be read, says something else, holds NaN, or has other joints.
+            If the file cannot be read, has another structure, contains NaN, or has other joints. The message names the
+            file and the location.
         """
         record = trajectory_files.read(path)
         try:
@@ -185,27 +187,27 @@ class Trajectory:
         wanted = names if joint_names is None else checked_joint_names(joint_names)
         missing, others = (sorted(set(a) - set(b)) for a, b in ((wanted, names), (names, wanted)))
         if missing or (others and not subset):
-            hint = "" if missing else " (subset=True leaves out joints that stand still)"
+            hint = "" if missing else " (subset=True ignores joints that do not move)"
             raise TrajectoryError(
                 path,
-                f"the file has the joints {list(names)}, wanted are {list(wanted)}; they differ in "
+                f"the file has the joints {list(names)}, the requested ones are {list(wanted)}; they differ in "
                 f"{missing + others}{hint}",
                 "joint_names",
             )
         for name in others:
             j = names.index(name)
             if np.ptp(record.q[:, j]) or any(rates[:, j].any() for rates in record.rates):
-                raise TrajectoryError(path, f"joint {name!r} moves; it cannot be left out", "joint_names")
+                raise TrajectoryError(path, f"joint {name!r} moves; it cannot be ignored", "joint_names")
         order = [names.index(name) for name in wanted]
         try:
-            whole = cls._of(record, names, list(range(len(names))))
-            return whole if wanted == names else whole._in_order(cls._of(record, wanted, order))
+            complete = cls._of(record, names, list(range(len(names))))
+            return complete if wanted == names else complete._in_order(cls._of(record, wanted, order))
         except InputError as error:
             raise TrajectoryError(path, str(error)) from error
 
     @classmethod
     def _of(cls, record: trajectory_files.Record, names: tuple[str, ...], columns: list[int]) -> Trajectory:
-        """Columns of a file, as the joints that are named."""
+        """The trajectory of the given columns of a file."""
         rates = [values[:, columns] for values in record.rates]
         return cls(
             seconds(record.nanoseconds),
@@ -218,33 +220,32 @@ class Trajectory:
         )
 
     def _in_order(self, other: Trajectory) -> Trajectory:
-        """The same motion with its joints in another order; records of this one become records of that one."""
-        told = {self.digest(): other.digest()}
-        return other.with_records(replace(each, curve=told.get(each.curve, each.curve)) for each in self.certified)
+        """The motion ``other``, which has the joints in another order, with the records of this motion."""
+        renamed = {self.digest(): other.digest()}
+        return other.with_records(replace(each, curve=renamed.get(each.curve, each.curve)) for each in self.certified)
 
     def save(self, path: str | Path, *, certificate: Certified | None = None) -> None:
-        """Write the trajectory, whole or not at all; every number comes back bit for bit.
+        """Write the trajectory to a file; :meth:`load` restores every number exactly.
 
-        A name ending in .json is written in the shape of trajectory_msgs/JointTrajectory plus one key ``pinproof``
-        (interpolant, units, where the limits come from); .csv has a row a point. A cubic is written without
-        accelerations on purpose: a controller that finds them rebuilds a quintic, which is not the curve that was
-        checked.
+        A .json file has the structure of trajectory_msgs/JointTrajectory and an additional key ``pinproof`` with the
+        interpolant, the units and the source of the limits. A .csv file has one row per point. A cubic is written
+        without accelerations, because a controller would reconstruct a quintic from them, which is not the certified
+        curve. An existing file is only replaced by a complete one.
 
         Parameters
         ----------
         path
             The file.
         certificate
-            The certificate of exactly this trajectory. The file then records what the motion was certified with: the
-            attached bodies, the held joints, the obstacles and the margin. Without it, the file records
-            :attr:`certified`.
+            The certificate of this trajectory. The file then records the setup of the certificate: the attached bodies,
+            the held joints, the obstacles and the margin. By default, the file records :attr:`certified`.
 
         Raises
         ------
         TrajectoryError
-            For another ending, or a place that cannot be written to.
+            If the file extension is unknown, or the file cannot be written.
         InputError
-            If the certificate is of another motion.
+            If the certificate is for another motion.
         """
         certified = self.certified if certificate is None else records_of(certificate, self.digest(), self.duration)
         trajectory_files.write(
@@ -261,11 +262,11 @@ class Trajectory:
         )
 
     def digest(self) -> str:
-        """A hash of joints, knots and polynomial pieces to the last bit, as certificates state it."""
+        """The hash of joints, knots and polynomial pieces that certificates contain."""
         return curve_digest(self.joint_names, *self.bezier())
 
     def with_records(self, certified: Iterable[MotionRecord]) -> Trajectory:
-        """The same motion with other records of what it was certified with."""
+        """The same motion with other records."""
         make, points = self.__reduce__()
         return make(*points, certified=certified)
 
@@ -282,13 +283,13 @@ class Trajectory:
         return bezier.evaluate(self._knots, self._derivatives[2], t)
 
     def jerk(self, t: npt.ArrayLike) -> Array:
-        """(n,) or (N, n) derivatives of the acceleration within the pieces, in rad/s^3 or m/s^3; it jumps at points."""
+        """(n,) or (N, n) jerks within the pieces, in rad/s^3 or m/s^3; the jerk may jump between pieces."""
         return bezier.evaluate(self._knots, self._jerk_control, t)
 
     def bezier(self, order: int = 0) -> tuple[Array, Array]:
-        """Knots (k+1,) in seconds and control points, one piece between neighbouring points.
+        """Knots (k+1,) in seconds and control points, one piece between consecutive points.
 
-        The curve itself has (k, 4 or 6, n) of them; ``order`` 1 to 3 is for its derivatives by time.
+        The curve has (k, 4 or 6, n) control points; ``order`` 1 to 3 selects its derivatives with respect to time.
         """
         return self._knots, self._jerk_control if order == 3 else self._derivatives[order]
 
@@ -320,21 +321,21 @@ class Trajectory:
         return point
 
     def max_velocity(self) -> Array:
-        """(n,) largest speed of each joint over the whole motion: the extremum of each piece, not of samples."""
+        """(n,) maximum speed of each joint over the motion, from the exact extremes of the pieces."""
         return np.asarray(bezier.largest(self._derivatives[1]).max(axis=0))
 
     def max_acceleration(self) -> Array:
-        """(n,) largest acceleration of each joint over the whole motion, exactly as :meth:`max_velocity`."""
+        """(n,) maximum acceleration of each joint over the motion, from the exact extremes of the pieces."""
         return np.asarray(bezier.largest(self._derivatives[2]).max(axis=0))
 
     def max_jerk(self) -> Array:
-        """(n,) largest jerk of each joint; infinite for a joint that moves along a cubic, whose acceleration jumps."""
+        """(n,) maximum jerk of each joint; infinite for a joint that moves on a cubic, whose acceleration jumps."""
         if self.accelerations is None:
             return np.where(np.ptp(self._derivatives[0], axis=(0, 1)) > 0.0, np.inf, 0.0)
         return np.asarray(bezier.largest(self._jerk_control).max(axis=0))
 
     def range(self) -> tuple[Array, Array]:
-        """Least and greatest position (n,) of each joint that the curve takes, between points too."""
+        """Minimum and maximum position (n,) of each joint over the curve."""
         low, high = bezier.extremes(self._derivatives[0])
         return low.min(axis=0), high.max(axis=0)
 
@@ -348,7 +349,7 @@ class Trajectory:
 
     @cached_property
     def _points(self) -> tuple[Array, ...]:
-        """What a file holds of each point: times, positions, velocities, and accelerations if it is a quintic."""
+        """The times, positions, velocities, and the accelerations of a quintic."""
         cubic = self.times, self.q, self.velocities
         return cubic if self.accelerations is None else (*cubic, self.accelerations)
 
@@ -358,7 +359,7 @@ class Trajectory:
 
     @cached_property
     def _derivatives(self) -> tuple[Array, ...]:
-        """Control points (k, degree+1-r, n) of the r-th derivative by time, r from 0 to 2."""
+        """Control points (k, degree+1-r, n) of the r-th derivative with respect to time, r from 0 to 2."""
         if len(self.q) == 1:
             position, velocity = np.stack([self.q] * 4, axis=1), np.zeros((1, 3, len(self.joint_names)))
         else:
@@ -371,7 +372,7 @@ class Trajectory:
         return read_only(bezier.derivative(self._knots, self._derivatives[2]))
 
     def __reduce__(self) -> tuple[Callable[..., Trajectory], tuple[Any, ...]]:
-        # pickling would hand back writable arrays
+        # default pickling would restore writable arrays
         again = partial(Trajectory, accelerations=self.accelerations, certified=self.certified)
         return again, (self.times, self.q, self.velocities, self.joint_names, self.limits_note)
 
@@ -380,15 +381,15 @@ class Trajectory:
         return f"Trajectory({self.duration:.6g} s, {points}, {len(self.joint_names)} joints)"
 
 
-def _one_after_another(parts: list[Array]) -> Array:
-    """Rows of all parts, without the first one of each that goes on from another."""
+def _concatenated(parts: list[Array]) -> Array:
+    """The rows of all parts, without the first row of each part after the first one."""
     return np.concatenate([parts[0], *(part[1:] for part in parts[1:])])
 
 
 def _checked_times(times: Array) -> Array:
     if abs(times).max() > LONGEST:
         raise InputError(
-            f"times reach {abs(times).max():g} s; at most {LONGEST:g} s can be counted in nanoseconds exactly"
+            f"times reach {abs(times).max():g} s; the maximum is {LONGEST:g} s, up to which nanoseconds are exact"
         )
     clock = whole_nanoseconds(times)
     if clock[0] != 0:
@@ -396,5 +397,5 @@ def _checked_times(times: Array) -> Array:
     steps = np.diff(clock)
     if (steps <= 0).any():
         i = int(np.flatnonzero(steps <= 0)[0])
-        raise InputError(f"times must increase by a nanosecond at least; {times[i]} s is followed by {times[i + 1]} s")
+        raise InputError(f"times must increase by at least a nanosecond; {times[i]} s is followed by {times[i + 1]} s")
     return seconds(clock)

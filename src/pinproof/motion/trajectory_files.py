@@ -1,17 +1,9 @@
-"""Time in whole nanoseconds, as trajectory messages count it.
+"""Trajectory files: JSON and YAML with the structure of trajectory_msgs/JointTrajectory, and CSV.
 
-What every trajectory file must hold, whatever its format; each refusal names the file and the place.
-
-trajectory_msgs/JointTrajectory as text: JSON, and YAML as ``ros2 topic echo`` and ``rostopic echo`` print it.
-
-Times are read as ROS 2 spells them, {sec, nanosec}, as ROS 1 does, {secs, nsecs}, and as a number of seconds.
-
-Trajectories as CSV: a first line that names the curve, a header with joint names, a row a point.
-
-Trajectories on disk: JSON and YAML in the shape of trajectory_msgs/JointTrajectory, and CSV.
-
-Numbers are written by ``repr``, the shortest text that reads back to the same double; times as integers of
-nanoseconds. So a file holds the very curve that was in memory.
+Numbers are written by ``repr``, the shortest text that is read back as the same double; times are integers of
+nanoseconds. Hence a file defines exactly the curve that was in memory. The YAML output of ``ros2 topic echo`` and
+``rostopic echo`` can be read. Times have the form {sec, nanosec} of ROS 2, {secs, nsecs} of ROS 1, or are numbers of
+seconds. A CSV file has a first line that names the interpolant, a header with joint names, and one row per point.
 """
 
 from __future__ import annotations
@@ -59,30 +51,40 @@ NANO = 1_000_000_000
 """Nanoseconds in a second."""
 
 LONGEST = 2.0**50 / NANO
-"""Seconds (13 days) up to which ``whole_nanoseconds(seconds(k)) == k``: k / NANO and its product with NANO are each off
-by half a unit of a 53-bit mantissa at most, together less than half a nanosecond."""
+"""Longest duration (s, 13 days), up to which ``whole_nanoseconds(seconds(k)) == k``: the rounding errors of k / NANO
+and of its product with NANO are each half a unit of a 53-bit mantissa at most, together less than half a nanosecond."""
+
+INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
+"""The names of the interpolants in the metadata of a file."""
+
+UNITS = {"positions": "rad or m", "velocities": "rad/s or m/s", "time_from_start": "s and ns"}
+
+_TOP_KEYS = {"header", "joint_names", "points", "pinproof"}
+_RATES = ("velocities", "accelerations")
+_POINT_KEYS = {"positions", *_RATES, "effort", "time_from_start"}
+_TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
+
+_MARK = "# pinproof: "
+_KINDS = ("position", "velocity", "acceleration")
+_TIME = re.compile(r"(\d{1,10})\.(\d{9})", re.ASCII)
+
+Codec = TypeVar("Codec")
 
 
 def whole_nanoseconds(times: Array) -> npt.NDArray[np.int64]:
-    """The nearest count of nanoseconds to each time in seconds."""
+    """The times in seconds, rounded to integers of nanoseconds."""
     return np.rint(times * NANO).astype(np.int64)
 
 
 def seconds(nanoseconds: npt.NDArray[np.int64] | Array) -> Array:
-    """The double nearest to each count of nanoseconds, in seconds."""
+    """The integers of nanoseconds as times in seconds."""
     result: Array = nanoseconds / NANO
     return result
 
 
-INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
-"""How our own files name the curve that their points stand for."""
-
-UNITS = {"positions": "rad or m", "velocities": "rad/s or m/s", "time_from_start": "s and ns"}
-
-
 @dataclass(frozen=True, eq=False)
 class Record:
-    """What a file holds: names (n,), times (m,) in nanoseconds, the rest (m, n); a quintic has accelerations."""
+    """The contents of a file: names (n,), times (m,) in nanoseconds, arrays (m, n); a quintic has accelerations."""
 
     joint_names: tuple[str, ...]
     nanoseconds: npt.NDArray[np.int64]
@@ -94,20 +96,20 @@ class Record:
 
     @property
     def rates(self) -> tuple[Array, ...]:
-        """What stands beside the positions: velocities, and accelerations if there are any."""
+        """The velocities, and the accelerations if there are any."""
         return (self.velocities,) if self.accelerations is None else (self.velocities, self.accelerations)
 
     def meta(self) -> dict[str, object]:
-        """What our own header says."""
+        """The metadata: the key ``pinproof`` of JSON files, the first line of CSV files."""
         units, kind = dict(UNITS), "cubic"
         if self.accelerations is not None:
             units["accelerations"], kind = "rad/s^2 or m/s^2", "quintic"
-        said = {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
-        return {**said, "certified": [each.to_dict() for each in self.certified]} if self.certified else said
+        meta = {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
+        return {**meta, "certified": [each.to_dict() for each in self.certified]} if self.certified else meta
 
 
 class Points:
-    """The points of a file as they are read, each with its place for what is found wrong later."""
+    """The points of a file, each with its location for error messages."""
 
     def __init__(self) -> None:
         self.places: list[str] = []
@@ -118,60 +120,60 @@ class Points:
 
 
 class Reader:
-    """Checks on what a file says."""
+    """Validation of the contents of a file. Every error names the file and the location."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def fail(self, reason: str, place: str = "") -> NoReturn:
-        """Refuse the file."""
+        """Raise a TrajectoryError."""
         raise TrajectoryError(self.path, reason, place)
 
     def not_finite(self, token: str) -> NoReturn:
-        """Refuse what JSON calls NaN or Infinity."""
-        self.fail(f"holds {token}; only finite numbers make a motion")
+        """Refuse the JSON tokens NaN and Infinity."""
+        self.fail(f"holds {token}; all numbers must be finite")
 
     def known_keys(self, data: dict[str, Any], known: set[str], required: set[str], place: str) -> None:
-        """Check that all required keys are there, and no unknown ones."""
+        """Check that all required keys and no unknown keys exist."""
         if missing := sorted(required - data.keys()):
             self.fail(f"lacks {', '.join(missing)}", place)
         if unknown := sorted(map(str, data.keys() - known)):
             self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(sorted(known))}", place)
 
     def number(self, cell: str, place: str) -> float:
-        """The number a text states."""
+        """Convert a text to a number."""
         try:
             return float(cell)
         except ValueError:
-            self.fail(f"{cell!r} is no number", place)
+            self.fail(f"{cell!r} is not a number", place)
 
     def numbers(self, values: Any, count: int, place: str) -> list[float]:
-        """Finite numbers, ``count`` of them."""
+        """Check a list of ``count`` finite numbers."""
         if not isinstance(values, list) or len(values) != count:
             found = f"{len(values)} values" if isinstance(values, list) else repr(values)
-            self.fail(f"must be a list of {count} numbers, one a joint; found {found}", place)
+            self.fail(f"must be a list of {count} numbers, one per joint; found {found}", place)
         for value in values:
             if isinstance(value, bool) or not isinstance(value, (int, float)):
-                self.fail(f"{value!r} is no number", place)
-            if not abs(value) < np.inf:  # NaN too
-                self.fail(f"holds {value}; only finite numbers make a motion", place)
+                self.fail(f"{value!r} is not a number", place)
+            if not abs(value) < np.inf:  # this includes NaN
+                self.fail(f"holds {value}; all numbers must be finite", place)
         try:
             return [float(value) for value in values]
         except OverflowError:
             self.fail("holds an integer too large for a double", place)
 
     def nanoseconds(self, sec: int, nanosec: int, place: str) -> int:
-        """Whole nanoseconds, as long as doubles can count them."""
+        """The time in nanoseconds, if doubles represent it exactly."""
         if not 0 <= sec <= LONGEST or not 0 <= nanosec < NANO:
             self.fail(
-                f"{sec} s and {nanosec} ns: sec must lie in 0 to {LONGEST:.0f} and nanosec in 0 to {NANO - 1}", place
+                f"{sec} s and {nanosec} ns: sec must be from 0 to {LONGEST:.0f} and nanosec from 0 to {NANO - 1}", place
             )
         return sec * NANO + nanosec
 
     def record(self, names: list[str], points: Points, meta: Any, meta_place: str, time: str = "") -> Record:
-        """Make a record, if the points are in order and stand for the curve that our own header (if any) names.
+        """Create a record, after checking the order of the points and the metadata, if there are any.
 
-        ``time`` is where in a point its time stands.
+        ``time`` is the location of the time within a point.
         """
         if points.clock[0] != 0:
             self.fail("the first point must be at time 0", points.places[0] + time)
@@ -188,9 +190,9 @@ class Reader:
             self._note(meta, meta_place),
             self._certified(meta, meta_place),
         )
-        for key, ours in record.meta().items() if meta is not None else ():
-            if key not in ("limits_note", "certified") and meta.get(key) != ours:
-                self.fail(f"{key} must be {ours!r}, not {meta.get(key)!r}", meta_place)
+        for key, expected in record.meta().items() if meta is not None else ():
+            if key not in ("limits_note", "certified") and meta.get(key) != expected:
+                self.fail(f"{key} must be {expected!r}, not {meta.get(key)!r}", meta_place)
         return record
 
     def _note(self, meta: Any, place: str) -> str:
@@ -200,7 +202,7 @@ class Reader:
             self.fail("must be an object", place)
         note = meta.get("limits_note", "")
         if not isinstance(note, str):
-            self.fail("limits_note must be a text", place)
+            self.fail("limits_note must be a string", place)
         return note
 
     def _certified(self, meta: Any, place: str) -> tuple[MotionRecord, ...]:
@@ -210,14 +212,8 @@ class Reader:
             self.fail(str(error), place)
 
 
-_TOP_KEYS = {"header", "joint_names", "points", "pinproof"}
-_RATES = ("velocities", "accelerations")
-_POINT_KEYS = {"positions", *_RATES, "effort", "time_from_start"}
-_TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
-
-
 def to_json(record: Record) -> str:
-    """The message with one key more, ``pinproof``, and one point a line: readable diffs."""
+    """The message with the additional key ``pinproof``, and one point per line."""
     points = []
     for t, q, *rates in zip(*(rows.tolist() for rows in (record.nanoseconds, record.q, *record.rates)), strict=True):
         time = {"sec": t // NANO, "nanosec": t % NANO}
@@ -230,7 +226,7 @@ def to_json(record: Record) -> str:
 
 
 def from_json(reader: Reader, text: str) -> Record:
-    """Read what :func:`to_json` wrote, or a message without our key."""
+    """Read the output of :func:`to_json`, or a message without the key ``pinproof``."""
 
     def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         keys = [key for key, _ in pairs]
@@ -241,7 +237,7 @@ def from_json(reader: Reader, text: str) -> Record:
     try:
         data = json.loads(text, parse_constant=reader.not_finite, object_pairs_hook=object_of)
     except (ValueError, RecursionError) as error:
-        reader.fail(f"is no JSON: {error}")
+        reader.fail(f"is not valid JSON: {error}")
     return _from_message(reader, data)
 
 
@@ -256,7 +252,7 @@ def _from_message(reader: Reader, data: Any) -> Record:
     reader.known_keys(data, _TOP_KEYS, required={"joint_names", "points"}, place="")
     names = data["joint_names"]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        reader.fail("must be a list of texts", "joint_names")
+        reader.fail("must be a list of strings", "joint_names")
     stated = data["points"]
     if not isinstance(stated, list) or not stated:
         reader.fail("must be a list of at least one point", "points")
@@ -265,7 +261,8 @@ def _from_message(reader: Reader, data: Any) -> Record:
         _read_point(reader, point, f"points[{i}]", len(names), points)
     if points.accelerations and len(points.accelerations) != len(stated):
         reader.fail(
-            "some points bear accelerations and some none; a controller would mix quintics and cubics", "points"
+            "either all points or no point must have accelerations; a controller would mix quintics and cubics",
+            "points",
         )
     return reader.record(names, points, data.get("pinproof"), "pinproof", ".time_from_start")
 
@@ -276,12 +273,12 @@ def _read_point(reader: Reader, point: Any, place: str, count: int, points: Poin
     reader.known_keys(point, _POINT_KEYS, required={"positions", "time_from_start"}, place=place)
     if not point.get("velocities"):
         reader.fail(
-            "lacks velocities: through positions alone a controller goes in straight lines, with a jump of the speed "
-            "at every point; make a JointPath of them and time it with time_parametrise",
+            "lacks velocities: a controller interpolates positions linearly, with a velocity jump at every point; "
+            "create a JointPath from the positions and time it with time_parametrise",
             place,
         )
     if point.get("effort"):
-        reader.fail("efforts are not kept; remove them", f"{place}.effort")
+        reader.fail("efforts are not supported; remove them", f"{place}.effort")
     points.places.append(place)
     points.clock.append(_time(reader, point["time_from_start"], f"{place}.time_from_start"))
     points.q.append(reader.numbers(point["positions"], count, f"{place}.positions"))
@@ -291,23 +288,18 @@ def _read_point(reader: Reader, point: Any, place: str, count: int, points: Poin
 
 
 def _time(reader: Reader, value: Any, place: str) -> int:
-    """Whole nanoseconds; a number of seconds is rounded to them."""
-    if type(value) in (int, float) and 0 <= value <= LONGEST:  # not isinstance: true is no second
+    """The time in nanoseconds; a number of seconds is rounded."""
+    if type(value) in (int, float) and 0 <= value <= LONGEST:  # type, not isinstance: bool is refused
         return round(value * NANO)
     for sec, nanosec in _TIME_KEYS:
         known = isinstance(value, dict) and value.keys() == {sec, nanosec}
         if known and type(value[sec]) is int and type(value[nanosec]) is int:
             return reader.nanoseconds(value[sec], value[nanosec], place)
-    reader.fail('must be {"sec": integer, "nanosec": integer}, or a number of seconds from 0 on', place)
-
-
-_MARK = "# pinproof: "
-_KINDS = ("position", "velocity", "acceleration")
-_TIME = re.compile(r"(\d{1,10})\.(\d{9})", re.ASCII)
+    reader.fail('must be {"sec": integer, "nanosec": integer}, or a non-negative number of seconds', place)
 
 
 def to_csv(record: Record) -> str:
-    """The text of a file."""
+    """The text of a CSV file."""
     out = io.StringIO()
     out.write(f"{_MARK}{json.dumps(record.meta())}\n")
     writer = csv.writer(out, lineterminator="\n")
@@ -322,14 +314,14 @@ def _columns(names: Sequence[str], kinds: int) -> list[str]:
 
 
 def from_csv(reader: Reader, text: str) -> Record:
-    """Read what :func:`to_csv` wrote."""
+    """Read the output of :func:`to_csv`."""
     first, _, body = text.partition("\n")
     if not first.startswith(_MARK):
-        reader.fail(f"must start with '{_MARK}{{...}}', the line that names the interpolant", "line 1")
+        reader.fail(f"must start with '{_MARK}{{...}}', which names the interpolant", "line 1")
     try:
         meta = json.loads(first[len(_MARK) :], parse_constant=reader.not_finite)
     except (ValueError, RecursionError) as error:
-        reader.fail(f"is no JSON: {error}", "line 1")
+        reader.fail(f"is not valid JSON: {error}", "line 1")
     rows = csv.reader(io.StringIO(body, newline=""), strict=True)
     points = Points()
     try:
@@ -346,10 +338,10 @@ def from_csv(reader: Reader, text: str) -> Record:
         for row in rows:
             place = f"line {rows.line_num + 1}"
             if len(row) != len(header):
-                reader.fail(f"has {len(row)} cells, the header has {len(header)}", place)
+                reader.fail(f"has {len(row)} cells, but the header has {len(header)}", place)
             time = _TIME.fullmatch(row[0])
             if time is None:
-                reader.fail(f"time_from_start must read like 0.125000000, not {row[0]!r}", place)
+                reader.fail(f"time_from_start must have nine decimals, as 0.125000000, not {row[0]!r}", place)
             numbers = reader.numbers([reader.number(cell, place) for cell in row[1:]], kinds * n, place)
             points.places.append(place)
             points.clock.append(reader.nanoseconds(int(time[1]), int(time[2]), place))
@@ -358,13 +350,11 @@ def from_csv(reader: Reader, text: str) -> Record:
             if kinds == 3:
                 points.accelerations.append(numbers[2 * n :])
     except csv.Error as error:
-        reader.fail(f"is no CSV: {error}", f"line {rows.line_num + 1}")
+        reader.fail(f"is not valid CSV: {error}", f"line {rows.line_num + 1}")
     if not points.clock:
         reader.fail("has no point", "line 3")
     return reader.record(names, points, meta, "line 1")
 
-
-Codec = TypeVar("Codec")
 
 _WRITERS: dict[str, Callable[[Record], str]] = {".json": to_json, ".csv": to_csv}
 _READERS: dict[str, Callable[[Reader, str], Record]] = {
@@ -375,31 +365,31 @@ _READERS: dict[str, Callable[[Reader, str], Record]] = {
 
 
 def write(path: str | Path, record: Record) -> None:
-    """Write ``record`` as its file's ending says, whole or not at all: beside the target first, then moved over it."""
+    """Write ``record`` in the format of the file extension; the complete file replaces the target."""
     target = Path(path)
-    text = _by_ending(target, _WRITERS, "written")(record)
-    beside = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    text = _by_extension(target, _WRITERS, "written")(record)
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
         try:
-            with beside.open("x", encoding="utf-8", newline="") as file:
+            with temporary.open("x", encoding="utf-8", newline="") as file:
                 file.write(text)
-            beside.replace(target)
+            temporary.replace(target)
         finally:
-            beside.unlink(missing_ok=True)
+            temporary.unlink(missing_ok=True)
     except OSError as error:
         raise TrajectoryError(target, f"cannot be written: {error.strerror or error}") from error
 
 
 def read(path: str | Path) -> Record:
-    """Read a file that :func:`write` wrote, or a JointTrajectory message with positions and velocities."""
+    """Read an output of :func:`write`, or a JointTrajectory message with positions and velocities."""
     source = Path(path)
-    parse = _by_ending(source, _READERS, "read")
+    parse = _by_extension(source, _READERS, "read")
     return parse(Reader(source), read_text(source, TrajectoryError))
 
 
-def _by_ending(path: Path, codecs: dict[str, Codec], done: str) -> Codec:
+def _by_extension(path: Path, codecs: dict[str, Codec], done: str) -> Codec:
     if path.suffix.lower() not in codecs:
         raise TrajectoryError(
-            path, f"a trajectory is {done} as {', '.join(codecs)}, not {path.suffix or 'a file without ending'}"
+            path, f"a trajectory is {done} as {', '.join(codecs)}, not {path.suffix or 'a file without extension'}"
         )
     return codecs[path.suffix.lower()]

@@ -1,4 +1,4 @@
-"""Planning: RRT-Connect, shortcuts and straight lines; every answer carries its certificate."""
+"""Planning: RRT-Connect, OMPL, simplification of paths, and Cartesian moves; every path has a certificate."""
 
 from pinproof.planning.blend import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses

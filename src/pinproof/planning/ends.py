@@ -1,7 +1,4 @@
-"""The goals of a plan: checked numbers, and the same poses whole turns away.
-
-The ends of a plan: inside the limits and free, by closer bodies where coarse ones touch, or why not.
-"""
+"""Validation of the start and the goals of a plan, and goals shifted by multiples of 2 pi."""
 
 from __future__ import annotations
 
@@ -17,24 +14,46 @@ from pinproof.model import Arm
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.spatial import finite
 
-__all__ = ["Ends", "read_ends", "read_goals", "with_turns"]
+__all__ = ["Ends", "read_ends", "with_turns"]
 
 Array = npt.NDArray[np.float64]
 
 TURN = 2 * np.pi
 
-MOST_TURNED = 512
-"""Goals with their turns; of more, those nearest to the start are kept. A UR5 has 32 for each branch."""
+MAX_GOALS = 512
+"""Maximum number of goals including the shifted ones; those nearest to the start are kept. A UR5 has 32 per branch."""
+
+MAX_REPORTED = 5
+"""Maximum number of invalid goals that a message describes."""
 
 
-def read_goals(arm: Arm, goals: npt.ArrayLike) -> Array:
-    """One goal (n,) or several (g, n) as (g, n).
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """The valid start and goals of a plan.
 
-    Raises
-    ------
-    InputError
-        If there is none, a shape is wrong or a number is not finite.
+    Parameters
+    ----------
+    checker
+        The checker with which the start and every goal are free.
+    start
+        (n,) the first configuration.
+    goals
+        (k, n) the goals, at least one.
+    indices
+        For each goal, the index of the given goal that it equals up to multiples of 2 pi.
+    turns
+        Whether shifted goals were requested.
     """
+
+    checker: CollisionChecker
+    start: Array
+    goals: Array
+    indices: tuple[int, ...]
+    turns: bool
+
+
+def _read_goals(arm: Arm, goals: npt.ArrayLike) -> Array:
+    """One goal (n,) or several (g, n) as (g, n)."""
     try:
         dimensions, size = np.ndim(goals), np.size(goals)
     except ValueError as error:  # rows of different lengths
@@ -45,39 +64,39 @@ def read_goals(arm: Arm, goals: npt.ArrayLike) -> Array:
 
 
 def with_turns(arm: Arm, start: Array, goals: Array) -> tuple[Array, list[int]]:
-    """The goals and all their equals: the same poses, periodic joints whole turns away inside the limits.
+    """The goals, and the goals with periodic joints shifted by multiples of 2 pi inside the limits.
 
-    Where limits leave a joint unbounded, only the two angles on either side of the start's.
+    For an unbounded joint, only the two angles nearest to the start, one on each side, are added.
 
     Parameters
     ----------
     arm
-        Says which joints are periodic.
+        Defines the periodic joints and the limits.
     start
-        (n,) where the plan begins.
+        (n,) the first configuration of the plan.
     goals
-        (g, n), kept as they are.
+        (g, n) the given goals.
 
     Returns
     -------
-    (k, n) goals, the given ones first, then by the largest joint step from the start; and, for each, the index of the
-    given goal it equals.
+    (k, n) the given goals, followed by the shifted ones sorted by the largest joint step from the start; and for each
+    the index of the given goal that it equals.
     """
-    turned: list[tuple[float, int, Array]] = []
+    shifted: list[tuple[float, int, Array]] = []
     for index, goal in enumerate(goals):
         for turns in product(*(_turns(arm, joint, start[joint], goal[joint]) for joint in range(arm.dof))):
             if any(turns):
                 shift = TURN * np.array(turns)
-                # only rounding is clipped: a turn may end one bit beyond a limit that is a multiple of 2 pi
+                # Clipping removes rounding only: a shift may end one bit beyond a limit that is a multiple of 2 pi.
                 q = np.where(shift != 0, np.clip(goal + shift, arm.limits.lower, arm.limits.upper), goal)
-                turned.append((float(np.abs(q - start).max()), index, q))
-    turned.sort(key=lambda entry: entry[:2])
-    turned = turned[: max(MOST_TURNED - len(goals), 0)]
-    return np.vstack([goals, *(q for _, _, q in turned)]), [*range(len(goals)), *(index for _, index, _ in turned)]
+                shifted.append((float(np.abs(q - start).max()), index, q))
+    shifted.sort(key=lambda entry: entry[:2])
+    shifted = shifted[: max(MAX_GOALS - len(goals), 0)]
+    return np.vstack([goals, *(q for _, _, q in shifted)]), [*range(len(goals)), *(index for _, index, _ in shifted)]
 
 
 def _turns(arm: Arm, joint: int, start: float, goal: float) -> list[int]:
-    """By how many turns a joint may be moved; 0 is always among them."""
+    """The multiples of 2 pi by which a joint may be shifted, including 0."""
     if not arm.periodic[joint]:
         return [0]
     below = int(np.floor((start - goal) / TURN))
@@ -87,88 +106,58 @@ def _turns(arm: Arm, joint: int, start: float, goal: float) -> list[int]:
     return sorted({0, *range(fewest, most + 1)})
 
 
-TOLD = 5
-"""Goals whose troubles are told one by one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Ends:
-    """What there is to plan between.
-
-    Parameters
-    ----------
-    checker
-        By which the start and every goal are free.
-    start
-        (n,)
-    goals
-        (k, n), at least one.
-    indices
-        For each goal the index of the caller's that it is, or equals but for whole turns.
-    turns
-        Whether whole turns were asked for.
-    """
-
-    checker: CollisionChecker
-    start: Array
-    goals: Array
-    indices: tuple[int, ...]
-    turns: bool
-
-
 def read_ends(
     checker: CollisionChecker, start: npt.ArrayLike, goals: npt.ArrayLike, *, turns: bool
 ) -> Ends | PlanResult:
-    """The ends of a plan from ``start`` (n,) to ``goals`` (n,) or (g, n); or, if there are none, the result of it.
+    """Validate ``start`` (n,) and ``goals`` (n,) or (g, n); a failed result if the start or all goals are invalid.
 
-    Closer bodies are slower to judge. So they are looked at only where the start touches, or every goal does.
+    Finer bodies are slower to check. They are used only if the start or every goal is in contact with the coarse ones.
 
     Raises
     ------
     InputError
-        If a shape is wrong or a number is not finite.
+        If there is no goal, a shape is wrong or a number is not finite.
     """
     arm = checker.arm
     first = arm.limits.snap(arm.configuration(start, "start"))
-    given = arm.limits.snap(read_goals(arm, goals))
+    given = arm.limits.snap(_read_goals(arm, goals))
     many, index_of = with_turns(arm, first, given) if turns else (given, list(range(len(given))))
     inside = [not arm.limits.violations(goal, arm.joint_names) for goal in many]
     if arm.limits.violations(first, arm.joint_names):
         return _invalid_start(checker, first)
-    judge = checker
-    if not judge.is_free_unchecked(first):
-        judge = judge.finer_at(first)
-        if not judge.is_free_unchecked(first):
-            return _invalid_start(judge, first)
+    if not checker.is_free_unchecked(first):
+        checker = checker.finer_at(first)
+        if not checker.is_free_unchecked(first):
+            return _invalid_start(checker, first)
 
     def valid() -> list[int]:
-        return [row for row, goal in enumerate(many) if inside[row] and judge.is_free_unchecked(goal)]
+        return [row for row, goal in enumerate(many) if inside[row] and checker.is_free_unchecked(goal)]
 
     rows = valid()
     if not rows:
         for goal in given:
-            judge = judge.finer_at(goal)
+            checker = checker.finer_at(goal)
         rows = valid()
     if not rows:
-        return _invalid_goals(judge, given)
-    return Ends(judge, first, many[rows], tuple(index_of[row] for row in rows), turns)
+        return _invalid_goals(checker, given)
+    return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns)
 
 
-def _trouble(checker: CollisionChecker, q: Array) -> str:
-    """Why q (n,) cannot be an end of a path."""
+def _reason(checker: CollisionChecker, q: Array) -> str:
+    """Why q (n,) is invalid: the joints outside their limits, or the contacts."""
     outside = checker.arm.limits.violations(q, checker.arm.joint_names)
     return "; ".join(outside) if outside else str(checker.check(q))
 
 
 def _invalid_start(checker: CollisionChecker, start: Array) -> PlanResult:
-    message = f"the start cannot be left: {_trouble(checker, start)}"
+    message = f"the start is invalid: {_reason(checker, start)}"
     contacts = checker.check(start).contacts
     return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=contacts, checker=checker)
 
 
 def _invalid_goals(checker: CollisionChecker, goals: Array) -> PlanResult:
-    told = "; ".join(f"goal {i}: {_trouble(checker, goal)}" for i, goal in enumerate(goals[:TOLD]))
-    more = f"; and {len(goals) - TOLD} more" if len(goals) > TOLD else ""
+    reasons = "; ".join(f"goal {i}: {_reason(checker, goal)}" for i, goal in enumerate(goals[:MAX_REPORTED]))
+    more = f"; and {len(goals) - MAX_REPORTED} more" if len(goals) > MAX_REPORTED else ""
     contacts = tuple(contact for goal in goals for contact in checker.check(goal).contacts)
-    message = f"no goal can be entered: {told}{more}"
+    message = f"no goal is valid: {reasons}{more}"
     return PlanResult(PlanStatus.GOAL_INVALID, None, None, None, message, contacts=contacts, checker=checker)

@@ -1,8 +1,8 @@
-"""Any geometric planner of OMPL, steered by our checker and certified by our proof.
+"""Adapter to the geometric planners of OMPL; the paths are certified.
 
 OMPL (I. Sucan, M. Moll, L. Kavraki (2012), "The Open Motion Planning Library", IEEE Robotics & Automation Magazine)
-calls back for every edge it thinks of; it is told "free" only of edges that are proven, so that the path it returns can
-be certified as a whole.
+calls the adapter for every edge. An edge is reported as valid only if it is proven free, so that the complete path can
+be certified.
 """
 
 from __future__ import annotations
@@ -17,21 +17,24 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, certify, is_proven_free
+from pinproof.collision import CollisionChecker, certify
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import JointPath
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends
 from pinproof.planning.result import PlanResult, PlanStatus
-from pinproof.planning.rrt_connect import PAD, sampling_box
+from pinproof.planning.rrt_connect import SEARCH_PAD, sampling_box
 
 __all__ = ["OmplPlanner", "ompl_planners"]
 
 Array = npt.NDArray[np.float64]
 
+NOT_PARAMETERS = {"name", "problemDefinition", "plannerInputStates"}
+"""Setters of a planner that do not belong to its parameters."""
+
 
 def ompl_planners() -> tuple[str, ...]:
-    """The names of all planners that the installed OMPL has.
+    """The names of all planners of the installed OMPL.
 
     Raises
     ------
@@ -48,28 +51,28 @@ def ompl_planners() -> tuple[str, ...]:
 class OmplPlanner:
     """A planner of OMPL (extra ``ompl``).
 
-    Planners that seek the shortest path (``RRTstar``, ``PRMstar``, ``BITstar``, ...) take all of the time; the others
-    end at the first path.
+    Optimising planners (``RRTstar``, ``PRMstar``, ``BITstar``, ...) use the complete time limit; the others end with
+    the first path.
 
     Parameters
     ----------
     planner
-        Its name, one of :func:`ompl_planners`.
+        The name of the planner, one of :func:`ompl_planners`.
     time_limit
-        Seconds after which it ends.
+        Time (s) after which the planner ends. Loading or compiling the kernels does not count.
     max_edges
-        Edges it may ask about: a budget that does not depend on the clock.
+        Maximum number of edges that are checked. This budget does not depend on the clock.
     resolution
-        Metres that bodies move between two samples of an edge that are looked at before it is proven.
+        Distance (m) by which bodies move between two samples of an edge that are checked before its proof.
     parameters
-        The planner's own settings by OMPL's names, such as ``{"range": 0.5, "goalBias": 0.1}``.
+        Parameters of the planner by their names in OMPL, such as ``{"range": 0.5, "goalBias": 0.1}``.
 
     Raises
     ------
     InputError
         If OMPL is not installed, or a number is not above 0.
     UnknownNameError
-        If it has no such planner, or the planner no such setting.
+        If OMPL does not have the planner, or the planner does not have a parameter.
     """
 
     planner: str = "RRTConnect"
@@ -103,74 +106,72 @@ class OmplPlanner:
     ) -> PlanResult:
         """Plan from ``start`` (n,) to one goal (n,) or to any of several (g, n), as :meth:`RrtConnect.plan` does.
 
-        The seed of OMPL's random numbers, of which it has one for the whole process, is set from ``rng``. With the same
-        seed a planner that ends at its first path gives the same path, if neither budget ended it before. Planners that
-        seek the shortest path until ``time_limit`` give what the clock let them; ``max_edges`` makes most of them
-        repeatable. Those with threads of their own (``PRM``, ``PRMstar``) are not, strictly. Not to be used from
-        several threads at a time.
+        OMPL has one random seed per process; it is set from ``rng``. With the same seed, a planner that ends with its
+        first path gives the same path, unless a budget ends it before. The path of an optimising planner depends on the
+        speed of the computer; with ``max_edges``, most of them are repeatable. Multithreaded planners (``PRM``,
+        ``PRMstar``) are not strictly repeatable. Do not call this method from several threads at a time.
 
-        A joint without limits is given half a turn beyond the ends.
+        The range of an unbounded joint is that of the start and the goals, extended by pi on both sides.
 
         Raises
         ------
         InputError
             If a shape is wrong or a number is not finite.
         """
-        began = time.monotonic()
         ends = read_ends(checker, start, goals, turns=turns)
         if isinstance(ends, PlanResult):
             return ends
         seed = int(np.random.default_rng(rng).integers(1, 2**31))
+        validity = _Validity(self, ends)
+        began = time.monotonic()
         with _silent():
-            left = max(self.time_limit - (time.monotonic() - began), 0.0)
-            judge = _Judge(self, ends)
-            q, nodes, off = _solve(self, ends, seed, left, judge)
-        if judge.failure is not None:
-            raise judge.failure
-        seconds, asked = time.monotonic() - began, judge.asked
+            q, nodes, gap = _solve(self, ends, seed, validity)
+        if validity.failure is not None:
+            raise validity.failure
+        seconds, edges = time.monotonic() - began, validity.edges
 
         def result(status: PlanStatus, message: str, **known: Any) -> PlanResult:
-            given = {"path": None, "certificate": None, "goal": None, "gap": off, **known}
+            given = {"path": None, "certificate": None, "goal": None, "gap": gap, **known}
             return PlanResult(
-                status, message=message, nodes=nodes, samples=asked, seconds=seconds, checker=ends.checker, **given
+                status, message=message, nodes=nodes, samples=edges, seconds=seconds, checker=ends.checker, **given
             )
 
         if q is None:
-            near = f"it came within {off:.3g} (rad or m) of a goal. " if np.isfinite(off) else ""
-            spent = (
-                f"max_edges = {self.max_edges}" if asked >= self.max_edges else f"time_limit = {self.time_limit:g} s"
+            near = f"it came within {gap:.3g} (rad or m) of a goal. " if np.isfinite(gap) else ""
+            budget, value = ("max_edges", f"{self.max_edges}")
+            if edges < self.max_edges:
+                budget, value = "time_limit", f"{self.time_limit:g} s"
+            message = f"{self.planner} of OMPL found no path within {budget} = {value} ({nodes} nodes, {edges} edges); "
+            return result(
+                PlanStatus.OUT_OF_BUDGET, f"{message}{near}Try a larger {budget}, another rng or another planner"
             )
-            words = f"{self.planner} of OMPL found no path within {spent} ({nodes} nodes, {asked} edges); {near}"
-            return result(PlanStatus.OUT_OF_BUDGET, f"{words}Give it more, another rng, or another planner")
         path = JointPath(q, checker.arm.joint_names)
         certificate = certify(path, ends.checker)
-        if not certificate.free:  # pragma: no cover  # its edges were proven one by one
-            words = f"the path that {self.planner} of OMPL found fails the proof: {certificate.message}"
-            return result(PlanStatus.OUT_OF_BUDGET, words)
+        if not certificate.free:  # pragma: no cover  # the edges were proven one by one
+            message = f"the path of {self.planner} of OMPL fails the proof: {certificate.message}"
+            return result(PlanStatus.OUT_OF_BUDGET, message)
         row = int(np.abs(ends.goals - q[-1]).max(axis=1).argmin())
-        words = (
-            f"{self.planner} of OMPL: a path of {len(path)} waypoints and {path.length:.3g} rad, {certificate.message}"
+        message = (
+            f"{self.planner} of OMPL found a path with {len(path)} waypoints and length {path.length:.3g}; "
+            f"{certificate.message}"
         )
-        return result(PlanStatus.FOUND, words, path=path, certificate=certificate, goal=ends.indices[row], gap=0.0)
+        return result(PlanStatus.FOUND, message, path=path, certificate=certificate, goal=ends.indices[row], gap=0.0)
 
 
-NOT_PARAMETERS = {"name", "problemDefinition", "plannerInputStates"}
-"""What a planner has setters for, too."""
+class _Validity:
+    """The validity checks that OMPL calls.
 
-
-class _Judge:
-    """What OMPL asks while it plans.
-
-    It holds none of OMPL's own objects, those that hold it would never be freed; only, while one plans, the condition
-    ``until`` that ends it.
+    An instance does not refer to objects of OMPL, because such reference cycles would never be freed. The only
+    exception is the termination condition ``until`` while a planner runs.
     """
 
     def __init__(self, settings: OmplPlanner, ends: Ends) -> None:
         both = np.vstack([ends.start, ends.goals])
-        self._edges, self._checker = Edges(ends.checker, settings.resolution, both, pad=PAD), ends.checker
-        self._most, self._dof = settings.max_edges, len(ends.start)
+        self._edges, self._checker = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD), ends.checker
+        self._edges.load_kernels(ends.start)
+        self._max_edges, self._dof = settings.max_edges, len(ends.start)
         self.until: Any = None
-        self.asked = 0
+        self.edges = 0
         self.failure: BaseException | None = None
 
     def free(self, state: Any) -> bool:
@@ -180,38 +181,32 @@ class _Judge:
 
     def proven(self, state: Any, other: Any) -> bool:
         """Whether an edge is proven free."""
-        if self.asked >= self._most:
+        if self.edges >= self._max_edges:
             self.until.terminate()
             return False
-        self.asked += 1
+        self.edges += 1
         a, b = self.configuration(state), self.configuration(other)
-        return self._guarded(lambda: self._proven(a, b))
+        return self._guarded(lambda: self._edges.proven_free(a, b))
 
     def configuration(self, state: Any) -> Array:
         """A state of OMPL as q (n,)."""
         return np.array([state[joint] for joint in range(self._dof)])
 
-    def _proven(self, a: Array, b: Array) -> bool:
-        edge = JointPath([a, b], self._checker.arm.joint_names)
-        return self._edges.looks_free(a, b) and is_proven_free(edge, self._checker)
-
-    def _guarded(self, judge: Callable[[], bool]) -> bool:
-        """``judge()``, but what it raises waits until OMPL has come to an end: there it could end the process."""
+    def _guarded(self, check: Callable[[], bool]) -> bool:
+        """Call ``check``. An exception is stored until OMPL has returned, because OMPL could abort the process."""
         if self.failure is not None:
             return False
         try:
-            return judge()
-        except BaseException as failure:  # noqa: BLE001  # raised again in plan, Ctrl-C among them
-            # The frames of an exception keep their callers, and so OMPL's objects, which then complain at the exit.
+            return check()
+        except BaseException as failure:  # noqa: BLE001  # raised again in plan, including KeyboardInterrupt
+            # The frames of an exception refer to their callers, and thereby to OMPL's objects, which warn at the exit.
             self.failure = failure if isinstance(failure, Exception) else failure.with_traceback(None)
             self.until.terminate()
             return False
 
 
-def _solve(
-    settings: OmplPlanner, ends: Ends, seed: int, seconds: float, judge: _Judge
-) -> tuple[Array | None, int, float]:
-    """A path (m, n) or None, the nodes, and how far from a goal the planner ended."""
+def _solve(settings: OmplPlanner, ends: Ends, seed: int, validity: _Validity) -> tuple[Array | None, int, float]:
+    """A path (m, n) or None, the number of nodes, and the distance of an approximate solution from a goal or NaN."""
     ob, og, ou = _ompl()
     ou.RNG.setSeed(seed)
     arm, both = ends.checker.arm, np.vstack([ends.start, ends.goals])
@@ -227,10 +222,10 @@ def _solve(
             state[joint] = value
         return state
 
-    judge.until = ob.timedPlannerTerminationCondition(seconds)
+    validity.until = ob.timedPlannerTerminationCondition(settings.time_limit)
     information = ob.SpaceInformation(space)
-    information.setStateValidityChecker(judge.free)
-    information.setMotionValidator(_validator(judge, information))
+    information.setStateValidityChecker(validity.free)
+    information.setMotionValidator(_validator(validity, information))
     information.setup()
     problem, goal = ob.ProblemDefinition(information), ob.GoalStates(information)
     problem.addStartState(state_at(ends.start))
@@ -242,16 +237,16 @@ def _solve(
         getattr(planner, f"set{name[0].upper()}{name[1:]}")(value)
     planner.setProblemDefinition(problem)
     planner.setup()
-    planner.solve(judge.until)
-    judge.until = None
+    planner.solve(validity.until)
+    validity.until = None
     data = ob.PlannerData(information)
     planner.getPlannerData(data)
-    path, off = None, np.nan
+    path, gap = None, np.nan
     if problem.hasExactSolution():
-        path = np.array([judge.configuration(state) for state in problem.getSolutionPath().getStates()])
+        path = np.array([validity.configuration(state) for state in problem.getSolutionPath().getStates()])
     elif problem.hasApproximateSolution():
-        off = float(problem.getSolutionDifference())
-    return path, int(data.numVertices()), off
+        gap = float(problem.getSolutionDifference())
+    return path, int(data.numVertices()), gap
 
 
 def _ompl() -> tuple[Any, Any, Any]:
@@ -262,20 +257,20 @@ def _ompl() -> tuple[Any, Any, Any]:
     return base, geometric, util
 
 
-def _validator(judge: _Judge, information: Any) -> Any:
-    """OMPL's view of the judge of edges; its class can only be made where OMPL is."""
+def _validator(validity: _Validity, information: Any) -> Any:
+    """The edge checks as an object of OMPL. The class is local because its base requires OMPL."""
     ob, _, _ = _ompl()
 
     class Validator(ob.MotionValidator):  # type: ignore[misc,name-defined]  # ompl is untyped
         def checkMotion(self, state: Any, other: Any, *_: Any) -> bool:
-            return judge.proven(state, other)  # a third argument is for the last free state on the way
+            return validity.proven(state, other)  # an optional third argument receives the last valid state
 
     return Validator(information)
 
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """OMPL writes to the console of its own; here nothing does."""
+    """Disable OMPL's messages on the console."""
     _, _, ou = _ompl()
     before = ou.getLogLevel()
     ou.setLogLevel(ou.LOG_NONE)

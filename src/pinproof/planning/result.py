@@ -1,7 +1,4 @@
-"""What a planner says: a certified path, or why there is none; and how far it is meanwhile.
-
-What a straight move of the tcp came to: a certified curve, or where it stops and why.
-"""
+"""Results of planners and of Cartesian moves: a certified curve, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -28,29 +25,29 @@ __all__ = [
 
 
 class PlanStatus(Enum):
-    """How a plan ended."""
+    """The outcome of a plan."""
 
-    FOUND = "found"
-    START_INVALID = "the start is in contact or outside its limits"
-    GOAL_INVALID = "no goal is free and inside its limits"
-    OUT_OF_BUDGET = "no path was found within the budget; there may be one"
-    CANCELLED = "the progress callback said to stop"
+    FOUND = "a certified path was found"
+    START_INVALID = "the start is in contact or outside the joint limits"
+    GOAL_INVALID = "every goal is in contact or outside the joint limits"
+    OUT_OF_BUDGET = "no path was found within the budget; one may exist"
+    CANCELLED = "the progress callback requested to stop"
 
 
 @dataclass(frozen=True)
 class PlanProgress:
-    """How far a search is.
+    """The progress of a search.
 
     Parameters
     ----------
     nodes
-        Configurations in both trees.
+        Number of configurations in both trees.
     samples
-        Random samples so far.
+        Number of random samples so far.
     seconds
-        Since the search began.
+        Time since the search began.
     gap
-        Smallest distance (rad or m, Euclidean) seen between the trees; inf before any was looked at.
+        Smallest distance (rad or m, Euclidean) measured between the trees; infinite before the first measurement.
     """
 
     nodes: int
@@ -60,7 +57,7 @@ class PlanProgress:
 
 
 Progress = Callable[[PlanProgress], bool | None]
-"""Called many times a second while a plan is searched; where it returns False, the search ends as CANCELLED."""
+"""A callback that is called many times a second during a search. If it returns False, the search ends as CANCELLED."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,32 +67,32 @@ class PlanResult:
     Parameters
     ----------
     status
-        FOUND, or why not.
+        FOUND, or the reason of the failure.
     path
-        The path from start to the goal that was reached; None unless FOUND.
+        The path from the start to the goal that was reached; None unless FOUND.
     certificate
-        FREE, for exactly ``path``; None unless FOUND.
+        The FREE certificate of ``path``; None unless FOUND.
     goal
         The index of the goal that was reached; None unless FOUND.
     message
-        The outcome in a sentence, with what to do.
+        The outcome and the remedy as text.
     nodes
-        Configurations in both trees, or in whatever graph the planner has.
+        Number of configurations in both trees, or in the graph of the planner.
     cut
-        Edges that looked free at their samples and failed the proof.
+        Number of edges that were removed because they failed the proof, although their samples were free.
     samples
-        Random samples that were taken.
+        Number of random samples.
     seconds
-        How long it took.
+        Duration of the search, without loading or compiling the kernels.
     gap
-        Smallest distance (rad or m, Euclidean) between what was reached from the start and from the goals; 0 where they
-        met, NaN where nothing was searched.
+        Smallest distance (rad or m, Euclidean) between the tree of the start and that of the goals; 0 for a path, NaN
+        if there was no search.
     contacts
-        What the start touches, or the goals, where that is why there is no path.
+        The contacts of the start or of the goals if they are the reason of the failure.
     checker
-        The checker the certificate holds for: the caller's, or where an end touched by coarse bodies alone one that
-        judges those pairs more finely (:meth:`~pinproof.CollisionChecker.finer_at`). Hand it on to what changes the
-        path: shortcuts, blends, the certificate of the trajectory.
+        The checker for which the certificate holds. It is the given checker, or, if an end was in contact only because
+        of coarse bounding bodies, one with finer bodies for those pairs (:meth:`~pinproof.CollisionChecker.finer_at`).
+        Use it for later steps: shortcuts, blends, the certificate of the trajectory.
     """
 
     status: PlanStatus
@@ -122,7 +119,7 @@ class PlanResult:
         Raises
         ------
         PlanFailed
-            With the message otherwise.
+            Otherwise, with the message.
         """
         if not self.ok:
             raise PlanFailed(self.message, self)
@@ -130,14 +127,14 @@ class PlanResult:
 
 
 class LinearStatus(Enum):
-    """How a straight move, or one through poses, ended."""
+    """The outcome of a linear move, or of a move through poses."""
 
     COMPLETE = "complete"
-    UNREACHABLE = "a pose on the way is out of reach without leaving the branch"
+    UNREACHABLE = "a pose on the line cannot be reached on the current IK branch"
     LIMIT = "a joint is at its limit"
     JUMP = "the joints would have to jump"
-    CONTACT = "a body touches"
-    UNDECIDED = "the proof met its tolerance"
+    CONTACT = "two bodies are in contact"
+    UNDECIDED = "the proof reached its tolerance without a decision"
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,20 +144,19 @@ class LinearPlanResult:
     Parameters
     ----------
     status
-        COMPLETE, or why it stops.
+        COMPLETE, or the reason why the move stops.
     path
         The joint curve; None unless COMPLETE.
     certificate
-        FREE when COMPLETE; the verdict that stopped it for CONTACT and UNDECIDED; else None.
+        The FREE certificate if COMPLETE; the certificate that stopped the move if CONTACT or UNDECIDED; else None.
     fraction
-        The share of the line, 0 to 1, up to which the move is possible and proven free.
+        The fraction of the line, 0 to 1, up to which the move is possible and proven free.
     message
-        The outcome in a sentence.
+        The outcome as text.
     deviation, rotation_deviation
-        By how much (m, rad) the tcp may be off where it should be anywhere on ``path``: bounds, not samples; NaN
-        without one.
+        Upper bounds (m, rad) of the deviation of the tcp from the line, over all of ``path``; NaN without a path.
     joints
-        Those at their limits, or that would have to jump, where that is what stops it.
+        The joints that are at their limits or would have to jump, if this stops the move.
     """
 
     status: LinearStatus
@@ -174,16 +170,16 @@ class LinearPlanResult:
 
     @property
     def ok(self) -> bool:
-        """Whether the whole line is possible and proven free."""
+        """Whether the complete line is possible and proven free."""
         return self.status is LinearStatus.COMPLETE
 
     def or_raise(self) -> LinearPlanResult:
-        """Return the move if it is complete.
+        """Return the result if the move is complete.
 
         Raises
         ------
         PlanFailed
-            With the message otherwise.
+            Otherwise, with the message.
         """
         if not self.ok:
             raise PlanFailed(self.message, self)
@@ -197,13 +193,13 @@ class PosesPlanResult:
     Parameters
     ----------
     status, certificate, message, deviation, rotation_deviation, joints
-        As of a :class:`LinearPlanResult`.
+        As for a :class:`LinearPlanResult`.
     path
-        The joint curve, its ``corners`` where the arm stops; None unless COMPLETE.
+        The joint curve, with ``corners`` at which the arm stops; None unless COMPLETE.
     fraction
-        The share of the whole way, by its length, up to which the move is possible and proven free.
+        The fraction of the path length up to which the move is possible and proven free.
     reached
-        The index of the last pose that is reached (or passed, where its corner is rounded); -1 for none.
+        The index of the last pose that is reached, or passed if its corner is rounded; -1 if there is none.
     """
 
     status: LinearStatus
@@ -218,16 +214,16 @@ class PosesPlanResult:
 
     @property
     def ok(self) -> bool:
-        """Whether the whole way is possible and proven free."""
+        """Whether the complete move is possible and proven free."""
         return self.status is LinearStatus.COMPLETE
 
     def or_raise(self) -> PosesPlanResult:
-        """Return the move if it is complete.
+        """Return the result if the move is complete.
 
         Raises
         ------
         PlanFailed
-            With the message otherwise.
+            Otherwise, with the message.
         """
         if not self.ok:
             raise PlanFailed(self.message, self)

@@ -1,14 +1,14 @@
-"""The way of the tcp in space: straight legs between poses, and corners rounded between them.
+"""The route of the tcp in space: straight segments between poses, with optionally rounded corners.
 
 On every piece, with a local parameter u from 0 to 1, the pose is
 
     position     c - a(u) t + b(u) t'
     orientation  C exp(-a(u) w) exp(b(u) w')
 
-where (c, C) is a pose, (t, w) the direction of the leg into it and (t', w') that of the leg out of it: translation in
-the base's axes, rotation vector in the tcp's. On a leg a = 0 and b grows evenly. In the rounding of a corner a falls
-from the reach d to 0 and b rises from 0 to d, with the Bernstein coefficients of :mod:`pinproof.motion.corner`: then
-legs and roundings together are twice differentiable.
+where (c, C) is a pose, (t, w) the direction of the incoming segment and (t', w') that of the outgoing one, each a
+translation in the base frame and a rotation vector in the tcp frame. On a segment, a = 0 and b is linear. In the
+rounding of a corner, a decreases from the reach d to 0 and b increases from 0 to d, with the Bernstein coefficients of
+:mod:`pinproof.motion.corner`, so that segments and roundings together are twice differentiable.
 """
 
 from __future__ import annotations
@@ -22,70 +22,69 @@ import numpy.typing as npt
 from pinproof.motion import bezier, corner
 from pinproof.spatial import SE3, log6, matrix
 
-__all__ = ["Leg", "Route", "sections"]
+__all__ = ["Route", "Segment", "routes_through"]
 
 Array = npt.NDArray[np.float64]
 
 LEVER = 0.25
-"""Metres per radian: what turning counts for in the length of a leg. About a hand's size; it only spaces the poses."""
+"""Weight of rotations (m/rad) in the length of a segment, about the size of a gripper. It affects the spacing of poses
+only."""
 
-
-NOTHING = 1e-7
-"""Metres: a leg or a rounding that is shorter is none. A tenth of the precision that poses are reached with."""
+MIN_LENGTH = 1e-7
+"""Length (m) below which a segment or a rounding is omitted: a tenth of the tolerance with which poses are reached."""
 
 
 @dataclass(frozen=True, eq=False)
-class Leg:
-    """The straight way from one pose to another.
+class Segment:
+    """The straight segment from one pose to another.
 
-    ``size`` (m) is its length, turning included; ``translation`` and ``rotation`` (3,) are per metre of it.
+    ``length`` (m) is its length including the weighted rotation; ``translation`` and ``rotation`` (3,) are per metre.
     """
 
     start: Array
     end: Array
     translation: Array
     rotation: Array
-    size: float
+    length: float
 
     @classmethod
-    def between(cls, first: SE3, last: SE3) -> Leg:
-        """The leg whose orientation turns about one fixed axis."""
+    def between(cls, first: SE3, last: SE3) -> Segment:
+        """The segment on which the orientation rotates about one fixed axis."""
         translation, rotation = last.translation - first.translation, log6(first.inverse() * last)[3:]
-        size = float(np.hypot(np.linalg.norm(translation), LEVER * np.linalg.norm(rotation)))
-        size = size if size > NOTHING else 0.0
-        per = 1.0 / size if size > 0.0 else 0.0
-        return cls(matrix(first), matrix(last), translation * per, rotation * per, size)
+        length = float(np.hypot(np.linalg.norm(translation), LEVER * np.linalg.norm(rotation)))
+        length = length if length > MIN_LENGTH else 0.0
+        per = 1.0 / length if length > 0.0 else 0.0
+        return cls(matrix(first), matrix(last), translation * per, rotation * per, length)
 
-    def pieces(self, translation_step: float, rotation_step: float) -> int:
-        """Into how many pieces it is cut for none to be longer."""
-        distance = self.size * float(np.linalg.norm(self.translation))
-        angle = self.size * float(np.linalg.norm(self.rotation))
+    def piece_count(self, translation_step: float, rotation_step: float) -> int:
+        """The number of equal pieces that do not exceed the steps (m, rad)."""
+        distance = self.length * float(np.linalg.norm(self.translation))
+        angle = self.length * float(np.linalg.norm(self.rotation))
         return int(np.ceil(max(distance / translation_step, angle / rotation_step)))
 
     @property
-    def way(self) -> Array:
-        """(6,) its direction as a unit vector, turning times :data:`LEVER`."""
+    def direction(self) -> Array:
+        """(6,) the direction as a unit vector, with the rotation weighted by :data:`LEVER`."""
         return np.concatenate([self.translation, LEVER * self.rotation])
 
 
 @dataclass(frozen=True, eq=False)
 class _Piece:
-    """See the module: the pose (c, C), the legs in and out, and the coefficients (6,) of a and b (m)."""
+    """The pose (c, C), the incoming and outgoing segments, and the coefficients (6,) of a and b (m); see the module."""
 
     pose: Array
-    into: Leg
-    out: Leg
+    into: Segment
+    out: Segment
     a: Array
     b: Array
     width: float
 
     def poses(self, u: Array) -> Array:
-        """(N, 4, 4) at the local parameters (N,)."""
+        """(N, 4, 4) the poses at the local parameters (N,)."""
         both = bezier.evaluate(np.array([0.0, 1.0]), np.stack([self.a, self.b], axis=1)[None], u)
         a, b = both[:, 0], both[:, 1]
         out = np.tile(np.eye(4), (len(u), 1, 1))
-        turned = _turns(self.into.rotation, -a) @ _turns(self.out.rotation, b)
-        out[:, :3, :3] = self.pose[:3, :3] @ turned
+        out[:, :3, :3] = self.pose[:3, :3] @ (_rotations(self.into.rotation, -a) @ _rotations(self.out.rotation, b))
         out[:, :3, 3] = self.pose[:3, 3] - a[:, None] * self.into.translation + b[:, None] * self.out.translation
         return out
 
@@ -93,114 +92,113 @@ class _Piece:
         """Bounds of |p''|, |w| and |w'|, for the position p and the angular velocity w by the local parameter."""
         first, second = 5.0 * np.diff([self.a, self.b], axis=1), 20.0 * np.diff([self.a, self.b], 2, axis=1)
         speed, acceleration = np.abs(first).max(axis=1), np.abs(second).max(axis=1)
-        moves = np.array([np.linalg.norm(self.into.translation), np.linalg.norm(self.out.translation)])
-        turns = np.array([np.linalg.norm(self.into.rotation), np.linalg.norm(self.out.rotation)])
+        translation = np.array([np.linalg.norm(self.into.translation), np.linalg.norm(self.out.translation)])
+        rotation = np.array([np.linalg.norm(self.into.rotation), np.linalg.norm(self.out.rotation)])
         return (
-            float(acceleration @ moves),
-            float(speed @ turns),
-            float(acceleration @ turns + speed[0] * turns[0] * speed[1] * turns[1]),
+            float(acceleration @ translation),
+            float(speed @ rotation),
+            float(acceleration @ rotation + speed[0] * rotation[0] * speed[1] * rotation[1]),
         )
 
 
 class Route:
-    """A twice differentiable sequence of legs and roundings, over a parameter from 0 to 1 in proportion to the length.
+    """A twice differentiable sequence of segments and roundings; the parameter, 0 to 1, is proportional to the length.
 
-    ``passes`` are the parameters at which it reaches poses: the middle of each rounding, and the end.
+    ``passes`` are the parameters at which the route passes poses: the middle of each rounding, and the end.
     """
 
     def __init__(self, pieces: list[_Piece]) -> None:
         self._pieces = pieces
         ends = np.cumsum([piece.width for piece in pieces])
-        self.size = float(ends[-1])
-        share = ends / self.size if self.size > 0.0 else np.arange(1.0, len(pieces) + 1) / len(pieces)
+        self.length = float(ends[-1])
+        share = ends / self.length if self.length > 0.0 else np.arange(1.0, len(pieces) + 1) / len(pieces)
         self.borders: Array = np.concatenate([[0.0], share[:-1], [1.0]])
         rounded = [k for k, piece in enumerate(pieces) if piece.into is not piece.out]
         self.passes = (*((self.borders[k] + self.borders[k + 1]) / 2 for k in rounded), 1.0)
 
     @classmethod
     def straight(cls, first: SE3, last: SE3) -> Route:
-        """A single leg."""
-        return cls([_whole(Leg.between(first, last))])
+        """The route of a single segment."""
+        segment = Segment.between(first, last)
+        return cls([_straight_piece(segment, 0.0, segment.length)])
 
     def poses(self, s: Array) -> Array:
-        """(N, 4, 4) ``base_from_tcp`` at parameters (N,), not decreasing."""
+        """(N, 4, 4) ``base_from_tcp`` at non-decreasing parameters (N,)."""
         piece = self._piece_at(s)
         local = np.clip((s - self.borders[piece]) / np.diff(self.borders)[piece], 0.0, 1.0)
         parts = [self._pieces[k].poses(local[piece == k]) for k in range(len(self._pieces)) if (piece == k).any()]
         return np.concatenate(parts) if parts else np.empty((0, 4, 4))
 
     def derivatives(self, knots: Array) -> Array:
-        """(k, 3) bounds of |p''|, |w| and |w'| by the parameter between knots (k+1,), among which all borders are."""
+        """(k, 3) bounds of |p''|, |w| and |w'| between knots (k+1,), which must include all borders."""
         width = np.diff(self.borders)
         bounds = np.array([piece.derivatives() for piece in self._pieces]) / np.stack([width**2, width, width**2], 1)
         result: Array = bounds[self._piece_at(0.5 * (knots[1:] + knots[:-1]))]
         return result
 
-    def knots(self, translation_step: float, rotation_step: float, least: int) -> Array:
-        """The borders, and parameters between them no farther apart than these steps (m, rad); ``least`` pieces."""
-        cuts = []
+    def knots(self, translation_step: float, rotation_step: float, min_pieces: int) -> Array:
+        """The borders and parameters between them, such that no piece exceeds the steps (m, rad)."""
+        parts = []
         for piece, low, high in zip(self._pieces, self.borders[:-1], self.borders[1:], strict=True):
-            share = piece.width / max(piece.out.size, np.finfo(float).tiny)
-            count = max(piece.out.pieces(translation_step, rotation_step) * share, least / len(self._pieces), 1)
-            cuts.append(np.linspace(low, high, int(np.ceil(count)), endpoint=False))
-        return np.concatenate([*cuts, [1.0]])
+            share = piece.width / max(piece.out.length, np.finfo(float).tiny)
+            count = piece.out.piece_count(translation_step, rotation_step) * share
+            count = max(count, min_pieces / len(self._pieces), 1)
+            parts.append(np.linspace(low, high, int(np.ceil(count)), endpoint=False))
+        return np.concatenate([*parts, [1.0]])
 
     def _piece_at(self, s: Array) -> npt.NDArray[np.int_]:
         return np.clip(np.searchsorted(self.borders, s, side="right") - 1, 0, len(self._pieces) - 1)
 
 
-def sections(poses: list[SE3], rounding: float, rotation_rounding: float) -> list[Route]:
-    """The way through poses, cut where the tcp stops; a corner is rounded where that misses its pose by no more.
+def routes_through(poses: list[SE3], rounding: float, rotation_rounding: float) -> list[Route]:
+    """The routes through poses, divided where the tcp stops.
 
-    ``rounding`` (m) and ``rotation_rounding`` (rad) of 0 keep every corner, and so does one that turns back.
+    A corner is rounded if its pose is missed by at most ``rounding`` (m) and ``rotation_rounding`` (rad). With 0, no
+    corner is rounded. A corner at which the direction is reversed is never rounded.
     """
-    legs = [Leg.between(first, last) for first, last in pairwise(poses)]
+    segments = [Segment.between(first, last) for first, last in pairwise(poses)]
     reach = np.zeros(len(poses))
-    for i in range(1, len(legs)):
-        reach[i] = _reach(legs[i - 1], legs[i], rounding, rotation_rounding)
+    for i in range(1, len(segments)):
+        reach[i] = _reach(segments[i - 1], segments[i], rounding, rotation_rounding)
     routes: list[Route] = []
     pieces: list[_Piece] = []
-    for i, leg in enumerate(legs):
-        low, high = reach[i], leg.size - reach[i + 1]
-        if high - low > NOTHING or leg.size == 0.0:
-            pieces.append(_part(leg, low, high))
+    for i, segment in enumerate(segments):
+        low, high = reach[i], segment.length - reach[i + 1]
+        if high - low > MIN_LENGTH or segment.length == 0.0:
+            pieces.append(_straight_piece(segment, low, high))
         if reach[i + 1] > 0.0:
-            pieces.append(_rounding(leg, legs[i + 1], reach[i + 1]))
+            pieces.append(_rounding(segment, segments[i + 1], reach[i + 1]))
         else:
             routes.append(Route(pieces))
             pieces = []
     return routes
 
 
-def _reach(into: Leg, out: Leg, rounding: float, rotation_rounding: float) -> float:
-    """How far before and behind a pose its rounding begins and ends; 0 for none."""
-    if min(into.size, out.size, rounding, rotation_rounding) <= 0.0:
+def _reach(into: Segment, out: Segment, rounding: float, rotation_rounding: float) -> float:
+    """The distance before and after a pose at which its rounding begins and ends; 0 without a rounding."""
+    if min(into.length, out.length, rounding, rotation_rounding) <= 0.0:
         return 0.0
-    if np.linalg.norm(into.way + out.way) < corner.TURNS_BACK:
+    if np.linalg.norm(into.direction + out.direction) < corner.REVERSAL:
         return 0.0
-    share = (16.0 - 25.0 * float(corner.spacing(into.way, out.way))) / 32.0  # of the reach, in the middle
-    miss = share * float(np.linalg.norm(out.translation - into.translation))
-    turn = share * float(np.linalg.norm(into.rotation) + np.linalg.norm(out.rotation))
+    share = (16.0 - 25.0 * float(corner.spacing(into.direction, out.direction))) / 32.0  # of the reach, in the middle
+    distance = share * float(np.linalg.norm(out.translation - into.translation))
+    angle = share * float(np.linalg.norm(into.rotation) + np.linalg.norm(out.rotation))
     tiny = np.finfo(float).tiny
-    reach = min(rounding / max(miss, tiny), rotation_rounding / max(turn, tiny), into.size / 2, out.size / 2)
-    return reach if reach > NOTHING else 0.0
+    reach = min(rounding / max(distance, tiny), rotation_rounding / max(angle, tiny), into.length / 2, out.length / 2)
+    return reach if reach > MIN_LENGTH else 0.0
 
 
-def _whole(leg: Leg) -> _Piece:
-    return _part(leg, 0.0, leg.size)
+def _straight_piece(segment: Segment, low: float, high: float) -> _Piece:
+    return _Piece(segment.start, segment, segment, np.zeros(6), np.linspace(low, high, 6), high - low)
 
 
-def _part(leg: Leg, low: float, high: float) -> _Piece:
-    return _Piece(leg.start, leg, leg, np.zeros(6), np.linspace(low, high, 6), high - low)
+def _rounding(into: Segment, out: Segment, reach: float) -> _Piece:
+    h = reach * float(corner.spacing(into.direction, out.direction))
+    increasing = np.array([0.0, 0.0, 0.0, reach - 2 * h, reach - h, reach])
+    return _Piece(out.start, into, out, increasing[::-1], increasing, 5.0 * h)
 
 
-def _rounding(into: Leg, out: Leg, reach: float) -> _Piece:
-    h = reach * float(corner.spacing(into.way, out.way))
-    rising = np.array([0.0, 0.0, 0.0, reach - 2 * h, reach - h, reach])
-    return _Piece(out.start, into, out, rising[::-1], rising, 5.0 * h)
-
-
-def _turns(vector: Array, shares: Array) -> Array:
+def _rotations(vector: Array, shares: Array) -> Array:
     """(N, 3, 3) rotations by ``shares`` (N,) of a rotation vector (3,), by Rodrigues' formula."""
     angle = float(np.linalg.norm(vector))
     x, y, z = vector / angle if angle > 0.0 else vector

@@ -15,7 +15,7 @@ import pinproof as pp
 from pinproof.benchmarks import CollisionTable, collision_benchmark, collision_markdown, write_collision_table
 from pinproof.benchmarks.collision_edges import EDGE_ROBOTS, audited_edges, what_is_wrong
 from pinproof.benchmarks.collision_problems import boxes, random_edge, random_scene
-from pinproof.collision.plain_coal import PlainCoal
+from pinproof.collision.coal_checks import PlainCoal
 from pinproof.errors import FileError, InputError
 
 ROOT = Path(__file__).resolve().parents[2]

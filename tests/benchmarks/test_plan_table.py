@@ -96,8 +96,8 @@ def test_markdown_has_a_section_for_each_set_and_all_columns(table: PlanTable) -
 def test_markdown_names_what_is_wrong(table: PlanTable) -> None:
     unsolved = replace(table.rows[0], solved=False, message="no path within a budget")
     unsafe = replace(table.rows[1], faults=("link_6 touches post at 0.5 of the way",))
-    touching = replace(table.problems[2], exact=("goal: link_6 penetrates can (-2.0 mm)",), hull=("goal: the same",))
-    by_hull = replace(table.problems[3], hull=("start: link_3 is near board (0.0 mm)",))
+    touching = replace(table.problems[2], exact=("goal: link_6 penetrates can by 2.0 mm",), hull=("goal: the same",))
+    by_hull = replace(table.problems[3], hull=("start: link_3 is near board (0.0 mm apart)",))
     page = plan_markdown(
         replace(
             table, rows=(unsolved, unsafe), problems=(*table.problems[:2], touching, by_hull), left_out={"x": "why"}
@@ -105,8 +105,8 @@ def test_markdown_names_what_is_wrong(table: PlanTable) -> None:
     )
     assert f"- {unsolved.name}: no path within a budget" in page
     assert f"- {unsafe.name}: link_6 touches post at 0.5 of the way" in page
-    assert f"- {touching.name}: goal: link_6 penetrates can (-2.0 mm)" in page
-    assert f"- {by_hull.name}: start: link_3 is near board (0.0 mm)" in page
+    assert f"- {touching.name}: goal: link_6 penetrates can by 2.0 mm" in page
+    assert f"- {by_hull.name}: start: link_3 is near board (0.0 mm apart)" in page
     assert "in 1 an end touches something or is outside the limits, in 1 more an end touches by the hulls" in " ".join(
         page.split()
     )

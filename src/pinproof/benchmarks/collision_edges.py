@@ -17,7 +17,7 @@ import numpy.typing as npt
 from pinproof.benchmarks.collision_problems import MARGINS, random_edge, random_scene
 from pinproof.benchmarks.plan_own import own_reach
 from pinproof.collision import Certificate, CertificateStatus, CollisionChecker, audit, certify
-from pinproof.collision.plain_coal import PlainCoal
+from pinproof.collision.coal_checks import PlainCoal
 from pinproof.model import load_robot
 from pinproof.motion import JointPath
 

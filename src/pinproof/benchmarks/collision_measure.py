@@ -15,7 +15,7 @@ from pinproof.benchmarks.collision_problems import boxes, random_configurations
 from pinproof.benchmarks.plan_own import own_reach
 from pinproof.benchmarks.plan_problem import PlanProblem
 from pinproof.collision import CertificateStatus, CollisionChecker, Scene, certify
-from pinproof.collision.plain_coal import PlainCoal
+from pinproof.collision.coal_checks import PlainCoal
 from pinproof.model import Arm
 from pinproof.planning import RrtConnect, shortcut
 

@@ -112,10 +112,10 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measur
             nearest = pin.computeDistances(model, data, geometry, bodies, q)
             distance = min(distance, float(bodies.distanceResults[nearest].min_distance))
     contacts = tuple((t, pair) for pair, t in sorted(found.items(), key=lambda item: item[1]))
-    seen = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
+    touching = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
     what = _geometry(checker)
-    free = f"no contact, {distance * 1e3:.1f} mm at the least" if measure else "no contact"
-    message = f"{len(times)} samples on {what}: {seen or free}"
+    free = f"no contact; the smallest distance is {distance * 1e3:.1f} mm" if measure else "no contact"
+    message = f"{len(times)} samples, checked with {what}: {touching or free}"
     return AuditResult(len(times), contacts, distance, what, message)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.collision.contact import CheckResult, Contact
+from pinproof.collision.checker import CheckResult, Contact
 from pinproof.picks.configurations import manipulability
 from pinproof.picks.family import Member
 from pinproof.picks.settings import PickWeights

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.contact import CheckResult
+from pinproof.collision.checker import CheckResult
 from pinproof.picks.family import Member
 from pinproof.picks.stages.task import Task
 from pinproof.picks.verdict import Stage, StageResult

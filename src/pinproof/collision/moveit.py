@@ -1,4 +1,6 @@
-"""MoveIt planning scenes (moveit_msgs/PlanningScene as YAML): obstacles, and contacts that are meant to be.
+"""The allowed-collision matrix of a MoveIt planning scene.
+
+MoveIt planning scenes (moveit_msgs/PlanningScene as YAML): obstacles, and contacts that are meant to be.
 
 What a message may hold is written by MoveIt as mappings (``position: {x: 0, y: 0, z: 1}``) and by others, such as the
 scenes of MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. So that nothing is dropped silently:
@@ -18,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +28,71 @@ import numpy as np
 import pinocchio as pin
 
 from pinproof.collision.bodies import triangles_of
-from pinproof.collision.moveit_matrix import allowed_pairs
-from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.shape_file import numbers_of
-from pinproof.collision.shapes import Box, Cone, Cylinder, HalfSpace, Mesh, Shape, Sphere
-from pinproof.collision.solid import Solid
+from pinproof.collision.hulls import Solid
+from pinproof.collision.scene_file import SceneContent, numbers_of
+from pinproof.collision.shapes import ANYTHING, Box, Cone, Cylinder, HalfSpace, Mesh, Obstacle, Shape, Sphere
 from pinproof.common.yaml_file import LinedMapping, listed, refuse_unknown
 from pinproof.description.packages import locate
 from pinproof.errors import InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
 
-__all__ = ["is_moveit", "moveit_scene"]
+__all__ = ["allowed_pairs", "is_moveit", "read_moveit_scene"]
+
+OCTOMAP = "<octomap>"
+
+Pairs = list[tuple[str, str]]
+
+
+def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tuple[str, ...]]) -> tuple[Pairs, Pairs]:
+    """Who may touch, by (robot link, obstacle), and the pairs of robot links that the matrix disables.
+
+    An entry of the matrix stands before the defaults, and a pair of two defaults needs both, as in MoveIt
+    (``AllowedCollisionMatrix::getAllowedCollision``). A pair whose two entries differ is not allowed.
+
+    Parameters
+    ----------
+    parts
+        The obstacles that each object of the file became; every other name is taken for a robot link.
+
+    Raises
+    ------
+    SceneError
+        If the matrix is not square.
+    """
+    names = [str(name) for name in matrix.get("entry_names") or []]
+    rows: list[Any] = [
+        row.get("enabled") if isinstance(row, Mapping) else row for row in matrix.get("entry_values") or []
+    ]
+    if len(rows) != len(names) or any(not isinstance(row, list) or len(row) != len(names) for row in rows):
+        raise SceneError(
+            path, "entry_values is not square with a row for each of entry_names", "allowed_collision_matrix"
+        )
+    told = {
+        frozenset((names[i], names[j])): rows[i][j] is True and rows[j][i] is True
+        for i, j in combinations(range(len(names)), 2)
+    }
+    default_names, values = matrix.get("default_entry_names") or [], matrix.get("default_entry_values") or []
+    if len(default_names) != len(values):
+        raise SceneError(path, "default_entry_values has another length than its names", "allowed_collision_matrix")
+    defaults = {str(name): value is True for name, value in zip(default_names, values, strict=True)}
+    links = sorted({*names, *defaults} - set(parts) - {OCTOMAP})
+
+    def may_touch(a: str, b: str) -> bool:
+        by_default = [defaults[name] for name in (a, b) if name in defaults]
+        return told.get(frozenset((a, b)), bool(by_default) and all(by_default))
+
+    allowed: Pairs = []
+    for thing, pieces in parts.items():
+        touching = [link for link in links if may_touch(link, thing)]
+        if defaults.get(thing, False):
+            if len(touching) < len(links):
+                refused = ", ".join(link for link in links if link not in touching)
+                reason = f"lets {thing!r} touch anything by default, but not {refused}: name the links it may touch"
+                raise SceneError(path, reason, "allowed_collision_matrix")
+            touching = [ANYTHING]
+        allowed += [(link, piece) for piece in pieces for link in touching]
+    return allowed, [(a, b) for a, b in combinations(links, 2) if may_touch(a, b)]
+
 
 SCENE_KEYS = (
     "name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix", "link_padding",
@@ -60,7 +117,7 @@ def is_moveit(content: Mapping[str, Any]) -> bool:
     return "world" in content and "obstacles" not in content
 
 
-def moveit_scene(path: Path, content: LinedMapping) -> Scene:
+def read_moveit_scene(path: Path, content: LinedMapping) -> SceneContent:
     """The scene that a planning scene states.
 
     Raises
@@ -76,7 +133,7 @@ def moveit_scene(path: Path, content: LinedMapping) -> Scene:
         raise SceneError(path, f"is not laid out as moveit_msgs/PlanningScene: {error}") from error
 
 
-def _scene(path: Path, content: LinedMapping) -> Scene:
+def _scene(path: Path, content: LinedMapping) -> SceneContent:
     refuse_unknown(SceneError, path, "key of a planning scene", content, SCENE_KEYS, "")
     world = _mapping(path, content["world"], "world")
     refuse_unknown(SceneError, path, "key of world", world, ("collision_objects", "octomap"), "")
@@ -114,7 +171,7 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
         obstacles += made
         parts[name] = tuple(names)
     allowed, disabled = allowed_pairs(path, content.get("allowed_collision_matrix") or {}, parts)
-    return Scene(obstacles, allowed=allowed, disabled=disabled, frame=frames.root, notes=notes, source=path)
+    return SceneContent(obstacles, allowed, disabled, frames.root, notes)
 
 
 class _Frames:
@@ -169,7 +226,7 @@ def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) 
             else:
                 shape, thing_from_half = _half_space(thing)
                 object_from_thing = object_from_thing * thing_from_half
-                notes.append(f"the plane of {name!r} is taken as all that lies behind it")
+                notes.append(f"the plane of {name!r} is read as the half-space behind it")
             made.append((shape, object_from_thing))
     if not made:
         raise InputError("has no primitives, meshes or planes")
@@ -210,7 +267,7 @@ def _mesh(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) ->
     read = triangles_of(mesh)
     if Solid(read.vertices, read.triangles).watertight:
         return mesh
-    notes.append(f"a mesh of {name!r} is not watertight: its hull is taken")
+    notes.append(f"a mesh of {name!r} is not watertight, so its convex hull is used")
     return replace(mesh, hull=True)
 
 

@@ -1,19 +1,17 @@
-"""The allowed-collision matrix of a MoveIt planning scene.
+"""MoveIt planning scenes (moveit_msgs/PlanningScene as YAML): obstacles and the allowed-collision matrix.
 
-MoveIt planning scenes (moveit_msgs/PlanningScene as YAML): obstacles, and contacts that are meant to be.
-
-What a message may hold is written by MoveIt as mappings (``position: {x: 0, y: 0, z: 1}``) and by others, such as the
-scenes of MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. So that nothing is dropped silently:
+MoveIt writes the values of a message as mappings (``position: {x: 0, y: 0, z: 1}``), others, such as the scenes of
+MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. Nothing is dropped silently:
 
 - an object of several shapes becomes the obstacles NAME/1, NAME/2, ...; a plane becomes the half-space behind it;
-- a watertight mesh is solid in its own shape; another one becomes its convex hull, and a note of the scene says so;
-- contacts that the matrix allows between a link and an object are allowed; pairs of links stand in
+- a watertight mesh is a solid of its own shape; any other is replaced by its convex hull, with a note of the scene;
+- contacts that the matrix allows between a link and an object are allowed; pairs of links are listed in
   :attr:`Scene.disabled <pinproof.Scene.disabled>`;
-- the frame of the objects must be the robot's root: given empty, as ``world``, as one of the file's own fixed frames,
-  or by the name of the root link, which the checker compares; where the file places a floating robot, that is undone;
-- attached objects, octomaps and operations other than ADD are refused; paddings and scales of links stand in a note.
+- the frame of the objects must be the robot's root: empty, ``world``, one of the fixed frames of the file, or the name
+  of the root link, which the checker compares; if the file places a floating robot, that pose is inverted;
+- attached objects, octomaps and operations other than ADD are refused; paddings and scales of links become a note.
 
-Joint positions are not read: joints outside the arm stand where the arm holds them.
+Joint positions are not read: joints outside the arm keep the values that the arm holds.
 """
 
 from __future__ import annotations
@@ -44,15 +42,15 @@ Pairs = list[tuple[str, str]]
 
 
 def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tuple[str, ...]]) -> tuple[Pairs, Pairs]:
-    """Who may touch, by (robot link, obstacle), and the pairs of robot links that the matrix disables.
+    """Return the pairs (robot link, obstacle) that may touch, and the pairs of robot links that the matrix disables.
 
-    An entry of the matrix stands before the defaults, and a pair of two defaults needs both, as in MoveIt
+    An entry of the matrix overrides the defaults, and a pair of two defaults needs both, as in MoveIt
     (``AllowedCollisionMatrix::getAllowedCollision``). A pair whose two entries differ is not allowed.
 
     Parameters
     ----------
     parts
-        The obstacles that each object of the file became; every other name is taken for a robot link.
+        The obstacles made of each object of the file; every other name is assumed to be a robot link.
 
     Raises
     ------
@@ -67,7 +65,7 @@ def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tup
         raise SceneError(
             path, "entry_values is not square with a row for each of entry_names", "allowed_collision_matrix"
         )
-    told = {
+    entries = {
         frozenset((names[i], names[j])): rows[i][j] is True and rows[j][i] is True
         for i, j in combinations(range(len(names)), 2)
     }
@@ -79,7 +77,7 @@ def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tup
 
     def may_touch(a: str, b: str) -> bool:
         by_default = [defaults[name] for name in (a, b) if name in defaults]
-        return told.get(frozenset((a, b)), bool(by_default) and all(by_default))
+        return entries.get(frozenset((a, b)), bool(by_default) and all(by_default))
 
     allowed: Pairs = []
     for thing, pieces in parts.items():
@@ -87,7 +85,9 @@ def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tup
         if defaults.get(thing, False):
             if len(touching) < len(links):
                 refused = ", ".join(link for link in links if link not in touching)
-                reason = f"lets {thing!r} touch anything by default, but not {refused}: name the links it may touch"
+                reason = (
+                    f"lets {thing!r} touch anything by default, but not {refused}; list the links that it may touch"
+                )
                 raise SceneError(path, reason, "allowed_collision_matrix")
             touching = [ANYTHING]
         allowed += [(link, piece) for piece in pieces for link in touching]
@@ -109,28 +109,28 @@ PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone"}
 COUNTS = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
 
 WORLD = ("", "world")
-"""Names of the frame the robot stands in."""
+"""Names of the frame of the robot's root."""
 
 
 def is_moveit(content: Mapping[str, Any]) -> bool:
-    """Whether a YAML file is a planning scene and not one of ours."""
+    """Whether a YAML file is a MoveIt planning scene and not a pinproof scene."""
     return "world" in content and "obstacles" not in content
 
 
 def read_moveit_scene(path: Path, content: LinedMapping) -> SceneContent:
-    """The scene that a planning scene states.
+    """Return the content of a planning scene.
 
     Raises
     ------
     SceneError
-        If it says something that cannot be obeyed; names file, line and object.
+        If it contains something that is not supported; the message names file, line and object.
     """
     try:
         return _scene(path, content)
     except InputError as error:
         raise SceneError(path, str(error)) from error
-    except (AttributeError, KeyError, TypeError) as error:  # a number where a mapping belongs, somewhere in the message
-        raise SceneError(path, f"is not laid out as moveit_msgs/PlanningScene: {error}") from error
+    except (AttributeError, KeyError, TypeError) as error:  # a value of the wrong type in the message
+        raise SceneError(path, f"is not structured as moveit_msgs/PlanningScene: {error}") from error
 
 
 def _scene(path: Path, content: LinedMapping) -> SceneContent:
@@ -140,17 +140,19 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
     state = _mapping(path, content.get("robot_state") or {}, "robot_state")
     carried = [_carried(part) for part in state.get("attached_collision_objects") or []]
     if carried:
-        how = "take them out of the file and give them to the CollisionChecker as attached"
+        how = "remove them from the file and pass them to the CollisionChecker as attached"
         raise SceneError(path, f"has objects attached to the robot ({', '.join(carried)}), which are not read; {how}")
     octomap = world.get("octomap") or {}
     if (octomap.get("octomap") or octomap).get("data"):
-        raise SceneError(path, "holds an octomap, which is not read; give its points as a PointCloud", "key octomap")
+        raise SceneError(
+            path, "holds an octomap, which is not read; use a PointCloud of its points instead", "key octomap"
+        )
     frames = _Frames(path, content, state)
     colours = {part.get("id"): part.get("color") for part in content.get("object_colors") or []}
     notes = [
         f"{key} is not applied; use the checker's margin"
         for key in ("link_padding", "link_scale")
-        if _told(content, key)
+        if _is_set(content, key)
     ]
     obstacles: list[Obstacle] = []
     parts: dict[str, tuple[str, ...]] = {}
@@ -175,7 +177,7 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
 
 
 class _Frames:
-    """Where the frames of the file lie in that of the robot's root."""
+    """The poses of the frames of the file in the frame of the robot's root."""
 
     def __init__(self, path: Path, content: LinedMapping, state: Mapping[str, Any]) -> None:
         self._path, self.root = path, ""
@@ -183,7 +185,7 @@ class _Frames:
         floating = state.get("multi_dof_joint_state") or {}
         transforms = floating.get("transforms") or []
         if len(transforms) > 1:
-            raise SceneError(path, f"moves the robot by {len(transforms)} floating joints; one can be undone")
+            raise SceneError(path, f"moves the robot by {len(transforms)} floating joints; at most one is supported")
         root_from_world = _transform(transforms[0]).inverse() if transforms else pin.SE3.Identity()
         for stated in content.get("fixed_frame_transforms") or []:
             world_from_frame = _transform(stated.get("transform") or {})
@@ -194,20 +196,20 @@ class _Frames:
             self._root_from.setdefault(name, root_from_world)
 
     def placed(self, stated: Mapping[str, Any], where: str) -> pin.SE3:
-        """root_from_object, where the object's own pose counts too."""
+        """Return root_from_object, including the object's own pose."""
         frame = str((stated.get("header") or {}).get("frame_id") or "").lstrip("/")
         if frame not in self._root_from:
             if self.root and frame != self.root:
                 known = ", ".join(repr(name) for name in (*self._root_from, self.root))
                 raise SceneError(
-                    self._path, f"stands in the frame {frame!r}, which the file does not place; known: {known}", where
+                    self._path, f"is in the frame {frame!r}, which the file does not define; known: {known}", where
                 )
             self.root = frame
         return self._root_from.get(frame, pin.SE3.Identity()) * _pose(stated.get("pose"))
 
 
 def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) -> list[tuple[Shape, pin.SE3]]:
-    """The shapes of an object and object_from_shape."""
+    """Return the shapes of an object, each with object_from_shape."""
     refuse_unknown(SceneError, path, "key of a collision object", stated, OBJECT_KEYS, f"object {name!r}")
     if stated.get("operation") not in (None, 0, "ADD", "add"):
         raise InputError(f"operation {stated['operation']!r} is not read; a scene file adds its objects")
@@ -234,7 +236,7 @@ def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) 
 
 
 def _primitive(stated: Mapping[str, Any]) -> Shape:
-    """A primitive; the height of a cylinder or cone comes before its radius (shape_msgs/SolidPrimitive)."""
+    """Return a primitive; the height of a cylinder or cone is before its radius (shape_msgs/SolidPrimitive)."""
     kind = stated.get("type")
     kind = PRIMITIVES.get(kind, kind) if isinstance(kind, int) else str(kind).lower()
     if kind not in COUNTS:
@@ -284,10 +286,10 @@ def _half_space(stated: Mapping[str, Any]) -> tuple[HalfSpace, pin.SE3]:
 
 def _name(path: Path, stated: object) -> tuple[str, str]:
     if not isinstance(stated, LinedMapping):
-        raise SceneError(path, f"{stated!r} is no collision object", "key world.collision_objects")
+        raise SceneError(path, f"{stated!r} is not a collision object", "key world.collision_objects")
     name = stated.get("id")
     if not isinstance(name, str) or not name:
-        raise SceneError(path, f"an object has the id {name!r}, which is no text", f"line {stated.line}")
+        raise SceneError(path, f"an object has the id {name!r}, which is not a text", f"line {stated.line}")
     return name, f"line {stated.line}, object {name!r}"
 
 
@@ -295,8 +297,8 @@ def _carried(stated: Mapping[str, Any]) -> str:
     return f"{(stated.get('object') or {}).get('id')!r} on {stated.get('link_name')!r}"
 
 
-def _told(content: Mapping[str, Any], key: str) -> bool:
-    """Whether a padding or a scale of a link is other than none."""
+def _is_set(content: Mapping[str, Any], key: str) -> bool:
+    """Whether a padding or a scale of a link has an effect."""
     word, nothing = ("padding", 0.0) if key == "link_padding" else ("scale", 1.0)
     return any(part.get(word, nothing) != nothing for part in content.get(key) or [])
 
@@ -313,13 +315,13 @@ def _transform(stated: Mapping[str, Any]) -> pin.SE3:
 
 
 def _pose(stated: object) -> pin.SE3:
-    """A pose; what is not told is zero, and a quaternion of zeros is unturned, as MoveIt takes it."""
+    """Return a pose; missing values are zero, and a quaternion of zeros is the identity, as in MoveIt."""
     if stated is None:
         return pin.SE3.Identity()
     if not isinstance(stated, Mapping):
-        raise InputError(f"{stated!r} is no pose; wanted are position and orientation")
-    told = stated.get("orientation")
-    quaternion = [told.get(key, 0.0) for key in "xyzw"] if isinstance(told, Mapping) else told
+        raise InputError(f"{stated!r} is not a pose with position and orientation")
+    rotation = stated.get("orientation")
+    quaternion = [rotation.get(key, 0.0) for key in "xyzw"] if isinstance(rotation, Mapping) else rotation
     quaternion = None if quaternion is None else numbers_of("orientation", quaternion)
     position = _three(stated["position"]) if stated.get("position") is not None else np.zeros(3)
     return pose(position.tolist(), quat_xyzw=quaternion if quaternion is not None and np.any(quaternion) else None)

@@ -32,7 +32,7 @@ from pinproof.collision import (
     audit,
     certify,
 )
-from pinproof.collision.plain_coal import PlainCoal
+from pinproof.collision.coal_checks import PlainCoal
 from pinproof.model import Arm, load_robot
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, pose

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from pinproof.collision.assembly import ROUNDING
-from pinproof.collision.by_coal import GJK_SLACK
 from pinproof.collision.certify import GOAL_SHARE, TOLERANCE
+from pinproof.collision.coal_checks import GJK_SLACK
 from pinproof.collision.parting import DEEPEST
 from pinproof.kernels import approach
 from pinproof.kernels.world import JOINT_COLUMNS, LEADER, MULTIPLIER, SLIDES

@@ -84,7 +84,7 @@ def test_the_audit_says_what_it_sampled_and_what_it_saw(run: Run) -> None:
     code, out, _ = run("ur5", "motion.json", "--scene", "scene.yaml", "--audit", "--audit-step", "0.01")
     assert code == 0
     assert "triangle meshes" in out
-    assert "mm at the least" in out
+    assert "smallest distance is" in out
     code, out, _ = run("ur5", "motion.json", "--scene", "wall.yaml", "--audit", "--audit-step", "0.01", "--json")
     answer = json.loads(out)
     assert code == 1

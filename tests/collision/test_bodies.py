@@ -31,10 +31,9 @@ from pinproof import (
     pose,
 )
 from pinproof.collision.bodies import shape_bodies, shape_body
-from pinproof.collision.by_coal import GJK_SLACK
-from pinproof.collision.height_map import Ground, ground_surface
-from pinproof.collision.point_cloud import cell_faces
-from pinproof.collision.solid import Solid
+from pinproof.collision.coal_checks import GJK_SLACK
+from pinproof.collision.hulls import Solid
+from pinproof.collision.surfaces import Ground, cell_faces, ground_surface
 from pinproof.errors import MeshError
 
 BALL = 0.01

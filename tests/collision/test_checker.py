@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, load_robot, pose
-from pinproof.collision.by_coal import GJK_SLACK
+from pinproof.collision.coal_checks import GJK_SLACK
 from pinproof.kernels.world import BEGIN, world_of
 
 
@@ -214,7 +214,7 @@ def test_a_body_allowed_to_touch_itself_is_refused(ur5):
     scene = Scene([Obstacle("ball", Sphere(0.1))])
     with pytest.raises(InputError, match="'ball' twice"):
         CollisionChecker(ur5, scene, allowed=[("ball", "ball")])
-    with pytest.raises(InputError, match="'ball' stands there twice"):
+    with pytest.raises(InputError, match="'ball' is named twice"):
         Scene(scene.obstacles, allowed=[("ball", "ball")])
 
 
@@ -242,8 +242,8 @@ def test_adjacency_reaches_across_links_without_geometry(arm_from_links):
     checker = CollisionChecker(robot.arm(tcp="tip"))
     assert checked(checker) == {frozenset("ac")}
     assert reasons(checker) == {
-        frozenset("ab"): "adjacent: across empty without geometry, within 5 mm of joints (housing 7.75 mm); in contact "
-        "in 100% of sampled configurations",
+        frozenset("ab"): "adjacent: only links without geometry between them (empty), joints within 5 mm "
+        "(housing 7.75 mm); in contact in 100% of sampled configurations",
         frozenset("bc"): "adjacent: joined by a joint",
     }
     assert not checker.is_free(np.zeros(3))

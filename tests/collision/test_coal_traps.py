@@ -13,7 +13,7 @@ import trimesh
 
 from pinproof import Box, CollisionChecker, Cylinder, InputError, Mesh, Obstacle, Scene, Sphere, pose
 from pinproof.collision.bodies import shape_bodies, shape_body
-from pinproof.collision.by_coal import GJK_SLACK, GJK_TOLERANCE
+from pinproof.collision.coal_checks import GJK_SLACK, GJK_TOLERANCE
 from pinproof.collision.hulls import bvh
 from pinproof.collision.links import link_bodies
 from pinproof.description import read_urdf

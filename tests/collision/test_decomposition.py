@@ -12,7 +12,7 @@ from scipy.spatial import ConvexHull as Hull
 from pinproof import CollisionChecker, Obstacle, Scene, Sphere, load_robot, pose
 from pinproof.collision.bodies import hull_body
 from pinproof.collision.decomposition import PIECES, clusters
-from pinproof.collision.solid import Solid
+from pinproof.collision.hulls import Solid
 from pinproof.description.meshes import read_mesh
 from pinproof.spatial import pose as placed
 

@@ -115,9 +115,9 @@ def test_the_certificate_names_the_owners_and_says_what_was_judged_how(ring, pat
     fine = coarse.finer_at([0.0])
     free = certify(path(ring, [-0.5], [0.5]), fine)
     assert free.free
-    (note,) = [note for note in free.notes if "judged by" in note]
-    assert note.startswith("ring and rod: judged by several hulls")
-    assert not [note for note in certify(path(ring, [-0.5], [0.5]), coarse).notes if "judged by" in note]
+    (note,) = [note for note in free.notes if "checked with" in note]
+    assert note.startswith("ring and rod: checked with several hulls")
+    assert not [note for note in certify(path(ring, [-0.5], [0.5]), coarse).notes if "checked with" in note]
     assert certify(path(ring, [0.0], [1.0]), fine).first_contact.bodies == ("ring", "ball")
 
 

@@ -19,24 +19,26 @@ def notes(path, arm, *obstacles, **settings):
 def test_hulled_links_are_named_and_counted(ur5, path):
     said, closer = notes(path, ur5)
     assert said.startswith("base_link, shoulder_link, ")
-    assert said.endswith("(7 in all): taken as the convex hull of the mesh")
+    assert "(7 in all)" in said
+    assert "convex hull" in said
     assert "base_link and upper_arm_link" in closer
-    assert "judged by several hulls, since the SRDF disables them without a reason" in closer
+    assert "several hulls" in closer
+    assert "SRDF" in closer
 
 
-def test_joints_that_stand_still_are_named_with_where(panda, path):
-    assert "joints outside the arm stand still: panda_finger_joint1 = 0, panda_finger_joint2 = 0" in notes(path, panda)
+def test_held_joints_are_named_with_their_values(panda, path):
+    assert any("panda_finger_joint1 = 0, panda_finger_joint2 = 0" in note for note in notes(path, panda))
 
 
-def test_what_is_hollow_is_named(slider, mesh_file, path):
+def test_a_mesh_that_is_not_watertight_is_named(slider, mesh_file, path):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     open_box = mesh_file(trimesh.Trimesh(box.vertices, box.faces[1:], process=False))
     sheet = Obstacle("open", Mesh(open_box, hull=False, hollow=True))
     (said,) = notes(path, slider, sheet)
-    assert said == "open: not watertight, so hollow: being wholly inside is not seen"
+    assert said.startswith("open: not watertight")
 
 
-def test_an_open_mesh_of_a_link_is_hulled_and_the_certificate_says_so(tmp_path, path):
+def test_certificate_names_a_link_whose_open_mesh_is_replaced_by_its_hull(tmp_path, path):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(tmp_path / "open.stl")
     arm = load_robot_from_text(
@@ -46,21 +48,24 @@ def test_an_open_mesh_of_a_link_is_hulled_and_the_certificate_says_so(tmp_path, 
         '<parent link="box"/><child link="tip"/></joint></robot>'
     ).arm(tcp="tip")
     certificate = certify(path(arm, [0.0]), CollisionChecker(arm, link_meshes="mesh"))
-    assert certificate.notes == ("box: open.stl is not watertight: its hull is taken",)
+    (note,) = certificate.notes
+    assert "box: open.stl is not watertight" in note
+    assert "convex hull" in note
 
 
-def test_a_cloud_says_what_it_takes_for_free(slider, path):
+def test_note_on_a_point_cloud_names_resolution_and_unobserved_space(slider, path):
     (said,) = notes(path, slider, Obstacle("seen", PointCloud(np.array([[0.5, 0.5, 0.5]]), 0.01)))
-    assert said == "seen: points of a sensor in cells of 0.01 m; what no point told of is free"
+    assert "seen: point cloud in cells of 0.01 m" in said
+    assert "unobserved" in said
 
 
-def test_what_was_made_of_a_scene_file_is_repeated(slider, path):
-    assert notes(path, slider, notes=["a mesh of 'rack' is not watertight: its hull is taken"]) == (
-        "a mesh of 'rack' is not watertight: its hull is taken",
+def test_notes_of_a_scene_file_are_repeated(slider, path):
+    assert notes(path, slider, notes=["a mesh of 'rack' is not watertight, so its convex hull is used"]) == (
+        "a mesh of 'rack' is not watertight, so its convex hull is used",
     )
 
 
-def test_links_that_are_drawn_only_are_named(path):
+def test_links_with_visual_geometry_only_are_named(path):
     link = '<link name="{}"><visual><geometry><sphere radius="0.1"/></geometry></visual>{}</link>'
     body = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
     joints = (
@@ -69,15 +74,16 @@ def test_links_that_are_drawn_only_are_named(path):
         '<joint name="end" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
     )
     for solid, said in (
-        (body, "tip: drawn, but without collision geometry, so touching nothing"),
-        ("", "the robot has no collision geometry: its links touch nothing"),
+        (body, "tip: visible, but without collision geometry"),
+        ("", "the robot has no collision geometry"),
     ):
         parts = link.format("base", solid) + link.format("arm", solid) + link.format("tip", "")
         arm = load_robot_from_text(f'<robot name="r">{parts}{joints}</robot>').arm(tcp="tip")
-        assert notes(path, arm) == (said,)
+        (note,) = notes(path, arm)
+        assert said in note
 
 
-def test_where_nothing_is_taken_for_granted_nothing_is_said(slider, path):
+def test_there_are_no_notes_without_assumptions(slider, path):
     certificate = certify(
         path(slider, [0.0]), CollisionChecker(slider, Scene([Obstacle("b", Box(1, 1, 1), pose((2, 0, 0)))]))
     )
@@ -85,7 +91,7 @@ def test_where_nothing_is_taken_for_granted_nothing_is_said(slider, path):
     assert "\n" not in str(certificate)
 
 
-def test_other_verdicts_tell_it_too(path):
+def test_colliding_certificates_have_notes_too(path):
     arm = load_robot("ur5").arm()
     certificate = certify(
         path(arm, arm.home), CollisionChecker(arm, Scene([Obstacle("b", Box(2, 2, 2), pose((0, 0, 0)))]))

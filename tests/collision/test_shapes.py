@@ -75,7 +75,7 @@ def test_a_size_that_is_no_length_is_refused(value):
         (lambda: Mesh.from_arrays(TETRAHEDRON, []), "triangles"),
         (lambda: Mesh.from_arrays(TETRAHEDRON, [[0, 1, 4]]), "vertices 0 to 3"),
         (lambda: Mesh.from_arrays(TETRAHEDRON, [[0, 1, -1]]), "vertices 0 to 3"),
-        (lambda: Mesh.from_arrays(TETRAHEDRON, [[0.5, 1, 2]]), "whole numbers"),
+        (lambda: Mesh.from_arrays(TETRAHEDRON, [[0.5, 1, 2]]), "integers"),
         (lambda: Mesh.from_arrays([[0, 0, np.nan]], [[0, 0, 0]]), "nan"),
         (lambda: Mesh("part.stl", hull=True, hollow=True), "not both"),
         (lambda: Mesh("part.stl", vertices=TETRAHEDRON, triangles=OUTWARD), "not both"),
@@ -83,7 +83,7 @@ def test_a_size_that_is_no_length_is_refused(value):
         (lambda: Obstacle("thing", "box"), "HalfSpace"),
     ],
 )
-def test_what_is_no_shape_is_refused(make, said):
+def test_invalid_shapes_are_refused(make, said):
     with pytest.raises(InputError, match=said):
         make()
 

@@ -18,7 +18,7 @@ import typer
 import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Stopped
-from pinproof.collision.recorded import missing_since
+from pinproof.collision.certificate import missing_since
 from pinproof.errors import InputError
 
 if TYPE_CHECKING:

@@ -1,6 +1,5 @@
 """Collision: shapes, scenes, the checker, and certificates that hold between samples (coal)."""
 
-from pinproof.collision.attachments import Attachments
 from pinproof.collision.audit import AuditResult, audit
 from pinproof.collision.certificate import (
     Certificate,
@@ -11,11 +10,10 @@ from pinproof.collision.certificate import (
     UndecidedSpan,
 )
 from pinproof.collision.certify import certify, is_proven_free
-from pinproof.collision.checker import CollisionChecker
-from pinproof.collision.contact import CheckResult, Contact
+from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
 from pinproof.collision.pairs import ExcludedPair
-from pinproof.collision.proof_check import verify_proof
-from pinproof.collision.scene import Obstacle, Scene
+from pinproof.collision.proof_file import verify_proof
+from pinproof.collision.scene import Attachments, Scene
 from pinproof.collision.shapes import (
     Box,
     Capsule,
@@ -26,6 +24,7 @@ from pinproof.collision.shapes import (
     HalfSpace,
     HeightMap,
     Mesh,
+    Obstacle,
     PointCloud,
     Shape,
     Sphere,

@@ -1,54 +1,229 @@
-"""What a checker is made of: bodies, the pairs of them that are checked, and both packed for compiled loops."""
+"""The parts of a checker: its bodies, checked pairs and margins, and the arrays for the compiled loops."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+import math
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
+import pinocchio as pin
 
 from pinproof.collision.bodies import Body, shape_bodies
+from pinproof.collision.links import DECOMPOSED, EXACT
 from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, PairRules, Pairs, choose_pairs
-from pinproof.collision.scene import Obstacle, Scene
-from pinproof.errors import InputError
+from pinproof.collision.scene import Scene
+from pinproof.collision.shapes import Obstacle
+from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 
 if TYPE_CHECKING:
     from pinproof.kernels.world import World
 
-__all__ = ["ROUNDING", "Assembly", "Known", "add_obstacle_bodies", "assemble", "keep_pairs", "leave_out"]
+__all__ = [
+    "ROUNDING",
+    "Assembly",
+    "CheckedBodies",
+    "Known",
+    "Margins",
+    "add_obstacle_bodies",
+    "assemble",
+    "checked_margin",
+    "finer_levels",
+    "keep_pairs",
+    "leave_out",
+]
 
 Array = npt.NDArray[np.float64]
+
+
+class Margins:
+    """Margins of pairs of owners of bodies (links, attached objects, obstacles).
+
+    Parameters
+    ----------
+    common
+        Margin (m) of all pairs without an individual one.
+    single
+        Margins (m) of single pairs of owners, in either order.
+
+    Raises
+    ------
+    InputError
+        If one is negative or not finite, or a pair is not two names.
+    """
+
+    def __init__(self, common: float, single: Mapping[tuple[str, str], float]) -> None:
+        self.common = checked_margin("margin", common)
+        self.single: dict[frozenset[str], float] = {}
+        for pair, margin in single.items():
+            names = frozenset(pair) if isinstance(pair, tuple) else frozenset()
+            if len(names) != 2 or len(pair) != 2:
+                raise InputError(f"margins has the key {pair!r}; it must be two names")
+            self.single[names] = checked_margin(f"margins[{pair!r}]", margin)
+
+    def of(self, owners: Iterable[tuple[str, str]], count: int, names: Sequence[str]) -> Array:
+        """Return (P,) the margins of ``count`` pairs; ``owners`` is read only if there are margins of single pairs.
+
+        Raises
+        ------
+        UnknownNameError
+            If a single margin is for a name that is not among ``names``.
+        """
+        for pair in self.single:
+            for name in sorted(pair):
+                if name not in names:
+                    raise UnknownNameError("body", name, names, "margins")
+        if not self.single:
+            return np.full(count, self.common)
+        return np.array([self.single.get(frozenset(pair), self.common) for pair in owners], dtype=float)
+
+    def under(self, common: float) -> Margins:
+        """Return the same margins of single pairs with another common margin."""
+        other = Margins(common, {})
+        other.single = dict(self.single)
+        return other
+
+    def padded(self, by: float) -> Margins:
+        """Return all margins increased by this (m)."""
+        more = checked_margin("by", by)
+        other = Margins(self.common + more, {})
+        other.single = {pair: margin + more for pair, margin in self.single.items()}
+        return other
+
+    def without(self, names: set[str]) -> Margins:
+        """Return the margins without those of pairs with one of these names."""
+        other = Margins(self.common, {})
+        other.single = {pair: margin for pair, margin in self.single.items() if not names & pair}
+        return other
+
+    def __repr__(self) -> str:
+        single = sorted((*sorted(pair), margin) for pair, margin in self.single.items())
+        return f"Margins({self.common!r}, {single!r})"
+
+
+def checked_margin(name: str, margin: float) -> float:
+    """Return a margin as a number.
+
+    Raises
+    ------
+    InputError
+        If it is negative, not finite, or not a number.
+    """
+    try:
+        value = float(margin)
+    except (TypeError, ValueError):
+        value = math.nan
+    if not math.isfinite(value) or value < 0:
+        raise InputError(f"{name} = {margin}; it must be a distance in metres, 0 or more")
+    return value
+
+
+Pair = frozenset[str]
+Levels = Mapping[Pair, int]
+
+
+def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels) -> dict[Pair, int]:
+    """Return levels of detail at which only those pairs of owners touch whose exact meshes touch.
+
+    Each pair gets the coarsest level on which it does not touch, because convex bodies are checked in compiled code. A
+    pair that touches on every level keeps its level: the contact is real, and finer bodies would only cost time.
+
+    Parameters
+    ----------
+    touching
+        Returns the pairs of owners in contact, for which finer bodies exist, at given levels.
+    levels
+        The present levels of pairs, where not 0.
+    """
+    found = dict(levels)
+    open_pairs = set(touching(levels))
+    for level in (DECOMPOSED, EXACT):
+        if raised := {pair for pair in open_pairs if found.get(pair, 0) < level}:
+            found.update(dict.fromkeys(raised, level))
+            open_pairs &= set(touching(found))
+    for pair in open_pairs:
+        found.pop(pair)
+        if pair in levels:
+            found[pair] = levels[pair]
+    return found
+
+
 Indices = npt.NDArray[np.int64]
 
 ROUNDING = 1e-9
-"""Metres by which floating point may be off in placements and supports, for each metre the scene is wide (seen: 3e-9 m
-at 100 m), with room. It is taken off every distance before anything is called free."""
+"""Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
+3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
 
 Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
-"""Bodies of obstacles that were made before, by the identity of the obstacle, which is kept for that, and its link."""
+"""Cache of obstacle bodies, by identity of the obstacle (of which it keeps a reference) and its link."""
+
+
+class CheckedBodies:
+    """The bodies, pairs and margins of a checker: the part of it that the workspaces of its threads read."""
+
+    _arm: Arm
+    _geometry_model: Any = None
+    bodies: tuple[Body, ...]
+    """Links, attached objects and obstacles."""
+    pairs: tuple[tuple[int, int], ...]
+    """The checked pairs, as indices of :attr:`bodies`."""
+    margins: Array
+    """(P,) the margin (m) of each pair."""
+    at: Array
+    """(B, 15) placements; only those of bodies that never move are valid."""
+    convex: npt.NDArray[np.bool_]
+    """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
+
+    @property
+    def arm(self) -> Arm:
+        """The arm; :meth:`with_held` returns a checker with other values of the joints outside the arm."""
+        return self._arm
+
+    @property
+    def geometry_model(self) -> Any:
+        """Pinocchio's geometry model of all bodies and checked pairs, created on first access."""
+        if self._geometry_model is None:
+            self._geometry_model = geometry_model(self.arm.model, self.bodies, self.pairs)
+        return self._geometry_model
+
+
+def geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:
+    """Return Pinocchio's geometry model of the bodies on the joints of ``model``, with the checked pairs."""
+    geometry = pin.GeometryModel()
+    for body in bodies:
+        if body.link is None:
+            frame, joint, placement = 0, 0, body.link_from_body
+        else:
+            frame = model.getFrameId(body.link, pin.FrameType.BODY)
+            joint = model.frames[frame].parentJoint
+            placement = model.frames[frame].placement * body.link_from_body
+        geometry.addGeometryObject(pin.GeometryObject(body.name, joint, frame, placement, body.geometry))
+    for i, j in pairs:
+        geometry.addCollisionPair(pin.CollisionPair(i, j))
+    return geometry
 
 
 class Assembly(NamedTuple):
-    """See the module."""
+    """The bodies of a checker, its pairs, and the arrays for compiled loops."""
 
     bodies: tuple[Body, ...]
-    """Links, what is attached, obstacles."""
+    """Links, attached objects, obstacles."""
     pairs: Pairs
-    """What is checked."""
+    """The checked and excluded pairs."""
     rounding: float
-    """Metres by which floating point may be off here."""
+    """The allowance (m) for floating-point error."""
     world: World
     """The arrays, without margins."""
     at: Array
-    """(B, 15) the placements of the bodies that never move."""
+    """(B, 15) placements; only those of bodies that never move are filled in."""
     still: Indices
-    """The pairs between which no joint moves."""
+    """Indices of the pairs that no joint moves relative to each other."""
     convex: npt.NDArray[np.bool_]
-    """(P,) the pairs that need no coal."""
+    """(P,) whether both bodies of the pair have a support function."""
     known: Known
-    """The obstacles' bodies, for the next assembly."""
+    """The cached bodies of the obstacles, for derived checkers."""
 
 
 def assemble(
@@ -62,7 +237,7 @@ def assemble(
     allowed: Sequence[tuple[str, str]],
     known: Known,
 ) -> Assembly:
-    """Put together an arm's links, what it holds, and a scene.
+    """Assemble the links of an arm, its attached objects and a scene.
 
     Raises
     ------
@@ -87,51 +262,53 @@ def assemble(
     return Assembly(bodies, pairs, rounding, world, at, still, convex_pairs(world), made)
 
 
-def leave_out(made: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
-    """The same bodies, with fewer pairs of them checked: what :func:`assemble` makes where more may touch.
+def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
+    """Return the same bodies with more pairs of owners excluded, faster than :func:`assemble`.
 
-    None where names stand for more than one body each, or for none: then it takes :func:`assemble` to tell.
+    None if a name is unknown or a wildcard: then :func:`assemble` is needed.
     """
-    order = {owner: i for i, owner in enumerate(dict.fromkeys(body.owner for body in made.bodies))}
+    order = {owner: i for i, owner in enumerate(dict.fromkeys(body.owner for body in assembly.bodies))}
     if any(name not in order for pair in allowed for name in pair) or any(len(set(pair)) != 2 for pair in allowed):
         return None
-    moving = {body.owner for body in made.bodies if body.link is not None}
+    moving = {body.owner for body in assembly.bodies if body.link is not None}
     named = {frozenset(pair) for pair in allowed if moving & set(pair)}
-    owners = [body.owner for body in made.bodies]
-    kept = [k for k, (i, j) in enumerate(made.pairs.checked) if frozenset((owners[i], owners[j])) not in named]
-    excluded = [pair for pair in made.pairs.excluded if frozenset(pair.owners) not in named]
+    owners = [body.owner for body in assembly.bodies]
+    kept = [k for k, (i, j) in enumerate(assembly.pairs.checked) if frozenset((owners[i], owners[j])) not in named]
+    excluded = [pair for pair in assembly.pairs.excluded if frozenset(pair.owners) not in named]
     for pair in named:
         first, second = sorted(pair, key=lambda owner: (owner not in moving, order[owner]))
         excluded.append(ExcludedPair((first, second), ALLOWED_BY_CALLER))
     excluded.sort(key=lambda pair: (pair.owners[1] not in moving, *(order[owner] for owner in pair.owners)))
-    finer = [pair for pair in made.pairs.finer if frozenset(pair.owners) not in named]
-    fewer = keep_pairs(made, np.array(kept, dtype=int))
+    finer = [pair for pair in assembly.pairs.finer if frozenset(pair.owners) not in named]
+    fewer = keep_pairs(assembly, np.array(kept, dtype=int))
     return fewer._replace(pairs=Pairs(fewer.pairs.checked, excluded, finer))
 
 
-def keep_pairs(made: Assembly, kept: Indices) -> Assembly:
-    """The same bodies, of which only the pairs with these indices, in increasing order, are checked."""
-    checked = made.pairs.checked
+def keep_pairs(assembly: Assembly, kept: Indices) -> Assembly:
+    """Return the same bodies with only the pairs of these indices, in increasing order."""
+    checked = assembly.pairs.checked
     now = np.full(len(checked), -1)
     now[kept] = np.arange(len(kept))
-    own, still = now[made.world.own], now[made.still]
-    outer = np.where(made.world.outer >= 0, now[made.world.outer], -1) if len(now) else made.world.outer
+    own, still = now[assembly.world.own], now[assembly.still]
+    outer = np.where(assembly.world.outer >= 0, now[assembly.world.outer], -1) if len(now) else assembly.world.outer
     around = np.flatnonzero((outer >= 0).any(axis=1))[::-1]
-    world = made.world._replace(pairs=made.world.pairs[kept], own=own[own >= 0], around=around, outer=outer)
-    pairs = made.pairs._replace(checked=[checked[k] for k in kept.tolist()])
-    return made._replace(pairs=pairs, world=world, still=still[still >= 0], convex=made.convex[kept])
+    world = assembly.world._replace(pairs=assembly.world.pairs[kept], own=own[own >= 0], around=around, outer=outer)
+    pairs = assembly.pairs._replace(checked=[checked[k] for k in kept.tolist()])
+    return assembly._replace(pairs=pairs, world=world, still=still[still >= 0], convex=assembly.convex[kept])
 
 
-def add_obstacle_bodies(arm: Arm, made: Assembly, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Assembly:
-    """The same with more bodies of obstacles, appended to those there are, and more pairs of indices checked."""
+def add_obstacle_bodies(
+    arm: Arm, assembly: Assembly, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]
+) -> Assembly:
+    """Return the assembly with more bodies of obstacles, appended to the others, and more checked pairs."""
     from pinproof.collision.packed import convex_pairs, pack_world
 
-    every = (*made.bodies, *bodies)
-    checked = sorted({*made.pairs.checked, *pairs})
-    world, at, still = pack_world(arm, every, checked, made.rounding)
-    return made._replace(
+    every = (*assembly.bodies, *bodies)
+    checked = sorted({*assembly.pairs.checked, *pairs})
+    world, at, still = pack_world(arm, every, checked, assembly.rounding)
+    return assembly._replace(
         bodies=every,
-        pairs=made.pairs._replace(checked=checked),
+        pairs=assembly.pairs._replace(checked=checked),
         world=world,
         at=at,
         still=still,
@@ -143,5 +320,5 @@ def _check_names(bodies: Sequence[Body], links: Sequence[str]) -> None:
     seen: set[str] = set()
     for body in bodies:
         if body.name in seen or (body.owner != body.link and body.name in links):
-            raise InputError(f"the name {body.name!r} stands for two bodies; rename the obstacle or attached object")
+            raise InputError(f"two bodies have the name {body.name!r}; rename the obstacle or attached object")
         seen.add(body.name)

@@ -1,7 +1,7 @@
-"""A second look at a motion by other means than the proof: dense samples, exact meshes, coal alone.
+"""Audits a motion by means that are independent of the proof: dense samples, exact meshes, coal alone.
 
-It proves nothing; it is there to catch a proof that is wrong. What it uses of a checker is which bodies and pairs there
-are. Placements and contacts are Pinocchio's and coal's own.
+An audit proves nothing; its purpose is to detect a wrong proof. It uses the bodies and pairs of a checker. Placements
+and contacts are computed by Pinocchio and coal.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ STEP = 0.002
 """Rad or m: no joint moves farther than this between two samples."""
 
 INSIDE_EVERY = 250
-"""Samples between two looks at whether a body lies wholly inside another: to get there its surface has to cross, which
-is seen, so the first look is the one that matters."""
+"""Number of samples between two tests whether a body is inside another. To get inside, the surfaces must cross, which
+the other samples detect, so the test at the first sample is the important one."""
 
 MEASURE_EVERY = 10
-"""Samples between two looks at how far apart all bodies are, which takes longer than whether they touch."""
+"""Number of samples between two distance queries, which take longer than contact queries."""
 
 
 @dataclass(frozen=True, eq=False)
 class AuditResult:
-    """What dense sampling saw.
+    """The result of an audit by dense sampling.
 
     Parameters
     ----------
     samples
-        How many configurations were looked at.
+        Number of checked configurations.
     contacts
-        For each pair of owners that touched, the parameter of the curve where that was first seen, in that order.
+        For each pair of owners in contact, the parameter of the curve of the first such sample, in that order.
     distance
-        The smallest distance (m) seen, at every :data:`MEASURE_EVERY`-th sample; inf if there is no pair, NaN if
-        not asked for.
+        The smallest distance (m) at every :data:`MEASURE_EVERY`-th sample; inf if there is no pair, NaN if not
+        measured.
     geometry
-        What was sampled: how many bodies as triangles, as hulls, as simple shapes, and how many pairs of them.
+        Number of bodies as triangles, as hulls and as simple shapes, and number of pairs.
     message
-        The same in a sentence.
+        The result as a sentence.
     """
 
     samples: int
@@ -59,38 +59,38 @@ class AuditResult:
 
     @property
     def clean(self) -> bool:
-        """Whether no sample touches anything."""
+        """Whether no sample is in contact."""
         return not self.contacts
 
 
 def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measure: bool = True) -> AuditResult:
-    """Look for contacts at samples so dense that no joint moves more than ``step`` between them.
+    """Search for contacts at samples so dense that no joint moves more than ``step`` between them.
 
     Parameters
     ----------
     curve
         Any curve of the arm's joints.
     checker
-        Which bodies and pairs to look at: for a sharper look than the proof's, one with ``link_meshes="mesh"``. Its
-        margin is left aside: contact is a distance of 0.
+        Defines the bodies and pairs; with ``link_meshes="mesh"`` the audit is more exact than the proof. Its margin is
+        ignored: a contact is a distance of 0.
     step
-        In rad or m.
+        Largest motion of a joint (rad or m) between samples.
     measure
-        Whether distances are looked at, too, which takes most of the time.
+        Whether distances are measured, which takes most of the time.
 
     Raises
     ------
     InputError
-        If the curve's joints are not the arm's, or the step is not above 0.
+        If the curve's joints are not the arm's, or the step is not positive.
     """
     if tuple(curve.joint_names) != checker.arm.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm {checker.arm.joint_names}")
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
     if not step > 0:
-        raise InputError(f"step = {step}; it is above 0 (rad or m)")
+        raise InputError(f"step = {step}; it must be positive (rad or m)")
     arm, model, geometry = checker.arm, checker.arm.model, checker.geometry_model
     data, bodies = model.createData(), geometry.createData()
-    # Pinocchio's broadphase leaves far pairs aside, and so is five times as quick; which pairs touch it does not tell.
-    # A half-space, whose box is infinite, is kept out of it.
+    # Pinocchio's broad phase is five times as fast, but does not report which pairs touch. It is not used with a
+    # half-space, whose box is infinite.
     bounded = all(np.isfinite(body.box).all() for body in checker.bodies)
     far_apart = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(model, geometry, bodies) if bounded else None
     request = coal.CollisionRequest()
@@ -112,10 +112,10 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measur
             nearest = pin.computeDistances(model, data, geometry, bodies, q)
             distance = min(distance, float(bodies.distanceResults[nearest].min_distance))
     contacts = tuple((t, pair) for pair, t in sorted(found.items(), key=lambda item: item[1]))
-    seen = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
+    touching = "; ".join(f"{a} touches {b} at {t:.4g}" for t, (a, b) in contacts)
     what = _geometry(checker)
-    free = f"no contact, {distance * 1e3:.1f} mm at the least" if measure else "no contact"
-    message = f"{len(times)} samples on {what}: {seen or free}"
+    free = f"no contact; the smallest distance is {distance * 1e3:.1f} mm" if measure else "no contact"
+    message = f"{len(times)} samples, checked with {what}: {touching or free}"
     return AuditResult(len(times), contacts, distance, what, message)
 
 
@@ -123,12 +123,12 @@ def _geometry(checker: CollisionChecker) -> str:
     kinds = {"triangle meshes": coal.BVHModelBase, "hulls": coal.ConvexBase}
     counts = {name: sum(isinstance(b.geometry, kind) for b in checker.bodies) for name, kind in kinds.items()}
     counts["simple shapes"] = len(checker.bodies) - sum(counts.values())
-    told = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-    return f"{told or 'no bodies'} ({len(checker.pairs)} pairs)"
+    parts = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
+    return f"{parts or 'no bodies'} ({len(checker.pairs)} pairs)"
 
 
 def _dense(curve: Curve, step: float) -> Array:
-    """Parameters between which no joint moves more than ``step``: control points bound each piece."""
+    """Return parameters between which no joint moves more than ``step``, by the control points of each piece."""
     knots, control = curve.bezier()
     parts = []
     for start, end, points in zip(knots[:-1], knots[1:], control, strict=True):

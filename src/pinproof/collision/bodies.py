@@ -1,13 +1,13 @@
-"""Bodies that can touch: links, attached objects and obstacles as coal shapes, each with what bounds it.
+"""Bodies: links, attached objects and obstacles as coal shapes, with bounding boxes and support functions.
 
-A convex body carries its support function, from which the certificate proves distances whether or not GJK converged; an
-exact mesh carries the points that tell whether it lies inside another (coal's meshes are hollow).
+A convex body has a support function, from which certificates prove distances independently of the convergence of GJK.
+An exact mesh has points that show whether it lies inside another body (coal's meshes are hollow).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -19,9 +19,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.convex_pieces import SAMPLES, convex_pieces
-from pinproof.collision.height_map import Ground, ground_surface
-from pinproof.collision.hulls import bvh, convex_hull, hull_of_any
-from pinproof.collision.point_cloud import Cells, cell_faces
+from pinproof.collision.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
 from pinproof.collision.shapes import (
     Box,
     Capsule,
@@ -36,7 +34,7 @@ from pinproof.collision.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.collision.solid import Inside, Solid
+from pinproof.collision.surfaces import Cells, Ground, cell_faces, ground_surface
 from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import frozen, matrix
@@ -48,25 +46,25 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 MESHES_KEPT = 128
-"""Mesh files of which the hull, or the solid, is kept for the next checker with the same link or obstacle."""
+"""Number of mesh files whose hull or solid is cached."""
 
 MOST_PIECES = 64
-"""Convex pieces of a mesh at most. Beside a bin of 29 pieces, checks of a UR5 take 1.1 times and certificates 1.4 times
-as long as beside the bin's hull; beside its triangles 6 and 10 times, and such proofs cannot be saved."""
+"""Maximum number of convex pieces of a mesh. For a bin of 29 pieces, checks of a UR5 take 1.1 times and certificates
+1.4 times as long as for the hull of the bin; for its triangles 6 and 10 times, and such proofs cannot be saved."""
 
 MOST_EXCESS = 1e-3
-"""Metres that convex pieces may reach beyond a mesh: less than the margin a robot cell needs anyway. Where they would
-reach farther, the triangles are used."""
+"""Maximum distance (m) that convex pieces may extend beyond a mesh, less than the usual margin of a robot cell; if they
+would extend farther, the triangles are used."""
 
 DEEP = 0.5 * MOST_EXCESS
-"""Metres beneath the hull at which a surface counts as part of it; a mesh with nothing deeper counts as convex."""
+"""Depth (m) below its hull up to which a surface counts as part of the hull; a mesh without deeper points is convex."""
 
 CORNERS = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
-"""Those of a box of half sides 1."""
+"""Corners of a box with half sides of 1."""
 
 
 class FileStamp(NamedTuple):
-    """A file as it was when it was read."""
+    """Path, modification time and size of a file."""
 
     path: Path
     changed: int
@@ -74,7 +72,7 @@ class FileStamp(NamedTuple):
 
     @classmethod
     def of(cls, path: str | Path) -> FileStamp | None:
-        """Of a file as it is now; None where there is none."""
+        """Return the stamp of a file at present; None if there is no file."""
         path = Path(path).absolute()
         try:
             status = path.stat()
@@ -85,10 +83,10 @@ class FileStamp(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """The support function of a convex body: how far it reaches in a direction.
+    """The support function of a convex body: the largest extent in a direction.
 
     The body is the hull of ``points`` (V, 3), each with a flat disc of ``disc_radii`` (V,) about z, grown by a ball of
-    ``radius`` and by an ellipsoid of ``semi_axes`` (3,) along x, y, z (Minkowski sums; metres). So it covers spheres
+    ``radius`` and by an ellipsoid of ``semi_axes`` (3,) along x, y, z (Minkowski sums; metres). It represents spheres
     (one point), capsules (two), ellipsoids (one), cylinders (two discs), cones (a disc and a point), boxes and hulls
     exactly.
     """
@@ -120,34 +118,34 @@ class Support:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """Something that can touch.
+    """A body that is checked for collision.
 
     Parameters
     ----------
     name
         Unique among the bodies: the geometry of a link (``forearm_link_0``), an attached object or an obstacle.
     owner
-        The link, attached object or obstacle it belongs to: what messages name.
+        The link, attached object or obstacle to which it belongs; messages use this name.
     link
         The robot link it moves with; None for an obstacle.
     geometry
         The coal shape, in the body's own frame.
     link_from_body
-        Where it is fixed on its link; root_from_body for an obstacle.
+        Pose on its link; root_from_body for an obstacle.
     box
         (2, 3) lower and upper corner of the box around it, in its own frame.
     support
         Its support function; None for an exact mesh.
     solid
-        What it encloses, where coal alone would not see what lies wholly inside. None for what is convex.
+        The enclosed volume of an exact mesh, for which coal does not detect a body entirely inside. None if convex.
     remark
-        What was done with it that its maker may not expect, for people to read.
+        A simplification that the user may not expect, for the notes of certificates.
     source
-        The collision geometry of a link, or the obstacle or attached object, that it is one of several bodies of.
+        The collision geometry, obstacle or attached object that is represented by several bodies, of which this is one.
     level
-        How finely: 0 as told; else it stands for the bodies as told of its source, in the pairs that call for it.
+        Level of detail: 0 is the requested one; a finer body replaces those of its source in some pairs.
     file
-        The mesh file it was read from, with its time and size then.
+        The mesh file from which it was read, with its modification time and size.
     """
 
     name: str
@@ -169,13 +167,13 @@ class Body:
 
     @property
     def witnesses(self) -> Array:
-        """(K, 3) points of it that all lie in a surface it lies in; none of a half-space, which fits into nothing."""
+        """(K, 3) one point of each connected part, to test if it is inside another body; empty for a half-space."""
         if self.solid is not None:
             return self.solid.witnesses
         return np.empty((0, 3)) if self.support is None else self.support.points[:1]
 
     def content(self) -> bytes:
-        """All that its verdicts depend on, for a fingerprint; its name and its colour are no part of it."""
+        """Return all data on which verdicts depend, for a hash; name and colour are not included."""
         parts = [repr((type(self.geometry).__name__, self.owner, self.link, self.level)).encode(), self.box.tobytes()]
         parts.append(matrix(self.link_from_body).tobytes())
         if self.support is not None:
@@ -187,13 +185,13 @@ class Body:
 
     @property
     def extent(self) -> float:
-        """How far (m) its numbers reach: of its box where that ends, and from its link, or the root, to its origin."""
+        """Largest coordinate (m) of its box, if finite, plus the distance of its origin from its link or the root."""
         sides = [abs(x) for corner in self.box.tolist() for x in corner if math.isfinite(x)]
         return max(sides, default=0.0) + math.dist((0, 0, 0), self.link_from_body.translation)
 
 
 def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> list[Body]:
-    """The bodies of an obstacle or attached object: several for a mesh that is covered by convex pieces, else one.
+    """Return the bodies of an obstacle or attached object: several for a mesh that is covered by convex pieces.
 
     Raises
     ------
@@ -213,14 +211,14 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
 
 
 def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_body: pin.SE3) -> Body:
-    """A body of any shape.
+    """Return a body of any shape.
 
     Raises
     ------
     MeshError
-        If a mesh is unreadable, or cannot be what it is asked to be.
+        If a mesh is unreadable, or cannot be represented as requested.
     InputError
-        If points have no hull, or a half-space is to move with a link.
+        If points have no hull, a half-space is attached to a link, or the shape is unknown.
     """
     file = FileStamp.of(shape.path) if isinstance(shape, Mesh) and shape.path is not None else None
     geometry, box, support, solid = _made(shape, owner, link)
@@ -229,14 +227,18 @@ def shape_body(name: str, owner: str, link: str | None, shape: Shape, link_from_
 
 def _remark(shape: Shape, solid: Inside | None) -> str:
     if isinstance(shape, Mesh) and shape.hull:
-        return "taken as the convex hull of the mesh"
+        return "the convex hull of the mesh is used"
     if isinstance(shape, PointCloud):
-        return f"points of a sensor in cells of {shape.resolution:g} m; what no point told of is free"
-    return "" if solid is None or solid.watertight else "not watertight, so hollow: being wholly inside is not seen"
+        return f"point cloud in cells of {shape.resolution:g} m; unobserved space is treated as free"
+    return (
+        ""
+        if solid is None or solid.watertight
+        else "not watertight, so only its surface is checked: a body that is entirely inside is not detected"
+    )
 
 
 def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, remark: str = "") -> Body:
-    """The body of a link that is a convex hull holding ``points`` (V, 3), which may be flat."""
+    """Return a body of a link: a convex hull that contains ``points`` (V, 3), which may be flat."""
     geometry = hull_of_any(points)
     corners = np.array(geometry.points(), dtype=float)
     box = np.array([corners.min(axis=0), corners.max(axis=0)])
@@ -244,64 +246,89 @@ def hull_body(name: str, link: str, points: Array, link_from_body: pin.SE3, rema
 
 
 Made = tuple[Any, Array, Support | None, Inside | None]
-"""Coal shape, box (2, 3), support, inside."""
+"""Coal shape, box (2, 3), support function, enclosed volume."""
 
 
 def _made(shape: Shape, owner: str, link: str | None) -> Made:
-    if isinstance(shape, Mesh):
-        return _mesh(shape)
+    """Return geometry, box, support and enclosed volume of a shape; an unknown kind is refused."""
+    if isinstance(shape, HalfSpace) and link is not None:
+        raise InputError(f"{owner!r} is a HalfSpace, which is unbounded and cannot move with {link!r}; attach a Box")
     if isinstance(shape, ConvexHull):
         return _hull(np.asarray(shape.points), f"the hull {owner!r}")
-    if isinstance(shape, PointCloud):
-        return *_surface(*cell_faces(shape)), Cells(shape.cells, shape.resolution)
-    if isinstance(shape, HeightMap):
-        return *_surface(*ground_surface(shape)), Ground(shape)
-    if isinstance(shape, HalfSpace):
-        if link is not None:
-            raise InputError(f"{owner!r} is a HalfSpace, which has no end and cannot move with {link!r}; attach a Box")
-        box = np.array([[-np.inf] * 3, [np.inf, np.inf, 0.0]])
-        return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), box, None, None
-    return *_primitive(shape), None
+    make = GEOMETRIES.get(type(shape))
+    if make is None:
+        known = ", ".join(kind.__name__ for kind in (ConvexHull, *GEOMETRIES))
+        raise InputError(f"{owner!r} has the unknown shape {type(shape).__name__}; known are {known}")
+    return make(shape)
 
 
-def _primitive(shape: Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid) -> tuple[Any, Array, Support]:
-    """Coal shape, box and support."""
-    if isinstance(shape, Box):
-        half = np.array([shape.x, shape.y, shape.z]) / 2
-        geometry, support = coal.Box(shape.x, shape.y, shape.z), Support(CORNERS * half)
-    elif isinstance(shape, Sphere):
-        half = np.full(3, shape.radius)
-        geometry, support = coal.Sphere(shape.radius), Support(np.zeros((1, 3)), shape.radius)
-    elif isinstance(shape, Ellipsoid):
-        half = np.array([shape.rx, shape.ry, shape.rz])
-        geometry, support = coal.Ellipsoid(shape.rx, shape.ry, shape.rz), Support(np.zeros((1, 3)), semi_axes=half)
-    else:
-        radius, length = shape.radius, shape.length
-        ends = np.array([[0, 0, -length / 2], [0, 0, length / 2]])
-        half = np.array([radius, radius, length / 2])
-        if isinstance(shape, Cylinder):
-            geometry, support = coal.Cylinder(radius, length), Support(ends, disc_radii=np.full(2, radius))
-        elif isinstance(shape, Cone):
-            geometry, support = coal.Cone(radius, length), Support(ends, disc_radii=np.array([radius, 0.0]))
-        else:
-            half[2] += radius
-            geometry, support = coal.Capsule(radius, length), Support(ends, radius)
-    return geometry, np.array([-half, half]), support
+def _box(shape: Box) -> Made:
+    half = np.array([shape.x, shape.y, shape.z]) / 2
+    return coal.Box(shape.x, shape.y, shape.z), np.array([-half, half]), Support(CORNERS * half), None
+
+
+def _sphere(shape: Sphere) -> Made:
+    half = np.full(3, shape.radius)
+    support = Support(np.zeros((1, 3)), shape.radius)
+    return coal.Sphere(shape.radius), np.array([-half, half]), support, None
+
+
+def _ellipsoid(shape: Ellipsoid) -> Made:
+    half = np.array([shape.rx, shape.ry, shape.rz])
+    support = Support(np.zeros((1, 3)), semi_axes=half)
+    return coal.Ellipsoid(shape.rx, shape.ry, shape.rz), np.array([-half, half]), support, None
+
+
+def _cylinder(shape: Cylinder) -> Made:
+    ends, half = _ends(shape)
+    support = Support(ends, disc_radii=np.full(2, shape.radius))
+    return coal.Cylinder(shape.radius, shape.length), np.array([-half, half]), support, None
+
+
+def _cone(shape: Cone) -> Made:
+    ends, half = _ends(shape)
+    support = Support(ends, disc_radii=np.array([shape.radius, 0.0]))
+    return coal.Cone(shape.radius, shape.length), np.array([-half, half]), support, None
+
+
+def _capsule(shape: Capsule) -> Made:
+    ends, half = _ends(shape)
+    half[2] += shape.radius
+    return coal.Capsule(shape.radius, shape.length), np.array([-half, half]), Support(ends, shape.radius), None
+
+
+def _ends(shape: Cylinder | Cone | Capsule) -> tuple[Array, Array]:
+    """Return the two ends (2, 3) of the axis, and half the sides (3,) of the box around the part between them."""
+    ends = np.array([[0, 0, -shape.length / 2], [0, 0, shape.length / 2]])
+    return ends, np.array([shape.radius, shape.radius, shape.length / 2])
+
+
+def _half_space(_: HalfSpace) -> Made:
+    box = np.array([[-np.inf] * 3, [np.inf, np.inf, 0.0]])
+    return coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), box, None, None
+
+
+def _point_cloud(shape: PointCloud) -> Made:
+    return *_surface(*cell_faces(shape)), Cells(shape.cells, shape.resolution)
+
+
+def _height_map(shape: HeightMap) -> Made:
+    return *_surface(*ground_surface(shape)), Ground(shape)
 
 
 def _mesh(shape: Mesh) -> Made:
     if shape.path is None:
         return _made_of_mesh(shape)
-    path = Path(shape.path).absolute()  # the same words are another file in another folder
+    path = Path(shape.path).absolute()  # a relative path depends on the working directory
     try:
         status = path.stat()
     except OSError:
-        return _made_of_mesh(shape)  # says what is wrong with the file
+        return _made_of_mesh(shape)  # raises with the reason
     return _made_of_file(path, shape.scale, shape.hull, shape.hollow, (status.st_mtime_ns, status.st_size))
 
 
 def _own_shape(shape: Mesh) -> tuple[tuple[Made, ...], str]:
-    """The bodies of a mesh that is to be solid in its own shape, and what was made of it."""
+    """Return the bodies of a mesh that is represented as a solid, and a remark on simplifications."""
     if shape.path is None:
         return _made_of_own_shape(shape, None)
     path = Path(shape.path).absolute()
@@ -324,8 +351,8 @@ def _made_of_own_shape(shape: Mesh, _changed: tuple[int, int] | None) -> tuple[t
     cover = convex_pieces(solid.corners, solid.contains, most=MOST_PIECES, tolerance=DEEP)
     if cover is None or cover.excess > MOST_EXCESS:
         remark = (
-            f"{what} is used as its exact triangles, since {MOST_PIECES} convex pieces do not fit it to "
-            f"{MOST_EXCESS * 1e3:g} mm; checks take longer, and proofs with it cannot be saved"
+            f"{what} is represented by its exact triangles, because {MOST_PIECES} convex pieces do not fit it within "
+            f"{MOST_EXCESS * 1e3:g} mm; checks take longer, and proofs cannot be saved"
         )
         return (_made_of_mesh(replace(shape, hull=False)),), remark
     if len(cover.points) == 1:
@@ -336,7 +363,7 @@ def _made_of_own_shape(shape: Mesh, _changed: tuple[int, int] | None) -> tuple[t
         corners = np.array(geometry.points(), dtype=float)
         pieces.append((geometry, _box_around(corners), Support(corners), None))
     return tuple(pieces), (
-        f"{what} is covered by {len(pieces)} convex pieces, which reach at most {cover.excess * 1e3:.1f} mm beyond it "
+        f"{what} is covered by {len(pieces)} convex pieces, which extend at most {cover.excess * 1e3:.1f} mm beyond it "
         f"(at {SAMPLES} points)"
     )
 
@@ -353,15 +380,15 @@ def _made_of_mesh(shape: Mesh) -> Made:
         try:
             return _hull(mesh.vertices, "the mesh")
         except InputError as error:
-            raise MeshError(what, f"{error}; collide with its triangles (hull=False), or give it thickness") from error
+            raise MeshError(what, f"{error}; use its triangles (hull=False), or give it thickness") from error
     if shape.hull is None:
         raise InputError("a Mesh without hull= may be several bodies; use shape_bodies")
     solid = Solid(mesh.vertices, mesh.triangles, shape.hollow)
     if not solid.watertight and not shape.hollow:
         raise MeshError(
             what,
-            "is not watertight, so it has no inside: take its hull (hull=True), close it, or take its bare triangles "
-            "(hull=False, hollow=True), within which nothing is seen",
+            "is not watertight, so it has no inside: use its hull (hull=True), close it, or use only its surface "
+            "(hull=False, hollow=True), inside which no body is detected",
         )
     return *_surface(mesh.vertices, mesh.triangles), solid
 
@@ -394,10 +421,25 @@ def _box_around(points: Array) -> Array:
 
 
 def boxes(bodies: Sequence[Body]) -> tuple[Array, Array]:
-    """Centres (B, 3) and half sides (B, 3) of the bodies' boxes, each in its body's frame.
+    """Return centres (B, 3) and half sides (B, 3) of the bodies' boxes, each in its body's frame.
 
-    Not finite for a body without an end.
+    Not finite for an unbounded body.
     """
     stacked = np.array([body.box for body in bodies]).reshape(-1, 2, 3)
     with np.errstate(invalid="ignore"):
         return stacked.mean(axis=1), (stacked[:, 1] - stacked[:, 0]) / 2
+
+
+GEOMETRIES: dict[type[Shape], Callable[[Any], Made]] = {
+    Box: _box,
+    Sphere: _sphere,
+    Cylinder: _cylinder,
+    Capsule: _capsule,
+    Cone: _cone,
+    Ellipsoid: _ellipsoid,
+    HalfSpace: _half_space,
+    Mesh: _mesh,
+    PointCloud: _point_cloud,
+    HeightMap: _height_map,
+}
+"""The registration of each shape: the function that returns its geometry, box, support and enclosed volume."""

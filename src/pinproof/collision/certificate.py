@@ -1,4 +1,8 @@
-"""What a certificate says: FREE, COLLIDING or UNDECIDED, with the evidence."""
+"""Certificates: the verdict over a whole curve with its evidence, assumptions and hashes.
+
+Also compares a motion that was read from a file with what the file records: attached bodies, held
+joints and obstacles.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +20,9 @@ import numpy.typing as npt
 
 from pinproof.collision.bodies import FileStamp
 from pinproof.collision.pairs import ExcludedPair
-from pinproof.collision.recorded import body_digest
-from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.shapes import Mesh
-from pinproof.errors import InputError, NotProvenFree
+from pinproof.collision.scene import Scene
+from pinproof.collision.shapes import Mesh, Obstacle
+from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
@@ -27,6 +30,8 @@ from pinproof.verifier import curve_digest
 
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
+    from pinproof.collision.proof_file import ProvenMotion
+    from pinproof.motion import MotionRecord
 
 __all__ = [
     "Certificate",
@@ -35,25 +40,106 @@ __all__ = [
     "MotionTube",
     "Parting",
     "UndecidedSpan",
+    "body_digest",
     "changed_files",
+    "changes_since",
     "checked_hash",
     "curve_hash",
     "free_sentence",
+    "missing_since",
+    "notes_of",
+    "parameter_text",
     "proven_millimetres",
+    "proven_motion",
     "setup_hash",
 ]
+
+DIGITS = 9
+"""Decimals of a pose (metres for positions) that a digest distinguishes: files round rotations."""
+
+HELD_TOLERANCE = 1e-9
+"""rad or m: two values of a held joint that differ by less are the same."""
+
+
+def body_digest(body: Obstacle) -> str:
+    """Return a hash of name, shape and pose of an attached body; a mesh file is hashed by content, not by path.
+
+    Raises
+    ------
+    FileError
+        If a mesh file cannot be read.
+    """
+    shape, digest = body.shape, hashlib.sha256()
+    if isinstance(shape, Mesh) and shape.path is not None:
+        try:
+            digest.update(hashlib.sha256(Path(shape.path).read_bytes()).digest())
+        except OSError as error:
+            raise FileError(shape.path, f"cannot be read: {error.strerror or error}") from error
+        digest.update(repr((shape.scale, shape.hull, shape.hollow)).encode())
+    else:
+        digest.update(repr(shape).encode())
+    digest.update(repr(body.name).encode() + (np.round(matrix(body.pose), DIGITS) + 0.0).tobytes())
+    return digest.hexdigest()
+
+
+def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) -> tuple[str, ...]:
+    """List, in sentences, what a motion was certified with and the checker does not have.
+
+    Compared are attached bodies, positions of held joints, and the obstacles if the checker has none at all.
+    """
+    if not records:
+        return ()
+    first = records[0]
+    if not all(first.same_setup(other) for other in records):
+        names = ", ".join(record.name for record in records)
+        return (f"its parts ({names}) were certified with different attached bodies, held joints or scenes",)
+    found = []
+    now = {body.name: body for body in checker.attached}
+    if absent := [name for name in first.attached if name not in now]:
+        found.append(f"it was certified with {_listed(absent)} attached, which is missing now")
+    if other := [name for name, told in first.attached.items() if name in now and body_digest(now[name]) != told]:
+        found.append(f"{_listed(other)} had another shape or pose on the tcp when it was certified")
+    held = checker.arm.held
+    for name, value in first.held.items():
+        if name in held and abs(held[name] - value) > HELD_TOLERANCE:
+            found.append(f"it was certified with {name} held at {value:.9g}, now at {held[name]:.9g}")
+    if first.obstacles and not checker.scene.obstacles:
+        found.append(
+            f"it was certified among the obstacles {_listed(first.obstacles)}, but the scene has no obstacles now"
+        )
+    return tuple(found)
+
+
+def changes_since(records: tuple[MotionRecord, ...], checker: CollisionChecker, curve: str, setup: str) -> list[str]:
+    """List, in sentences, all differences between the certification recorded with a motion and the checker."""
+    found = list(missing_since(records, checker))
+    if len(records) != 1:
+        return found
+    record = records[0]
+    if record.curve != curve:
+        found.append("it was changed after it was certified")
+    if record.margin > checker.margin:
+        found.append(f"it was certified with a margin of {record.margin * 1e3:.9g} mm")
+    if not found and record.setup != setup:
+        found.append("it was certified with another robot, another scene or more bodies, or their files were moved")
+    return found
+
+
+def _listed(names: tuple[str, ...] | list[str]) -> str:
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
 
 Array = npt.NDArray[np.float64]
 
 FILES_KEPT = 1024
-"""Mesh files whose hashes are kept, for as long as their time and size stay the same."""
+"""Number of cached hashes of mesh files; an entry is valid while time and size of the file are unchanged."""
 
 ARMS_KEPT = 8
-"""Arms whose hashes are kept: a task has one, or one for each way its fingers stand."""
+"""Number of cached hashes of arms: a task has one for each position of the fingers."""
 
 
 class CertificateStatus(Enum):
-    """The verdict over a whole curve."""
+    """The verdict over a whole curve: FREE, COLLIDING or UNDECIDED."""
 
     FREE = "free"
     COLLIDING = "colliding"
@@ -62,7 +148,7 @@ class CertificateStatus(Enum):
 
 @dataclass(frozen=True, eq=False)
 class FirstContact:
-    """Where a curve first touches; everything before ``proven_free_until`` is proven free.
+    """The first contact on a curve; everything before ``proven_free_until`` is proven collision-free.
 
     Parameters
     ----------
@@ -71,15 +157,15 @@ class FirstContact:
     q
         (n,) the configuration there.
     bodies
-        Who touches: links, attached objects, obstacles.
+        Names of the links, attached objects or obstacles in contact.
     distance
         Signed distance (m) there, at most the margin.
     points
         (2, 3) the nearest points in the robot's root frame.
     penetrating
-        True if the bodies overlap, False if they are only nearer than the margin.
+        True if the bodies overlap, False if their distance is only below the margin.
     proven_free_until
-        The parameter up to which the curve is proven free.
+        The parameter up to which the curve is proven collision-free.
     """
 
     time: float
@@ -93,7 +179,7 @@ class FirstContact:
 
 @dataclass(frozen=True, eq=False)
 class UndecidedSpan:
-    """Where the proof met its tolerance: [start, end] of the parameter, the two bodies, the distance (m) seen."""
+    """A span [start, end] of the parameter in which a pair is neither proven apart nor in contact; distance (m)."""
 
     start: float
     end: float
@@ -103,20 +189,20 @@ class UndecidedSpan:
 
 @dataclass(frozen=True, eq=False)
 class MotionTube:
-    """What a curve, and what stands around it, may deviate by.
+    """Deviations of the joints and the obstacles that a certificate covers.
 
     Parameters
     ----------
     joints
-        (n,) rad or m. The verdict holds for every configuration that differs from one of the curve by no more than this
-        in each joint: for whatever motion stays within it, in whatever timing.
+        (n,) rad or m. The verdict holds for every configuration that differs from one on the curve by no more than this
+        in each joint, so for every motion within the tube, with any timing.
     obstacles
-        Metres. It holds for obstacles moved, turned or grown, as long as no point of a surface moves farther than this.
+        Metres. It holds for displaced, rotated or enlarged obstacles if no point of a surface moves farther than this.
     largest_joints
-        rad or m: how much more each joint could deviate, all at once, with the proof still true (obstacles within
-        ``obstacles``). What is proven, not what is true; close to bodies it is at most 0.05. NaN unless FREE.
+        rad or m: by how much more all joints could deviate at the same time with the proof still valid (obstacles
+        within ``obstacles``). A proven lower bound; close to bodies it is at most 0.05. NaN unless FREE.
     largest_obstacles
-        Metres: how much more every obstacle could be moved (joints within ``joints``). NaN unless FREE.
+        Metres: by how much more all obstacles could be displaced (joints within ``joints``). NaN unless FREE.
     """
 
     joints: Array
@@ -127,21 +213,21 @@ class MotionTube:
 
 @dataclass(frozen=True, eq=False)
 class Parting:
-    """Two bodies that may touch at the start and were proven to part.
+    """Two bodies that may touch at the start and are proven to separate.
 
     Parameters
     ----------
     bodies
-        What leaves (a link or attached object), and the obstacle it leaves.
+        The moving body (a link or attached object) and the obstacle.
     normal
-        (3,) the unit vector in the root frame along which it leaves: on the whole span up to ``end`` no point of it
-        moves against this direction, by more than rounding in all.
+        (3,) unit vector in the root frame: up to ``end`` no point of the moving body moves against this direction,
+        except for rounding.
     gap
-        Metres between the two along ``normal`` at the start; below 0 they overlap by that much, 1 mm at most.
+        Gap (m) between the two along ``normal`` at the start; a negative value is an overlap, of 1 mm at most.
     until
-        The parameter from which on they are farther apart than their margin, to the curve's end.
+        The parameter after which their distance is larger than their margin, until the end of the curve.
     end
-        The parameter up to which the first is proven not to approach; behind it stands the ordinary proof.
+        The parameter up to which the body is proven not to approach; after it the ordinary proof applies.
     """
 
     bodies: tuple[str, str]
@@ -154,56 +240,56 @@ class Parting:
         one, other = self.bodies
         along = ", ".join(f"{x:.3g}" for x in self.normal + 0.0)
         return (
-            f"{one} may touch {other} until {self.until:.4g} (gap {self.gap * 1e3:+.2f} mm at the start): proven never "
-            f"to approach it along ({along}) until {self.end:.4g}, and to keep its margin afterwards"
+            f"{one} may touch {other} until {self.until:.4g} (gap {self.gap * 1e3:+.2f} mm at the start): it is proven "
+            f"not to approach along ({along}) until {self.end:.4g}, and to keep its margin afterwards"
         )
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """A verdict over a whole curve, between samples too.
+    """The verdict over a whole curve, valid between samples too.
 
     Parameters
     ----------
     status
-        FREE: at every point of the tube every checked pair is farther apart than its margin, a pair of ``partings``
-        once it has parted. COLLIDING: a
-        configuration on the curve was found where a pair is not. UNDECIDED: neither could be shown at the tolerance.
+        FREE: at every point of the tube every checked pair is farther apart than its margin; for a pair of
+        ``partings``, after it has separated. COLLIDING: a configuration on the curve was found where a pair is not.
+        UNDECIDED: neither could be shown at the tolerance.
     margin
-        The distance (m) that was asked for, of all pairs without a margin of their own.
+        The required distance (m) of all pairs without an individual margin.
     clearance
-        Proven lower bound (m) of every distance in the tube, of a pair of ``partings`` behind its ``end``; NaN unless
+        Proven lower bound (m) of every distance in the tube, for a pair of ``partings`` after its ``end``; NaN unless
         FREE.
     observed
-        The smallest distance (m) that was measured along the way: an upper bound of the true clearance.
+        The smallest distance (m) that was measured on the curve: an upper bound of the true clearance.
     first_contact, undecided
-        The evidence for COLLIDING and UNDECIDED.
+        The evidence for COLLIDING and for UNDECIDED.
     message
-        The verdict in a sentence, with what to do.
+        The verdict as a sentence, with a suggestion where it is not FREE.
     pairs, intervals
-        How many pairs of bodies were proven, over how many intervals.
+        Number of checked pairs of bodies, and of intervals.
     excluded
         The pairs that were not checked, with the reasons.
     tolerance
-        Metres: an interval in which bodies move less than this is not cut any further.
+        Metres: an interval in which bodies move less than this is not bisected further.
     notes
-        What the verdict takes for granted, in sentences: what was hulled, what is hollow, what stands still.
+        The assumptions of the verdict, in sentences: meshes replaced by hulls, surfaces without an inside, held joints.
     tube
-        The deviations that were allowed for, and the largest ones the proof bears.
+        The deviations that are covered, and the largest ones for which the proof remains valid.
     evidence
-        (K, 7) if it was asked to be recorded, what a proof has to tell: rows of start and end of an interval of the
-        parameter, pair, distance (m) proven of it there, a unit vector (3) in the root frame along which the supports
-        of the two bodies are apart at the middle (zeros where balls or boxes around them are).
+        (K, 7) if recorded: rows of start and end of an interval of the parameter, pair, its proven distance (m) there,
+        and a unit vector (3) in the root frame along which the supports of the two bodies are apart at the middle of
+        the interval (zeros if bounding balls or boxes are).
     partings
-        The pairs that were allowed to touch at the start, each with the proof that it parts.
+        The pairs that were allowed to touch at the start, each with the proof that it separates.
     backwards
-        Whether it was proven of the same curve run backwards: ``partings`` tell of that, and what may touch does so at
-        the curve's end.
+        Whether the proof is of the reversed curve: then ``partings`` refer to that curve, and the pairs may touch at
+        the end of this one.
     subject
-        What it was recorded of, for :meth:`save`.
+        The curve and checker of a recorded certificate, for :meth:`save`.
     attached, held, obstacles
-        The bodies that moved with the tcp, the values (rad or m) of the joints outside the arm by name, and the names
-        of the obstacles it was made with.
+        The bodies that move with the tcp, the values (rad or m) of the joints outside the arm by name, and the names of
+        the obstacles.
     """
 
     status: CertificateStatus
@@ -239,7 +325,7 @@ class Certificate:
         return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached)
 
     def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
-        """What it was made with, for the file of the motion that it is of, between two times (s) of it."""
+        """Return the record of this certificate for the file of its motion, from time ``start`` to ``end`` (s)."""
         return MotionRecord(
             name,
             start,
@@ -258,14 +344,15 @@ class Certificate:
     def save(self, path: str | Path) -> None:
         """Write the proof to a ``.json`` or ``.json.gz`` file, for ``pinproof.verifier`` to re-check anywhere.
 
-        The format is described in docs/certificates.md. What is written has passed the verifier; where its bounds are
-        less tight than those that made the proof, intervals are cut further. The file is written whole or not at all.
+        The format is described in docs/certificates.md. The verifier has accepted every file that is written; where its
+        bounds are less tight than those of :func:`certify`, intervals are bisected further. The file is written
+        atomically.
 
         Raises
         ------
         InputError
-            If nothing was recorded, the verdict is not FREE, the name has another ending, or a checked body is not
-            convex, so that no direction tells how far it is from another.
+            If nothing was recorded, the verdict is not FREE, the file name has another suffix, or a checked body is not
+            convex, so that no separating direction exists.
         NotProvenFree
             If the verifier cannot confirm the proof.
         FileError
@@ -276,8 +363,11 @@ class Certificate:
         if not self.free:
             raise InputError(f"only a FREE certificate is a proof to save; this one is {self.status.name}")
         if self.evidence is None or self.subject is None:
-            raise InputError("this certificate kept no evidence: make it with certify(..., record=True) to save it")
-        write_proof(self, *self.subject, path)
+            raise InputError("this certificate has no evidence; create it with certify(..., record=True) to save it")
+        try:
+            write_proof(proven_motion(self, *self.subject), path)
+        except NotProvenFree as error:
+            raise NotProvenFree(str(error), self) from error
 
     def or_raise(self) -> Certificate:
         """Return the certificate if it is FREE.
@@ -285,7 +375,7 @@ class Certificate:
         Raises
         ------
         NotProvenFree
-            With the message otherwise.
+            With the message of the certificate otherwise.
         """
         if not self.free:
             raise NotProvenFree(self.message, self)
@@ -295,21 +385,39 @@ class Certificate:
         return "\n".join((f"{self.status.name}: {self.message}", *(f"note: {note}" for note in self.notes)))
 
 
+def proven_motion(certificate: Certificate, curve: Curve, checker: CollisionChecker) -> ProvenMotion:
+    """Return the parts of a FREE certificate with evidence that a proof file needs."""
+    from pinproof.collision.proof_file import ProvenMotion
+
+    tube, evidence = certificate.tube, certificate.evidence
+    return ProvenMotion(
+        curve=curve,
+        checker=checker,
+        evidence=np.empty((0, 7)) if evidence is None else np.asarray(evidence),
+        clearance=certificate.clearance,
+        joint_tolerance=[] if tube is None else tube.joints.tolist(),
+        obstacle_tolerance=0.0 if tube is None else tube.obstacles,
+        curve_hash=certificate.curve,
+        setup_hash=certificate.setup,
+        notes=certificate.notes,
+    )
+
+
 def curve_hash(curve: Curve) -> str:
-    """A hash of a curve's joints, knots and polynomial pieces, to the last bit."""
+    """Return a hash of the joints, knots and polynomial pieces of a curve, exact to the last bit."""
     return curve_digest(tuple(curve.joint_names), *curve.bezier())
 
 
 def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
-    """A hash of an arm (kinematics, held joints, collision geometry), what it carries, and a scene.
+    """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, and a scene.
 
-    Meshes are part of it by their names and by what their files contain now.
+    Meshes are hashed by name and by the present content of their files.
     """
     meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in arm.robot.urdf.collisions]
     digest = _hash_of(arm, tuple(map(_content_hash, meshes))).copy()
     digest.update(repr(scene.allowed).encode())
     for obstacle in (*attached, None, *scene.obstacles):
-        if obstacle is None:  # what is carried ends, what stands around begins
+        if obstacle is None:  # separates the attached objects from the scene
             digest.update(b"scene")
             continue
         digest.update(repr((obstacle.name, obstacle.shape)).encode() + matrix(obstacle.pose).tobytes())
@@ -319,9 +427,9 @@ def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str
 
 
 def checked_hash(checker: CollisionChecker) -> str:
-    """:func:`setup_hash` of what a checker checks.
+    """Return :func:`setup_hash` of the setup of a checker.
 
-    Where a mesh file was changed after the checker had read it, this is the hash of no setup.
+    If a mesh file was changed after the checker read it, the hash matches no setup.
     """
     digest = setup_hash(checker.arm, checker.scene, checker.attached)
     changed = changed_files(checker)
@@ -329,7 +437,7 @@ def checked_hash(checker: CollisionChecker) -> str:
 
 
 def changed_files(checker: CollisionChecker) -> tuple[FileStamp, ...]:
-    """The mesh files that a checker read, and that are no longer as they were then."""
+    """Return the mesh files that were changed after the checker read them."""
     read = dict.fromkeys(body.file for body in checker.bodies if body.file is not None)
     return tuple(file for file in read if FileStamp.of(file.path) != file)
 
@@ -345,7 +453,7 @@ def _hash_of(arm: Arm, meshes: tuple[str, ...]) -> Any:
 
 
 def _content_hash(path: str | Path | None) -> str:
-    """A hash of what a file contains now; empty where there is none."""
+    """Return a hash of the present content of a file; empty if there is no file."""
     stamp = None if path is None else FileStamp.of(path)
     return "" if stamp is None else _hash_of_file(stamp)
 
@@ -355,18 +463,62 @@ def _hash_of_file(stamp: FileStamp) -> str:
     return hashlib.sha256(stamp.path.read_bytes()).hexdigest()
 
 
-def free_sentence(proven: float, seen: float, pairs: int, excluded: int) -> str:
-    """What FREE says: the clearance (m) proven and seen, over how many pairs, and how many are not checked."""
-    nearest = f", seen {seen * 1e3:.1f} mm" if math.isfinite(seen) else ""
-    over = f"clearance proven {proven_millimetres(proven)}{nearest}, over {pairs} pairs"
-    if not excluded:
-        return f"no contact anywhere: {over}"
-    left_out = "1 pair is excluded" if excluded == 1 else f"{excluded} pairs are excluded"
-    return f"no contact between the pairs checked: {over}; {left_out}"
+def free_sentence(proven: float, pairs: int, excluded: int) -> str:
+    """Return the message of a FREE certificate: proven clearance (m), number of checked and of excluded pairs."""
+    if not pairs:
+        return "collision-free: there is no pair to check" + (f"; {_excluded(excluded)}" if excluded else "")
+    between = "the only checked pair" if pairs == 1 else f"all {pairs} checked pairs"
+    sentence = f"collision-free: at least {proven_millimetres(proven)} between {between}"
+    return f"{sentence}; {_excluded(excluded)}" if excluded else sentence
+
+
+def _excluded(count: int) -> str:
+    return "1 pair is excluded" if count == 1 else f"{count} pairs are excluded"
+
+
+def parameter_text(curve: Curve, parameter: float) -> str:
+    """Return a curve parameter for messages: seconds on a trajectory, waypoint index on a path."""
+    return f"t = {parameter:.4g} s" if hasattr(curve, "duration") else f"path parameter {parameter:.4g}"
 
 
 def proven_millimetres(clearance: float) -> str:
-    """A lower bound in mm, rounded down: no message promises more than was proven."""
+    """Return a lower bound as text in mm, rounded down."""
     if clearance == math.inf:
         return "unbounded (no pair is checked)"
     return f"{math.floor(clearance * 1e4) / 10:.1f} mm"
+
+
+NAMED = 6
+"""Number of names that a note lists; more are counted."""
+
+
+def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
+    """Return the assumptions of a checker's verdicts as sentences: replaced meshes, held joints, unchecked links.
+
+    Excluded pairs are listed in :attr:`CollisionChecker.excluded`, each with its reason.
+    """
+    arm, notes = checker.arm, list(checker.scene.notes)
+    by_remark: dict[str, dict[str, None]] = {}
+    for body in checker.bodies:
+        if body.remark:
+            by_remark.setdefault(body.remark, {})[body.owner] = None
+    notes += [f"{_some(tuple(owners))}: {remark}" for remark, owners in by_remark.items()]
+    how: dict[str, list[str]] = {}
+    for pair in checker.finer:
+        how.setdefault(f"checked with {pair.by}, because {pair.reason}", []).append(" and ".join(pair.owners))
+    notes += [f"{_some(pairs)}: {judged}" for judged, pairs in how.items()]
+    solid = {body.link for body in checker.bodies if body.owner == body.link}
+    if not solid:
+        notes.append("the robot has no collision geometry, so its links are not checked")
+    elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
+        notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
+    if changed := [file.path.name for file in changed_files(checker)]:
+        notes.append(f"{_some(changed)}: changed after the checker read it; create a new checker")
+    if arm.held:
+        notes.append(f"joints outside the arm are held fixed: {_some([f'{n} = {v:g}' for n, v in arm.held.items()])}")
+    return tuple(dict.fromkeys(notes))
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f", ... ({len(names)} in all)" if len(names) > NAMED else ""
+    return ", ".join(names[:NAMED]) + more

@@ -1,10 +1,11 @@
-"""Is a whole curve free of contact? Proven between samples, not sampled.
+"""Certification of a whole curve: proven collision-free between samples too, not sampled.
 
-The curve is cut into intervals in path order. In each, the distance of every pair at the middle is compared with how
-much nearer the pair can come anywhere in the interval (:mod:`pinproof.kernels.approach`): what is settled is dropped,
-what is not is taken to both halves. A contact at a middle ends the search to its right; the search to its left goes on
-until everything before the contact is proven free or the tolerance is met. The loop itself is compiled
-(:mod:`pinproof.kernels.sweep`); where a body has no support function, it stops and asks coal.
+The curve is bisected into intervals in path order. In each interval, the distance of every pair at the middle is
+compared with an upper bound of the approach of the pair within the interval (:mod:`pinproof.kernels.approach`).
+Pairs that are proven apart are dropped; the others are passed to both halves. A contact at a middle ends the search to
+its right; the search to its left continues until everything before the contact is proven collision-free or the
+tolerance is reached. The loop is compiled (:mod:`pinproof.kernels.sweep`); for bodies without a support function it
+returns to Python and calls coal.
 """
 
 from __future__ import annotations
@@ -15,23 +16,23 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.by_coal import Distance
 from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
     FirstContact,
     MotionTube,
     UndecidedSpan,
+    changes_since,
     checked_hash,
     curve_hash,
     free_sentence,
+    notes_of,
+    parameter_text,
 )
-from pinproof.collision.checker import CollisionChecker
-from pinproof.collision.contact import Contact
-from pinproof.collision.notes import notes_of
+from pinproof.collision.checker import CollisionChecker, Contact
+from pinproof.collision.coal_checks import Distance
 from pinproof.collision.parting import prove_parting
-from pinproof.collision.placed import NEAREST
-from pinproof.collision.recorded import changes_since
+from pinproof.collision.placed_bodies import NEAREST
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.motion.curve import read_only
@@ -42,28 +43,27 @@ __all__ = ["certify", "is_proven_free"]
 Array = npt.NDArray[np.float64]
 
 GOAL_SHARE = 0.5
-"""A pair is settled once this share of the clearance seen so far is proven, so that the proven bound says something."""
+"""A pair is dropped once this share of the smallest distance found so far is proven, so that the bound is useful."""
 
 LOOK_AHEAD = 200
-"""Intervals: how far behind a span that stays undecided a contact is looked for, to say COLLIDING where that is so."""
+"""Number of intervals that are searched for a contact behind an undecided span, so that COLLIDING is preferred."""
 
 TOLERANCE = 1e-4
-"""Metres: a hundredth of what a careful cell leaves between bodies; an interval in which they move less is not cut."""
+"""Metres: a hundredth of a usual clearance; an interval in which bodies move less is not bisected further."""
 
 TOLERANCES = (TOLERANCE, 1e-5, 1e-6)
-"""Metres: what is UNDECIDED at one of them is proven again at the next. A path that a planner proved with little to
-spare may need it once it is timed, since its pieces are cut elsewhere then. Only spans that stay open cost more, a few
-halvings each; below 1e-6 m the slack of coal's distances, 2e-6 m, decides anyway."""
+"""Metres: a curve that is UNDECIDED at one tolerance is certified again with the next. A path that was proven with a
+small clearance may need it after timing, because its pieces are then bisected at other parameters. The cost is a few
+bisections of each open span; below 1e-6 m the tolerance of coal's distances, 2e-6 m, dominates."""
 
 QUICK_INTERVALS = 2000
-"""Intervals after which a quick proof is given up: a hundred times those of a short piece in the open."""
+"""Number of intervals after which a quick proof fails: about 100 times those of a short edge in free space."""
 
 DEPTH = 192
-"""Entries on the stack of intervals. Halving 60 times leaves no two numbers to tell apart; a curve of 2^64 pieces is
-not met."""
+"""Entries of the stack of intervals: 60 bisections reach the resolution of a double."""
 
 LISTS = 16
-"""Times the number of pairs: room for the lists of open pairs at first; they grow where it is too little."""
+"""Initial capacity of the lists of open pairs, as a multiple of the number of pairs; they grow if needed."""
 
 
 def certify(
@@ -77,48 +77,49 @@ def certify(
     parting: Sequence[tuple[str, str]] = (),
     record: bool = False,
 ) -> Certificate:
-    """Prove that a curve is free of contact, or show where it is not.
+    """Prove that a curve is collision-free, or find a configuration where it is not.
 
     Parameters
     ----------
     curve
         A :class:`~pinproof.JointPath`, :class:`~pinproof.motion.CubicPath` or :class:`~pinproof.Trajectory`.
     checker
-        Says which bodies are checked, and the margins that must stay between them.
+        Defines the checked bodies and pairs, and their margins.
     tolerance
-        Metres. An interval in which no body moves farther than this towards another is not cut any further; a curve
-        that grazes by less may be UNDECIDED. By default 1e-4, and where that leaves the verdict UNDECIDED, 1e-5 and
-        1e-6; :attr:`Certificate.tolerance` is the one that the verdict was reached with.
+        Metres. An interval in which no body moves farther than this towards another is not bisected further, so a curve
+        whose clearance beyond the margin is smaller may be UNDECIDED. Default: 1e-4, then 1e-5 and 1e-6 while the
+        verdict is UNDECIDED; :attr:`Certificate.tolerance` is the last one used.
     max_intervals
-        The number of intervals after which the answer is UNDECIDED, for each tolerance.
+        Maximum number of intervals for each tolerance; the verdict is UNDECIDED when it is reached.
     joint_tolerance
-        rad or m, one number or (n,): prove it for every configuration that differs from one of the curve by no more
-        than this in each joint, what a controller may deviate.
+        rad or m, one number or (n,): the proof also covers every configuration that differs from one on the curve by no
+        more than this in each joint, such as the tracking error of a controller.
     obstacle_tolerance
-        Metres: prove it for obstacles any of which may be moved, turned or grown, as long as no point of its surface
-        comes farther than this.
+        Metres: the proof also covers obstacles that are displaced, rotated or enlarged, if no point of their surface
+        moves farther than this.
     parting
-        Pairs of names, a link or attached object and an obstacle each, that may touch at the start, such as a part and
-        what it lies on: proven never to approach until they have left each other, and to keep their margin from then
-        on. So they are not just left out, as :meth:`CollisionChecker.allowing` does. Not with ``joint_tolerance``.
+        Pairs of names, each of a link or attached object and an obstacle, that may touch at the start, such as a part
+        and its support. It is proven that the two do not approach each other until they have separated, and that they
+        keep their margin afterwards; :meth:`CollisionChecker.allowing` would exclude the pair instead. Cannot be
+        combined with ``joint_tolerance`` or ``record``.
     record
-        Keep what a proof has to tell in :attr:`Certificate.evidence`, for :meth:`Certificate.save`.
+        Store the evidence in :attr:`Certificate.evidence`, which :meth:`Certificate.save` needs.
 
     Returns
     -------
     Certificate
-        FREE, COLLIDING or UNDECIDED. FREE is never said without a proof. COLLIDING is a contact on the curve itself,
-        with what obstacles may be moved by taken off the distance.
+        FREE, COLLIDING or UNDECIDED. FREE is always proven. COLLIDING is a contact at a configuration on the curve
+        itself; its distance is reduced by ``obstacle_tolerance``.
 
     Raises
     ------
     InputError
-        If the curve's joints are not the arm's, or a setting makes no sense.
+        If the curve's joints are not the arm's, or a setting is invalid.
     UnknownNameError
-        If ``parting`` names nothing that is there.
+        If ``parting`` names an unknown body.
     """
     if tuple(curve.joint_names) != checker.arm.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm {checker.arm.joint_names}")
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
     n = checker.arm.dof
@@ -126,11 +127,11 @@ def certify(
     joints = finite("joint_tolerance", each, (n,))
     if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
         raise InputError(
-            f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; they are 0 or more"
+            f"joint_tolerance = {joint_tolerance!r} and obstacle_tolerance = {obstacle_tolerance}; both are 0 or more"
         )
 
     if parting and (joints.any() or record):
-        raise InputError("parting goes with no joint_tolerance, and cannot be recorded: it is proven of the bare curve")
+        raise InputError("parting cannot be combined with joint_tolerance or record")
 
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
@@ -158,16 +159,16 @@ def certify(
 
 
 def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
-    """Whether :func:`certify` would say FREE: the proof alone, for searches that ask it of many short pieces.
+    """Return whether the curve is proven collision-free, for searches that query many short edges.
 
-    It goes no farther than to the margin, proves no clearance beyond it, and does not tell why a curve is not free.
+    Faster than :func:`certify`: it proves the margin and no clearance beyond it, and returns no reason.
     """
     proof = _Proof(curve, checker, TOLERANCE, QUICK_INTERVALS, np.zeros(checker.arm.dof), 0.0, False)
     return proof.succeeds()
 
 
 class _Proof:
-    """One certification."""
+    """The certification of one curve at one tolerance."""
 
     def __init__(
         self,
@@ -195,11 +196,11 @@ class _Proof:
     def run(self) -> Certificate:
         first, last = float(self._knots[0]), float(self._knots[-1])
         start, end = self._control[0, 0], self._control[-1, -1]
-        # Both ends first: a start in contact is the commonest "no", and halving alone would only creep up on it.
+        # Both ends are checked first: a start in contact is the most common failure, and bisection finds it late.
         if (contact := self._look(start)) is not None:
             return self._colliding(first, start, contact, first)
         at_end = self._look(end)
-        if (undecided := self._still()) is not None:
+        if (undecided := self._check_fixed_pairs()) is not None:
             return self._undecided(undecided) if at_end is None else self._colliding(last, end, at_end, first)
         found = self._sweep()
         k, state = self._kernel, self._state
@@ -213,19 +214,19 @@ class _Proof:
             return self._colliding(last, end, at_end, last if open_from is None else open_from)
         if open_from is not None:
             pair, until, distance = int(state[k.OPEN_PAIR]), float(state[k.OPEN_END]), float(state[k.OPEN_DISTANCE])
-            if distance == np.inf:  # the pair was given up unmeasured: a longer interval had shown it to be near
+            if distance == np.inf:  # not measured here: a longer interval had shown that the pair is close
                 distance = self._judge.placed(self._curve((open_from + until) / 2)).measure(pair).attained
             return self._undecided(UndecidedSpan(open_from, until, self._names(pair), distance))
         return self._free()
 
     def succeeds(self) -> bool:
-        """Whether the curve is proven free, with nothing to spare."""
+        """Whether the curve is proven to keep the margins."""
         k = self._kernel
         self._settings[k.GOAL_SHARE] = self._settings[k.LOOK_AHEAD] = 0.0
-        return self._still() is None and self._sweep() is None and not self._state[k.OPEN]
+        return self._check_fixed_pairs() is None and self._sweep() is None and not self._state[k.OPEN]
 
     def _look(self, q: Array) -> Contact | None:
-        """The deepest contact at q (n,), after taking down how near bodies are to each other there."""
+        """Return the deepest contact at q (n,) and update the smallest observed distance."""
         space = self._judge.workspace
         near = space.near(q, NEAREST)
         self._saw(near.nearest, near.upper)
@@ -241,7 +242,7 @@ class _Proof:
         state[k.SPARE] = min(state[k.SPARE], attained - self._judge.margins[pair])
 
     def _deepest(self, q: Array) -> Contact | None:
-        """The deepest contact at q (n,) for which there is evidence: a distance that is attained."""
+        """Return the deepest contact at q (n,) whose measured distance is attained, so that it is evidence."""
         judge, deepest = self._judge, None
         for pair, measured in (*judge.workspace.touching(q), *judge.still.touching):
             if measured.attained <= judge.margins[pair]:
@@ -252,13 +253,13 @@ class _Proof:
         return deepest
 
     def _contact(self, pair: int, measured: Distance) -> Contact:
-        """The contact of a pair, nearer by what an obstacle may be moved by."""
+        """Return the contact of a pair, with the distance reduced by the tolerance of obstacles."""
         contact = self._judge.contact(pair, measured)
         moved = self._obstacles if self._checker.bodies[self._checker.pairs[pair][1]].link is None else 0.0
         return replace(contact, distance=contact.distance - moved) if moved else contact
 
-    def _still(self) -> UndecidedSpan | None:
-        """Judge once the pairs between which no joint moves; contacts among them were seen at the start."""
+    def _check_fixed_pairs(self) -> UndecidedSpan | None:
+        """Check once the pairs that no joint moves relative to each other; their contacts were found at the start."""
         judge, k, state = self._judge, self._kernel, self._state
         for pair, measured in judge.still.touching:
             return UndecidedSpan(float(self._knots[0]), float(self._knots[-1]), self._names(pair), measured.distance)
@@ -271,25 +272,25 @@ class _Proof:
         return None
 
     def _sweep(self) -> Array | None:
-        """Go through the curve; the configuration (n,) of the first contact, if one was found."""
+        """Bisect the curve; return the configuration (n,) of the first contact, if one was found."""
         k, judge, control = self._kernel, self._judge, self._control
         pieces, points, n = control.shape
         spans, ranges = np.empty((DEPTH, 2)), np.empty((DEPTH, 4), dtype=np.int64)
         stack = np.empty((DEPTH, points, n))
         lists = np.empty(LISTS * len(judge.pairs) + 64, dtype=np.int64)
         spans[0], ranges[0], stack[0] = self._knots[[0, -1]], (0, pieces, 0, k.EVERYTHING), control[0]
-        if self._record:  # every pair by name, none left out by the tree of obstacles
+        if self._record:  # every pair is listed, none is skipped by the tree of obstacles
             everything = np.setdiff1d(np.arange(len(judge.pairs)), judge.still_pairs)
             lists[: len(everything)], ranges[0, 3] = everything, len(everything)
         self._state[k.TOP] = 1
-        directions, told = np.zeros((len(judge.pairs), 3)), np.zeros((len(judge.pairs), 3))
+        directions, measured_by_coal = np.zeros((len(judge.pairs), 3)), np.zeros((len(judge.pairs), 3))
         seen = np.full(len(judge.pairs), np.inf)
         asked, found = np.empty(len(judge.pairs), dtype=np.int64), np.empty((2, n))
         space = judge.workspace
         while True:
             ended = k.sweep(
                 judge.numbers, judge.indices, self._knots, control, self._joints, self._settings, space.at,
-                spans, ranges, stack, lists, directions, seen, asked, told, self._state, found, self._log,
+                spans, ranges, stack, lists, directions, seen, asked, measured_by_coal, self._state, found, self._log,
             )  # fmt: skip
             if ended == k.DONE:
                 break
@@ -301,7 +302,7 @@ class _Proof:
             space.move(found[1])
             for pair in asked[: int(self._state[k.ASKED])].tolist():
                 measured = space.measure(pair)
-                told[pair] = self._state[k.INTERVALS] + 1, measured.attained, measured.proven
+                measured_by_coal[pair] = self._state[k.INTERVALS] + 1, measured.attained, measured.proven
         return found[0] if self._state[k.FOUND] else None
 
     def _names(self, pair: int) -> tuple[str, str]:
@@ -309,40 +310,44 @@ class _Proof:
         return self._checker.bodies[i].owner, self._checker.bodies[j].owner
 
     def _free(self) -> Certificate:
-        count, seen = len(self._checker.pairs), float(self._state[self._kernel.OBSERVED])
+        count = len(self._checker.pairs)
         proven = float(self._state[self._kernel.PROVEN])
-        message = free_sentence(proven, seen, count, len(self._checker.excluded))
+        message = free_sentence(proven, count, len(self._checker.excluded))
         if self._tolerances:
-            message += f", {self._tolerances}"
+            message += f"; {self._tolerances}"
         return self._certificate(CertificateStatus.FREE, message, clearance=proven)
 
     @property
     def _tolerances(self) -> str:
-        """The tube in words; empty for the bare curve."""
-        said = []
+        """The allowed deviations as text; empty if there are none."""
+        deviations = []
         if self._joints.any():
             low, high = float(self._joints.min()), float(self._joints.max())
-            said.append(f"joints off by up to {high:g} rad or m" if low == high else "joints off by their tolerances")
+            by = f"{high:g} rad or m" if low == high else "the given tolerances"
+            deviations.append(f"joints may deviate by up to {by}")
         if self._obstacles:
-            said.append(f"obstacles by up to {self._obstacles * 1e3:g} mm")
-        return " and ".join(said)
+            deviations.append(f"obstacles may deviate by up to {self._obstacles * 1e3:g} mm")
+        return " and ".join(deviations)
 
     def _colliding(self, time: float, q: Array, contact: Contact, proven_free_until: float) -> Certificate:
         first = FirstContact(
             time, q.copy(), contact.bodies, contact.distance, contact.points, contact.distance < 0, proven_free_until
         )
-        message = f"at {time:.4g} {contact}; proven free until {proven_free_until:.4g}"
+        at, until = (parameter_text(self._curve, t) for t in (time, proven_free_until))
+        message = f"{contact} at {at}; collision-free until {until}"
         return self._certificate(CertificateStatus.COLLIDING, message, first_contact=first)
 
     def _undecided(self, span: UndecidedSpan) -> Certificate:
         intervals, budget = self._state[self._kernel.INTERVALS], self._settings[self._kernel.MAX_INTERVALS]
-        why = "its budget of intervals" if intervals >= budget else "its tolerance"
+        spent = intervals >= budget
+        limit = f"limit of {budget:.0f} intervals" if spent else f"tolerance of {self._settings[0] * 1e3:g} mm"
         message = (
-            f"the proof met {why} at [{span.start:.6g}, {span.end:.6g}]: {' and '.join(span.bodies)} are "
-            f"{span.distance * 1e3:.3f} mm apart there; keep more distance, or lower the margin or the tolerance"
+            f"neither proven collision-free nor in collision on [{span.start:.6g}, {span.end:.6g}]: "
+            f"{' and '.join(span.bodies)} are {span.distance * 1e3:.3f} mm apart there, and the {limit} was reached; "
+            f"increase the distance{' or max_intervals' if spent else ''}, or lower the margin or the tolerance"
         )
         if self._tolerances:
-            message += f" (asked for {self._tolerances})"
+            message += f" ({self._tolerances})"
         return self._certificate(CertificateStatus.UNDECIDED, message, undecided=span)
 
     def _certificate(

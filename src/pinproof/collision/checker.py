@@ -1,4 +1,4 @@
-"""Is a configuration free of contact? The arm against itself and a scene: yes only where that is proven."""
+"""Checks configurations for collisions between the arm, its attached objects and a scene."""
 
 from __future__ import annotations
 
@@ -7,83 +7,152 @@ import threading
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.assembly import Assembly, Known, add_obstacle_bodies, assemble, keep_pairs, leave_out
+from pinproof.collision.assembly import (
+    Assembly,
+    CheckedBodies,
+    Known,
+    Levels,
+    Margins,
+    add_obstacle_bodies,
+    assemble,
+    checked_margin,
+    finer_levels,
+    keep_pairs,
+    leave_out,
+)
 from pinproof.collision.bodies import Body
-from pinproof.collision.by_coal import Distance, geometry_model
-from pinproof.collision.contact import CheckResult, Contact
-from pinproof.collision.finer import Levels, finer_levels
+from pinproof.collision.coal_checks import Distance
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
-from pinproof.collision.margins import Margins, checked_margin
-from pinproof.collision.overlaps import Overlaps
-from pinproof.collision.pairs import HOUSING_SHARE, PairRules, Pairs, overlap_levels, unexplained_pairs
-from pinproof.collision.placed import EVERY, FIRST_ONLY, NEAREST, NOT_FINITE, Placed
-from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.still import Still, judge_still
+from pinproof.collision.pairs import HOUSING_SHARE, Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
+from pinproof.collision.placed_bodies import (
+    EVERY,
+    FIRST_ONLY,
+    NEAREST,
+    NOT_FINITE,
+    FixedPairs,
+    PlacedBodies,
+    check_fixed_pairs,
+)
+from pinproof.collision.scene import Scene
+from pinproof.collision.shapes import Obstacle
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import finite
 
-__all__ = ["CollisionChecker"]
+__all__ = ["CheckResult", "CollisionChecker", "Contact"]
 
 Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """Two bodies whose distance is the margin or less.
+
+    Parameters
+    ----------
+    bodies
+        The owners: links, attached objects, obstacles.
+    distance
+        Signed distance in metres; below 0 it is the penetration depth as computed by coal.
+    points
+        (2, 3) the nearest (or deepest) point of each body, in the robot's root frame.
+    normal
+        (3,) unit vector in the root frame along which the second body would be moved away from the first.
+    """
+
+    bodies: tuple[str, str]
+    distance: float
+    points: Array
+    normal: Array
+
+    @property
+    def depth(self) -> float:
+        """Penetration depth (m); 0 if the bodies do not penetrate."""
+        return max(-self.distance, 0.0)
+
+    def __str__(self) -> str:
+        one, other = self.bodies
+        millimetres = f"{abs(self.distance) * 1e3:.1f} mm"
+        if self.distance < 0:
+            return f"{one} penetrates {other} by {millimetres}"
+        return f"{one} is near {other} ({millimetres} apart)"
+
+
+@dataclass(frozen=True, eq=False)
+class CheckResult:
+    """All contacts at one configuration, sorted by distance."""
+
+    contacts: tuple[Contact, ...]
+
+    @property
+    def free(self) -> bool:
+        """Whether there is no contact."""
+        return not self.contacts
+
+    def __str__(self) -> str:
+        return "; ".join(str(contact) for contact in self.contacts) or "free"
+
 
 DOUBLE = np.dtype(np.float64)
 
 CHUNK = 64
-"""Configurations that a thread takes at a time."""
+"""Number of configurations that a thread processes at a time."""
 
 
-class CollisionChecker:
+class CollisionChecker(CheckedBodies):
     """Checks configurations of an arm against itself and a scene.
 
-    ``q`` is always the arm's own joints; joints outside the arm stay where the arm holds them. Two bodies are in
-    contact where their distance is the margin or less, and where it cannot be told from that: "free" is only said of
-    what is proven farther apart. No answer depends on what was asked before. May be used from several threads: each has
+    ``q`` contains the arm's own joints only; joints outside the arm keep the values that the arm holds. Two bodies are
+    in contact if their distance is not proven to be larger than the margin, so floating-point error never produces a
+    false "free". Results do not depend on earlier queries. A checker can be used from several threads; each thread has
     its own workspace.
 
-    Tasks have stages, in which other things are held and other contacts are meant: :meth:`with_scene`,
-    :meth:`with_attached`, :meth:`with_held`, :meth:`allowing` and :meth:`with_margin` give checkers that differ in
-    that, and share the bodies.
+    :meth:`with_scene`, :meth:`with_attached`, :meth:`with_held`, :meth:`allowing` and :meth:`with_margin` return
+    checkers for other stages of a task, which share the bodies with this one.
 
     Parameters
     ----------
     arm
         The arm.
     scene
-        What stands around it.
+        The obstacles.
     margin
-        Metres that must stay between any two checked bodies.
+        Distance (m) that is required between any two checked bodies.
     margins
-        The same for single pairs of names (links, attached objects, obstacles), in place of ``margin``.
+        Margins of single pairs of names (links, attached objects, obstacles), which replace ``margin``.
     link_meshes
-        ``"hull"``: the links' meshes are collided with as their convex hulls, which hold all of the mesh. ``"mesh"``:
-        as their triangles, solid where watertight, else as their hull. ``"surface"``: as their triangles, which where
-        not watertight are hollow: being wholly inside is not seen. ``"decomposed"``: as several hulls, which together
-        hold all of it. One word for all links, or a mapping of links to words; ``"*"`` is the others. Pairs of links
-        that an SRDF disables without a reason are checked by several hulls each where one would be coarse.
+        How link meshes are represented. ``"hull"``: by their convex hulls, which contain the mesh. ``"mesh"``: by their
+        triangles, solid if the mesh is watertight; otherwise by the hull. ``"surface"``: by their triangles; a mesh
+        that is not watertight is then a surface, and a body entirely inside it is not detected. ``"decomposed"``: by
+        several convex hulls that together contain the mesh. One value for all links, or a mapping of link names to
+        values, in which ``"*"`` stands for all other links. Pairs of links that an SRDF disables without a reason are
+        checked with several hulls each where one hull would be too coarse.
     attached
         Objects that move with the tcp, such as a gripper; their pose is ``tcp_from_object``.
     allowed
         Pairs of names (links, attached objects, obstacles) that may touch.
     trust_disabled
-        Leave out every pair that the SRDF or the scene's matrix disables. Without it these pairs are checked, unless
-        they touch in nearly all sampled configurations or no joint of the arm moves them against each other.
+        Exclude every pair that the SRDF or the scene's allowed-collision matrix disables. Otherwise these pairs are
+        checked, unless they touch in nearly all sampled configurations or no joint of the arm moves them relative to
+        each other.
     housing
-        Metres. Links on both sides of links without geometry are left out if they touch in nearly all sampled
-        configurations and the revolute joints between them lie along no more than this, summed from joint to joint: a
-        spherical wrist. By default 5 % of the robot's size (its largest sum of lengths from the root to a link).
+        Length (m) of a joint housing, such as that of a spherical wrist. Two links that are separated only by links
+        without geometry are excluded if they touch in nearly all sampled configurations and the distances between the
+        revolute joints between them add up to no more than this length. Default: 5 % of the robot's size (the largest
+        sum of joint offsets from the root to a link).
 
     Raises
     ------
     MeshError
         If a collision mesh is missing or has no hull.
     UnknownNameError
-        If an allowed contact or a margin names nothing that is there.
+        If an allowed contact or a margin names an unknown body.
     InputError
         If a margin is negative or not finite, or two bodies share a name.
     """
@@ -112,33 +181,32 @@ class CollisionChecker:
             **overlap_levels(self._link_bodies.of({}), arm, self._rules),
         }
         self._margins, self._moved = Margins(margin, margins or {}), 0.0
-        self._still: Still | None = None
-        self._geometry_model: Any = None
-        self._known: Known = {}  # obstacles by where they lie in memory
+        self._still: FixedPairs | None = None
+        self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
 
-    # -- questions ----------------------------------------------------------------------------------------------------
+    # -- queries ----------------------------------------------------------------------------------------------------
 
     def is_free(self, q: npt.ArrayLike) -> bool:
-        """Whether every checked pair is proven farther apart than its margin at q (n,). Limits are not looked at."""
+        """Whether every checked pair is proven farther apart than its margin at q (n,). Ignores joint limits."""
         if type(q) is np.ndarray and q.dtype is DOUBLE and q.shape == self._shape:
             return self.is_free_unchecked(q)
         return self.is_free_unchecked(self.arm.configuration(q))
 
     def is_free_unchecked(self, q: Array) -> bool:
-        """:meth:`is_free` for loops that made q (n,) themselves."""
+        """:meth:`is_free` without validation of q (n,), for inner loops."""
         space = self.workspace
         left = space.judge(q)
         if left == 0:
             return not (self._still or self.still).touching
         if left == NOT_FINITE:
-            self.arm.configuration(q)  # says what is wrong with it
+            self.arm.configuration(q)  # raises
         if left < 0:
             return False
         return not self.still.touching and not any(space.touches(k) for k in space.left_to_coal(left))
 
     def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
-        """(N,) :meth:`is_free` at each row of Q (N, n); the same for any number of ``threads``."""
+        """Return (N,) :meth:`is_free` for each row of Q (N, n); the result does not depend on ``threads``."""
         many, rows = self._batch(Q, FIRST_ONLY, threads)
         free = (rows[:, 0] == 0) & (not self.still.touching)
         for i in np.flatnonzero(free & (rows[:, 1] > 0)):
@@ -146,17 +214,17 @@ class CollisionChecker:
         return np.asarray(free)
 
     def check(self, q: npt.ArrayLike) -> CheckResult:
-        """Every contact at q (n,), the deepest first, with names, distances, points and normals."""
+        """Return all contacts at q (n,), sorted by distance, with names, distances, points and normals."""
         space = self.workspace
         touching = (*self.still.touching, *space.touching(self.arm.configuration(q)))
         found = [self.contact(k, measured) for k, measured in touching]
         return CheckResult(tuple(sorted(found, key=lambda contact: contact.distance)))
 
     def clearance(self, q: npt.ArrayLike) -> float:
-        """The smallest signed distance (m) over all checked pairs at q (n,); inf if there is none to check.
+        """Return the smallest signed distance (m) over all checked pairs at q (n,); inf if no pair is checked.
 
-        Where bodies are apart it is a lower bound up to :attr:`rounding`, within 1e-9 m of the distance; where they
-        penetrate, the depth as coal knows it, below 0.
+        For separated bodies it is a lower bound up to :attr:`rounding`, within 1e-9 m of the distance. For penetrating
+        bodies it is minus the penetration depth as computed by coal.
         """
         space = self.workspace
         near = space.near(self.arm.configuration(q), NEAREST)
@@ -164,7 +232,7 @@ class CollisionChecker:
         return min((near.lower, self.still.lower, *judged))
 
     def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
-        """(N,) :meth:`clearance` at each row of Q (N, n); the same for any number of ``threads``."""
+        """Return (N,) :meth:`clearance` for each row of Q (N, n); the result does not depend on ``threads``."""
         many, rows = self._batch(Q, NEAREST, threads)
         out = np.minimum(rows[:, 2], self.still.lower)
         for i in np.flatnonzero(rows[:, :2].any(axis=1)):
@@ -176,40 +244,43 @@ class CollisionChecker:
     def with_margin(
         self, margin: float | None = None, margins: Mapping[tuple[str, str], float] | None = None
     ) -> CollisionChecker:
-        """The same bodies and pairs under another common margin, or other margins of single pairs (m)."""
+        """Return a checker of the same bodies and pairs with other margins (m)."""
         other = copy(self)
         common = self.margin if margin is None else margin
         other._set_margins(self._margins.under(common) if margins is None else Margins(common, margins))
         return other
 
     def padded(self, by: float) -> CollisionChecker:
-        """The same, with every margin larger by ``by`` metres, those of single pairs too."""
+        """Return a checker with all margins increased by ``by`` metres, those of single pairs included."""
         other = copy(self)
         other._set_margins(self._margins.padded(by))
         return other
 
     def moved_obstacles(self, by: float) -> CollisionChecker:
-        """The same, but every obstacle may stand elsewhere by up to ``by`` metres: its margins are that much larger."""
+        """Return a checker that allows obstacles to be displaced by up to ``by`` metres, by larger margins."""
         other = copy(self)
         other._moved = self._moved + checked_margin("by", by)
         other._set_margins(self._margins)
         return other
 
     def with_scene(self, scene: Scene) -> CollisionChecker:
-        """The same arm, with what it holds, in another scene; single margins of obstacles that are gone are dropped."""
+        """Return a checker of the same arm and attached objects in another scene.
+
+        Margins of single pairs are dropped if their obstacle is removed.
+        """
         return self._derived(scene, self.attached, self._allowed)
 
     def with_attached(self, *objects: Obstacle) -> CollisionChecker:
-        """The same with more objects that move with the tcp, each in place of one of its name, if there is one.
+        """Return a checker with more objects that move with the tcp; an object replaces an attached one of its name.
 
-        Of a grasped one, take the obstacle out of the scene.
+        When an object is grasped, also remove its obstacle from the scene.
         """
         new = {thing.name for thing in objects}
         kept = (thing for thing in self.attached if thing.name not in new)
         return self._derived(self.scene, (*kept, *objects), self._allowed)
 
     def with_held(self, held: Mapping[str, float]) -> CollisionChecker:
-        """The same with joints outside the arm held elsewhere (rad or m by name), such as the robot's own fingers."""
+        """Return a checker with other values (rad or m) of joints outside the arm, such as the robot's fingers."""
         arm = self.arm.with_held(held)
         if arm is self.arm:
             return self
@@ -219,10 +290,10 @@ class CollisionChecker:
         return other
 
     def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
-        """The same with more pairs of names that may touch: a gripper and what it grasps, a part and its support.
+        """Return a checker that allows more pairs of names to touch: a gripper and its object, a part and its support.
 
-        A certificate lists them as not checked. So allow a contact for the stage that means it, and for no other. For a
-        part and the support it is lifted off, ``certify(..., parting=)`` allows less and proves more: that they part.
+        Certificates list these pairs as excluded, so allow a contact only for the stage that needs it. For a part that
+        is lifted off its support, ``certify(..., parting=)`` is stricter: it proves that the two separate.
         """
         more = tuple((str(a), str(b)) for a, b in pairs)
         made = leave_out(self._assembly, more)
@@ -233,11 +304,10 @@ class CollisionChecker:
         return other
 
     def without_pairs(self, pairs: Iterable[int]) -> CollisionChecker:
-        """The same, but the pairs of bodies with these indices in :attr:`pairs` are not checked.
+        """Return a checker without the pairs of bodies that have these indices in :attr:`pairs`.
 
-        Pairs of bodies, where :meth:`allowing` leaves out all pairs of two owners. It is meant for proofs that show the
-        omitted pairs apart by other means: ``excluded`` does not list them, and checkers derived from this one by a
-        new scene, attached object or allowed contact check them again.
+        For proofs that handle the omitted pairs by other means: ``excluded`` does not list them, and checkers that
+        are derived from this one by a new scene, attached object or allowed contact check them again.
         """
         dropped = set(pairs)
         kept = np.array([k for k in range(len(self.pairs)) if k not in dropped], dtype=int)
@@ -246,7 +316,7 @@ class CollisionChecker:
         return other
 
     def with_obstacle_bodies(self, bodies: Sequence[Body], pairs: Iterable[tuple[int, int]]) -> CollisionChecker:
-        """The same with more bodies of obstacles of the scene, and more pairs of indices of bodies checked.
+        """Return a checker with more bodies of the scene's obstacles, and more checked pairs of body indices.
 
         The new bodies follow those in :attr:`bodies`. As for :meth:`without_pairs`, derived checkers do not have them.
         """
@@ -256,12 +326,11 @@ class CollisionChecker:
         return other
 
     def finer_at(self, q: npt.ArrayLike) -> CollisionChecker:
-        """The same, but pairs that touch at q (n,) by coarse bodies alone are judged by closer ones, as far as needed.
+        """Return a checker with finer geometry for pairs whose bodies touch at q (n,) although their meshes do not.
 
-        Those of the links whose exact meshes are farther apart than the margin at q, though their bodies as told are
-        not: by several hulls, or by the meshes themselves where these touch, too. Whatever is derived from it keeps
-        that. :attr:`finer` lists them, and so do certificates. This checker itself where nothing touches at q, or
-        whatever does is truly in contact.
+        A link whose hull is in contact is represented by several hulls or, where these also touch, by its exact mesh.
+        Derived checkers keep this. :attr:`finer` and certificates list these pairs. Returns this checker if there is
+        no contact at q, or only contacts of the exact meshes.
         """
         at = self.arm.configuration(q)
 
@@ -289,12 +358,7 @@ class CollisionChecker:
         other._assemble(scene, attached, allowed)
         return other
 
-    # -- what is known of it ------------------------------------------------------------------------------------------
-
-    @property
-    def arm(self) -> Arm:
-        """The arm; :meth:`with_held` makes a checker in which its other joints are held elsewhere."""
-        return self._arm
+    # -- properties ------------------------------------------------------------------------------------------
 
     @property
     def scene(self) -> Scene:
@@ -322,25 +386,18 @@ class CollisionChecker:
         return tuple(b.name for b in self.bodies if b.solid is not None and not b.solid.watertight)
 
     @property
-    def still(self) -> Still:
-        """The verdict on the pairs between which no joint moves; found once, by whoever asks first."""
+    def still(self) -> FixedPairs:
+        """The result for pairs that no joint moves relative to each other; computed on first access."""
         if self._still is None:
             from pinproof.kernels.world import flatten
 
             world = self._margined
-            space = Placed(self, *flatten(world._replace(own=self.still_pairs, tree=world.tree[:0])))
-            self._still = judge_still(space, np.zeros(self.arm.dof))
+            space = PlacedBodies(self, *flatten(world._replace(own=self.still_pairs, tree=world.tree[:0])))
+            self._still = check_fixed_pairs(space, np.zeros(self.arm.dof))
         return self._still
 
-    @property
-    def geometry_model(self) -> Any:
-        """Pinocchio's model of all bodies and of the pairs that are checked, made when first asked for."""
-        if self._geometry_model is None:
-            self._geometry_model = geometry_model(self.arm.model, self.bodies, self.pairs)
-        return self._geometry_model
-
     def fingerprint(self) -> str:
-        """A hash of all that a verdict depends on: kinematics, held joints, geometry, placements, pairs, margins."""
+        """Return a hash of all inputs of a verdict: kinematics, held joints, geometry, placements, pairs, margins."""
         digest = hashlib.sha256()
         words = (self.arm.robot.urdf.kinematics, self.arm.base, self.arm.tcp, self.arm.joint_names, self.arm.held)
         digest.update(repr((words, self._rules[1:], self._link_bodies, self.excluded, self.finer)).encode())
@@ -349,14 +406,14 @@ class CollisionChecker:
             digest.update(body.content())
         return digest.hexdigest()
 
-    def placed(self, q: Array) -> Placed:
-        """Place every body at q (n,), unchecked, in the workspace of this thread: for loops that made q themselves."""
+    def placed(self, q: Array) -> PlacedBodies:
+        """Place every body at q (n,) in the workspace of this thread, without validation of q."""
         space = self.workspace
         space.move(q)
         return space
 
     def contact(self, k: int, measured: Distance) -> Contact:
-        """The contact of pair k."""
+        """Return the contact of pair k."""
         return Contact(self._owners(k), measured.distance, measured.points, measured.normal)
 
     def _owners(self, k: int) -> tuple[str, str]:
@@ -364,16 +421,16 @@ class CollisionChecker:
         return self.bodies[i].owner, self.bodies[j].owner
 
     def _in_contact(self, q: Array) -> list[int]:
-        """The pairs in contact at q (n,), finite."""
+        """Return the pairs in contact at q (n,)."""
         space = self.workspace
         near = space.near(q, EVERY)
         still = [k for k, _ in self.still.touching]
         return [*still, *near.contacts, *(k for k in near.left_to_coal if space.touches(k))]
 
-    # -- how it is made -----------------------------------------------------------------------------------------------
+    # -- assembly -----------------------------------------------------------------------------------------------
 
     def _assemble(self, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]) -> None:
-        """Everything that follows from the links, the scene, what is attached, what is allowed, and the margins."""
+        """Assemble bodies and pairs from links, scene, attached objects, allowed contacts and margins."""
         made = assemble(
             self.arm, self._link_bodies.of(self._levels), scene, attached, self._rules,
             levels=self._levels, allowed=allowed, known=self._known,
@@ -398,7 +455,7 @@ class CollisionChecker:
         )
 
     def _set_margins(self, margins: Margins) -> None:
-        """The margins of all pairs, larger where obstacles may be moved, and what follows from them."""
+        """Set the margins of all pairs, increased where obstacles may be displaced."""
         from pinproof.collision.packed import with_margins
         from pinproof.kernels.world import flatten
 
@@ -414,19 +471,19 @@ class CollisionChecker:
         self._threads = threading.local()
 
     @property
-    def workspace(self) -> Placed:
+    def workspace(self) -> PlacedBodies:
         """The workspace of this thread."""
         try:
             return self._threads.space
         except AttributeError:
-            space = self._threads.space = Placed(self, self.numbers, self.indices)
+            space = self._threads.space = PlacedBodies(self, self.numbers, self.indices)
             return space
 
     def _batch(self, Q: npt.ArrayLike, question: int, threads: int) -> tuple[Array, Array]:
         """Q (N, n) checked, and the answers (N, 5) of :func:`pinproof.kernels.near.near`."""
         many = finite("Q", Q, (None, self.arm.dof))
         if threads < 1:
-            raise InputError(f"threads = {threads}; it is 1 or more")
+            raise InputError(f"threads = {threads}; it must be 1 or more")
         rows = np.empty((len(many), 5))
         starts = range(0, len(many), CHUNK)
         if threads == 1:
@@ -441,7 +498,7 @@ class CollisionChecker:
         return many, rows
 
     def __copy__(self) -> CollisionChecker:
-        """With all that is known of the obstacles, which a pickle leaves out."""
+        """Copy including the cached obstacle bodies, which a pickle omits."""
         other = object.__new__(type(self))
         other.__dict__.update(self.__dict__)
         return other

@@ -15,15 +15,20 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.bodies import Body, Support, shape_body, triangles_of
-from pinproof.collision.by_coal import MeasureConvex
-from pinproof.collision.height_map import ground_surface
-from pinproof.collision.point_cloud import cell_faces
-from pinproof.collision.scene import Obstacle
-from pinproof.collision.shapes import HeightMap, Mesh, PointCloud, Sphere
+from pinproof.collision.coal_checks import MeasureConvex
+from pinproof.collision.shapes import HeightMap, Mesh, Obstacle, PointCloud, Sphere
+from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.errors import InputError
 from pinproof.spatial import SE3
 
-__all__ = ["LineSurface", "SurfacePoints", "body_distance", "outer_points", "point_distance", "travel_to_touch"]
+__all__ = [
+    "LineSurface",
+    "SurfacePoints",
+    "body_distance",
+    "outer_points",
+    "point_distance",
+    "travel_to_touch",
+]
 
 Array = npt.NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""The bodies of robot links: what a URDF says is to be collided with, its meshes as the caller wants them."""
+"""The bodies of robot links: the collision geometry of the URDF, with meshes represented as the caller requests."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ import pinocchio as pin
 
 from pinproof.collision.bodies import MESHES_KEPT, Body, FileStamp, hull_body, shape_body
 from pinproof.collision.decomposition import clusters
+from pinproof.collision.hulls import Solid
 from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Sphere
-from pinproof.collision.solid import Solid
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import read_mesh, resolved
 from pinproof.errors import InputError, MeshError, UnknownNameError
 
-__all__ = ["AS_TOLD", "DECOMPOSED", "EXACT", "LinkBodies", "LinkMeshes", "link_bodies", "meshes_of"]
+__all__ = ["AS_REQUESTED", "DECOMPOSED", "EXACT", "LinkBodies", "LinkMeshes", "link_bodies", "meshes_of"]
 
 LinkMeshes = Literal["hull", "mesh", "surface", "decomposed"]
-"""How a link's mesh is collided with: as its convex hull, as its triangles where these enclose it, as its triangles
-whether they do or not, or as several hulls that cover it."""
+"""Representation of a link's mesh: its convex hull, its triangles if watertight, its triangles in any case, or several
+convex hulls that cover it."""
 
-AS_TOLD, DECOMPOSED, EXACT = 0, 1, 2
-"""How finely a pair of bodies is judged: by the meshes as the caller wants them, by several hulls, by the triangles."""
+AS_REQUESTED, DECOMPOSED, EXACT = 0, 1, 2
+"""Levels of detail: the representation that the caller requests, several hulls, the exact triangles."""
 
 COARSER: dict[int, tuple[LinkMeshes, ...]] = {DECOMPOSED: ("hull",), EXACT: ("hull", "decomposed")}
-"""Which ways of meeting a mesh each level is finer than."""
+"""The requested representations that are coarser than each level."""
 
 KINDS: dict[str, type[Box] | type[Sphere] | type[Cylinder] | type[Capsule]] = {
     "box": Box,
@@ -39,39 +39,39 @@ KINDS: dict[str, type[Box] | type[Sphere] | type[Cylinder] | type[Capsule]] = {
 }
 
 DEFAULT = "*"
-"""The key of a mapping that speaks for every link without a key of its own."""
+"""The key of a mapping that stands for every link without an own key."""
 
 
 def meshes_of(links: Iterable[str], link_meshes: LinkMeshes | Mapping[str, LinkMeshes]) -> dict[str, LinkMeshes]:
-    """How each link's meshes are collided with, from one word for all or a mapping of links; ``"*"`` is the others.
+    """Return the mesh representation of each link, from one value for all or a mapping; ``"*"`` is all other links.
 
     Raises
     ------
     UnknownNameError
-        For a word or a link that does not exist.
+        For an unknown representation or link.
     """
     links = tuple(links)
-    told: Mapping[str, LinkMeshes] = {DEFAULT: link_meshes} if isinstance(link_meshes, str) else link_meshes
-    if not isinstance(told, Mapping):
-        raise InputError(f"link_meshes = {link_meshes!r} is neither a word nor a mapping of links to words")
-    for link, how in told.items():
+    stated: Mapping[str, LinkMeshes] = {DEFAULT: link_meshes} if isinstance(link_meshes, str) else link_meshes
+    if not isinstance(stated, Mapping):
+        raise InputError(f"link_meshes = {link_meshes!r} must be a representation or a mapping of links to them")
+    for link, how in stated.items():
         if how not in get_args(LinkMeshes):
             raise UnknownNameError("kind of link meshes", how, get_args(LinkMeshes))
         if link != DEFAULT and link not in links:
             raise UnknownNameError("link", link, links, "link_meshes")
-    return {link: told.get(link, told.get(DEFAULT, "hull")) for link in links}
+    return {link: stated.get(link, stated.get(DEFAULT, "hull")) for link in links}
 
 
 def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
-    """The bodies of one collision geometry of a link: several where its mesh is ``decomposed``, else one.
+    """Return the bodies of one collision geometry of a link: several if its mesh is ``decomposed``, else one.
 
-    A mesh that is not watertight has no inside, in which nothing could hide: its hull is taken, or its bare ``surface``
-    where that is asked for, and the body says so.
+    A mesh that is not watertight has no inside. Its hull is used, or its ``surface`` if requested, and the remark of
+    the body states it.
 
     Raises
     ------
     MeshError
-        If the mesh is missing or cannot be collided with in that way.
+        If the mesh is missing or cannot be represented as requested.
     """
     at = pin.SE3(np.array(geometry.origin))
     if geometry.kind != "mesh":
@@ -88,7 +88,7 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
         return [shape_body(geometry.name, geometry.link, geometry.link, surface, at)]
     if not watertight:
         body = shape_body(geometry.name, geometry.link, geometry.link, shape, at)
-        return [replace(body, remark=f"{shape.path.name} is not watertight: its hull is taken")]  # type: ignore[union-attr]
+        return [replace(body, remark=f"{shape.path.name} is not watertight, so its convex hull is used")]  # type: ignore[union-attr]
     if how == "mesh":
         return [shape_body(geometry.name, geometry.link, geometry.link, replace(shape, hull=False), at)]
     read = FileStamp.of(shape.path)  # type: ignore[arg-type]  # meshes of links have one
@@ -106,36 +106,36 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
 
 
 class LinkBodies:
-    """The bodies of a robot's links: of each geometry as told and, for pairs that call for it, more finely.
+    """The bodies of a robot's links, in the requested representation and, for some pairs, in finer ones.
 
-    What was made is kept, for all checkers that are derived from one.
+    Derived checkers share the bodies.
 
     Parameters
     ----------
     geometries
         The collision geometries of all links.
     meshes
-        How each link's meshes are met.
+        The representation of each link's meshes.
 
     Raises
     ------
     MeshError
-        If a mesh is missing or cannot be collided with as told.
+        If a mesh is missing or cannot be represented as requested.
     """
 
     def __init__(self, geometries: Sequence[LinkGeometry], meshes: Mapping[str, LinkMeshes]) -> None:
         self._geometries, self._meshes = tuple(geometries), dict(meshes)
         self._finer: dict[tuple[str, int], tuple[Body, ...]] = {}
-        self._told = tuple(
+        self._requested = tuple(
             replace(body, source=geometry.name)
             for geometry in self._geometries
             for body in link_bodies(geometry, self._meshes[geometry.link])
         )
 
     def of(self, levels: Mapping[frozenset[str], int]) -> tuple[Body, ...]:
-        """All bodies that are needed where pairs of owners are judged on these levels, those as told first."""
+        """Return all bodies for these levels of pairs of owners, those of the requested representation first."""
         wanted = {(owner, level) for pair, level in levels.items() for owner in pair}
-        return self._told + tuple(
+        return self._requested + tuple(
             body
             for geometry in self._geometries
             for level in (DECOMPOSED, EXACT)
@@ -144,16 +144,16 @@ class LinkBodies:
         )
 
     def on_level(self, link: str, level: int) -> tuple[Body, ...]:
-        """The bodies that judge a link on a level: as told where there are no closer ones."""
+        """Return the bodies of a link on a level; the requested ones where there are no finer ones."""
         bodies: list[Body] = []
         for geometry in self._geometries:
             if geometry.link == link:
-                told = [body for body in self._told if body.source == geometry.name]
-                bodies += (level and self._more_finely(geometry, level)) or told
+                requested = [body for body in self._requested if body.source == geometry.name]
+                bodies += (level and self._more_finely(geometry, level)) or requested
         return tuple(bodies)
 
     def meshes_of(self, link: str) -> LinkMeshes:
-        """How the meshes of a link are collided with."""
+        """Return the representation of a link's meshes."""
         return self._meshes[link]
 
     @property
@@ -162,14 +162,14 @@ class LinkBodies:
         return frozenset(geometry.link for geometry in self._geometries)
 
     def can_be_finer(self, owner: str) -> bool:
-        """Whether it is a link with a mesh that is not met as its triangles already."""
+        """Whether it is a link with a mesh that is not represented by its triangles yet."""
         return any(
             geometry.link == owner and geometry.kind == "mesh" and self._meshes[owner] in COARSER[EXACT]
             for geometry in self._geometries
         )
 
     def _more_finely(self, geometry: LinkGeometry, level: int) -> tuple[Body, ...]:
-        """What stands for a geometry on a level; nothing where the bodies as told are as fine as that."""
+        """Return the bodies of a geometry on a level; none if the requested representation is as fine."""
         key = geometry.name, level
         if key not in self._finer:
             self._finer[key] = tuple(_finer_bodies(geometry, self._meshes[geometry.link], level))
@@ -179,8 +179,8 @@ class LinkBodies:
         return f"LinkBodies({sorted(self._meshes.items())!r})"
 
 
-def _finer_bodies(geometry: LinkGeometry, told: LinkMeshes, level: int) -> list[Body]:
-    if geometry.kind != "mesh" or told not in COARSER[level]:
+def _finer_bodies(geometry: LinkGeometry, requested: LinkMeshes, level: int) -> list[Body]:
+    if geometry.kind != "mesh" or requested not in COARSER[level]:
         return []
     bodies = link_bodies(geometry, "decomposed" if level == DECOMPOSED else "mesh")
     if level == DECOMPOSED and len(bodies) == 1:  # its hull fits closely, or it is not watertight
@@ -195,7 +195,7 @@ def _finer_bodies(geometry: LinkGeometry, told: LinkMeshes, level: int) -> list[
 
 
 def _file(shape: Mesh) -> tuple[Path, int, tuple[float, float, float]]:
-    """What tells one mesh from another, and a file from what it was before somebody changed it."""
+    """Return a cache key of a mesh: path, modification time and scale."""
     path = Path(shape.path).absolute()  # type: ignore[arg-type]  # meshes of links have one
     return path, path.stat().st_mtime_ns, shape.scale  # type: ignore[return-value]  # made three numbers by Mesh
 
@@ -208,6 +208,6 @@ def _solid(path: Path, _changed: int, scale: tuple[float, float, float]) -> Soli
 
 @lru_cache(maxsize=MESHES_KEPT)
 def _parts(path: Path, changed: int, scale: tuple[float, float, float]) -> tuple[Body, ...]:
-    """The hulls that cover a watertight mesh, of no link yet; to find them takes 0.05 s to some seconds."""
+    """Return convex hulls that cover a watertight mesh, without a link; this takes 0.05 s to some seconds."""
     solid = _solid(path, changed, scale)
     return tuple(hull_body("", "", part, pin.SE3.Identity()) for part in clusters(solid.corners, solid.contains))

@@ -1,28 +1,37 @@
-"""Which bodies are checked against each other, and why the others are not.
+"""The pairs of bodies that are checked, the pairs that are excluded, and the reasons.
 
-Links that are joined by one joint touch by design and are not checked against each other. Pairs that an SRDF disables,
-and links on both sides of links without geometry whose joints share a housing, are left out only where sampling shows
-that they touch in nearly all configurations (:mod:`pinproof.collision.overlaps`), or where no joint of the arm moves
-them against each other; a scene or a caller may name contacts that are meant to be. Other pairs that an SRDF or a
-planning scene disables, as ``Never`` in contact or without a reason, are checked unless the caller trusts them. Nothing
-is left out without its reason.
+Links connected by one joint touch by design and are not checked. Pairs that an SRDF disables, and links that are
+separated only by links without geometry in one joint housing, are excluded only if sampling shows that they touch in
+nearly all configurations, or if no joint of the arm moves them relative to each other. A scene or a caller can allow
+contacts. Other pairs that an SRDF or a planning scene disables, as ``Never`` in contact or without a reason, are
+checked unless the caller trusts them. Every exclusion is listed with its reason.
+
+Sampling is needed because a disabled pair is no evidence: ``Default`` in an SRDF means that the two touched in one
+configuration, ``Adjacent`` and ``User`` that the author disabled them. Collision models are often larger than the
+robot, and links that share a housing overlap by design; a pair that overlaps in nearly all configurations carries no
+information. If the hulls of two links overlap much more often than their exact meshes, the pair is checked with several
+hulls each, or with the exact meshes, instead.
 """
 
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
+from weakref import WeakKeyDictionary
 
+import coal
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.bodies import Body
-from pinproof.collision.links import DECOMPOSED, EXACT
-from pinproof.collision.overlaps import Overlap, Overlaps
-from pinproof.collision.scene import ANYTHING, Scene
+from pinproof.collision.links import AS_REQUESTED, DECOMPOSED, EXACT, LinkBodies
+from pinproof.collision.scene import Scene
+from pinproof.collision.shapes import ANYTHING
 from pinproof.description import UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, Robot
@@ -32,6 +41,8 @@ __all__ = [
     "HOUSING_SHARE",
     "ExcludedPair",
     "FinerPair",
+    "Overlap",
+    "Overlaps",
     "PairRules",
     "Pairs",
     "choose_pairs",
@@ -39,34 +50,223 @@ __all__ = [
     "unexplained_pairs",
 ]
 
+Booleans = npt.NDArray[np.bool_]
+
+NEARLY_ALL = 0.95
+"""A pair that touches in this share of the samples is excluded: the share above which MoveIt's Setup Assistant regards
+a pair as always in collision (``min_collision_fraction``)."""
+
+MOST = 0.5
+"""A pair that touches in this share of the samples is also excluded if it is close in :data:`NEARLY_ALL` of them."""
+
+CLOSE_SHARE = 0.0025
+"""Share of the robot's size, a few millimetres: links at a smaller distance are close. Meshes are not more accurate;
+shoulder links whose meshes touch in three of four configurations and are never farther apart are adjacent."""
+
+COARSE = 0.05
+"""Bodies represent a pair well enough if the share of samples in which they touch, and the exact meshes do not, is no
+larger than this."""
+
+SAMPLES = 200
+"""Number of sampled configurations: a share of 0.95 is estimated within 0.03 in 19 of 20 cases."""
+
+SEED = 0
+"""Seed of the samples, so that every checker of a robot excludes the same pairs."""
+
+
+class Overlap(NamedTuple):
+    """How often two links, or objects attached to them, touch."""
+
+    touching: float
+    """The share of the samples in which they touch, with bodies of ``level``."""
+    near: float
+    """The share of the samples in which their distance is at most ``close``."""
+    close: float
+    """Distance (m) up to which they count as close."""
+    level: int = AS_REQUESTED
+    """The level of detail that the pair needs, see :mod:`pinproof.collision.links`."""
+
+    @property
+    def nearly_all(self) -> bool:
+        """Whether they touch in nearly all configurations, so that contact says nothing about a configuration."""
+        return self.touching >= NEARLY_ALL or (self.touching >= MOST and self.near >= NEARLY_ALL)
+
+    def __str__(self) -> str:
+        text = f"in contact in {self.touching:.0%} of sampled configurations"
+        return text if self.touching >= NEARLY_ALL else f"{text}, within {self.close * 1e3:.2g} mm in {self.near:.0%}"
+
+
+class Overlaps:
+    """Estimates how often pairs of links of a robot touch; results are cached for all checkers of the robot.
+
+    Parameters
+    ----------
+    robot
+        The robot.
+    links
+        The bodies of its links.
+    """
+
+    def __init__(self, robot: Robot, links: LinkBodies) -> None:
+        self._robot, self._links = robot, links
+        self._verdicts: dict[frozenset[str], Overlap] = {}  # included in a pickle
+
+    def of(self, a: str, b: str) -> Overlap:
+        """Return how often two links touch."""
+        pair = frozenset((a, b))
+        if pair not in self._verdicts:
+            known = _known(self._robot).overlaps
+            key = pair, *sorted((link, self._links.meshes_of(link)) for link in pair)
+            if key not in known:
+                known[key] = self._found(a, b)
+            self._verdicts[pair] = known[key]
+        return self._verdicts[pair]
+
+    def of_bodies(self, a: Sequence[Body], b: Sequence[Body]) -> Overlap:
+        """Return how often any of these bodies touch, each of which moves with a link; not cached."""
+        return self._overlap(a, b, self._touching(a, b), AS_REQUESTED)
+
+    def _found(self, a: str, b: str) -> Overlap:
+        requested, exact = self._on(AS_REQUESTED, a, b), self._on(EXACT, a, b)
+        coarse = self._touching(*requested)
+        if coarse.mean() <= COARSE or not any(map(self._links.can_be_finer, (a, b))):
+            return self._overlap(*requested, coarse, AS_REQUESTED)
+        true = self._touching(*exact, where=coarse)
+        found = self._overlap(*exact, true, EXACT)
+        if found.nearly_all:
+            return found
+        if coarse.mean() - true.mean() <= COARSE:
+            return self._overlap(*requested, coarse, AS_REQUESTED)
+        several = self._on(DECOMPOSED, a, b)
+        closer = self._touching(*several, where=coarse)
+        return self._overlap(*several, closer, DECOMPOSED) if closer.mean() - true.mean() <= COARSE else found
+
+    def _overlap(self, a: Sequence[Body], b: Sequence[Body], touching: Booleans, level: int) -> Overlap:
+        close, near = CLOSE_SHARE * self._robot.size, touching
+        if MOST <= touching.mean() < NEARLY_ALL:
+            near = touching | self._touching(a, b, where=~touching, within=close)
+        return Overlap(float(touching.mean()), float(near.mean()), close, level)
+
+    def _on(self, level: int, a: str, b: str) -> tuple[Sequence[Body], Sequence[Body]]:
+        return self._links.on_level(a, level), self._links.on_level(b, level)
+
+    def _touching(
+        self, a: Sequence[Body], b: Sequence[Body], *, where: Booleans | None = None, within: float = 0.0
+    ) -> Booleans:
+        """Return (SAMPLES,) whether any bodies are ``within`` this distance (m), only at the samples ``where``."""
+        touching = np.zeros(SAMPLES, dtype=bool)
+        samples = _known(self._robot)
+        for i in range(SAMPLES) if where is None else np.flatnonzero(where).tolist():
+            placed = [[(body, samples.placement(i, body)) for body in bodies] for bodies in (a, b)]
+            touching[i] = any(_touch(*one, *other, within) for one in placed[0] for other in placed[1])
+        return touching
+
+    def __repr__(self) -> str:
+        return f"Overlaps({self._robot.name!r})"
+
+
+class _Samples:
+    """Random configurations of all joints of a robot, and the cached overlaps of its links."""
+
+    def __init__(self, robot: Robot) -> None:
+        self._model = robot.model
+        self.overlaps: dict[Any, Overlap] = {}
+        self._data = self._model.createData()
+        self._placements: dict[tuple[int, str | None], pin.SE3] = {}
+        rng = np.random.default_rng(SEED)
+        self._configurations = [_configuration(robot, rng) for _ in range(SAMPLES)]
+        self._placed_at = -1
+        self._lock = threading.Lock()  # all threads share the workspace
+
+    def placement(self, i: int, body: Body) -> pin.SE3:
+        """``root_from_body`` of a body that moves with a link at sample ``i``."""
+        key = i, body.link
+        with self._lock:
+            if key not in self._placements:
+                if self._placed_at != i:
+                    pin.forwardKinematics(self._model, self._data, self._configurations[i])
+                    self._placed_at = i
+                frame = self._model.getFrameId(body.link, pin.FrameType.BODY)
+                self._placements[key] = pin.updateFramePlacement(self._model, self._data, frame).copy()
+        return self._placements[key] * body.link_from_body
+
+
+_KNOWN: WeakKeyDictionary[Robot, _Samples] = WeakKeyDictionary()
+
+
+def _known(robot: Robot) -> _Samples:
+    if robot not in _KNOWN:
+        _KNOWN[robot] = _Samples(robot)
+    return _KNOWN[robot]
+
+
+def _configuration(robot: Robot, rng: np.random.Generator) -> npt.NDArray[np.float64]:
+    """Return a random configuration of all joints: mimic joints follow their leaders, floating joints are neutral."""
+    model, joints = robot.model, robot.urdf.joints
+    q = pin.neutral(model)
+    values = {}
+    for name, joint in joints.items():
+        if joint.mimic is None and joint.type in ("revolute", "continuous", "prismatic"):
+            open_range = 1.0 if joint.type == "prismatic" else np.pi
+            lower = -open_range if joint.lower is None or joint.type == "continuous" else joint.lower
+            upper = open_range if joint.upper is None or joint.type == "continuous" else joint.upper
+            values[name] = rng.uniform(lower, upper)
+    for name, joint in joints.items():
+        if joint.mimic is not None and joint.mimic.leader in values:
+            value = joint.mimic.multiplier * values[joint.mimic.leader] + joint.mimic.offset
+        elif name in values:
+            value = values[name]
+        else:
+            continue
+        q[model.joints[model.getJointId(robot.urdf.model_joint(name))].idx_q] = value
+    return np.asarray(q)
+
+
+def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3, within: float) -> bool:
+    """Whether two bodies are at most ``within`` (m) apart, or one is inside the watertight mesh of the other."""
+    request = coal.CollisionRequest()
+    request.security_margin = within
+    placed = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
+    if coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()):
+        return True
+    return _inside(a, root_from_a, b, root_from_b) or _inside(b, root_from_b, a, root_from_a)
+
+
+def _inside(outer: Body, root_from_outer: pin.SE3, inner: Body, root_from_inner: pin.SE3) -> bool:
+    if outer.solid is None or not outer.solid.watertight:
+        return False
+    outer_from_inner = root_from_outer.actInv(root_from_inner)
+    return outer.solid.contains(inner.witnesses @ outer_from_inner.rotation.T + outer_from_inner.translation)
+
+
 HOUSING_SHARE = 0.05
-"""Of the robot's size: joints that lie along no more than this share a housing, unless the caller states its length.
-The links on both sides of links without geometry may meet there."""
+"""Default length of a joint housing as a share of the robot's size. Links that are separated only by links without
+geometry may touch inside a housing."""
 
 SAME_PLACE = 1e-9
-"""Metres and matrix entries: how far a link may be from the root to be the same frame."""
+"""Tolerance (metres and matrix entries) within which a link frame equals the root frame."""
 
 TOUCHING = ("adjacent", "always", "default", "user", "overlaps in every sampled configuration")
-"""Reasons, in lower case, with which an SRDF disables links that were seen to touch: what MoveIt's Setup Assistant
-writes (``Default``: they touch where every joint is at its default; ``User``: somebody decided), and the catalogue's.
-None of them shows that two links touch in every configuration, so these pairs are sampled."""
+"""Reasons, in lower case, with which an SRDF disables links that were found to touch: those of MoveIt's Setup Assistant
+(``Default``: they touch with every joint at its default; ``User``: disabled by hand) and that of the catalogue. None of
+them shows that two links touch in every configuration, so these pairs are sampled."""
 
 BY = {DECOMPOSED: "several hulls", EXACT: "exact meshes"}
-"""What a pair is judged by on each level."""
+"""The geometry of each level of detail, for messages."""
 
 ALLOWED_BY_CALLER = "allowed by the caller"
-"""Why a pair is left out that may touch."""
+"""Reason for excluding a pair that may touch."""
 
-DISABLED, TOUCHED = "the SRDF disables them without a reason", "they touch by their hulls where their meshes do not"
-"""Why a pair is judged more finely than as told."""
+DISABLED, TOUCHED = "the SRDF disables them without a reason", "their hulls touch where their meshes do not"
+"""Reasons for checking a pair with finer geometry than requested."""
 
-NOT_MOVED = "no joint of the arm moves them against each other"
-"""Why a pair that an SRDF disables is left out without being sampled."""
+NOT_MOVED = "no joint of the arm moves them relative to each other"
+"""Reason for excluding a pair that an SRDF disables without sampling."""
 
 
 @dataclass(frozen=True)
 class ExcludedPair:
-    """Two owners (links, attached objects, obstacles) that are not checked against each other, and why."""
+    """Two owners (links, attached objects, obstacles) that are not checked against each other, and the reason."""
 
     owners: tuple[str, str]
     reason: str
@@ -74,7 +274,7 @@ class ExcludedPair:
 
 @dataclass(frozen=True)
 class FinerPair:
-    """Two owners that are judged by closer bodies than those of the links as told, by what, and why."""
+    """Two owners that are checked with finer geometry than requested: by which, and the reason."""
 
     owners: tuple[str, str]
     by: str
@@ -82,25 +282,25 @@ class FinerPair:
 
 
 class Pairs(NamedTuple):
-    """What is checked, and how."""
+    """The checked and the excluded pairs."""
 
     checked: list[tuple[int, int]]
-    """Index pairs of bodies, in order."""
+    """Sorted pairs of indices of bodies."""
     excluded: list[ExcludedPair]
-    """Owners that are left out."""
+    """Pairs of owners that are not checked."""
     finer: list[FinerPair]
-    """Owners for which closer bodies stand in."""
+    """Pairs of owners that are checked with finer geometry."""
 
 
 class PairRules(NamedTuple):
-    """What decides which pairs of links are checked."""
+    """The settings that determine which pairs of links are checked."""
 
     overlaps: Overlaps
     """How often links touch."""
     housing: float
-    """Metres: the length along which joints share a housing."""
+    """Length (m) of a joint housing."""
     trust_disabled: bool = False
-    """Whether to leave out every pair that the SRDF or the scene disables."""
+    """Whether every pair that the SRDF or the scene disables is excluded."""
 
 
 def choose_pairs(
@@ -112,17 +312,17 @@ def choose_pairs(
     levels: Mapping[frozenset[str], int] | None = None,
     allowed: Iterable[Sequence[str]] = (),
 ) -> Pairs:
-    """Which bodies to check against each other; ``levels`` are the pairs of owners to judge more finely than as told.
+    """Return the pairs to check; ``levels`` are the levels of detail of pairs of owners, where not 0.
 
     Raises
     ------
     UnknownNameError
-        If an allowed contact of the scene or of the caller names nothing that is there.
+        If an allowed contact of the scene or of the caller names an unknown body.
     InputError
-        If it names the same body twice, or the scene belongs to a robot with another root link.
+        If it names the same body twice, or the scene is for a robot with another root link.
     """
     robot = arm.robot
-    if scene.frame and not _stands_at_root(robot, scene.frame):
+    if scene.frame and not _is_root_frame(robot, scene.frame):
         raise InputError(f"{scene.where} is placed from {scene.frame!r}; the root of the robot is {robot.urdf.root!r}")
     levels = levels or {}
     members: dict[str, list[int]] = {}
@@ -133,7 +333,7 @@ def choose_pairs(
     unexplained = unexplained_pairs(robot)
     moving = [owner for owner, own in members.items() if bodies[own[0]].link is not None]
     owned = {owner: [bodies[i] for i in own] for owner, own in members.items()}
-    # Obstacle against obstacle is never a question; those that nothing is said of are many, and all alike.
+    # Obstacles are not checked against each other. Most are in no rule, and are paired with all moving bodies at once.
     named = {owner for pair in (*reasons, *levels) for owner in pair}
     standing = [owner for owner, own in members.items() if bodies[own[0]].link is None]
     plain = [i for owner in standing if owner not in named for i in members[owner]]
@@ -155,9 +355,9 @@ def choose_pairs(
 
 
 def overlap_levels(bodies: Sequence[Body], arm: Arm, rules: PairRules) -> dict[frozenset[str], int]:
-    """How finely pairs of links have to be judged that may touch and do not in nearly all configurations.
+    """Return the levels of detail of pairs of links that may touch, but do not in nearly all configurations.
 
-    Where their hulls touch much more often than they do themselves, several hulls or the exact meshes judge them.
+    If their hulls touch much more often than their meshes, they are checked with several hulls or the exact meshes.
     """
     neighbours = _Neighbours(arm, bodies, rules)
     first = {body.owner: body for body in reversed(bodies)}
@@ -171,24 +371,24 @@ def overlap_levels(bodies: Sequence[Body], arm: Arm, rules: PairRules) -> dict[f
 
 
 def _on_level(bodies: Sequence[Body], members: Sequence[int], level: int) -> list[int]:
-    """Those of the bodies of one owner that judge it on a level: as told, but where there are closer ones."""
+    """Return the bodies of one owner on a level: those of level 0, except where finer ones replace them."""
     closer = [i for i in members if level and bodies[i].level == level]
     replaced = {bodies[i].source for i in closer}
     return [i for i in members if bodies[i].level == 0 and not (closer and bodies[i].source in replaced)] + closer
 
 
 def unexplained_pairs(robot: Robot) -> set[frozenset[str]]:
-    """The pairs of links that the SRDF disables without saying why.
+    """Return the pairs of links that the SRDF disables without a reason, except those connected by one joint.
 
-    Somebody may have done so because the links' hulls overlap where the links do not, as those of a UR5's forearm and
-    wrist. So these are checked by closer bodies than hulls. Links that one joint joins are not checked at all.
+    A possible cause is that the links' hulls overlap where the links do not, as for forearm and wrist of a UR5. These
+    pairs are therefore checked with finer geometry than hulls.
     """
     joined = {frozenset((joint.parent, joint.child)) for joint in robot.urdf.joints.values()}
     return {frozenset(pair.links) for pair in robot.srdf.disabled if not pair.reason} - joined
 
 
-def _stands_at_root(robot: Robot, link: str) -> bool:
-    """Whether a link is the root, or one that is fixed to it without being moved: ``base_link`` in ``world``."""
+def _is_root_frame(robot: Robot, link: str) -> bool:
+    """Whether a link frame is that of the root, such as ``base_link`` fixed to ``world`` without an offset."""
     if link not in robot.urdf.links:
         return False
     frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
@@ -202,7 +402,7 @@ def _reasons(
     if trust_disabled:
         reasons.update({frozenset(pair): "scene: disabled without a reason" for pair in scene.disabled})
         reasons.update({frozenset(pair.links): _by_srdf(pair.reason) for pair in robot.srdf.disabled})
-    silent = set(robot.urdf.links) - set(owners)  # links without geometry touch nothing
+    silent = set(robot.urdf.links) - set(owners)  # links without geometry
     for reason, where, pairs in (
         ("allowed by the scene", scene.where, scene.allowed),
         (ALLOWED_BY_CALLER, "the caller", tuple(allowed)),
@@ -223,7 +423,7 @@ def _by_srdf(reason: str) -> str:
 
 
 class _Neighbours:
-    """Which links touch by construction: joined by one joint, or in contact in nearly all configurations."""
+    """Finds links that touch by design: connected by one joint, or in contact in nearly all configurations."""
 
     def __init__(self, arm: Arm, bodies: Sequence[Body], rules: PairRules) -> None:
         self._robot, self._rules = arm.robot, rules
@@ -237,7 +437,7 @@ class _Neighbours:
         }
 
     def reason(self, one: Sequence[Body], other: Sequence[Body]) -> str:
-        """Why the bodies of two owners are not checked against each other; empty where they are."""
+        """Return why the bodies of two owners are not checked against each other; empty if they are."""
         claim, sampled = self.claim(one[0], other[0])
         if not claim or not sampled:
             return claim
@@ -245,15 +445,15 @@ class _Neighbours:
         return f"{claim}; {overlap}" if overlap.nearly_all else ""
 
     def claim(self, a: Body, b: Body) -> tuple[str, bool]:
-        """Why the owners of two bodies may touch, if they may, and whether sampling has to confirm it."""
+        """Return why the owners of two bodies may touch (empty: they may not), and if sampling must confirm it."""
         if a.link is None or b.link is None:
             return "", False
-        up, common, down = self._way(a.link, b.link)
+        up, common, down = self._links_between(a.link, b.link)
         moving = [joint for link in (*up, *down) if (joint := self._up[link]).type != "fixed"]
         if not moving:
             return "rigid: no joint between them", False
         between = [*up, common, *reversed(down)][1:-1]
-        # An attached object is a body of its own: what it hangs on stands between it and the links beyond.
+        # An attached object is a separate body: the link that carries it is between it and the other links.
         if a.owner != a.link:
             between = [a.link, *between]
         if b.owner != b.link:
@@ -268,8 +468,8 @@ class _Neighbours:
             return "", False
         else:
             length, housing = self._length(moving) * 1e3, self._rules.housing * 1e3
-            claim = f"adjacent: across {', '.join(between)} without geometry, within {length:.3g} mm of joints "
-            claim += f"(housing {housing:.3g} mm)"
+            claim = f"adjacent: only links without geometry between them ({', '.join(between)}), joints within "
+            claim += f"{length:.3g} mm (housing {housing:.3g} mm)"
         if not any(joint.name in self._own for joint in moving):
             return f"{claim}; {NOT_MOVED}", False
         return claim, True
@@ -283,31 +483,31 @@ class _Neighbours:
         )
 
     def _in_one_place(self, line: Sequence[UrdfJoint]) -> bool:
-        """Whether all joints of a line of descent, listed from below, lie within one housing.
+        """Whether all joints of a chain, listed from the tip, lie within one housing.
 
-        A joint that slides carries what is below it out of the housing.
+        A prismatic joint moves its child link out of the housing.
         """
         if any(joint.type == "prismatic" for joint in line):
             return False
         return self._length(line) <= self._rules.housing
 
     def _length(self, line: Sequence[UrdfJoint]) -> float:
-        """Metres from the first joint of a line of descent, listed from below, to the last, from joint to joint.
+        """Return the length (m) of a chain of joints, listed from the tip: the sum of the distances between the joints.
 
-        The distances add up: many joints near each other make a line that can curl back as far as it is long.
+        The distances are added because a chain of many short segments can fold back over its whole length.
         """
         model, urdf = self._robot.model, self._robot.urdf
         placements = [model.jointPlacements[model.getJointId(urdf.model_joint(joint.name))] for joint in line[:-1]]
         return math.fsum(float(np.linalg.norm(placement.translation)) for placement in placements)
 
-    def _way(self, a: str, b: str) -> tuple[list[str], str, list[str]]:
-        """From a up to below the common ancestor, the ancestor, and from b up to below it."""
+    def _links_between(self, a: str, b: str) -> tuple[list[str], str, list[str]]:
+        """Return the links from a up to the common ancestor, the ancestor, and the links from b up to it."""
         above_a, above_b = self._to_root(a), self._to_root(b)
         common = next(link for link in above_a if link in set(above_b))
         return above_a[: above_a.index(common)], common, above_b[: above_b.index(common)]
 
     def _to_root(self, link: str) -> list[str]:
-        way = [link]
-        while way[-1] in self._up:
-            way.append(self._up[way[-1]].parent)
-        return way
+        chain = [link]
+        while chain[-1] in self._up:
+            chain.append(self._up[chain[-1]].parent)
+        return chain

@@ -1,6 +1,10 @@
-"""Writes a proof to a file that is complete: curve, joints, bodies, and the evidence for each pair in each interval.
+"""Evidence for each pair in each interval, in the form that the verifier can check.
+
+Writes a proof to a file that is complete: curve, joints, bodies, and the evidence for each pair in each interval.
 
 The format is described in docs/certificates.md; :mod:`pinproof.verifier` reads it, and has accepted every file written.
+
+Whether a saved proof holds, and whether it is a proof of a given robot, scene and motion.
 """
 
 from __future__ import annotations
@@ -8,11 +12,12 @@ from __future__ import annotations
 import gzip
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
@@ -20,20 +25,144 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.bodies import Body
-from pinproof.collision.certificate import Certificate
 from pinproof.collision.checker import CollisionChecker
-from pinproof.collision.evidence import settle
 from pinproof.collision.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
-from pinproof.errors import InputError, NotProvenFree
+from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.model.chain import joint_axis
 from pinproof.motion import Curve
-from pinproof.verifier import FORMAT, VERSION, Proof, Refused, body_digest, verify
+from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, ProofVerdict, Refused, body_digest, load, verify
 
-__all__ = ["bodies_of", "joints_of", "proof_document", "write_proof"]
+__all__ = [
+    "ProvenMotion",
+    "bodies_of",
+    "evidence_of",
+    "joints_of",
+    "proof_document",
+    "verify_proof",
+    "write_proof",
+]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+
+DIGITS = 6
+"""Decimals of a direction: a body of 1 m seems nearer by 1e-6 m at most, and what that unsettles is cut further."""
+
+CONFIRMED = 1e-6
+"""Metres by which the verifier may show less clearance than the certificate has."""
+
+ROUNDS = 60
+"""Of cutting intervals in two: then no two numbers are left between their ends."""
+
+
+class ProvenMotion(NamedTuple):
+    """A curve that was proven collision-free, and the evidence: the parts of a FREE certificate that a file needs."""
+
+    curve: Curve
+    checker: CollisionChecker
+    evidence: Array
+    """(K, 7) as in :class:`pinproof.Certificate`."""
+    clearance: float
+    """The proven lower bound (m) of every distance."""
+    joint_tolerance: list[float]
+    """The deviation (rad or m) of each joint that the proof allows; empty for none."""
+    obstacle_tolerance: float
+    """The deviation (m) of obstacles that the proof allows."""
+    curve_hash: str
+    setup_hash: str
+    notes: tuple[str, ...]
+
+
+def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any]]:
+    """Return the table of intervals (T, 2) and, for each pair, its bodies, intervals and separating directions.
+
+    Raises
+    ------
+    NotProvenFree
+        If the verifier's bounds do not prove a pair apart on an interval, however small.
+    """
+    checker = proven.checker
+    pair, spans, u = _leaves(proven, (proof.curve.low, proof.curve.high))
+    need = np.array([proof.required(i, j) for i, j in checker.pairs])
+    moved = np.array([proof.tolerance_of(j) for _, j in checker.pairs])
+    need = np.maximum(need, proven.clearance - CONFIRMED + moved)
+    done: list[tuple[Indices, Array, Array]] = []
+    fresh = np.zeros(len(pair), dtype=bool)  # whether the direction was found for this very interval
+    for _ in range(ROUNDS):
+        if not len(pair):
+            break
+        table, at = np.unique(spans, axis=0, return_inverse=True)
+        at = at.reshape(-1)
+        bounds_of_table = IntervalBounds(proof, table)
+        unknown = ~u.any(axis=1)
+        u[unknown] = _directions(checker, pair[unknown], bounds_of_table.q[at[unknown]])
+        fresh |= unknown
+        good = _bounds(checker, bounds_of_table, pair, at, u) > need[pair]
+        done.append((pair[good], spans[good], u[good]))
+        pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
+        # What its own direction does not settle is cut in two; the others are given their own first.
+        middle = spans[fresh].mean(axis=1)
+        halves = [np.column_stack([spans[fresh, 0], middle]), np.column_stack([middle, spans[fresh, 1]])]
+        spans = np.concatenate([spans[~fresh], *halves])
+        pair = np.concatenate([pair[~fresh], pair[fresh], pair[fresh]])
+        u, fresh = np.zeros((len(pair), 3)), np.zeros(len(pair), dtype=bool)
+    if len(pair):
+        a, b = (checker.bodies[i].name for i in checker.pairs[int(pair[0])])
+        raise NotProvenFree(f"the verifier cannot confirm that {a} and {b} are apart at {spans[0, 0]:.6g}")
+    return _told(checker, done)
+
+
+def _leaves(proven: ProvenMotion, domain: tuple[float, float]) -> tuple[Indices, Array, Array]:
+    """The last word on each pair: pairs (K,), intervals (K, 2) and directions (K, 3), zeros where none is known.
+
+    An interval that was cut in two for the sake of its pair is left out: its halves were settled too.
+    """
+    rows = np.asarray(proven.evidence)
+    rows = rows[np.lexsort([-rows[:, 1], rows[:, 0], rows[:, 2]])]
+    holds_next = np.zeros(len(rows), dtype=bool)
+    holds_next[:-1] = (rows[:-1, 2] == rows[1:, 2]) & (rows[1:, 1] <= rows[:-1, 1])
+    rows = rows[~holds_next]
+    still = proven.checker.still_pairs
+    return (
+        np.concatenate([rows[:, 2].astype(np.int64), still]),
+        np.concatenate([rows[:, :2], np.tile(domain, (len(still), 1))]),
+        np.concatenate([np.round(rows[:, 4:], DIGITS), np.zeros((len(still), 3))]),
+    )
+
+
+def _directions(checker: CollisionChecker, pairs: Indices, q: Array) -> Array:
+    """(K, 3) along which pairs (K,) are apart at configurations (K, n)."""
+    found = np.empty((len(pairs), 3))
+    for row, (pair, configuration) in enumerate(zip(pairs.tolist(), q, strict=True)):
+        found[row] = checker.placed(configuration).measure(pair).normal
+    return np.round(found, DIGITS)
+
+
+def _bounds(checker: CollisionChecker, bounds_of_table: IntervalBounds, pairs: Indices, at: Indices, u: Array) -> Array:
+    found = np.empty(len(pairs))
+    unit = u / np.linalg.norm(u, axis=1, keepdims=True)
+    order = np.argsort(pairs, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(pairs[order])) + 1):
+        i, j = checker.pairs[int(pairs[rows[0]])]
+        found[rows] = bounds_of_table.distance(i, j, at[rows], unit[rows])
+    return found
+
+
+def _told(checker: CollisionChecker, done: list[tuple[Indices, Array, Array]]) -> tuple[list[Any], list[Any]]:
+    if not done:
+        return [], []
+    pair, spans, u = (np.concatenate(parts) for parts in zip(*done, strict=True))
+    table, at = np.unique(spans, axis=0, return_inverse=True)
+    order = np.lexsort([spans[:, 0], pair])
+    groups = np.split(order, np.searchsorted(pair[order], np.arange(1, len(checker.pairs))))
+    rows = [
+        {"bodies": list(bodies), "intervals": at.reshape(-1)[mine].tolist(), "directions": u[mine].tolist()}
+        for bodies, mine in zip(checker.pairs, groups, strict=True)
+    ]
+    return table.tolist(), rows
+
 
 SUFFIXES = (".json", ".json.gz")
 
@@ -41,15 +170,15 @@ SPARE = 1e-9
 """Metres by which the claimed clearance is below the proven one, for a machine that rounds differently."""
 
 
-def write_proof(certificate: Certificate, curve: Curve, checker: CollisionChecker, path: str | Path) -> None:
-    """Write the proof of a FREE certificate with evidence; see :meth:`Certificate.save`."""
+def write_proof(proven: ProvenMotion, path: str | Path) -> None:
+    """Write the proof of a motion to a file; see :meth:`pinproof.Certificate.save`."""
     if not str(path).endswith(SUFFIXES):
         raise InputError(f"{path}: the name of a proof ends in {' or '.join(SUFFIXES)}")
-    data = _text(proof_document(certificate, curve, checker)).encode()
+    data = _text(proof_document(proven)).encode()
     write_bytes_whole(path, gzip.compress(data, mtime=0) if str(path).endswith(".gz") else data)
 
 
-def proof_document(certificate: Certificate, curve: Curve, checker: CollisionChecker) -> dict[str, Any]:
+def proof_document(proven: ProvenMotion) -> dict[str, Any]:
     """The mapping that a file holds.
 
     Raises
@@ -59,45 +188,46 @@ def proof_document(certificate: Certificate, curve: Curve, checker: CollisionChe
     NotProvenFree
         If the verifier cannot confirm the proof.
     """
+    curve, checker = proven.curve, proven.checker
     _refuse_surfaces(checker)
     knots, control = curve.bezier()
-    tube, arm = certificate.tube, checker.arm
+    arm = checker.arm
     document: dict[str, Any] = {
         "format": FORMAT,
         "version": VERSION,
         "made_by": f"pinproof {version('pinproof')}",
-        "claim": {"status": certificate.status.name, "clearance": None},
+        "claim": {"status": "FREE", "clearance": None},
         "settings": {
             "margin": checker.margin,
             "margins": _single_margins(checker),
-            "joint_tolerance": [] if tube is None else tube.joints.tolist(),
-            "obstacle_tolerance": 0.0 if tube is None else tube.obstacles,
+            "joint_tolerance": proven.joint_tolerance,
+            "obstacle_tolerance": proven.obstacle_tolerance,
         },
         "hashes": {
             "model": hashlib.sha256(arm.robot.urdf.kinematics.encode()).hexdigest(),
             "scene": _scene_hash(checker),
-            "curve": certificate.curve,
-            "setup": certificate.setup,
+            "curve": proven.curve_hash,
+            "setup": proven.setup_hash,
         },
         "robot": {"name": arm.robot.name, "base": arm.base, "tcp": arm.tcp, "held": arm.held},
         "curve": {"joint_names": list(curve.joint_names), "knots": knots.tolist(), "control": control.tolist()},
         "joints": joints_of(arm),
         "bodies": bodies_of(checker),
-        "notes": list(certificate.notes),
-        "excluded": [[*pair.owners, " ".join(pair.reason.split())] for pair in certificate.excluded],
+        "notes": list(proven.notes),
+        "excluded": [[*pair.owners, " ".join(pair.reason.split())] for pair in checker.excluded],
         "intervals": [],
         "pairs": [],
     }
     try:
         proof = Proof(document)
     except Refused as refused:
-        raise NotProvenFree(f"the verifier cannot read the proof: {refused}", certificate) from refused
-    document["intervals"], document["pairs"] = settle(proof, certificate, checker)
+        raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
+    document["intervals"], document["pairs"] = evidence_of(proof, proven)
     verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
     if not verdict.ok:
-        raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}", certificate)
+        raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
     if np.isfinite(verdict.clearance):
-        document["claim"]["clearance"] = min(certificate.clearance, verdict.clearance - SPARE)
+        document["claim"]["clearance"] = min(proven.clearance, verdict.clearance - SPARE)
     return document
 
 
@@ -236,3 +366,143 @@ def _text(document: dict[str, Any]) -> str:
         lines = ",\n".join(line(row) for row in rows)
         parts.append(f"{line(key)}: [\n{lines}\n]" if rows else f"{line(key)}: {line(value)}")
     return "{\n" + ",\n".join(parts) + "\n}\n"
+
+
+SAME = 1e-12
+"""rad, m and entries of matrices: by how much a number of the proof may differ from the one it is compared with: a
+thousandth of what the verifier allows for rounding, so a proof of either is a proof of both."""
+
+SHOWN = 5
+"""Number of differences that are named; the others are counted."""
+
+
+def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curve: Curve | None = None) -> ProofVerdict:
+    """Re-check a proof file by independent code (:mod:`pinproof.verifier`), and compare it with your robot and motion.
+
+    Parameters
+    ----------
+    path
+        A file that :meth:`Certificate.save` wrote.
+    checker
+        Your arm, scene and attached objects, with the pairs and margins that you require: the proof must have the same
+        joints and bodies (numbers within 1e-12), and prove each of these pairs with its margin or a larger one.
+        Obstacles that only the proof has are accepted. Without a checker the robot and scene of the file are trusted.
+    curve
+        Your motion: the proof must have equal knots, and control points within 1e-12.
+
+    Returns
+    -------
+    ProofVerdict
+        Whether it holds, or the reasons against it; what was compared, and what was not.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or holds no JSON.
+    """
+    try:
+        document = load(path)
+    except (OSError, ValueError) as error:
+        raise FileError(path, f"cannot be read as a proof: {error}") from error
+    verdict = verify(document)
+    if not verdict.ok:
+        return replace(verdict, not_compared=())
+    proof = Proof(document)
+    reasons: list[str] = []
+    compared, not_compared = [], []
+    if checker is None:
+        not_compared += ["the robot", "the scene"]
+    else:
+        reasons += _differences(document, proof, checker)
+        compared += ["the robot", "the scene"]
+        names = {body.name for body in checker.bodies}
+        more = [body.name for body in proof.bodies if body.kind != "link" and body.name not in names]
+        not_compared += [f"{name} (not in yours)" for name in more]
+    if curve is None:
+        not_compared.append("the motion")
+    else:
+        reasons += _other_curve(proof, curve)
+        compared.append("the motion")
+    return replace(
+        verdict,
+        reasons=_few(reasons),
+        clearance=np.nan if reasons else verdict.clearance,
+        compared=tuple(compared),
+        not_compared=tuple(not_compared),
+    )
+
+
+def _few(reasons: list[str]) -> tuple[str, ...]:
+    rest = len(reasons) - SHOWN
+    return (*reasons[:SHOWN], *([f"and {rest} more"] if rest > 0 else []))
+
+
+def _other_curve(proof: Proof, curve: Curve) -> list[str]:
+    knots, control = curve.bezier()
+    mine = proof.curve
+    if mine.names != tuple(curve.joint_names):
+        return [f"curve.joint_names: those of your motion are {', '.join(curve.joint_names)}"]
+    if mine.control.shape != control.shape or mine.knots.shape != knots.shape:
+        return ["curve.control: your motion has other pieces"]
+    off = np.abs(mine.control - control).max(axis=(1, 2))
+    k = int(off.argmax())
+    if not off[k] <= SAME:
+        return [f"curve.control[{k}]: differs by {off[k]:.3g} from your motion"]
+    other = np.flatnonzero(mine.knots != knots)
+    if len(other):
+        k = int(other[0])
+        return [f"curve.knots[{k}]: is {mine.knots[k]:.17g}; that of your motion is {knots[k]:.17g}"]
+    return []
+
+
+def _differences(document: dict[str, Any], proof: Proof, checker: CollisionChecker) -> list[str]:
+    """Where the proof's joints and bodies are not the checker's, and which of the checker's pairs it does not prove."""
+    found: list[str] = []
+    names = checker.arm.joint_names
+    if proof.curve.names != names:
+        return [f"curve.joint_names: those of your arm are {', '.join(names)}"]
+    joints = joints_of(checker.arm)
+    if len(joints) != len(proof.joints):
+        return [f"joints: the proof has {len(proof.joints)}, your robot {len(joints)} that move"]
+    for k, (stated, mine) in enumerate(zip(document["joints"], joints, strict=True)):
+        found += [f"joints[{k}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, JOINT)]
+    rows = {row["name"]: (i, row) for i, row in enumerate(document["bodies"])}
+    index: list[int] = []
+    for mine in bodies_of(checker):
+        i, stated = rows.get(mine["name"], (-1, {}))
+        index.append(i)
+        if i < 0:
+            found.append(f"bodies: your {mine['name']} is missing")
+            continue
+        found += [f"bodies[{i}].{key}: differs from your {mine['name']}" for key in _unlike(stated, mine, BODY)]
+    links = {body.name for body in checker.bodies if body.link is not None and body.link == body.owner}
+    unknown = [body.name for body in proof.bodies if body.kind == "link" and body.name not in links]
+    found += [f"bodies: your robot has no {name}" for name in unknown]
+    if found:
+        return found
+    proven = {frozenset(proof.members(k)) for k in range(len(proof.pairs))}
+    for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
+        a, b = index[i], index[j]
+        pair = f"{proof.bodies[a].name} and {proof.bodies[b].name}"
+        if frozenset((a, b)) not in proven:
+            found.append(f"pairs: your checker requires {pair}, which the proof does not have")
+        elif not (have := proof.margin_between(a, b)) >= margin:
+            found.append(f"settings.margin: {pair} have a margin of {have} m; your checker requires {margin} m")
+    return found
+
+
+JOINT = ("type", "parent", "leader", "axis", "placement", "multiplier", "offset")
+BODY = ("owner", "kind", "geometry", "level", "joint", "placement", "shape")
+
+
+def _unlike(stated: dict[str, Any], mine: dict[str, Any], keys: Iterable[str]) -> list[str]:
+    return [key for key in keys if not _alike(stated.get(key), mine[key])]
+
+
+def _alike(a: Any, b: Any) -> bool:
+    if isinstance(b, dict):
+        return isinstance(a, dict) and all(_alike(a.get(key), b[key]) for key in b)
+    if isinstance(b, (str, bool)) or b is None:
+        return bool(a == b)
+    one, other = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
+    return one.shape == other.shape and bool((np.abs(one - other) <= SAME).all())

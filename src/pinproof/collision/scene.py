@@ -1,83 +1,47 @@
-"""What stands around the robot: named obstacles, and the contacts with them that are meant to be."""
+"""Scenes of obstacles, and the bodies that the arm carries (attachments)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import get_args
+from typing import TYPE_CHECKING, Any, TypeVar
 
-import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.collision.shapes import Shape
-from pinproof.collision.sizes import LARGEST_SIZE
-from pinproof.errors import InputError, UnknownNameError
-from pinproof.spatial import frozen, matrix, rigid
+from pinproof.collision.shapes import Obstacle
+from pinproof.common.files import write_text_whole
+from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
+from pinproof.spatial import SE3, finite, matrix, rigid
 
-__all__ = ["ANYTHING", "Obstacle", "Scene"]
+if TYPE_CHECKING:
+    from pinproof.common.yaml_file import LinedMapping
 
-ANYTHING = "*"
-"""In an allowed contact: any link, or attached object."""
-
-
-@dataclass(frozen=True, eq=False)
-class Obstacle:
-    """A shape somewhere.
-
-    Parameters
-    ----------
-    name
-        Unique in its scene.
-    shape
-        What it is.
-    pose
-        ``root_from_obstacle``: where its origin lies in the frame of the robot's root link. SE3 or (4, 4). Copied, and
-        read-only afterwards: :meth:`Scene.move` makes a scene in which the obstacle has another pose.
-    rgba
-        How it is drawn, 0 to 1.
-    """
-
-    name: str
-    shape: Shape
-    pose: pin.SE3 = None
-    rgba: tuple[float, float, float, float] | None = None
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.name, str) or not self.name:
-            raise InputError(f"an obstacle needs a name, not {self.name!r}")
-        if not isinstance(self.shape, Shape):
-            kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
-            raise InputError(f"obstacle {self.name!r} has no shape but {self.shape!r}; use one of {kinds}")
-        placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
-        if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
-            where = placement.translation.tolist()
-            raise InputError(f"obstacle {self.name!r} stands at {where}; places are within {LARGEST_SIZE:g} m")
-        object.__setattr__(self, "pose", frozen(placement))
+__all__ = ["Attachments", "Scene"]
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """An immutable set of obstacles. Obstacles are never checked against each other: cans stand on shelves.
+    """An immutable set of obstacles, which are not checked against each other.
 
     Parameters
     ----------
     obstacles
         The obstacles; their names differ.
     allowed
-        Pairs of (robot link, obstacle) that may touch, such as the base and the table it is bolted to. A certificate
-        lists them among what it left out. ``"*"`` as the link stands for all of the robot.
+        Pairs of (robot link, obstacle) that may touch, such as the base and the table on which it is mounted.
+        Certificates list them as excluded. ``"*"`` as the link means every link and attached object.
     disabled
-        Pairs of robot links that a MoveIt matrix disables. Like an SRDF's pairs without a reason they are checked all
-        the same, unless the checker is told to trust them.
+        Pairs of robot links that a MoveIt allowed-collision matrix disables. Like an SRDF's pairs without a reason they
+        are checked, unless the checker has ``trust_disabled``.
     frame
-        The name that the poses' frame has where they come from; a checker refuses a robot whose root, or a link that
-        stands there for good, has another name. Empty: the root of whatever robot it is used with.
+        Name of the frame of the poses. A checker refuses a robot if neither its root nor a link fixed at the root has
+        this name. Empty: the root of any robot.
     notes
-        What was made of a file that its writer may not expect.
+        Simplifications made when the file was read.
     source
-        The file it comes from, for messages.
+        The file from which it was read, for messages.
     """
 
     obstacles: tuple[Obstacle, ...] = ()
@@ -101,7 +65,7 @@ class Scene:
         names = [obstacle.name for obstacle in things]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:
-            raise InputError(f"obstacle names must differ; {', '.join(doubled)} stand more than once")
+            raise InputError(f"obstacle names must differ; {', '.join(doubled)} appear more than once")
         pairs = _pairs("allowed", allowed)
         for _, obstacle in pairs:
             if obstacle not in names:
@@ -125,16 +89,16 @@ class Scene:
         return tuple(obstacle.name for obstacle in self.obstacles)
 
     def add(self, *obstacles: Obstacle) -> Scene:
-        """A new scene with these obstacles too."""
+        """Return a new scene with these obstacles added."""
         return self._with((*self.obstacles, *obstacles))
 
     def remove(self, *names: str) -> Scene:
-        """A new scene without these obstacles, and without the contacts allowed with them."""
+        """Return a new scene without these obstacles and without their allowed contacts."""
         gone = {self[name].name for name in names}
         return self._with(o for o in self.obstacles if o.name not in gone)
 
     def move(self, name: str, pose: pin.SE3 | npt.ArrayLike) -> Scene:
-        """A new scene in which the obstacle stands at ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
+        """Return a new scene in which the obstacle has this ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
         moved = replace(self[name], pose=pose)
         return self._with(moved if o.name == name else o for o in self.obstacles)
 
@@ -147,11 +111,11 @@ class Scene:
 
     @property
     def where(self) -> str:
-        """The scene in a message: by its file, where it has one."""
+        """The scene as named in messages, with its file if it has one."""
         return "the scene" if self.source is None else f"the scene {self.source}"
 
     def is_close(self, other: Scene, tolerance: float = 1e-9) -> bool:
-        """Whether both hold the same obstacles, at the same places within ``tolerance`` (metres and matrix entries)."""
+        """Whether both have the same obstacles with poses equal within ``tolerance`` (metres and matrix entries)."""
         return (
             self.names == other.names
             and (self.allowed, self.disabled, self.frame) == (other.allowed, other.disabled, other.frame)
@@ -163,40 +127,186 @@ class Scene:
 
     @classmethod
     def load(cls, path: str | Path) -> Scene:
-        """Read a scene file (YAML) of ours or of MoveIt.
+        """Read a scene file (YAML) in the format of pinproof or of MoveIt.
 
-        The keys are described in :mod:`pinproof.collision.scene_file`, what of a MoveIt planning scene is read in
-        :mod:`pinproof.collision.moveit_scene`.
+        The formats are described in :mod:`pinproof.collision.scene_file` and :mod:`pinproof.collision.moveit`.
 
         Raises
         ------
         SceneError
-            If the file cannot be read or says something that has no meaning; names the obstacle and the key.
+            If the file cannot be read or its content is invalid; the message names the obstacle and the key.
         """
-        from pinproof.collision.scene_file import read_scene
+        from pinproof.collision.moveit import is_moveit, read_moveit_scene
+        from pinproof.collision.scene_file import SCENE_KEYS, read_scene
+        from pinproof.common.yaml_file import read_yaml
 
-        return read_scene(path)
+        path = Path(path)
+        stated = read_yaml(path, SCENE_KEYS, SceneError)
+        content = (read_moveit_scene if is_moveit(stated) else read_scene)(path, stated)
+        try:
+            return cls(**content._asdict(), source=path)
+        except InputError as error:
+            raise SceneError(path, str(error), "key allowed_contacts or disabled_pairs") from error
 
     def save(self, path: str | Path) -> None:
-        """Write the scene as YAML, whole or not at all.
+        """Write the scene as YAML, atomically.
 
         Raises
         ------
         SceneError
-            For another ending than ``.yaml`` or ``.yml``, or a place that cannot be written to.
+            If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
         """
-        from pinproof.collision.scene_file import write_scene
+        from pinproof.collision.scene_file import SceneContent, write_scene
 
-        write_scene(self, path)
+        write_scene(SceneContent(self.obstacles, self.allowed, self.disabled, self.frame), path)
 
 
 def _pairs(what: str, stated: Iterable[Sequence[str]]) -> tuple[tuple[str, str], ...]:
     pairs = []
     for pair in stated:
         if isinstance(pair, str) or len(pair) != 2 or not all(isinstance(name, str) for name in pair):
-            raise InputError(f"{what}: {pair!r} is no pair of names")
+            raise InputError(f"{what}: {pair!r} is not a pair of names")
         first, second = pair
         if first == second:
-            raise InputError(f"{what}: {first!r} stands there twice; a pair is two bodies")
+            raise InputError(f"{what}: {first!r} is named twice; a pair is two bodies")
         pairs.append((first, second))
     return tuple(pairs)
+
+
+KEYS = ("attached", "allowed_contacts", "held", "tip")
+TIP_KEYS = ("xyz", "rpy", "quat_xyzw")
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, eq=False)
+class Attachments:
+    """Bodies that the arm carries at its tcp: a tool, a part, or both.
+
+    The file format is::
+
+        attached:                              # bodies that move with the tcp; poses are tcp_from_body
+          - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
+          - {name: part, mesh: {path: part.stl, scale: 0.001}, xyz: [0, 0, 0.12], rpy: [0, 0, pi/2]}
+        allowed_contacts:                      # optional: pairs of bodies that may touch
+          - [picker, part]
+        held: {rail: 0.5}                      # optional: joints outside the arm, rad or m
+        tip: {xyz: [0, 0, 0.105]}              # optional: tcp_from_tip, the point of the tool that reaches a target
+
+    Each body has the keys of an obstacle (:mod:`pinproof.collision.scene_file`). Unknown keys are refused.
+
+    Parameters
+    ----------
+    bodies
+        Bodies that move with the tcp; their pose is ``tcp_from_body``.
+    allowed
+        Pairs of names (links, attached bodies, obstacles) that may touch. Certificates list them as excluded.
+    held
+        Values (rad or m) of joints outside the arm by name, such as those of the robot's own fingers.
+    tip
+        ``tcp_from_tip``: the point of the tool that reaches a target.
+    """
+
+    bodies: tuple[Obstacle, ...] = ()
+    allowed: tuple[tuple[str, str], ...] = ()
+    held: Mapping[str, float] = field(default_factory=dict)
+    tip: SE3 = field(default_factory=SE3.Identity)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "bodies", tuple(self.bodies))
+        object.__setattr__(self, "allowed", tuple((str(a), str(b)) for a, b in self.allowed))
+        object.__setattr__(self, "tip", rigid("tip", self.tip))
+        names = [body.name for body in self.bodies]
+        if doubled := sorted({name for name in names if names.count(name) > 1}):
+            raise InputError(f"names of attached bodies must differ; {', '.join(doubled)} appear more than once")
+
+    @classmethod
+    def load(cls, path: str | Path) -> Attachments:
+        """Read a YAML file of this format.
+
+        Raises
+        ------
+        SceneError
+            If the file cannot be read or its content is invalid; the message names file, line and key.
+        """
+        from pinproof.collision.scene_file import pairs_of, read_obstacle
+        from pinproof.common.yaml_file import LinedMapping, listed, read_yaml, refuse_unknown
+
+        path = Path(path)
+        content = read_yaml(path, KEYS, SceneError)
+        refuse_unknown(SceneError, path, "key", content, KEYS, "")
+        if "attached" not in content:
+            raise SceneError(path, "has no attached bodies; list them under 'attached:'")
+        bodies: list[Obstacle] = []
+        for number, stated in enumerate(listed(SceneError, path, "attached", content["attached"]), start=1):
+            if not isinstance(stated, LinedMapping):
+                raise SceneError(path, f"{stated!r} is not a body", f"key attached, #{number}")
+            bodies.append(read_obstacle(path, number, stated))
+            if any(bodies[-1].name == other.name for other in bodies[:-1]):
+                raise SceneError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}")
+        return cls(
+            tuple(bodies),
+            tuple(pairs_of(path, content, "allowed_contacts", "of names")),
+            _value(path, content, "held", _held),
+            _value(path, content, "tip", _tip),
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write a file that :meth:`load` reads, atomically; mesh paths are as in :meth:`Scene.save`.
+
+        Raises
+        ------
+        SceneError
+            If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
+        """
+        import yaml
+
+        from pinproof.collision.scene_file import stated_obstacle, stated_pose
+        from pinproof.common.yaml_file import YAML_SUFFIXES
+
+        path = Path(path)
+        if path.suffix.lower() not in YAML_SUFFIXES:
+            raise SceneError(path, f"unknown suffix {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+        folder = path.resolve().parent
+        content: dict[str, Any] = {"attached": [stated_obstacle(body, folder) for body in self.bodies]}
+        if self.allowed:
+            content["allowed_contacts"] = [list(pair) for pair in self.allowed]
+        if self.held:
+            content["held"] = {name: float(value) for name, value in self.held.items()}
+        if not self.tip.isIdentity():
+            content["tip"] = stated_pose(self.tip)
+        try:
+            write_text_whole(
+                path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
+            )
+        except FileError as error:
+            raise SceneError(path, error.reason) from error
+
+
+def _value(path: Path, content: LinedMapping, key: str, read: Callable[[Any], Value]) -> Value:
+    from pinproof.common.yaml_file import LinedMapping
+
+    stated = content.get(key, {})
+    try:
+        return read(stated)
+    except InputError as error:
+        line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
+        raise SceneError(path, str(error), f"{line}key {key}") from error
+
+
+def _held(stated: object) -> dict[str, float]:
+    from pinproof.collision.scene_file import numbers_of
+
+    if not isinstance(stated, dict):
+        raise InputError(f"holds {stated!r}, not a mapping of joint names to values")
+    return {str(name): float(finite(str(name), [numbers_of(str(name), v)], (1,))[0]) for name, v in stated.items()}
+
+
+def _tip(stated: object) -> SE3:
+    from pinproof.collision.scene_file import pose_of
+
+    if not isinstance(stated, dict):
+        raise InputError(f"holds {stated!r}, not a mapping with the keys {', '.join(TIP_KEYS)}")
+    if unknown := [key for key in stated if key not in TIP_KEYS]:
+        raise InputError(f"unknown key {unknown[0]!r}; valid: {', '.join(TIP_KEYS)}")
+    return pose_of(stated)

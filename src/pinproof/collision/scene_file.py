@@ -1,83 +1,258 @@
-"""Scenes as files, in YAML.
+"""Scene files and shapes in YAML.
 
 ::
 
     obstacles:
       - name: table
         box: [1.6, 1.2, 0.04]              # full sides x, y, z
-        xyz: [0.4, 0, -0.025]              # where its centre lies; without it the origin
-        rpy: [0, 0, pi/2]                  # fixed axes; or quat_xyzw: [x, y, z, w]; without either unturned
-        rgba: [0.6, 0.5, 0.4, 1]           # optional: how it is drawn, 0 to 1
+        xyz: [0.4, 0, -0.025]              # position of its centre; default: the origin
+        rpy: [0, 0, pi/2]                  # fixed axes; or quat_xyzw: [x, y, z, w]; default: no rotation
+        rgba: [0.6, 0.5, 0.4, 1]           # optional: colour, 0 to 1
       - {name: ball, sphere: {radius: 0.1}}
-      - {name: bolt, cylinder: {radius: 0.008, length: 0.04}}
-      - {name: pipe, capsule: {radius: 0.02, length: 0.3}}
       - {name: part, mesh: {path: part.stl, scale: 0.001}}                 # relative to the scene file
       - {name: floor, half_space: {}, xyz: [0, 0, -0.1]}                   # solid below its z = 0
     allowed_contacts:
-      - [base_link, table]                 # a robot link and an obstacle that are meant to touch
-
-    disabled_pairs: []                     # robot links that a MoveIt matrix disabled: checked unless trusted
+      - [base_link, table]                 # a robot link and an obstacle that may touch
+    disabled_pairs: []                     # robot links that a MoveIt matrix disables: checked unless trusted
     frame: base_link                       # optional: the root link that the robot must have
 
-The other shapes (cone, ellipsoid, convex_hull, point_cloud, height_map, meshes with their numbers in the file) are in
-:mod:`pinproof.collision.shape_file`. A MoveIt planning scene is recognised by its ``world``, and read by
-:mod:`pinproof.collision.moveit_scene`.
+The keys of shapes are::
 
-Lengths are metres, angles radians; poses are in the frame of the robot's root link. A number may be written as
-``[-][k*]pi[/m]``. Whatever has no meaning here is refused with its line: a scene that is read wrongly is a collision.
+    box: [1.6, 1.2, 0.04]                        # full sides x, y, z
+    sphere: {radius: 0.1}
+    cylinder: {radius: 0.008, length: 0.04}
+    capsule: {radius: 0.02, length: 0.3}
+    cone: {radius: 0.02, length: 0.05}
+    ellipsoid: {rx: 0.1, ry: 0.1, rz: 0.2}       # semi-axes
+    half_space: {}                               # solid below z = 0
+    convex_hull: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}
+    mesh: {path: part.stl, scale: 0.001}         # the path is relative to the folder of the file
+    mesh: {path: part.stl, hull: true}           # its convex hull; false: its triangles, also hollow: true
+    mesh: {vertices: [[0, 0, 0], ...], triangles: [[0, 1, 2], ...], hull: true}
+    point_cloud: {points: [[0, 0, 0], ...], resolution: 0.01}
+    height_map: {heights: [[0, 0.1], [0, 0]], x: 2, y: 2, bottom: -0.1}
+
+They are described at the classes in :mod:`pinproof.collision.shapes`. A MoveIt planning scene is recognised by its key
+``world`` and read by :mod:`pinproof.collision.moveit`.
+
+Lengths are in metres, angles in radians; poses are in the frame of the robot's root link. A number may be written as
+``[-][k*]pi[/m]``. Unknown keys and invalid values are refused with their line, because a scene that is read wrongly can
+cause a collision.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
 import yaml
 
-from pinproof.collision.moveit_scene import is_moveit, moveit_scene
-from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.shape_file import SHAPE_KEYS, numbers_of, pose_of, read_shape, stated_shape
-from pinproof.common.files import write_text_whole
-from pinproof.common.yaml_file import MOST_REACH, YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
+from pinproof.collision.shapes import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Shape,
+    Sphere,
+)
+from pinproof.common.files import is_file, write_text_whole
+from pinproof.common.yaml_file import (
+    MOST_REACH,
+    YAML_SUFFIXES,
+    LinedMapping,
+    listed,
+    refuse_degrees,
+    refuse_unknown,
+)
+from pinproof.description.dh import parse_number
 from pinproof.errors import FileError, InputError, SceneError
-from pinproof.spatial import Array, finite
+from pinproof.spatial import SE3, Array, finite, pose
 
-__all__ = ["OBSTACLE_KEYS", "pairs_of", "read_obstacle", "read_scene", "stated_obstacle", "stated_pose", "write_scene"]
+__all__ = [
+    "OBSTACLE_KEYS",
+    "SCENE_KEYS",
+    "SHAPE_KEYS",
+    "SceneContent",
+    "numbers_of",
+    "pairs_of",
+    "pose_of",
+    "read_obstacle",
+    "read_scene",
+    "read_shape",
+    "stated_obstacle",
+    "stated_pose",
+    "stated_shape",
+    "write_scene",
+]
+
+KINDS: dict[str, Any] = {
+    "sphere": Sphere,
+    "cylinder": Cylinder,
+    "capsule": Capsule,
+    "cone": Cone,
+    "ellipsoid": Ellipsoid,
+    "half_space": HalfSpace,
+    "convex_hull": ConvexHull,
+    "point_cloud": PointCloud,
+    "height_map": HeightMap,
+}
+SHAPE_KEYS = ("box", *KINDS, "mesh")
+MESH_KEYS = ("path", "scale", "hull", "hollow", "vertices", "triangles")
+OPTIONAL = ("bottom",)
+
+LARGEST_INDEX = 2**53
+"""Up to this number every integer is a double."""
+
+
+def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
+    """Return the shape under one of :data:`SHAPE_KEYS`.
+
+    Raises
+    ------
+    SceneError
+        For an unknown key; the message names file, place and the valid keys.
+    InputError
+        For invalid sizes.
+    """
+    if kind == "box":
+        if not isinstance(stated, list):
+            raise InputError(f"box: {stated!r} is not a list of its full sides; write box: [x, y, z]")
+        return Box(*finite("box", numbers_of("box", stated), (3,)))
+    keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(KINDS[kind]))
+    if not isinstance(stated, dict):
+        wanted = ", ".join(f"{key}: ..." for key in keys)
+        raise InputError(f"{kind}: {stated!r} is not a mapping; write {kind}: {{{wanted}}}")
+    refuse_unknown(SceneError, path, f"key of {kind}", stated, keys or ("none",), where)
+    if kind == "mesh":
+        return _mesh(path, stated)
+    missing = [key for key in keys if key not in stated and key not in OPTIONAL]
+    if missing:
+        raise InputError(f"{kind} does not state its {' and '.join(missing)}")
+    made: Shape = KINDS[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
+    return made
+
+
+def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
+    """Return the key and value of a shape for a file in ``folder``; an unknown shape is refused."""
+    if isinstance(shape, Box):
+        return "box", [shape.x, shape.y, shape.z]
+    if isinstance(shape, Mesh):
+        how = {"hollow": shape.hollow} if shape.hull is None else {"hull": shape.hull, "hollow": shape.hollow}
+        if shape.path is None:
+            return "mesh", {"vertices": _listed(shape.vertices), "triangles": _listed(shape.triangles), **how}
+        file = Path(shape.path).resolve()
+        inside = file.relative_to(folder) if file.is_relative_to(folder) else file
+        return "mesh", {"path": inside.as_posix(), "scale": _listed(shape.scale), **how}
+    kind = next((kind for kind, made in KINDS.items() if type(shape) is made), None)
+    if kind is None:
+        raise InputError(f"a {type(shape).__name__} has no key in files; known are {', '.join(SHAPE_KEYS)}")
+    return kind, {field.name: _listed(getattr(shape, field.name)) for field in fields(shape)}
+
+
+def numbers_of(key: str, stated: object) -> Any:
+    """Return one number, or nested lists of numbers, each as :func:`~pinproof.description.dh.parse_number` reads it.
+
+    Raises
+    ------
+    InputError
+        If a value is not a number.
+    """
+    try:
+        return [numbers_of(key, part) for part in stated] if isinstance(stated, list) else parse_number(stated)
+    except InputError:
+        raise
+    except ValueError as error:
+        raise InputError(f"{key}: {error}") from error
+
+
+def pose_of(stated: Mapping[str, Any]) -> SE3:
+    """Return the pose given by ``xyz`` and ``rpy`` or ``quat_xyzw``.
+
+    Raises
+    ------
+    InputError
+        If they are invalid, or the angles can only be degrees.
+    """
+    numbers = {key: numbers_of(key, value) for key, value in stated.items()}
+    placed = pose(**numbers)
+    refuse_degrees("rpy", numbers.get("rpy", ()))
+    return placed
+
+
+def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
+    hull = _truth("mesh.hull", stated["hull"]) if "hull" in stated else None
+    hollow = _truth("mesh.hollow", stated.get("hollow", False))
+    if "path" not in stated and "vertices" in stated:
+        if "scale" in stated:
+            raise InputError("mesh.scale: a mesh with vertices in the file has no scale")
+        triangles = finite("mesh.triangles", numbers_of("mesh.triangles", stated.get("triangles", [])), (None, 3))
+        if (triangles == np.floor(triangles)).all() and np.abs(triangles).max(initial=0) < LARGEST_INDEX:
+            triangles = triangles.astype(np.int64)
+        vertices = finite("mesh.vertices", numbers_of("mesh.vertices", stated["vertices"]), (None, 3))
+        return Mesh.from_arrays(vertices, triangles, hull=hull, hollow=hollow)
+    if "path" not in stated:
+        raise InputError("mesh does not state its path, nor its vertices and triangles")
+    if "vertices" in stated or "triangles" in stated:
+        raise InputError("mesh has a path, and vertices or triangles; only one or the other is possible")
+    file = stated["path"]
+    if not isinstance(file, str) or not file:
+        raise InputError(f"mesh.path: {file!r} is not a file name")
+    full = path.parent / file
+    if not is_file(full):
+        raise InputError(f"mesh.path: there is no file {full}; paths are relative to the scene file")
+    scale = numbers_of("mesh.scale", stated.get("scale", 1.0))
+    return Mesh(full, tuple(scale) if isinstance(scale, list) else scale, hull, hollow)
+
+
+def _truth(key: str, stated: object) -> bool:
+    if not isinstance(stated, bool):
+        raise InputError(f"{key}: {stated!r} must be true or false")
+    return stated
+
+
+def _listed(value: Any) -> Any:
+    return np.asarray(value).tolist()
+
 
 SCENE_KEYS = ("obstacles", "allowed_contacts", "disabled_pairs", "frame")
 OBSTACLE_KEYS = ("name", *SHAPE_KEYS, "xyz", "rpy", "quat_xyzw", "rgba")
 
 
-def read_scene(path: str | Path) -> Scene:
-    """Read a scene; the way in is :meth:`Scene.load`.
+class SceneContent(NamedTuple):
+    """The content of a scene file, from which :meth:`pinproof.Scene.load` makes a scene."""
+
+    obstacles: Sequence[Obstacle]
+    allowed: Sequence[tuple[str, str]] = ()
+    disabled: Sequence[tuple[str, str]] = ()
+    frame: str = ""
+    notes: Sequence[str] = ()
+
+
+def write_scene(scene: SceneContent, path: str | Path) -> None:
+    """Write a scene file atomically; called by :meth:`pinproof.Scene.save`.
+
+    Sizes and positions are restored exactly, rotations (written as quaternions) to rounding.
+    Mesh paths are relative to the folder of the file if the mesh is inside it, otherwise absolute.
 
     Raises
     ------
     SceneError
-        If the file cannot be read, is no YAML, or says something that has no meaning here; names file, line, obstacle
-        and key.
-    """
-    path = Path(path)
-    content = read_yaml(path, SCENE_KEYS, SceneError)
-    return moveit_scene(path, content) if is_moveit(content) else _scene(path, content)
-
-
-def write_scene(scene: Scene, path: str | Path) -> None:
-    """Write a scene, whole or not at all; the way in is :meth:`Scene.save`.
-
-    Sizes and positions come back bit for bit, rotations (written as quaternions) to rounding.
-    Meshes are named as they lie from the new file's folder where they are in it, else by their full path.
-
-    Raises
-    ------
-    SceneError
-        For another ending than ``.yaml`` or ``.yml``, or a place that cannot be written to.
+        If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
     """
     path = Path(path)
     if path.suffix.lower() not in YAML_SUFFIXES:
-        raise SceneError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+        raise SceneError(path, f"unknown suffix {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
     content: dict[str, Any] = {
         "obstacles": [stated_obstacle(obstacle, path.resolve().parent) for obstacle in scene.obstacles]
     }
@@ -93,14 +268,23 @@ def write_scene(scene: Scene, path: str | Path) -> None:
         raise SceneError(path, error.reason) from error
 
 
-def _scene(path: Path, content: LinedMapping) -> Scene:
+def read_scene(path: Path, content: LinedMapping) -> SceneContent:
+    """Read the parsed YAML of a scene file in pinproof's own format; called by :meth:`pinproof.Scene.load`.
+
+    Raises
+    ------
+    SceneError
+        If the content is invalid; the message names file, line, obstacle and key.
+    """
     refuse_unknown(SceneError, path, "key", content, SCENE_KEYS, "")
     if "obstacles" not in content:
-        raise SceneError(path, "holds no obstacles; a scene without any says 'obstacles: []'")
+        raise SceneError(path, "has no obstacles; write 'obstacles: []' for an empty scene")
     obstacles: list[Obstacle] = []
     for number, stated in enumerate(listed(SceneError, path, "obstacles", content["obstacles"]), start=1):
         if not isinstance(stated, LinedMapping):
-            raise SceneError(path, f"{stated!r} is no obstacle; valid keys: {', '.join(OBSTACLE_KEYS)}", f"#{number}")
+            raise SceneError(
+                path, f"{stated!r} is not an obstacle; valid keys: {', '.join(OBSTACLE_KEYS)}", f"#{number}"
+            )
         obstacle = read_obstacle(path, number, stated)
         if any(obstacle.name == other.name for other in obstacles):
             raise SceneError(path, f"a second obstacle is named {obstacle.name!r}", f"line {stated.line}")
@@ -110,39 +294,36 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
     frame = content.get("frame", "")
     if not isinstance(frame, str):
         raise SceneError(path, f"holds {frame!r}, not the name of a link", "key frame")
-    try:
-        return Scene(obstacles, allowed=allowed, disabled=disabled, frame=frame, notes=_far(obstacles), source=path)
-    except InputError as error:
-        raise SceneError(path, str(error), "key allowed_contacts or disabled_pairs") from error
+    return SceneContent(obstacles, allowed, disabled, frame, _far(obstacles))
 
 
 def _far(obstacles: list[Obstacle]) -> list[str]:
-    """A note on each obstacle that stands where no arm of a few metres has one, perhaps for want of a point."""
+    """Return a note on each obstacle that is implausibly far away, such as for a missing decimal point."""
     far = [(thing.name, float(np.abs(thing.pose.translation).max())) for thing in obstacles]
-    return [f"obstacle {name!r} stands {off:g} m off; lengths are metres" for name, off in far if off > MOST_REACH]
+    return [f"obstacle {name!r} is {off:g} m away; lengths are in metres" for name, off in far if off > MOST_REACH]
 
 
 def pairs_of(path: Path, content: LinedMapping, key: str, what: str) -> list[tuple[str, str]]:
-    """The pairs of names that are listed under a key; SceneError for anything else."""
+    """Return the pairs of names under a key; raises SceneError for anything else."""
     pairs = listed(SceneError, path, key, content.get(key, []))
     for pair in pairs:
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
-            raise SceneError(path, f"{pair!r} is no pair {what}", f"key {key}")
+            raise SceneError(path, f"{pair!r} is not a pair {what}", f"key {key}")
     return [(first, second) for first, second in pairs]
 
 
 def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
-    """The obstacle that a mapping of a file states; ``number`` names it as long as it has no name.
+    """Return the obstacle of a mapping in a file; ``number`` identifies it in messages if it has no name.
 
     Raises
     ------
     SceneError
-        If it makes no sense; names file, line, obstacle and key.
+        If it is invalid; the message names file, line, obstacle and key.
     """
     name = stated.get("name")
     if not isinstance(name, str) or not name:
-        told = "has no name" if name is None else f"has the name {name!r}, which is no text (put it in quotes)"
-        raise SceneError(path, f"obstacle {number} {told}", f"line {stated.line}")
+        problem = "has no name" if name is None else f"has the name {name!r}, which is not a text (put it in quotes)"
+        raise SceneError(path, f"obstacle {number} {problem}", f"line {stated.line}")
     where = f"line {stated.line}, obstacle {name!r}"
     refuse_unknown(SceneError, path, "key", stated, OBSTACLE_KEYS, where)
     kinds = [key for key in SHAPE_KEYS if key in stated]
@@ -160,12 +341,12 @@ def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
 def _rgba(stated: object) -> tuple[float, float, float, float]:
     r, g, b, a = finite("rgba", numbers_of("rgba", stated), (4,)).tolist()
     if min(r, g, b, a) < 0 or max(r, g, b, a) > 1:
-        raise InputError(f"rgba = {[r, g, b, a]}; its numbers are from 0 to 1")
+        raise InputError(f"rgba = {[r, g, b, a]}; its values must be from 0 to 1")
     return r, g, b, a
 
 
 def stated_obstacle(obstacle: Obstacle, folder: Path) -> dict[str, Any]:
-    """An obstacle as a file states it."""
+    """Return an obstacle as a mapping for a file."""
     kind, shape = stated_shape(obstacle.shape, folder)
     stated: dict[str, Any] = {"name": obstacle.name, kind: shape, **stated_pose(obstacle.pose)}
     if obstacle.rgba is not None:
@@ -174,7 +355,7 @@ def stated_obstacle(obstacle: Obstacle, folder: Path) -> dict[str, Any]:
 
 
 def stated_pose(placement: pin.SE3) -> dict[str, Any]:
-    """The keys and values by which a file states a pose."""
+    """Return the keys and values of a pose for a file."""
     stated = {"xyz": placement.translation.tolist()}
     rotation: Array = placement.rotation
     if not np.array_equal(rotation, np.eye(3)):

@@ -1,13 +1,33 @@
-"""Shapes of obstacles and attached objects: values with checked sizes, in metres, each about its own origin."""
+"""Shapes of obstacles and attached objects, and obstacles: immutable values in metres.
+
+Every shape is about its own origin. Sizes are checked, because coal accepts NaN, -1 and 1e300 without an error. Shapes
+that hold arrays compare equal if their numbers are equal.
+
+A new shape is registered in four places, each of which refuses an unknown shape: the union :data:`Shape` here,
+``GEOMETRIES`` in :mod:`pinproof.collision.bodies` (geometry and support function), ``KINDS`` in
+:mod:`pinproof.collision.scene_file` (keys in files), and the surfaces of :mod:`pinproof.viewer`.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import math
 from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any, get_args
 
-from pinproof.collision.array_shapes import ConvexHull, HeightMap, Mesh, PointCloud
-from pinproof.collision.sizes import checked_size
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof.collision.hulls import refuse_flat
+from pinproof.errors import InputError
+from pinproof.spatial import finite, frozen, rigid
 
 __all__ = [
+    "ANYTHING",
+    "LARGEST_SIZE",
+    "SMALLEST_SIZE",
     "Box",
     "Capsule",
     "Cone",
@@ -17,14 +37,251 @@ __all__ = [
     "HalfSpace",
     "HeightMap",
     "Mesh",
+    "Obstacle",
     "PointCloud",
     "Shape",
     "Sphere",
+    "checked_size",
+    "coordinates",
 ]
+
+Array = npt.NDArray[np.float64]
+
+SMALLEST_SIZE = 1e-6
+"""Metres. Smaller sides are refused: coal's hulls fail near 1e-8, and no real object is thinner."""
+
+LARGEST_SIZE = 1e4
+"""Metres. Larger numbers are a mistake, such as a wrong unit, and distances lose the precision that proofs need."""
+
+
+def checked_size(name: str, value: object) -> float:
+    """Return a length as a number.
+
+    Raises
+    ------
+    InputError
+        If it is not a number from :data:`SMALLEST_SIZE` to :data:`LARGEST_SIZE`.
+    """
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise InputError(f"{name} must be a number, not {value!r}") from None
+    if not SMALLEST_SIZE <= number <= LARGEST_SIZE:
+        raise InputError(f"{name} = {number:g}; sizes are from {SMALLEST_SIZE:g} to {LARGEST_SIZE:g} m")
+    return number
+
+
+def coordinates(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
+    """Return a read-only copy of coordinates (m) of the given shape, as in :func:`pinproof.spatial.finite`.
+
+    Raises
+    ------
+    InputError
+        If the shape is another, or a number is not finite or beyond :data:`LARGEST_SIZE`.
+    """
+    array = finite(name, value, shape)
+    if array.size and float(np.abs(array).max()) > LARGEST_SIZE:
+        raise InputError(f"{name} holds {np.abs(array).max():g}; coordinates are limited to {LARGEST_SIZE:g} m")
+    array.setflags(write=False)
+    return array
+
+
+GRID_CELLS = 2**20
+"""Number of cells of a point cloud on either side of the origin along each axis: three indices fit into 63 bits."""
+
+BELOW_LOWEST = 0.01
+"""Metres: default distance of the underside of a height map from its lowest point."""
+
+
+class _ByContent:
+    """Equality, hash and a short ``repr`` for frozen dataclasses that hold arrays."""
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self._contents() == other._contents()
+
+    def __hash__(self) -> int:
+        return hash(self._contents())
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(f'{name}={value}' for name, value in self._contents())})"
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.setflags(write=False)  # a pickle does not keep it
+        self.__dict__.update(state)
+
+    def _contents(self) -> tuple[tuple[str, str], ...]:
+        stated = []
+        for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                text = f"<{value.shape} {hashlib.sha256(np.ascontiguousarray(value).tobytes()).hexdigest()}>"
+            else:
+                text = repr(value)
+            stated.append((field.name, text))
+        return tuple(stated)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConvexHull(_ByContent):
+    """The convex hull of ``points`` (V, 3)."""
+
+    points: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "points", coordinates("ConvexHull.points", self.points, (None, 3)))
+        refuse_flat(self.points, "ConvexHull.points")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Mesh(_ByContent):
+    """A triangle mesh, from a file or from arrays (:meth:`from_arrays`).
+
+    Parameters
+    ----------
+    path
+        The file: STL, OBJ, DAE, PLY, GLB or glTF. None for a mesh from arrays.
+    scale
+        One factor, or one each for x, y, z.
+    hull
+        None (default): a watertight mesh is a solid of its own shape. It is covered by a few convex pieces if these
+        extend at most 1 mm beyond it, as for most bins, shelves and brackets with flat faces; otherwise its triangles
+        are used. A mesh that is not watertight is replaced by its convex hull, and certificates note this. True: the
+        convex hull, which fills a bin. False: the triangles, which must be watertight; being inside is a contact.
+    hollow
+        Use only the surface, watertight or not. A body that is entirely inside is then not in contact, and certificates
+        note this.
+    vertices, triangles
+        (V, 3) metres and (F, 3) indices of a mesh from arrays.
+    """
+
+    path: str | Path | None
+    scale: float | tuple[float, float, float] = 1.0
+    hull: bool | None = None
+    hollow: bool = False
+    vertices: Array | None = None
+    triangles: npt.NDArray[np.int64] | None = None
+
+    def __post_init__(self) -> None:
+        values = self.scale if isinstance(self.scale, (tuple, list)) else (self.scale,) * 3
+        try:
+            x, y, z = (float(value) for value in values)
+        except (TypeError, ValueError):
+            raise InputError(f"Mesh.scale must be one number or three, not {self.scale!r}") from None
+        if not all(math.isfinite(v) and v != 0.0 for v in (x, y, z)):
+            raise InputError(f"Mesh.scale = {(x, y, z)}; factors must be finite and not 0")
+        if self.hull not in (None, True, False):
+            raise InputError(f"Mesh.hull must be True, False or None, not {self.hull!r}")
+        if self.hull and self.hollow:
+            raise InputError(
+                "hull=True and hollow=True exclude each other: hull=False, hollow=True is the surface alone"
+            )
+        if self.hollow:
+            object.__setattr__(self, "hull", False)
+        object.__setattr__(self, "scale", (x, y, z))
+        if self.path is not None:
+            if self.vertices is not None or self.triangles is not None:
+                raise InputError("a Mesh has a path, or vertices and triangles, not both")
+            object.__setattr__(self, "path", Path(self.path))
+            return
+        vertices = coordinates("Mesh.vertices", self.vertices if self.vertices is not None else [], (None, 3))
+        try:
+            triangles = np.array(self.triangles if self.triangles is not None else [])
+        except ValueError as error:  # rows of different lengths
+            raise InputError(f"Mesh.triangles must be integers of the shape (F, 3): {error}") from error
+        if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0 or triangles.dtype.kind not in "iu":
+            raise InputError(f"Mesh.triangles must be integers of the shape (F, 3); the shape is {triangles.shape}")
+        if triangles.min() < 0 or triangles.max() >= len(vertices):
+            raise InputError(
+                f"Mesh.triangles name vertices {triangles.min()} to {triangles.max()} of 0 to {len(vertices) - 1}"
+            )
+        triangles = triangles.astype(np.int64)
+        triangles.setflags(write=False)
+        object.__setattr__(self, "vertices", vertices)
+        object.__setattr__(self, "triangles", triangles)
+
+    @classmethod
+    def from_arrays(
+        cls, vertices: npt.ArrayLike, triangles: npt.ArrayLike, *, hull: bool | None = None, hollow: bool = False
+    ) -> Mesh:
+        """Return a mesh of ``vertices`` (V, 3) in metres and ``triangles`` (F, 3), indices of vertices."""
+        return cls(None, 1.0, hull, hollow, vertices, triangles)  # type: ignore[arg-type]  # made arrays there
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PointCloud(_ByContent):
+    """Points of a sensor: every cell of a grid that contains a point is solid, like the leaves of an octree.
+
+    Parameters
+    ----------
+    points
+        (N, 3) in metres.
+    resolution
+        The side (m) of a cell; cells start at integer multiples of it. The solid extends up to one ``resolution``
+        beyond a point. Space between points that are farther apart than a cell is free, so the resolution should be no
+        finer than the spacing of the points.
+    """
+
+    points: Array
+    resolution: float
+
+    def __post_init__(self) -> None:
+        points = coordinates("PointCloud.points", self.points, (None, 3))
+        if len(points) == 0:
+            raise InputError("PointCloud.points is empty; at least one point is needed")
+        resolution = checked_size("PointCloud.resolution", self.resolution)
+        object.__setattr__(self, "points", points)
+        object.__setattr__(self, "resolution", resolution)
+        if not (np.abs(self.cells) < GRID_CELLS - 1).all():
+            far = float(np.abs(points).max())
+            least = f"points {far:g} m from the origin need cells of {far / (GRID_CELLS - 2):.2g} m or more"
+            raise InputError(f"PointCloud.resolution = {resolution:g}; {least}")
+
+    @property
+    def cells(self) -> npt.NDArray[np.int64]:
+        """(K, 3) the occupied cells without repetition: cell c is the cube from c to c + 1, times the resolution."""
+        return np.unique(np.floor(self.points / self.resolution).astype(np.int64), axis=0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HeightMap(_ByContent):
+    """Ground over a rectangle about the origin, solid from its surface down to ``bottom``.
+
+    Between the points the surface is the higher of the two triangulations of a cell, so that it covers both and the
+    bilinear patch.
+
+    Parameters
+    ----------
+    heights
+        (ny, nx) z in metres at the points of a regular grid; row 0 lies at y = -``y`` / 2, column 0 at x = -``x`` / 2.
+    x, y
+        The full sides (m) of the rectangle.
+    bottom
+        z (m) of the underside; default :data:`BELOW_LOWEST` below the lowest point.
+    """
+
+    heights: Array
+    x: float
+    y: float
+    bottom: float = None  # type: ignore[assignment]  # made a number below
+
+    def __post_init__(self) -> None:
+        heights = coordinates("HeightMap.heights", self.heights, (None, None))
+        if min(heights.shape) < 2:
+            raise InputError(f"HeightMap.heights has the shape {heights.shape}; it needs 2 rows and 2 columns or more")
+        lowest = float(heights.min())
+        bottom = lowest - BELOW_LOWEST if self.bottom is None else float(finite("HeightMap.bottom", self.bottom, ()))
+        if not -2 * LARGEST_SIZE <= bottom <= lowest - SMALLEST_SIZE:
+            raise InputError(f"HeightMap.bottom = {bottom:g} must lie below the lowest point, {lowest:g}")
+        object.__setattr__(self, "heights", heights)
+        object.__setattr__(self, "x", checked_size("HeightMap.x", self.x))
+        object.__setattr__(self, "y", checked_size("HeightMap.y", self.y))
+        object.__setattr__(self, "bottom", bottom)
 
 
 class _Sized:
-    """Checks every number of a shape as :func:`~pinproof.collision.sizes.checked_size` does."""
+    """Checks every number of a shape as :func:`~pinproof.collision.shapes.checked_size` does."""
 
     def __post_init__(self) -> None:
         for field in fields(self):  # type: ignore[arg-type]  # every subclass is a dataclass
@@ -58,7 +315,7 @@ class Cylinder(_Sized):
 
 @dataclass(frozen=True)
 class Capsule(_Sized):
-    """A cylinder about z, ``length`` long without its two half-sphere caps."""
+    """A cylinder about z, ``length`` long without its two hemispherical caps."""
 
     radius: float
     length: float
@@ -66,7 +323,7 @@ class Capsule(_Sized):
 
 @dataclass(frozen=True)
 class Cone(_Sized):
-    """A cone about z, its tip at z = ``length`` / 2 and its disc of ``radius`` at z = -``length`` / 2."""
+    """A cone about z with its tip at z = ``length`` / 2 and its base of ``radius`` at z = -``length`` / 2."""
 
     radius: float
     length: float
@@ -74,7 +331,7 @@ class Cone(_Sized):
 
 @dataclass(frozen=True)
 class Ellipsoid(_Sized):
-    """An ellipsoid with the semi-axes (half its width) rx, ry, rz along x, y, z."""
+    """An ellipsoid with the semi-axes rx, ry, rz along x, y, z."""
 
     rx: float
     ry: float
@@ -83,7 +340,45 @@ class Ellipsoid(_Sized):
 
 @dataclass(frozen=True)
 class HalfSpace:
-    """Everything below a plane: all points with z <= 0 in its own frame are solid. A floor, a wall, a ceiling."""
+    """A half-space, such as a floor, wall or ceiling: all points with z <= 0 in its own frame are solid."""
 
 
 Shape = Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid | HalfSpace | ConvexHull | Mesh | PointCloud | HeightMap
+
+ANYTHING = "*"
+"""In an allowed contact: any robot link or attached object."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """A named shape with a pose.
+
+    Parameters
+    ----------
+    name
+        Unique in its scene.
+    shape
+        Its shape.
+    pose
+        ``root_from_obstacle``: its pose in the frame of the robot's root link, SE3 or (4, 4). Copied, and read-only
+        afterwards; :meth:`Scene.move` returns a scene in which the obstacle has another pose.
+    rgba
+        Its colour in the viewer, 0 to 1.
+    """
+
+    name: str
+    shape: Shape
+    pose: pin.SE3 = None
+    rgba: tuple[float, float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise InputError(f"an obstacle needs a name, not {self.name!r}")
+        if not isinstance(self.shape, Shape):
+            kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
+            raise InputError(f"obstacle {self.name!r} has the shape {self.shape!r}; valid:  {kinds}")
+        placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
+        if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
+            where = placement.translation.tolist()
+            raise InputError(f"obstacle {self.name!r} is at {where}; coordinates are limited to {LARGEST_SIZE:g} m")
+        object.__setattr__(self, "pose", frozen(placement))

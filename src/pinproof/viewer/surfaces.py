@@ -19,8 +19,7 @@ import numpy.typing as npt
 
 from pinproof.collision import ConvexHull, Ellipsoid, HalfSpace, HeightMap, Mesh, Obstacle, PointCloud, Shape
 from pinproof.collision.bodies import triangles_of
-from pinproof.collision.height_map import ground_surface
-from pinproof.collision.point_cloud import cell_faces
+from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import InputError, MeshError

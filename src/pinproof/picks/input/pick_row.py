@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from pinproof.collision import Obstacle
-from pinproof.collision.scene_file import read_obstacle
-from pinproof.collision.shape_file import numbers_of, pose_of
+from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.common.yaml_file import LinedMapping, refuse_millimetres
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.picks.input.pick import STEPS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names

@@ -50,8 +50,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
-from pinproof.collision.scene_file import read_obstacle
-from pinproof.collision.shape_file import numbers_of, pose_of
+from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks

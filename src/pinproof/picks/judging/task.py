@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle
-from pinproof.collision.contact_facets import directions_to_facets
 from pinproof.collision.line_surface import LineSurface
+from pinproof.collision.separation import directions_to_facets
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import (

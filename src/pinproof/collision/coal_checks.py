@@ -1,21 +1,30 @@
-"""Coal's view of the bodies of a checker: it judges what has no support function, and how deep bodies overlap."""
+"""Coal's view of the bodies of a checker: it judges what has no support function, and how deep bodies overlap.
+
+Pinocchio's and coal's own answers on the bodies and pairs of a checker, as they come out of the box.
+
+Nothing here is used by a check or a proof: it is what these are compared with, in verdicts and in time.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import coal
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof.collision.assembly import CheckedBodies
 from pinproof.collision.bodies import Body
 
-if TYPE_CHECKING:
-    from pinproof.collision.checker import CollisionChecker
-
-__all__ = ["GJK_SLACK", "GJK_TOLERANCE", "ByCoal", "Distance", "MeasureConvex", "geometry_model"]
+__all__ = [
+    "GJK_SLACK",
+    "GJK_TOLERANCE",
+    "ByCoal",
+    "Distance",
+    "MeasureConvex",
+    "PlainCoal",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -96,7 +105,7 @@ def _settle(request: Any) -> None:
 class ByCoal:
     """The bodies of a checker in a workspace of coal's; one a thread."""
 
-    def __init__(self, checker: CollisionChecker) -> None:
+    def __init__(self, checker: CheckedBodies) -> None:
         self._arm, self._bodies, self._pairs = checker.arm, checker.bodies, checker.pairs
         self._margins = checker.margins
         self._model, self._geometry_model = checker.arm.model, checker.geometry_model
@@ -160,17 +169,44 @@ class ByCoal:
             self._geometry_data.distanceRequests[k] = distance
 
 
-def geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]) -> Any:
-    """Pinocchio's model of the bodies on the joints of ``model``, and of the pairs to check."""
-    geometry = pin.GeometryModel()
-    for body in bodies:
-        if body.link is None:
-            frame, joint, placement = 0, 0, body.link_from_body
-        else:
-            frame = model.getFrameId(body.link, pin.FrameType.BODY)
-            joint = model.frames[frame].parentJoint
-            placement = model.frames[frame].placement * body.link_from_body
-        geometry.addGeometryObject(pin.GeometryObject(body.name, joint, frame, placement, body.geometry))
-    for i, j in pairs:
-        geometry.addCollisionPair(pin.CollisionPair(i, j))
-    return geometry
+class PlainCoal:
+    """Checks by Pinocchio and coal alone; margins are those of the checker.
+
+    Parameters
+    ----------
+    checker
+        Which arm, bodies, pairs and margins.
+    broadphase
+        Let coal's dynamic tree of boxes choose the pairs to look at, in place of looking at each.
+    """
+
+    def __init__(self, checker: CheckedBodies, *, broadphase: bool = False) -> None:
+        self._model, self._geometry = checker.arm.model, checker.geometry_model
+        self._data, self._bodies = self._model.createData(), self._geometry.createData()
+        for k, margin in enumerate(checker.margins.tolist()):
+            request = self._bodies.collisionRequests[k]
+            request.security_margin = margin
+            self._bodies.collisionRequests[k] = request
+        self._configuration, self._any = checker.arm.model_configuration, bool(checker.pairs)
+        self._tree = None
+        if broadphase:
+            self._tree = pin.BroadPhaseManager_DynamicAABBTreeCollisionManager(
+                self._model, self._geometry, self._bodies
+            )
+
+    def configurations(self, many: Array) -> list[Array]:
+        """Configurations (N, n) of the arm as the model takes them, so that timing a check times nothing else."""
+        return [self._configuration(q) for q in many]
+
+    def is_free(self, q: Array) -> bool:
+        """Whether no pair is found to come within its margin at a model's configuration."""
+        if self._tree is not None:
+            return not pin.computeCollisions(self._model, self._data, self._tree, q, True)
+        return not pin.computeCollisions(self._model, self._data, self._geometry, self._bodies, q, True)
+
+    def clearance(self, q: Array) -> float:
+        """The smallest signed distance (m) over all pairs at a model's configuration; inf without pairs."""
+        if not self._any:
+            return np.inf
+        nearest = pin.computeDistances(self._model, self._data, self._geometry, self._bodies, q)
+        return float(self._bodies.distanceResults[nearest].min_distance)

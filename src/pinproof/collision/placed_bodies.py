@@ -2,21 +2,31 @@
 
 Convex bodies are judged by compiled loops, whose bounds are true whatever the iteration did. Coal judges what has no
 support function, and says how deep bodies penetrate each other.
+
+The pairs between which no joint moves: judged once, for every configuration.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.by_coal import ByCoal, Distance, MeasureConvex
+from pinproof.collision.assembly import CheckedBodies
+from pinproof.collision.coal_checks import ByCoal, Distance, MeasureConvex
 
-if TYPE_CHECKING:
-    from pinproof.collision.checker import CollisionChecker
-
-__all__ = ["CONTACT", "EVERY", "FIRST_ONLY", "NEAREST", "NOT_FINITE", "Near", "Placed"]
+__all__ = [
+    "CONTACT",
+    "EVERY",
+    "FIRST_ONLY",
+    "NEAREST",
+    "NOT_FINITE",
+    "FixedPairs",
+    "Near",
+    "PlacedBodies",
+    "check_fixed_pairs",
+]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -38,7 +48,7 @@ class Near(NamedTuple):
     nearest: int
 
 
-class Placed:
+class PlacedBodies:
     """The bodies of a checker at one configuration; one a thread, since threads may not share workspaces.
 
     Parameters
@@ -49,7 +59,7 @@ class Placed:
         Its flattened world, or a part of it.
     """
 
-    def __init__(self, checker: CollisionChecker, numbers: Array, indices: Indices) -> None:
+    def __init__(self, checker: CheckedBodies, numbers: Array, indices: Indices) -> None:
         from pinproof.kernels import near
 
         self._kernels, self._touching = near, near.touching
@@ -124,3 +134,23 @@ class Placed:
             self._coal = ByCoal(self._checker)
         self._coal.move(self._q, self._moves)
         return self._coal
+
+
+class FixedPairs(NamedTuple):
+    """The verdict on them."""
+
+    touching: tuple[tuple[int, Distance], ...]
+    """Those in contact."""
+    lower: float
+    """The smallest signed distance (m) of them, as :meth:`pinproof.CollisionChecker.clearance` has it."""
+    upper: float
+    """An upper bound of it."""
+
+
+def check_fixed_pairs(space: PlacedBodies, q: Array) -> FixedPairs:
+    """Judge the pairs of a workspace that has no others, at any q (n,)."""
+    touching = tuple(space.touching(q))
+    near = space.near(q, NEAREST)
+    judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]
+    lower = min((near.lower, *(measured.distance for measured in judged)))
+    return FixedPairs(touching, lower, min((near.upper, *(measured.attained for measured in judged))))

@@ -1,23 +1,24 @@
-"""MoveIt planning scenes (moveit_msgs/PlanningScene as YAML): obstacles, and contacts that are meant to be.
+"""MoveIt planning scenes (moveit_msgs/PlanningScene as YAML): obstacles and the allowed-collision matrix.
 
-What a message may hold is written by MoveIt as mappings (``position: {x: 0, y: 0, z: 1}``) and by others, such as the
-scenes of MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. So that nothing is dropped silently:
+MoveIt writes the values of a message as mappings (``position: {x: 0, y: 0, z: 1}``), others, such as the scenes of
+MotionBenchMaker, as lists (``position: [0, 0, 1]``); both are read. Nothing is dropped silently:
 
 - an object of several shapes becomes the obstacles NAME/1, NAME/2, ...; a plane becomes the half-space behind it;
-- a watertight mesh is solid in its own shape; another one becomes its convex hull, and a note of the scene says so;
-- contacts that the matrix allows between a link and an object are allowed; pairs of links stand in
+- a watertight mesh is a solid of its own shape; any other is replaced by its convex hull, with a note of the scene;
+- contacts that the matrix allows between a link and an object are allowed; pairs of links are listed in
   :attr:`Scene.disabled <pinproof.Scene.disabled>`;
-- the frame of the objects must be the robot's root: given empty, as ``world``, as one of the file's own fixed frames,
-  or by the name of the root link, which the checker compares; where the file places a floating robot, that is undone;
-- attached objects, octomaps and operations other than ADD are refused; paddings and scales of links stand in a note.
+- the frame of the objects must be the robot's root: empty, ``world``, one of the fixed frames of the file, or the name
+  of the root link, which the checker compares; if the file places a floating robot, that pose is inverted;
+- attached objects, octomaps and operations other than ADD are refused; paddings and scales of links become a note.
 
-Joint positions are not read: joints outside the arm stand where the arm holds them.
+Joint positions are not read: joints outside the arm keep the values that the arm holds.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -25,17 +26,73 @@ import numpy as np
 import pinocchio as pin
 
 from pinproof.collision.bodies import triangles_of
-from pinproof.collision.moveit_matrix import allowed_pairs
-from pinproof.collision.scene import Obstacle, Scene
-from pinproof.collision.shape_file import numbers_of
-from pinproof.collision.shapes import Box, Cone, Cylinder, HalfSpace, Mesh, Shape, Sphere
-from pinproof.collision.solid import Solid
+from pinproof.collision.hulls import Solid
+from pinproof.collision.scene_file import SceneContent, numbers_of
+from pinproof.collision.shapes import ANYTHING, Box, Cone, Cylinder, HalfSpace, Mesh, Obstacle, Shape, Sphere
 from pinproof.common.yaml_file import LinedMapping, listed, refuse_unknown
 from pinproof.description.packages import locate
 from pinproof.errors import InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
 
-__all__ = ["is_moveit", "moveit_scene"]
+__all__ = ["allowed_pairs", "is_moveit", "read_moveit_scene"]
+
+OCTOMAP = "<octomap>"
+
+Pairs = list[tuple[str, str]]
+
+
+def allowed_pairs(path: Path, matrix: Mapping[str, Any], parts: Mapping[str, tuple[str, ...]]) -> tuple[Pairs, Pairs]:
+    """Return the pairs (robot link, obstacle) that may touch, and the pairs of robot links that the matrix disables.
+
+    An entry of the matrix overrides the defaults, and a pair of two defaults needs both, as in MoveIt
+    (``AllowedCollisionMatrix::getAllowedCollision``). A pair whose two entries differ is not allowed.
+
+    Parameters
+    ----------
+    parts
+        The obstacles made of each object of the file; every other name is assumed to be a robot link.
+
+    Raises
+    ------
+    SceneError
+        If the matrix is not square.
+    """
+    names = [str(name) for name in matrix.get("entry_names") or []]
+    rows: list[Any] = [
+        row.get("enabled") if isinstance(row, Mapping) else row for row in matrix.get("entry_values") or []
+    ]
+    if len(rows) != len(names) or any(not isinstance(row, list) or len(row) != len(names) for row in rows):
+        raise SceneError(
+            path, "entry_values is not square with a row for each of entry_names", "allowed_collision_matrix"
+        )
+    entries = {
+        frozenset((names[i], names[j])): rows[i][j] is True and rows[j][i] is True
+        for i, j in combinations(range(len(names)), 2)
+    }
+    default_names, values = matrix.get("default_entry_names") or [], matrix.get("default_entry_values") or []
+    if len(default_names) != len(values):
+        raise SceneError(path, "default_entry_values has another length than its names", "allowed_collision_matrix")
+    defaults = {str(name): value is True for name, value in zip(default_names, values, strict=True)}
+    links = sorted({*names, *defaults} - set(parts) - {OCTOMAP})
+
+    def may_touch(a: str, b: str) -> bool:
+        by_default = [defaults[name] for name in (a, b) if name in defaults]
+        return entries.get(frozenset((a, b)), bool(by_default) and all(by_default))
+
+    allowed: Pairs = []
+    for thing, pieces in parts.items():
+        touching = [link for link in links if may_touch(link, thing)]
+        if defaults.get(thing, False):
+            if len(touching) < len(links):
+                refused = ", ".join(link for link in links if link not in touching)
+                reason = (
+                    f"lets {thing!r} touch anything by default, but not {refused}; list the links that it may touch"
+                )
+                raise SceneError(path, reason, "allowed_collision_matrix")
+            touching = [ANYTHING]
+        allowed += [(link, piece) for piece in pieces for link in touching]
+    return allowed, [(a, b) for a, b in combinations(links, 2) if may_touch(a, b)]
+
 
 SCENE_KEYS = (
     "name", "robot_state", "robot_model_name", "fixed_frame_transforms", "allowed_collision_matrix", "link_padding",
@@ -52,48 +109,50 @@ PRIMITIVES = {1: "box", 2: "sphere", 3: "cylinder", 4: "cone"}
 COUNTS = {"box": 3, "sphere": 1, "cylinder": 2, "cone": 2}
 
 WORLD = ("", "world")
-"""Names of the frame the robot stands in."""
+"""Names of the frame of the robot's root."""
 
 
 def is_moveit(content: Mapping[str, Any]) -> bool:
-    """Whether a YAML file is a planning scene and not one of ours."""
+    """Whether a YAML file is a MoveIt planning scene and not a pinproof scene."""
     return "world" in content and "obstacles" not in content
 
 
-def moveit_scene(path: Path, content: LinedMapping) -> Scene:
-    """The scene that a planning scene states.
+def read_moveit_scene(path: Path, content: LinedMapping) -> SceneContent:
+    """Return the content of a planning scene.
 
     Raises
     ------
     SceneError
-        If it says something that cannot be obeyed; names file, line and object.
+        If it contains something that is not supported; the message names file, line and object.
     """
     try:
         return _scene(path, content)
     except InputError as error:
         raise SceneError(path, str(error)) from error
-    except (AttributeError, KeyError, TypeError) as error:  # a number where a mapping belongs, somewhere in the message
-        raise SceneError(path, f"is not laid out as moveit_msgs/PlanningScene: {error}") from error
+    except (AttributeError, KeyError, TypeError) as error:  # a value of the wrong type in the message
+        raise SceneError(path, f"is not structured as moveit_msgs/PlanningScene: {error}") from error
 
 
-def _scene(path: Path, content: LinedMapping) -> Scene:
+def _scene(path: Path, content: LinedMapping) -> SceneContent:
     refuse_unknown(SceneError, path, "key of a planning scene", content, SCENE_KEYS, "")
     world = _mapping(path, content["world"], "world")
     refuse_unknown(SceneError, path, "key of world", world, ("collision_objects", "octomap"), "")
     state = _mapping(path, content.get("robot_state") or {}, "robot_state")
     carried = [_carried(part) for part in state.get("attached_collision_objects") or []]
     if carried:
-        how = "take them out of the file and give them to the CollisionChecker as attached"
+        how = "remove them from the file and pass them to the CollisionChecker as attached"
         raise SceneError(path, f"has objects attached to the robot ({', '.join(carried)}), which are not read; {how}")
     octomap = world.get("octomap") or {}
     if (octomap.get("octomap") or octomap).get("data"):
-        raise SceneError(path, "holds an octomap, which is not read; give its points as a PointCloud", "key octomap")
+        raise SceneError(
+            path, "holds an octomap, which is not read; use a PointCloud of its points instead", "key octomap"
+        )
     frames = _Frames(path, content, state)
     colours = {part.get("id"): part.get("color") for part in content.get("object_colors") or []}
     notes = [
         f"{key} is not applied; use the checker's margin"
         for key in ("link_padding", "link_scale")
-        if _told(content, key)
+        if _is_set(content, key)
     ]
     obstacles: list[Obstacle] = []
     parts: dict[str, tuple[str, ...]] = {}
@@ -114,11 +173,11 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
         obstacles += made
         parts[name] = tuple(names)
     allowed, disabled = allowed_pairs(path, content.get("allowed_collision_matrix") or {}, parts)
-    return Scene(obstacles, allowed=allowed, disabled=disabled, frame=frames.root, notes=notes, source=path)
+    return SceneContent(obstacles, allowed, disabled, frames.root, notes)
 
 
 class _Frames:
-    """Where the frames of the file lie in that of the robot's root."""
+    """The poses of the frames of the file in the frame of the robot's root."""
 
     def __init__(self, path: Path, content: LinedMapping, state: Mapping[str, Any]) -> None:
         self._path, self.root = path, ""
@@ -126,7 +185,7 @@ class _Frames:
         floating = state.get("multi_dof_joint_state") or {}
         transforms = floating.get("transforms") or []
         if len(transforms) > 1:
-            raise SceneError(path, f"moves the robot by {len(transforms)} floating joints; one can be undone")
+            raise SceneError(path, f"moves the robot by {len(transforms)} floating joints; at most one is supported")
         root_from_world = _transform(transforms[0]).inverse() if transforms else pin.SE3.Identity()
         for stated in content.get("fixed_frame_transforms") or []:
             world_from_frame = _transform(stated.get("transform") or {})
@@ -137,20 +196,20 @@ class _Frames:
             self._root_from.setdefault(name, root_from_world)
 
     def placed(self, stated: Mapping[str, Any], where: str) -> pin.SE3:
-        """root_from_object, where the object's own pose counts too."""
+        """Return root_from_object, including the object's own pose."""
         frame = str((stated.get("header") or {}).get("frame_id") or "").lstrip("/")
         if frame not in self._root_from:
             if self.root and frame != self.root:
                 known = ", ".join(repr(name) for name in (*self._root_from, self.root))
                 raise SceneError(
-                    self._path, f"stands in the frame {frame!r}, which the file does not place; known: {known}", where
+                    self._path, f"is in the frame {frame!r}, which the file does not define; known: {known}", where
                 )
             self.root = frame
         return self._root_from.get(frame, pin.SE3.Identity()) * _pose(stated.get("pose"))
 
 
 def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) -> list[tuple[Shape, pin.SE3]]:
-    """The shapes of an object and object_from_shape."""
+    """Return the shapes of an object, each with object_from_shape."""
     refuse_unknown(SceneError, path, "key of a collision object", stated, OBJECT_KEYS, f"object {name!r}")
     if stated.get("operation") not in (None, 0, "ADD", "add"):
         raise InputError(f"operation {stated['operation']!r} is not read; a scene file adds its objects")
@@ -169,7 +228,7 @@ def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) 
             else:
                 shape, thing_from_half = _half_space(thing)
                 object_from_thing = object_from_thing * thing_from_half
-                notes.append(f"the plane of {name!r} is taken as all that lies behind it")
+                notes.append(f"the plane of {name!r} is read as the half-space behind it")
             made.append((shape, object_from_thing))
     if not made:
         raise InputError("has no primitives, meshes or planes")
@@ -177,7 +236,7 @@ def _shapes(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) 
 
 
 def _primitive(stated: Mapping[str, Any]) -> Shape:
-    """A primitive; the height of a cylinder or cone comes before its radius (shape_msgs/SolidPrimitive)."""
+    """Return a primitive; the height of a cylinder or cone is before its radius (shape_msgs/SolidPrimitive)."""
     kind = stated.get("type")
     kind = PRIMITIVES.get(kind, kind) if isinstance(kind, int) else str(kind).lower()
     if kind not in COUNTS:
@@ -210,7 +269,7 @@ def _mesh(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) ->
     read = triangles_of(mesh)
     if Solid(read.vertices, read.triangles).watertight:
         return mesh
-    notes.append(f"a mesh of {name!r} is not watertight: its hull is taken")
+    notes.append(f"a mesh of {name!r} is not watertight, so its convex hull is used")
     return replace(mesh, hull=True)
 
 
@@ -227,10 +286,10 @@ def _half_space(stated: Mapping[str, Any]) -> tuple[HalfSpace, pin.SE3]:
 
 def _name(path: Path, stated: object) -> tuple[str, str]:
     if not isinstance(stated, LinedMapping):
-        raise SceneError(path, f"{stated!r} is no collision object", "key world.collision_objects")
+        raise SceneError(path, f"{stated!r} is not a collision object", "key world.collision_objects")
     name = stated.get("id")
     if not isinstance(name, str) or not name:
-        raise SceneError(path, f"an object has the id {name!r}, which is no text", f"line {stated.line}")
+        raise SceneError(path, f"an object has the id {name!r}, which is not a text", f"line {stated.line}")
     return name, f"line {stated.line}, object {name!r}"
 
 
@@ -238,8 +297,8 @@ def _carried(stated: Mapping[str, Any]) -> str:
     return f"{(stated.get('object') or {}).get('id')!r} on {stated.get('link_name')!r}"
 
 
-def _told(content: Mapping[str, Any], key: str) -> bool:
-    """Whether a padding or a scale of a link is other than none."""
+def _is_set(content: Mapping[str, Any], key: str) -> bool:
+    """Whether a padding or a scale of a link has an effect."""
     word, nothing = ("padding", 0.0) if key == "link_padding" else ("scale", 1.0)
     return any(part.get(word, nothing) != nothing for part in content.get(key) or [])
 
@@ -256,13 +315,13 @@ def _transform(stated: Mapping[str, Any]) -> pin.SE3:
 
 
 def _pose(stated: object) -> pin.SE3:
-    """A pose; what is not told is zero, and a quaternion of zeros is unturned, as MoveIt takes it."""
+    """Return a pose; missing values are zero, and a quaternion of zeros is the identity, as in MoveIt."""
     if stated is None:
         return pin.SE3.Identity()
     if not isinstance(stated, Mapping):
-        raise InputError(f"{stated!r} is no pose; wanted are position and orientation")
-    told = stated.get("orientation")
-    quaternion = [told.get(key, 0.0) for key in "xyzw"] if isinstance(told, Mapping) else told
+        raise InputError(f"{stated!r} is not a pose with position and orientation")
+    rotation = stated.get("orientation")
+    quaternion = [rotation.get(key, 0.0) for key in "xyzw"] if isinstance(rotation, Mapping) else rotation
     quaternion = None if quaternion is None else numbers_of("orientation", quaternion)
     position = _three(stated["position"]) if stated.get("position") is not None else np.zeros(3)
     return pose(position.tolist(), quat_xyzw=quaternion if quaternion is not None and np.any(quaternion) else None)

@@ -68,7 +68,7 @@ def test_ik_lists_every_branch(run: Run) -> None:
     answer = json.loads(out)
     assert code == 0
     assert 1 <= len(answer["branches"]) <= 8
-    assert answer["with_whole_turns"] >= len(answer["branches"])
+    assert answer["with_full_rotations"] >= len(answer["branches"])
     code, out, _ = run("ik", "puma560", "--xyz", "0.4 0.1 3", "--all")
     assert code == 1
     assert "out of reach" in out
@@ -150,7 +150,7 @@ def test_a_free_motion_that_the_arm_cannot_make_is_a_no(run: Run, tmp_path: Path
     told = json.loads(out)
     assert code == 1
     assert told["status"] == "FREE"
-    assert told["outside_limits"][0].startswith("shoulder_pan_joint reaches 75 per second")
+    assert told["outside_limits"][0].startswith("shoulder_pan_joint reaches a velocity of 75")
     turned = arm.home + np.array([0, 0, np.pi, 0, 0, 0])
     pp.Trajectory([0.0, 9.0], [arm.home, turned], np.zeros((2, 6)), arm.joint_names).save(motion)
     code, out, _ = run("certify", "ur5", str(motion))

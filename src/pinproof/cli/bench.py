@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import make_folder, print_json, say, working
+from pinproof.cli.console import make_folder, print_json, print_line, progress_status
 from pinproof.cli.options import Json, Seed
 
 __all__ = ["bench_ik", "bench_plan"]
@@ -45,7 +45,7 @@ def bench_ik(
 
     if output is not None:
         make_folder(output)
-    with working("running the table of inverse kinematics") as tell:
+    with progress_status("running the table of inverse kinematics") as set_status:
         figures = ik_benchmark(
             robots or ["ur5"],
             points=points,
@@ -53,7 +53,7 @@ def bench_ik(
             peers=peers,
             limits_pi=limits_pi,
             seed=seed,
-            on_progress=tell,
+            on_progress=set_status,
         )
     written = [] if output is None else write_ik_table(figures, output)
     _show(figures.to_dict(), ik_markdown(figures), written, as_json)
@@ -103,7 +103,7 @@ def bench_plan(
 
     if output is not None:
         make_folder(output)
-    with working("running the table of planning") as tell:
+    with progress_status("running the table of planning") as set_status:
         figures = plan_benchmark(
             OWN_ROBOTS if robots is None else robots,
             mbm=mbm,
@@ -113,7 +113,7 @@ def bench_plan(
             repeats=repeats,
             peers=peers,
             seed=seed,
-            on_progress=tell,
+            on_progress=set_status,
         )
     written = [] if output is None else write_plan_table(figures, output)
     _show(figures.to_dict(), plan_markdown(figures), written, as_json)
@@ -126,6 +126,6 @@ def _show(words: dict[str, Any], page: str, written: list[Path], as_json: bool) 
     if as_json:
         print_json(words)
         return
-    say(page)
+    print_line(page)
     if written:
-        say(f"wrote {', '.join(str(path) for path in written)}")
+        print_line(f"wrote {', '.join(str(path) for path in written)}")

@@ -1,4 +1,4 @@
-"""``pinproof pick --campaign``: rows in a folder, gone on with after Ctrl-C; mistakes told in a line."""
+"""``pinproof pick --campaign``: rows in a folder, resumed after Ctrl-C; usage errors in one line."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_an_internal_error_is_3(run: Run, monkeypatch: pytest.MonkeyPatch) -> No
 
 
 @pytest.mark.slow
-def test_ctrl_c_keeps_what_was_done_and_the_same_command_goes_on(run: Run) -> None:
+def test_a_campaign_interrupted_by_ctrl_c_is_resumed_by_the_same_command(run: Run) -> None:
     table(12)
     words = ("pick", "picks.yaml", "--workers", "1", "--campaign")
     journal = Path("out/journal.jsonl")
@@ -141,11 +141,11 @@ def test_ctrl_c_keeps_what_was_done_and_the_same_command_goes_on(run: Run) -> No
     there = journal.read_bytes().count(b"\n") - 1
     assert running.returncode == 130
     assert 2 <= there < 12
-    assert f"interrupted after {there} of 12 picks; the same command goes on there" in err
+    assert f"interrupted after {there} of 12 picks" in err
     assert "Traceback" not in err
     code, out, err = run(*words, "out")
     assert code == 0, err
-    assert f"going on: {there} of 12 picks were judged before" in err
+    assert f"resuming: {there} of 12 picks" in err
     assert out.startswith("12 of 12 picks good")
     rows = [json.loads(line) for line in Path("out/rows.jsonl").read_text().splitlines()[1:]]
     assert [row["name"] for row in rows] == [f"pin_{k}" for k in range(12)]

@@ -1,4 +1,4 @@
-"""The line as people expect it: mistakes in one line with the remedy, also as JSON; completion; pipes; Ctrl-C."""
+"""Conventions of the command line: errors in one line with the remedy, also as JSON; completion; pipes; Ctrl-C."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
         ("check ur5 --scene no/scene.yaml", "no/scene.yaml"),
     ],
 )
-def test_a_mistake_is_one_line_with_its_remedy_and_one_document_of_json(run: Run, words: str, said: str) -> None:
+def test_a_usage_error_is_one_line_with_its_remedy_and_one_json_document(run: Run, words: str, said: str) -> None:
     Path("scene.yaml").write_text("obstacles: []\n")
     code, out, err = run(*words.split())
     assert (code, out) == (2, "")
@@ -67,14 +67,14 @@ def test_a_mistake_is_one_line_with_its_remedy_and_one_document_of_json(run: Run
 
 
 @pytest.mark.parametrize("words", ["", "bench"])
-def test_a_line_that_asks_for_nothing_is_answered_by_the_help(run: Run, words: str) -> None:
+def test_without_a_command_the_help_is_printed(run: Run, words: str) -> None:
     code, out, err = run(*words.split())
     assert code == 2
     assert "Usage: pinproof" in out + err
     assert "internal" not in err
 
 
-def test_an_internal_error_says_what_to_report(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_internal_error_asks_for_a_report(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object, **settings: object) -> None:
         raise ZeroDivisionError("oops")
 
@@ -91,7 +91,7 @@ def test_an_internal_error_says_what_to_report(run: Run, monkeypatch: pytest.Mon
     assert "numba" in err
 
 
-def test_ctrl_c_in_the_work_is_130_and_no_answer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_is_130_and_gives_no_result(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*args: object, **settings: object) -> None:
         raise KeyboardInterrupt
 
@@ -107,7 +107,7 @@ def test_ctrl_c_in_the_work_is_130_and_no_answer(run: Run, monkeypatch: pytest.M
 
 
 @pytest.mark.slow
-def test_the_live_view_says_where_it_is_at_once_and_ends_by_ctrl_c() -> None:
+def test_the_live_view_prints_its_url_and_ends_with_ctrl_c() -> None:
     with started([sys.executable, "-c", RUN_CLI, "view", "generic_6dof", "--no-browser", "--json"]) as view:
         assert view.stdout is not None
         said = "".join(view.stdout.readline() for _ in range(3))
@@ -120,7 +120,7 @@ def test_the_live_view_says_where_it_is_at_once_and_ends_by_ctrl_c() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", ["fk ur5", "fk ur5 --json", "--help"])
-def test_nobody_who_reads_is_no_complaint_and_no_answer(words: str) -> None:
+def test_a_closed_stdout_is_141_without_a_message(words: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as closed:
@@ -158,7 +158,7 @@ def terminal() -> Callable[..., bytes]:
 
 
 @pytest.mark.slow
-def test_colours_are_for_terminals_that_want_them(run: Run, terminal: Callable[..., bytes]) -> None:
+def test_colours_are_used_only_on_terminals_that_support_them(run: Run, terminal: Callable[..., bytes]) -> None:
     assert b"\x1b[31m" in terminal("fk", "ur55")
     assert b"\x1b[3" not in terminal("fk", "ur55", NO_COLOR="1")
     assert "\x1b" not in "".join(run("fk", "ur55")[1:])

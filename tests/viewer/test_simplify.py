@@ -28,14 +28,14 @@ def drawn(scene: Scene, max_bytes: float):
     return stage, stage.obstacles[0].surfaces[0]
 
 
-def test_what_fits_stays_as_it_is(globe: Scene) -> None:
+def test_a_mesh_that_fits_is_not_simplified(globe: Scene) -> None:
     stage, surface = drawn(globe, MAX_BYTES)
     assert stage.notes == ()
     assert len(surface.triangles) == 20480
 
 
 @pytest.mark.parametrize("max_bytes", [300e3, 60e3])
-def test_what_does_not_fit_is_made_coarser_until_it_does_keeps_its_shape_and_says_so(
+def test_a_mesh_that_is_too_large_is_simplified_until_it_fits_and_keeps_its_shape(
     globe: Scene, max_bytes: float
 ) -> None:
     stage, surface = drawn(globe, max_bytes)
@@ -51,7 +51,7 @@ def test_what_does_not_fit_is_made_coarser_until_it_does_keeps_its_shape_and_say
     assert np.median(along) > 0.9
 
 
-def test_the_page_of_a_giant_stays_small_and_says_that_it_is_simplified(globe: Scene, monkeypatch) -> None:
+def test_the_page_of_a_large_mesh_is_small_and_notes_the_simplification(globe: Scene, monkeypatch) -> None:
     monkeypatch.setattr(stage_module.simplified, "__defaults__", (100e3,))
     page = page_module.render_page(Picture(small_arm(), globe))
     assert "Meshes are simplified" in page.text

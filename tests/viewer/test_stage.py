@@ -117,7 +117,7 @@ def test_the_film_runs_from_start_to_end_in_true_time() -> None:
 
 
 def test_a_motion_of_other_joints_is_refused(ur5) -> None:
-    with pytest.raises(InputError, match="turn, roll.*shoulder_pan_joint"):
+    with pytest.raises(InputError, match=r"turn, roll.*shoulder_pan_joint"):
         checked_motion(ur5, swing(small_arm()))
 
 

@@ -111,9 +111,7 @@ def film(
     for number, phase in enumerate(phases):
         motion, placed = phase.trajectory, replace(stage, arm=stage.arm.with_held(phase.held))
         count = int(np.ceil(motion.duration * rate)) + 1
-        instants = np.linspace(0.0, motion.duration, count)[
-            min(number, 1) :
-        ]  # the first repeats that of the last phase
+        instants = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # the first is in the last phase
         for q in np.asarray(motion(instants), dtype=float):
             poses.append(placed.link_poses(q))
             tcps.append(placed.tcp_pose(q))

@@ -62,8 +62,8 @@ class PoseMarkers:
     Parameters
     ----------
     poses
-        (N, 4, 4) ``root_from_tip``. Each arrow ends at the tip and points along its z axis; the bar across the other end
-        is parallel to its x axis.
+        (N, 4, 4) ``root_from_tip``. Each arrow ends at the tip and points along its z axis; the bar across its other
+        end is parallel to the x axis.
     kinds
         (N,) index of the colour of each pose.
     colours
@@ -230,15 +230,15 @@ def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
 
 
 SWEEP_TURN, SWEEP_SHARE, MOST_STEPS = np.deg2rad(25.0), 0.07, 40
-"""The swept tool is drawn again after this rotation (rad), or after the tcp has moved by this fraction of the radius of the
-picture; the largest number of steps."""
+"""Rotation (rad) and tcp displacement (fraction of the radius of the picture) after which the swept tool is drawn,
+and the largest number of steps."""
 
 GHOST_HUES = ((0.12, 0.47, 0.80), (0.90, 0.45, 0.10), (0.16, 0.58, 0.28), (0.72, 0.22, 0.55), (0.45, 0.36, 0.75),
               (0.75, 0.62, 0.10), (0.10, 0.60, 0.62), (0.78, 0.25, 0.22))  # fmt: skip
 """Colours of ghosts, used cyclically."""
 
 SAME_POSE = 1e-4
-"""Metres or matrix entries. Copies that differ by less are drawn once; IK solutions often differ only by full rotations."""
+"""Metres or matrix entries. Copies that differ by less are drawn once; often joints differ only by full rotations."""
 
 RIGID_TOLERANCE = 1e-6
 """Metres or matrix entries. Links whose pose in the tcp frame changes by less belong to the tool."""
@@ -303,7 +303,7 @@ def _different(poses: Array) -> npt.NDArray[np.int64]:
 
 
 def _tool(stage: Stage) -> npt.NDArray[np.bool_]:
-    """(L,) which drawn links belong to the tool: those fixed in the tcp frame, or else the last drawn link before it."""
+    """(L,) which drawn links belong to the tool: those fixed in the tcp frame, else the last drawn link before it."""
     rng = np.random.default_rng(0)
     arm, drawn = stage.arm, np.array([bool(link.surfaces) for link in stage.links])
     low, high = np.maximum(arm.limits.lower, arm.home - 1.0), np.minimum(arm.limits.upper, arm.home + 1.0)

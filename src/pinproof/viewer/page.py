@@ -99,8 +99,8 @@ def write_html(
         ``root_from_frame`` by name: frames to draw in addition to those of the links.
     layers
         Layers that are visible when the page opens, in addition to the default ones: ``collision`` (the collision
-        geometry, with meshes as convex hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at several steps
-        of the motion). The page has a switch for each layer.
+        geometry, with meshes as convex hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at several
+        steps of the motion). The page has a switch for each layer.
 
     Raises
     ------

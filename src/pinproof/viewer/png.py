@@ -93,8 +93,8 @@ def find_browser() -> str:
         if found is not None:
             return found
     raise ViewerError(
-        f"a PNG picture needs a Chromium-based browser, and none of {', '.join(BROWSERS)} is on PATH. Install Chromium, "
-        f"set {BROWSER_VARIABLE} to such a browser, or write a page with write_html (--html)"
+        f"a PNG picture needs a Chromium-based browser, and none of {', '.join(BROWSERS)} is on PATH. Install "
+        f"Chromium, set {BROWSER_VARIABLE} to such a browser, or write a page with write_html (--html)"
     )
 
 

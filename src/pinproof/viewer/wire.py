@@ -1,9 +1,9 @@
 """Commands to meshcat's browser viewer as dictionaries, with their arrays in one binary block.
 
-Only the JavaScript viewer of the installed meshcat is used. Its Python package is not imported: it loads ZeroMQ, IPython
-and Pillow, prints warnings, and names objects by the time, so that pages would not be reproducible. The commands
-(``set_object``, ``set_transform``, ``set_property``, ``set_animation``) are those that meshcat documents for clients in
-any language; objects are in the JSON object format 4 of three.js.
+Only the JavaScript viewer of the installed meshcat is used. Its Python package is not imported: it loads ZeroMQ,
+IPython and Pillow, prints warnings, and names objects by the time, so that pages would not be reproducible. The
+commands (``set_object``, ``set_transform``, ``set_property``, ``set_animation``) are those that meshcat documents for
+clients in any language; objects are in the JSON object format 4 of three.js.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Commands:
     def __init__(self) -> None:
         self.items: list[dict[str, Any]] = []
         self.pictures: dict[str, list[list[str]]] = {}
-        """Nodes by the ``data:`` URL of their texture. The page applies textures itself, because meshcat does so late."""
+        """Nodes by the ``data:`` URL of their texture. The page applies them itself, because meshcat does so late."""
         self._blob = bytearray()
         self._objects = 0
 

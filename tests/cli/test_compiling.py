@@ -30,12 +30,14 @@ def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[int]:
     return asked
 
 
-def test_it_is_done_once_and_told_in_one_line(runs: list[int], capsys: pytest.CaptureFixture[str]) -> None:
+def test_compilation_runs_once_and_prints_one_line(runs: list[int], capsys: pytest.CaptureFixture[str]) -> None:
     compiling.compile_ahead()
     compiling.compile_ahead()
     assert runs == [3]
     out, err = capsys.readouterr()
-    assert (out, err) == ("", "pinproof: compiling for this machine, once, in 3 processes: about 33 s ...\n")
+    assert out == ""
+    assert err.count("\n") == 1
+    assert "3 processes: about 33 s" in err
 
 
 def test_what_failed_is_not_taken_for_done(runs: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
@@ -56,7 +58,7 @@ def test_where_it_gains_nothing_it_is_left(runs: list[int], reason: str, monkeyp
     assert runs == []
 
 
-def test_a_job_that_fails_is_named_and_the_process_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_job_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiling, "JOBS", {"no such job": compiling.compile_ahead})
     assert compiling._run_jobs(1) == ["no such job"]
 

@@ -230,7 +230,7 @@ def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
 
 
 SWEEP_TURN, SWEEP_SHARE, MOST_STEPS = np.deg2rad(25.0), 0.07, 40
-"""Rotation (rad) and tcp displacement (fraction of the radius of the picture) after which the swept tool is drawn,
+"""Rotation (rad) and tcp displacement (as a fraction of the radius of the picture) between two drawn steps of the tool,
 and the largest number of steps."""
 
 GHOST_HUES = ((0.12, 0.47, 0.80), (0.90, 0.45, 0.10), (0.16, 0.58, 0.28), (0.72, 0.22, 0.55), (0.45, 0.36, 0.75),

@@ -1,4 +1,4 @@
-"""Settings of the tests of the command line."""
+"""Fixtures of the tests of the command line."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ import pytest
 
 @pytest.fixture(autouse=True)
 def compiled_as_needed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Nothing is compiled ahead in this process: what a test looks at is not whether its machine is new."""
+    """Do not compile kernels ahead in the test process, so that the output does not depend on the machine."""
     monkeypatch.setattr("pinproof.cli.pick.compile_ahead", lambda: None)

@@ -1,4 +1,4 @@
-"""What the commands answer: figures that are right, and exit codes that keep a "no" apart from a mistake."""
+"""Results of the commands: correct figures, and exit codes that distinguish negative results from errors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> 
     return call
 
 
-def test_fk_prints_what_the_arm_says(run: Run) -> None:
+def test_fk_prints_the_pose_of_the_arm(run: Run) -> None:
     code, out, _ = run("fk", "ur5", "--q", TEXT, "--json")
     assert code == 0
     expected = pp.load_robot("ur5").arm().forward_kinematics(Q)
@@ -55,7 +55,7 @@ def test_ik_keeps_a_margin_without_a_scene_too(run: Run) -> None:
 
 
 @pytest.mark.parametrize("method", ["clik", "analytic", "damped-least-squares", "pseudo-inverse", "fabrik"])
-def test_ik_by_every_method_ends_where_fk_says(run: Run, method: str) -> None:
+def test_every_ik_method_agrees_with_fk(run: Run, method: str) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--method", method, "--json")
     q = " ".join(str(value) for value in json.loads(out)["q"].values())
     assert code == 0
@@ -68,19 +68,19 @@ def test_ik_lists_every_branch(run: Run) -> None:
     answer = json.loads(out)
     assert code == 0
     assert 1 <= len(answer["branches"]) <= 8
-    assert answer["with_whole_turns"] >= len(answer["branches"])
+    assert answer["with_full_rotations"] >= len(answer["branches"])
     code, out, _ = run("ik", "puma560", "--xyz", "0.4 0.1 3", "--all")
     assert code == 1
     assert "out of reach" in out
 
 
-def test_ik_out_of_reach_is_an_honest_no(run: Run) -> None:
+def test_ik_out_of_reach_is_exit_code_1(run: Run) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "2 0 0", "--json")
     assert code == 1
     assert json.loads(out)["ok"] is False
 
 
-def test_check_names_what_touches(run: Run, tmp_path: Path) -> None:
+def test_check_names_the_bodies_in_contact(run: Run, tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     pp.Scene([pp.Obstacle("post", pp.Box(0.1, 0.1, 1.0), pp.pose((0.49, 0.11, 0.5)))]).save(scene)
     code, out, _ = run("check", "ur5", "--scene", str(scene), "--json")
@@ -88,7 +88,7 @@ def test_check_names_what_touches(run: Run, tmp_path: Path) -> None:
     assert any("post" in contact["bodies"] for contact in json.loads(out)["contacts"])
 
 
-def test_check_outside_the_limits_is_a_no(run: Run) -> None:
+def test_check_outside_the_limits_is_exit_code_1(run: Run) -> None:
     code, out, _ = run("check", "ur5", "--q", "0 -1.5 3.3 0 0 0")
     assert code == 1
     assert "elbow_joint = 3.3 is outside" in out
@@ -103,7 +103,7 @@ def test_check_within_rounding_of_a_limit_is_inside(run: Run) -> None:
     assert float(said.split()[2]) > float(said.split()[-1].rstrip("]"))
 
 
-def test_plan_into_an_obstacle_says_with_what(run: Run, tmp_path: Path) -> None:
+def test_plan_into_an_obstacle_names_it(run: Run, tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     pp.Scene([pp.Obstacle("floor", pp.Box(3, 3, 0.1), pp.pose((0, 0, -0.06)))], allowed=[("base_link", "floor")]).save(
         scene
@@ -129,7 +129,7 @@ def test_plan_keeps_limits_of_a_file_and_of_jerk(run: Run, tmp_path: Path) -> No
     assert "--jerk" in said
 
 
-def test_certify_tells_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -> None:
+def test_certify_reports_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -> None:
     arm = pp.load_robot("ur5").arm()
     motion, scene = tmp_path / "motion.csv", tmp_path / "scene.yaml"
     turned = arm.home + np.array([np.pi / 2, 0, 0, 0, 0, 0])
@@ -142,7 +142,7 @@ def test_certify_tells_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -
     assert "thin" in verdict["first_contact"]["bodies"]
 
 
-def test_a_free_motion_that_the_arm_cannot_make_is_a_no(run: Run, tmp_path: Path) -> None:
+def test_a_free_motion_beyond_the_limits_is_exit_code_1(run: Run, tmp_path: Path) -> None:
     arm, motion = pp.load_robot("ur5").arm(), tmp_path / "motion.json"
     fast = arm.home + np.array([0.5, 0, 0, 0, 0, 0])
     pp.Trajectory([0.0, 0.01], [arm.home, fast], np.zeros((2, 6)), arm.joint_names).save(motion)
@@ -150,7 +150,7 @@ def test_a_free_motion_that_the_arm_cannot_make_is_a_no(run: Run, tmp_path: Path
     told = json.loads(out)
     assert code == 1
     assert told["status"] == "FREE"
-    assert told["outside_limits"][0].startswith("shoulder_pan_joint reaches 75 per second")
+    assert told["outside_limits"][0].startswith("shoulder_pan_joint reaches a velocity of 75")
     turned = arm.home + np.array([0, 0, np.pi, 0, 0, 0])
     pp.Trajectory([0.0, 9.0], [arm.home, turned], np.zeros((2, 6)), arm.joint_names).save(motion)
     code, out, _ = run("certify", "ur5", str(motion))
@@ -181,7 +181,7 @@ def test_a_recovered_table_becomes_the_same_arm(run: Run, tmp_path: Path) -> Non
         (("dh2urdf", "nowhere.csv", "-o", "x.urdf"), "nowhere.csv"),
     ],
 )
-def test_a_mistake_is_one_readable_line_and_exit_code_2(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, words: tuple[str, ...], said: str) -> None:
     code, out, err = run(*words)
     assert code == 2
     assert out == ""
@@ -189,7 +189,7 @@ def test_a_mistake_is_one_readable_line_and_exit_code_2(run: Run, words: tuple[s
     assert "Traceback" not in err
 
 
-def test_what_is_not_known_about_a_robot_is_said(run: Run) -> None:
+def test_missing_data_of_a_robot_is_listed(run: Run) -> None:
     code, out, _ = run("info", "ur5", "--json")
     told = json.loads(out)
     assert code == 0
@@ -215,7 +215,7 @@ def test_what_is_not_known_about_a_robot_is_said(run: Run) -> None:
     ],
     ids=" ".join,
 )
-def test_no_command_writes_over_what_it_reads_nor_half_of_its_files(
+def test_no_command_overwrites_its_input_or_writes_only_some_outputs(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...]
 ) -> None:
     monkeypatch.chdir(tmp_path)

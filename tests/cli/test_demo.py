@@ -24,7 +24,7 @@ SMALLEST_LINK = 40
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
-    """The folder the demo ran in, and what it said."""
+    """The folder of the demo and the finished process."""
     folder = tmp_path_factory.mktemp("demo")
     ran = subprocess.run(
         [sys.executable, "-c", RUN_CLI, "demo"], cwd=folder, capture_output=True, text=True, check=False
@@ -68,11 +68,11 @@ def test_a_place_that_cannot_be_written_to_is_2(
     assert ended.value.code == 2
     err = capsys.readouterr().err
     assert f"no/pick.{told}" in err
-    assert "cannot be written" in err
+    assert err.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_the_page_goes_where_it_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys) -> None:
+def test_the_page_is_written_to_the_stated_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.argv", ["pinproof", "demo", "--html", "shown.html", "-o", "sent.json", "--seed", "3"])
     with pytest.raises(SystemExit) as ended:
@@ -96,7 +96,7 @@ def browser() -> Iterator[Browser]:
 
 
 def check_page(browser: Browser, path: Path, seconds: float) -> None:
-    """The robot covers 15 to 60 % of the canvas, every link can be seen, FREE is said and nothing is complained of."""
+    """The robot covers 15 to 60 % of the canvas, all links are visible, the caption is FREE, no console errors."""
     page = browser.open(f"{path.as_uri()}#t={seconds}")
     try:
         assert page.text("#verdict") == "FREE"

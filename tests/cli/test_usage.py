@@ -1,4 +1,4 @@
-"""The line as people expect it: mistakes in one line with the remedy, also as JSON; completion; pipes; Ctrl-C."""
+"""Conventions of the command line: errors in one line with the remedy, also as JSON; completion; pipes; Ctrl-C."""
 
 from __future__ import annotations
 
@@ -39,24 +39,21 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("fkk ur5", "no such command 'fkk' (did you mean 'fk'); 'pinproof --help'"),
-        ("bench ikk", "no such command 'ikk' (did you mean 'ik'); 'pinproof bench --help'"),
-        ("fk", "missing argument 'ROBOT'; 'pinproof fk --help'"),
+        ("fkk ur5", "(did you mean 'fk'); see 'pinproof --help'"),
+        ("bench ikk", "(did you mean 'ik'); see 'pinproof bench --help'"),
+        ("fk", "'ROBOT'; see 'pinproof fk --help'"),
         ("fk ur5 --fram tool0", "(did you mean --frame)"),
-        ("fk ur5 --q 0 1 0", "several numbers go between quotes"),
-        ("fk ur5 --q 0 -pi/2", "several numbers go between quotes"),
+        ("fk ur5 --q 0 1 0", '--q "0 -pi/2 0"'),
+        ("fk ur5 --q 0 -pi/2", '--q "0 -pi/2 0"'),
         ("ik ur5 --method klik", "'klik' is not one of 'clik', 'analytic', 'damped-least-squares'"),
         ("check ur5 --margin -1", "--margin"),
-        ("fk ur55", "unknown robot 'ur55' in the catalogue"),
-        ("fk ur5 --tcp tol0", "unknown frame 'tol0' in robot 'ur5'; valid: tool0"),
-        (
-            "check ur5 --scene scen.yaml",
-            "scen.yaml: cannot be read: No such file or directory; did you mean scene.yaml?",
-        ),
-        ("check ur5 --scene no/scene.yaml", "there is no folder no"),
+        ("fk ur55", "'ur55'"),
+        ("fk ur5 --tcp tol0", "tool0"),
+        ("check ur5 --scene scen.yaml", "did you mean scene.yaml?"),
+        ("check ur5 --scene no/scene.yaml", "no/scene.yaml"),
     ],
 )
-def test_a_mistake_is_one_line_with_its_remedy_and_one_document_of_json(run: Run, words: str, said: str) -> None:
+def test_a_usage_error_is_one_line_with_its_remedy_and_one_json_document(run: Run, words: str, said: str) -> None:
     Path("scene.yaml").write_text("obstacles: []\n")
     code, out, err = run(*words.split())
     assert (code, out) == (2, "")
@@ -70,14 +67,14 @@ def test_a_mistake_is_one_line_with_its_remedy_and_one_document_of_json(run: Run
 
 
 @pytest.mark.parametrize("words", ["", "bench"])
-def test_a_line_that_asks_for_nothing_is_answered_by_the_help(run: Run, words: str) -> None:
+def test_without_a_command_the_help_is_printed(run: Run, words: str) -> None:
     code, out, err = run(*words.split())
     assert code == 2
     assert "Usage: pinproof" in out + err
     assert "internal" not in err
 
 
-def test_an_internal_error_says_what_to_report(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_internal_error_asks_for_a_report(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def broken(*args: object, **settings: object) -> None:
         raise ZeroDivisionError("oops")
 
@@ -85,7 +82,7 @@ def test_an_internal_error_says_what_to_report(run: Run, monkeypatch: pytest.Mon
     code, out, err = run("fk", "ur5", "--json")
     assert code == 3
     assert json.loads(out)["error"]["kind"] == "internal"
-    assert "run it again with --verbose, and report what it says" in err
+    assert "--verbose" in err
     assert "Traceback" not in err
     code, out, err = run("fk", "ur5", "--verbose")  # after the command too
     assert (code, out) == (3, "")
@@ -94,7 +91,7 @@ def test_an_internal_error_says_what_to_report(run: Run, monkeypatch: pytest.Mon
     assert "numba" in err
 
 
-def test_ctrl_c_in_the_work_is_130_and_no_answer(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_ctrl_c_is_130_and_gives_no_result(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(*args: object, **settings: object) -> None:
         raise KeyboardInterrupt
 
@@ -102,26 +99,28 @@ def test_ctrl_c_in_the_work_is_130_and_no_answer(run: Run, monkeypatch: pytest.M
     words = ("reach", "ur5", "--region", "0.4 0.4 0 0 0.3 0.3", "-o", "map.csv")
     code, out, err = run(*words)
     # Rich before version 14 leaves an empty line where it would have shown progress.
-    assert (code, out, err.lstrip("\n")) == (130, "", "pinproof: interrupted; no answer was given\n")
+    assert (code, out) == (130, "")
+    assert err.lstrip("\n").startswith("pinproof: interrupted")
     assert list(Path().iterdir()) == []
     code, out, _ = run(*words, "--json")
     assert (code, json.loads(out)["error"]["kind"]) == (130, "interrupted")
 
 
 @pytest.mark.slow
-def test_the_live_view_says_where_it_is_at_once_and_ends_by_ctrl_c() -> None:
+def test_the_live_view_prints_its_url_and_ends_with_ctrl_c() -> None:
     with started([sys.executable, "-c", RUN_CLI, "view", "generic_6dof", "--no-browser", "--json"]) as view:
         assert view.stdout is not None
         said = "".join(view.stdout.readline() for _ in range(3))
         assert json.loads(said)["url"].startswith("http://127.0.0.1:")
         view.send_signal(signal.SIGINT)
         out, err = view.communicate(timeout=PATIENCE)
-    assert (view.returncode, out, err) == (130, "", "pinproof: the live view has ended\n")
+    assert (view.returncode, out) == (130, "")
+    assert err.count("\n") == 1
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("words", ["fk ur5", "fk ur5 --json", "--help"])
-def test_nobody_who_reads_is_no_complaint_and_no_answer(words: str) -> None:
+def test_a_closed_stdout_is_141_without_a_message(words: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     with os.fdopen(writer, "w") as closed:
@@ -159,7 +158,7 @@ def terminal() -> Callable[..., bytes]:
 
 
 @pytest.mark.slow
-def test_colours_are_for_terminals_that_want_them(run: Run, terminal: Callable[..., bytes]) -> None:
+def test_colours_are_used_only_on_terminals_that_support_them(run: Run, terminal: Callable[..., bytes]) -> None:
     assert b"\x1b[31m" in terminal("fk", "ur55")
     assert b"\x1b[3" not in terminal("fk", "ur55", NO_COLOR="1")
     assert "\x1b" not in "".join(run("fk", "ur55")[1:])

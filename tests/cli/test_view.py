@@ -1,4 +1,4 @@
-"""``pinproof view``: what it writes, and what it refuses."""
+"""``pinproof view``: files that it writes and options that it refuses."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_a_motion_is_certified_for_its_caption(run: Run) -> None:
     assert '<p class="verdict free" id="verdict">FREE</p>' in Path("a.html").read_text(encoding="utf-8")
 
 
-def test_layers_are_shown_as_told_and_an_unknown_one_is_named(run: Run) -> None:
+def test_layers_are_shown_as_stated_and_an_unknown_one_is_refused(run: Run) -> None:
     run("arm.urdf", "--layer", "frames", "--layer", "collision", "--html", "a.html")
     shown = {layer["name"]: layer["shown"] for layer in settings("a.html")["layers"]}
     assert shown == {"robot": True, "collision": True, "frames": True}
@@ -77,20 +77,20 @@ def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--time", "1", "--html", "a.html"), "--time says when"),
-        (("--motion", "motion.json", "--q", "home", "--html", "a.html"), "--q is of a still picture"),
-        (("--png", "a.png", "--size", "large"), "--size is WIDTHxHEIGHT"),
-        (("--png", "a.png", "--html", "a.png"), "written to"),
+        (("--time", "1", "--html", "a.html"), "--time"),
+        (("--motion", "motion.json", "--q", "home", "--html", "a.html"), "--q"),
+        (("--png", "a.png", "--size", "large"), "WIDTHxHEIGHT"),
+        (("--png", "a.png", "--html", "a.png"), "a.png"),
     ],
 )
-def test_what_does_not_go_together_is_refused(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_contradicting_options_are_refused(run: Run, words: tuple[str, ...], said: str) -> None:
     code, _, err = run("arm.urdf", *words)
     assert code == 2
     assert said in err
     assert not Path("a.html").exists()
 
 
-def test_where_no_browser_draws_nothing_is_written(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_browser_nothing_is_written(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PINPROOF_BROWSER", "gone-browser")
     code, _, err = run("arm.urdf", "--html", "a.html", "--png", "a.png")
     assert code == 2
@@ -98,7 +98,7 @@ def test_where_no_browser_draws_nothing_is_written(run: Run, monkeypatch: pytest
     assert not Path("a.html").exists()
 
 
-def test_a_robot_that_cannot_be_checked_is_looked_at_all_the_same(run: Run) -> None:
+def test_a_robot_that_cannot_be_checked_is_still_shown(run: Run) -> None:
     gone = '<collision><geometry><mesh filename="gone.stl"/></geometry></collision>'
     Path("torn.urdf").write_text(Path("arm.urdf").read_text().replace(UPPER.format(kind="collision"), gone))
     code, _, err = run("torn.urdf", "--q", "home", "--html", "a.html")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.collision import CertificateStatus, Scene
-from pinproof.viewer.picture import caption, proven_millimetres
+from pinproof.viewer.picture import caption_of, proven_millimetres
 
 from .conftest import POST, certified, small_arm, swing
 
@@ -17,28 +17,28 @@ def test_free_states_the_clearance_and_the_duration() -> None:
     arm = small_arm()
     motion = swing(arm, 0.0, 0.8)
     certificate = certified(arm, SCENE, motion)
-    said = caption(arm, SCENE, motion, certificate)
-    assert (said.headline, said.tone) == ("FREE", "free")
-    figures = dict(said.figures)
+    shown = caption_of(arm, SCENE, motion, certificate)
+    assert (shown.headline, shown.tone) == ("FREE", "free")
+    figures = dict(shown.figures)
     assert figures["Duration"] == "2.00 s"
     assert 0 < float(figures["Proven clearance"].removesuffix(" mm")) <= certificate.clearance * 1e3
 
 
-def test_what_the_proof_left_out_is_listed() -> None:
+def test_what_the_proof_excluded_is_listed() -> None:
     arm = small_arm()
     motion = swing(arm, 0.0, 0.8)
     scene = Scene([POST], allowed=[("upper", "post")])
     certificate = certified(arm, scene, motion)
-    said = caption(arm, scene, motion, certificate)
-    assert len(said.left_out) == len(certificate.excluded) > 0
-    assert any("upper" in text and "post" in text for text in said.left_out)
+    shown = caption_of(arm, scene, motion, certificate)
+    assert len(shown.excluded) == len(certificate.excluded) > 0
+    assert any("upper" in text and "post" in text for text in shown.excluded)
 
 
 def test_without_a_certificate_it_is_not_validated() -> None:
     arm = small_arm()
-    said = caption(arm, SCENE, swing(arm), None)
-    assert (said.headline, said.tone) == ("NOT VALIDATED", "open")
-    assert "No certificate" in said.reason
+    shown = caption_of(arm, SCENE, swing(arm), None)
+    assert (shown.headline, shown.tone) == ("NOT VALIDATED", "open")
+    assert "no certificate" in shown.reason
 
 
 def test_a_free_certificate_of_another_motion_arm_or_scene_does_not_count() -> None:
@@ -55,25 +55,25 @@ def test_a_free_certificate_of_another_motion_arm_or_scene_does_not_count() -> N
         (motion, other_arm, SCENE),
         (motion, arm, None),
     ):
-        said = caption(who, scene, curve, certificate)
-        assert said.headline == "NOT VALIDATED"
-        assert "another motion, arm, scene or tool" in said.reason
+        shown = caption_of(who, scene, curve, certificate)
+        assert shown.headline == "NOT VALIDATED"
+        assert "another motion, arm, scene or tool" in shown.reason
 
 
 def test_no_scene_and_an_empty_scene_are_the_same() -> None:
     arm = small_arm()
     motion = swing(arm)
-    assert caption(arm, None, motion, certified(arm, Scene(), motion)).headline == "FREE"
+    assert caption_of(arm, None, motion, certified(arm, Scene(), motion)).headline == "FREE"
 
 
-def test_a_collision_is_told_with_bodies_and_time() -> None:
+def test_a_collision_is_captioned_with_bodies_and_time() -> None:
     arm = small_arm()
     motion = swing(arm, 0.0, 1.5)
     certificate = certified(arm, SCENE, motion)
-    said = caption(arm, SCENE, motion, certificate)
-    assert (said.headline, said.tone) == ("NOT VALIDATED", "colliding")
-    assert {"upper", "post"} <= set(said.reason.split())
-    assert f"at {certificate.first_contact.time:.3f} s" in said.reason
+    shown = caption_of(arm, SCENE, motion, certificate)
+    assert (shown.headline, shown.tone) == ("NOT VALIDATED", "colliding")
+    assert {"upper", "post"} <= set(shown.reason.split())
+    assert f"at {certificate.first_contact.time:.3f} s" in shown.reason
 
 
 def test_undecided_is_not_validated() -> None:
@@ -81,18 +81,18 @@ def test_undecided_is_not_validated() -> None:
     motion = swing(arm, -2.0, 0.8)
     certificate = certified(arm, SCENE, motion, max_intervals=1)
     assert certificate.status is CertificateStatus.UNDECIDED
-    said = caption(arm, SCENE, motion, certificate)
-    assert (said.headline, said.tone) == ("NOT VALIDATED", "open")
-    assert said.reason.startswith("Undecided")
+    shown = caption_of(arm, SCENE, motion, certificate)
+    assert (shown.headline, shown.tone) == ("NOT VALIDATED", "open")
+    assert shown.reason.startswith("Undecided")
 
 
-def test_a_still_picture_is_not_validated() -> None:
-    said = caption(small_arm(), None, None, None)
-    assert said.headline == "NOT VALIDATED"
+def test_a_picture_without_a_motion_is_not_validated() -> None:
+    shown = caption_of(small_arm(), None, None, None)
+    assert shown.headline == "NOT VALIDATED"
 
 
 def test_every_text_is_escaped() -> None:
-    html = caption(small_arm(name="&lt;img src=x&gt;"), None, None, None).html(["<b>note</b>"])
+    html = caption_of(small_arm(name="&lt;img src=x&gt;"), None, None, None).html(["<b>note</b>"])
     assert "<img" not in html
     assert "&lt;img src=x&gt;" in html
     assert "&lt;b&gt;note" in html

@@ -1,4 +1,4 @@
-"""Still pictures as files, and what is said when no browser can draw them."""
+"""PNG pictures, and the errors if no browser can render them."""
 
 from __future__ import annotations
 
@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 
 from pinproof.errors import InputError, UnknownNameError, ViewerError
-from pinproof.viewer import png as headless
-from pinproof.viewer import write_png
+from pinproof.viewer import png, write_png
 
 from ..processes import is_alive, wait_for
 from .browser import find_browser
@@ -52,48 +51,48 @@ def test_a_still_picture_of_a_motion_has_its_size_its_moment_and_its_caption(tmp
     assert sorted(path.name for path in tmp_path.iterdir()) == ["end.png", "start.png"]
 
 
-def test_without_a_browser_the_remedy_is_told(tmp_path, monkeypatch) -> None:
+def test_without_a_browser_the_error_names_the_remedy(tmp_path, monkeypatch) -> None:
     monkeypatch.delenv("PINPROOF_BROWSER", raising=False)
-    monkeypatch.setattr(headless, "BROWSERS", ("no-such-browser",))
-    monkeypatch.setattr(headless, "APPLICATIONS", ())
-    with pytest.raises(ViewerError, match=r"no-such-browser is on PATH: install Chromium, .* PINPROOF_BROWSER"):
+    monkeypatch.setattr(png, "BROWSERS", ("no-such-browser",))
+    monkeypatch.setattr(png, "APPLICATIONS", ())
+    with pytest.raises(ViewerError, match=r"no-such-browser.*PINPROOF_BROWSER"):
         write_png(tmp_path / "a.png", small_arm())
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_named_browser_that_is_not_there_is_said(tmp_path, monkeypatch) -> None:
+def test_a_missing_browser_is_named(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("PINPROOF_BROWSER", "gone-browser")
     with pytest.raises(ViewerError, match="PINPROOF_BROWSER names gone-browser"):
         write_png(tmp_path / "a.png", small_arm())
 
 
 @pytest.mark.parametrize("body", ["exit 1", "echo ERROR: no display >&2; exit 1", "echo pinproof: drawn >&2"])
-def test_a_browser_that_draws_nothing_leaves_no_file(tmp_path, program, body: str) -> None:
+def test_a_browser_without_a_result_leaves_no_file(tmp_path, program, body: str) -> None:
     program(body)
-    with pytest.raises(ViewerError, match="drew no picture"):
+    with pytest.raises(ViewerError, match="did not produce a picture"):
         write_png(tmp_path / "a.png", small_arm())
     assert not (tmp_path / "a.png").exists()
 
 
-def test_a_browser_that_hangs_is_ended_with_all_it_started(tmp_path, program, monkeypatch) -> None:
+def test_a_browser_that_hangs_is_killed_with_its_child_processes(tmp_path, program, monkeypatch) -> None:
     program(f"sleep 100000 & echo $! > {tmp_path}/starting; mv {tmp_path}/starting {tmp_path}/child; wait")
-    patience = 0.5
+    timeout = 0.5
     while not (tmp_path / "child").exists():  # on a busy machine it is ended before it has started a child
-        monkeypatch.setattr(headless, "PATIENCE", patience)
-        with pytest.raises(ViewerError, match="did not draw the picture within"):
+        monkeypatch.setattr(png, "TIMEOUT", timeout)
+        with pytest.raises(ViewerError, match="within"):
             write_png(tmp_path / "a.png", small_arm())
-        patience *= 2
+        timeout *= 2
     child = int((tmp_path / "child").read_text())
     wait_for(lambda: not is_alive(child))
 
 
-def test_what_cannot_be_drawn_is_refused_before_a_browser_is_asked(tmp_path) -> None:
+def test_invalid_settings_are_refused_before_a_browser_starts(tmp_path) -> None:
     arm, path = small_arm(), tmp_path / "a.png"
     for settings, said in (
-        ({"time": 1.0}, "none is given"),
-        ({"trajectory": swing(arm), "time": 2.5}, "outside the trajectory"),
-        ({"size": (10, 10)}, "between"),
-        ({"trajectory": swing(arm), "q": [0, 0]}, "not both"),
+        ({"time": 1.0}, "trajectory"),
+        ({"trajectory": swing(arm), "time": 2.5}, "2.5 s"),
+        ({"size": (10, 10)}, "64 to 4096"),
+        ({"trajectory": swing(arm), "q": [0, 0]}, "trajectory and q"),
     ):
         with pytest.raises(InputError, match=said):
             write_png(path, arm, **settings)

@@ -1,4 +1,4 @@
-"""Meshes made coarser for show."""
+"""Simplification of meshes for display."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import trimesh
 from pinproof.collision import Mesh, Obstacle, Scene
 from pinproof.spatial import pose
 from pinproof.viewer import page as page_module
-from pinproof.viewer import stage as simplify
+from pinproof.viewer import stage as stage_module
 from pinproof.viewer.picture import Picture
-from pinproof.viewer.stage import MOST_BYTES, set_stage, simplified
+from pinproof.viewer.stage import MAX_BYTES, set_stage, simplified
 
 from .conftest import small_arm
 
@@ -23,21 +23,23 @@ def globe() -> Scene:
     return Scene([Obstacle("globe", mesh, pose(xyz=(0.8, 0, 0.2)))])
 
 
-def drawn(scene: Scene, most: float):
-    stage = simplified(set_stage(small_arm(), scene), most)
+def drawn(scene: Scene, max_bytes: float):
+    stage = simplified(set_stage(small_arm(), scene), max_bytes)
     return stage, stage.obstacles[0].surfaces[0]
 
 
-def test_what_fits_stays_as_it_is(globe: Scene) -> None:
-    stage, surface = drawn(globe, MOST_BYTES)
+def test_a_mesh_that_fits_is_not_simplified(globe: Scene) -> None:
+    stage, surface = drawn(globe, MAX_BYTES)
     assert stage.notes == ()
     assert len(surface.triangles) == 20480
 
 
-@pytest.mark.parametrize("most", [300e3, 60e3])
-def test_what_does_not_fit_is_made_coarser_until_it_does_keeps_its_shape_and_says_so(globe: Scene, most: float) -> None:
-    stage, surface = drawn(globe, most)
-    assert simplify._bytes(stage) <= most
+@pytest.mark.parametrize("max_bytes", [300e3, 60e3])
+def test_a_mesh_that_is_too_large_is_simplified_until_it_fits_and_keeps_its_shape(
+    globe: Scene, max_bytes: float
+) -> None:
+    stage, surface = drawn(globe, max_bytes)
+    assert stage_module._size_in_bytes(stage) <= max_bytes
     cell = float(stage.notes[0].split("details of ")[1].split()[0]) * 1e-3
     assert np.abs(np.linalg.norm(surface.vertices, axis=1) - 0.2).max() < cell
     assert np.linalg.norm(surface.vertices.max(axis=0) - surface.vertices.min(axis=0)) == pytest.approx(
@@ -49,7 +51,7 @@ def test_what_does_not_fit_is_made_coarser_until_it_does_keeps_its_shape_and_say
     assert np.median(along) > 0.9
 
 
-def test_the_page_of_a_giant_stays_small_and_says_that_it_is_simplified(globe: Scene, monkeypatch) -> None:
-    monkeypatch.setattr(simplify.simplified, "__defaults__", (100e3,))
-    whole = page_module.render_page(Picture(small_arm(), globe))
-    assert "Meshes are simplified for show" in whole.text
+def test_the_page_of_a_large_mesh_is_small_and_notes_the_simplification(globe: Scene, monkeypatch) -> None:
+    monkeypatch.setattr(stage_module.simplified, "__defaults__", (100e3,))
+    page = page_module.render_page(Picture(small_arm(), globe))
+    assert "Meshes are simplified" in page.text

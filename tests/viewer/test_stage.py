@@ -37,7 +37,7 @@ def test_a_visual_mesh_that_is_missing_gives_way_to_the_collision_geometry_and_i
     stage = set_stage(small_arm(upper=upper), None)
     assert np.allclose(extents(stage.links[1].surfaces), (0.5, 0.08, 0.08))
     assert len(stage.notes) == 1
-    assert "upper is drawn by its collision geometry" in stage.notes[0]
+    assert "upper is drawn with its collision geometry" in stage.notes[0]
     assert "gone.stl" in stage.notes[0]
 
 
@@ -52,7 +52,7 @@ def test_a_robot_without_visuals_is_drawn_by_its_collision_geometry() -> None:
 
 
 def test_a_robot_without_any_geometry_is_refused() -> None:
-    with pytest.raises(ViewerError, match="nothing to draw"):
+    with pytest.raises(ViewerError, match="cannot be drawn"):
         render_page(Picture(small_arm(base="", upper=""), None, None))
 
 
@@ -117,7 +117,7 @@ def test_the_film_runs_from_start_to_end_in_true_time() -> None:
 
 
 def test_a_motion_of_other_joints_is_refused(ur5) -> None:
-    with pytest.raises(InputError, match="moves turn, roll; the arm has shoulder_pan_joint"):
+    with pytest.raises(InputError, match=r"turn, roll.*shoulder_pan_joint"):
         checked_motion(ur5, swing(small_arm()))
 
 

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import get_args
+
 import numpy as np
 import pytest
 import trimesh
@@ -7,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import (
+    Box,
     Capsule,
     Cone,
     ConvexHull,
@@ -20,8 +24,19 @@ from pinproof import (
     Sphere,
 )
 from pinproof.collision.bodies import shape_body
+from pinproof.collision.shapes import Shape
+from pinproof.description import LinkGeometry
+from pinproof.errors import ViewerError
 from pinproof.spatial import matrix, pose
-from pinproof.viewer.surfaces import merge_by_colour, obstacle_surfaces, shade, tube
+from pinproof.viewer.surfaces import (
+    SHAPES,
+    body_surfaces,
+    link_surfaces,
+    merge_by_colour,
+    obstacle_surfaces,
+    shade,
+    tube,
+)
 
 GREY = (0.5, 0.5, 0.5, 1.0)
 RED = (1.0, 0.0, 0.0, 1.0)
@@ -111,7 +126,8 @@ def test_a_tube_stays_at_its_radius_from_its_line_even_where_that_turns_back(poi
 
 
 BALL = trimesh.creation.icosphere(2, 0.2)
-SHAPES = {
+EXAMPLES = {
+    "box": Box(0.1, 0.2, 0.3),
     "sphere": Sphere(0.2),
     "cylinder": Cylinder(0.2, 0.6),
     "capsule": Capsule(0.1, 0.4),
@@ -124,10 +140,10 @@ SHAPES = {
 }
 
 
-@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("name", EXAMPLES)
 def test_a_shape_is_drawn_where_it_collides_and_seen_from_outside(name) -> None:
-    (surface,) = obstacle_surfaces(Obstacle("thing", SHAPES[name]))
-    box = shape_body("thing", "thing", None, SHAPES[name], pose()).box
+    (surface,) = obstacle_surfaces(Obstacle("thing", EXAMPLES[name]))
+    box = shape_body("thing", "thing", None, EXAMPLES[name], pose()).box
     assert np.allclose([surface.vertices.min(axis=0), surface.vertices.max(axis=0)], box, atol=3e-3)
     corners = surface.vertices[surface.triangles]
     assert np.linalg.det(corners).sum() > 0  # six times the volume: positive if triangles turn left seen from outside
@@ -138,3 +154,30 @@ def test_a_half_space_is_drawn_as_a_plate_under_its_plane() -> None:
     assert surface.vertices[:, 2].max() == pytest.approx(0, abs=1e-12)
     assert np.ptp(surface.vertices[:, :2], axis=0).min() > 1
     assert surface.rgba == RED
+
+
+def test_every_shape_is_registered() -> None:
+    assert set(SHAPES) == set(get_args(Shape))
+    assert {type(shape) for shape in EXAMPLES.values()} | {HalfSpace} == set(SHAPES)
+
+
+@dataclass(frozen=True)
+class Torus:
+    """A shape that the viewer does not know, with the fields of a capsule."""
+
+    radius: float
+    length: float
+
+
+def test_an_unknown_shape_is_refused_and_the_known_ones_are_named() -> None:
+    obstacle = Obstacle("ring", Capsule(0.1, 0.4))
+    object.__setattr__(obstacle, "shape", Torus(0.1, 0.4))
+    with pytest.raises(ViewerError, match=r"Torus.*Box.*Capsule"):
+        obstacle_surfaces(obstacle)
+
+
+@pytest.mark.parametrize("draw", [link_surfaces, body_surfaces])
+def test_an_unknown_primitive_of_a_link_is_refused(draw) -> None:
+    geometry = LinkGeometry("torus", "upper", "torus", (0.1, 0.4), np.eye(4))
+    with pytest.raises(ViewerError, match=r"torus.*upper.*box"):
+        draw(geometry)

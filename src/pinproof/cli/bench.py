@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import make_folder, print_json, say, working
+from pinproof.cli.console import make_folder, print_json, print_line, progress_status
 from pinproof.cli.options import Json, Seed
 
 __all__ = ["bench_ik", "bench_plan"]
@@ -47,7 +47,7 @@ def bench_ik(
 
     if output is not None:
         make_folder(output)
-    with working("running the IK benchmark") as report:
+    with progress_status("running the IK benchmark") as report:
         table = ik_benchmark(
             robots or ["ur5"],
             points=points,
@@ -106,7 +106,7 @@ def bench_plan(
 
     if output is not None:
         make_folder(output)
-    with working("running the planning benchmark") as report:
+    with progress_status("running the planning benchmark") as report:
         table = plan_benchmark(
             OWN_ROBOTS if robots is None else robots,
             mbm=mbm,
@@ -129,6 +129,6 @@ def _print_table(data: dict[str, Any], page: str, written: list[Path], as_json: 
     if as_json:
         print_json(data)
         return
-    say(page)
+    print_line(page)
     if written:
-        say(f"wrote {', '.join(str(path) for path in written)}")
+        print_line(f"wrote {', '.join(str(path) for path in written)}")

@@ -1,4 +1,4 @@
-"""``pinproof certify``: prove a motion, save the proof, re-check a saved one, and look a second time by samples."""
+"""``pinproof certify``: prove that a motion is collision-free, save the proof, verify a proof, audit by sampling."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import check_outputs, print_json, say, working
-from pinproof.cli.options import Carried, Chain, Html, IgnoreRecord, Json, Surroundings, load_motion
+from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
+from pinproof.cli.options import ChainOptions, Html, IgnoreRecord, Json, SceneOptions, ToolOptions, load_motion
 from pinproof.errors import InputError
 from pinproof.model.limits import distinct
 
 __all__ = ["certify_motion", "verdict"]
 
-ROUNDING = 1e-6
-"""Rad or m, and relative for speeds: motions written by others state their limits to about so many digits."""
+LIMIT_TOLERANCE = 1e-6
+"""Rad or m for positions, relative for velocities. Motion files of other programs are often rounded to six digits."""
 
 
 def certify_motion(
@@ -27,56 +27,60 @@ def certify_motion(
             help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT", autocompletion=robot_names
         ),
     ] = None,
-    motion: Annotated[Path | None, typer.Argument(help="A motion (.json, .csv).", metavar="MOTION")] = None,
+    motion: Annotated[Path | None, typer.Argument(help="A motion file (.json, .csv).", metavar="MOTION")] = None,
     joint_tolerance: Annotated[
-        float, typer.Option(help="Prove it for joints that are off by up to this, rad or m.", min=0.0)
+        float, typer.Option(help="The proof holds for joint errors up to this value (rad or m).", min=0.0)
     ] = 0.0,
     obstacle_tolerance: Annotated[
-        float, typer.Option(help="Prove it for obstacles that are off by up to this, m.", min=0.0)
+        float, typer.Option(help="The proof holds for obstacles displaced by up to this distance (m).", min=0.0)
     ] = 0.0,
     save_proof: Annotated[
-        Path | None, typer.Option(help="Write the proof (.json, .json.gz) for others to re-check.")
+        Path | None, typer.Option(help="Write the proof to a file (.json, .json.gz) that others can verify.")
     ] = None,
     verify: Annotated[
         Path | None,
         typer.Option(
-            help="Re-check a saved proof instead, by other code than made it; with ROBOT, --scene and MOTION also that "
-            "it is of them."
+            help="Verify a saved proof with independent code, instead of making one. With ROBOT, --scene and MOTION, "
+            "also check that the proof belongs to them."
         ),
     ] = None,
-    sample: Annotated[
-        bool, typer.Option("--audit", help="Look for contacts a second time: dense samples, exact meshes, coal alone.")
+    with_audit: Annotated[
+        bool,
+        typer.Option("--audit", help="Also check the motion independently: dense samples, exact meshes, only coal."),
     ] = False,
     audit_step: Annotated[
-        float, typer.Option(help="No joint moves farther between two samples, rad or m.", min=1e-6)
+        float, typer.Option(help="Largest joint motion between two samples of --audit (rad or m).", min=1e-6)
     ] = 0.002,
     ignore_record: IgnoreRecord = False,
     html: Html = None,
     *,
-    chain: Chain,
-    around: Surroundings,
-    carried: Carried,
+    chain: ChainOptions,
+    scene_options: SceneOptions,
+    tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Prove that a motion touches nothing, between its points too. Exit code 1 unless it is FREE and inside the limits.
+    """Prove that a motion is collision-free at every instant. Exit code 1 unless it is FREE and within its limits.
 
-    A saved proof is re-checked by the same line with --verify in place of --save-proof, or by --verify alone.
+    To verify a saved proof, replace --save-proof by --verify in the same command, or give --verify alone.
 
     Example: pinproof certify ur5 motion.json --scene robots/ur5/scene.yaml --save-proof proof.json
     """
-    arm = None if robot is None else chain.arm(robot, carried=carried)
+    arm = None if robot is None else chain.arm(robot, tool=tool)
     if verify is not None:
-        if save_proof is not None or html is not None or sample or joint_tolerance or obstacle_tolerance:
-            raise InputError("--verify re-checks a proof: it writes nothing, and the tolerances are those of the proof")
-        _verify(verify, arm, motion, around, carried, as_json)
+        if save_proof is not None or html is not None or with_audit or joint_tolerance or obstacle_tolerance:
+            raise InputError(
+                "--verify uses the tolerances of the proof and writes no file; remove --save-proof, --html, --audit, "
+                "--joint-tolerance and --obstacle-tolerance"
+            )
+        _verify(verify, arm, motion, scene_options, tool, as_json)
         return
     if arm is None or motion is None:
-        raise InputError("what is to be proven? Name ROBOT and MOTION, or a saved proof with --verify")
-    check_outputs([html, save_proof], [robot, motion, around.scene, chain.srdf, *carried.files])
-    world = around.load()
-    checker = around.checker(arm, world, carried)
+        raise InputError("ROBOT or MOTION is missing; state both, or a saved proof with --verify")
+    check_output_files([html, save_proof], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
+    world = scene_options.load()
+    checker = scene_options.checker(arm, world, tool)
     trajectory = load_motion(motion, checker, ignore_record)
-    with working("proving"):
+    with progress_status("certifying"):
         certificate = pp.certify(
             trajectory,
             checker,
@@ -84,94 +88,96 @@ def certify_motion(
             obstacle_tolerance=obstacle_tolerance,
             record=save_proof is not None,
         )
-    seen = _second_look(trajectory, checker, carried, audit_step) if sample else None
+    audit = _audit(trajectory, checker, tool, audit_step) if with_audit else None
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
     if save_proof is not None and certificate.free:
         certificate.save(save_proof)
-    beyond = _beyond_limits(trajectory, arm)
+    violations = _limit_violations(trajectory, arm)
     if as_json:
-        looked = None if seen is None else {"samples": seen.samples, "distance": seen.distance, "message": seen.message}
         names = [body.name for body in checker.attached]
-        print_json({**verdict(certificate), "attached": names, "outside_limits": beyond, "audit": looked})
+        figures = (
+            None if audit is None else {"samples": audit.samples, "distance": audit.distance, "message": audit.message}
+        )
+        print_json({**verdict(certificate), "attached": names, "outside_limits": violations, "audit": figures})
     else:
-        say(str(certificate))
+        print_line(str(certificate))
         if checker.attached:
-            say(f"attached: {', '.join(body.name for body in checker.attached)}")
-        for sentence in beyond:
-            say(f"outside the limits: {sentence}")
+            print_line(f"attached: {', '.join(body.name for body in checker.attached)}")
+        for violation in violations:
+            print_line(f"outside the limits: {violation}")
         for pair in certificate.excluded:
-            say(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
-        if seen is not None:
-            say(f"audit: {seen.message}")
+            print_line(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
+        if audit is not None:
+            print_line(f"audit: {audit.message}")
         if save_proof is not None:
-            say(f"wrote {save_proof}" if certificate.free else f"{save_proof} not written: there is no proof")
-    if beyond or not certificate.free or (seen is not None and not seen.clean):
+            print_line(f"wrote {save_proof}" if certificate.free else f"{save_proof} is not written: there is no proof")
+    if violations or not certificate.free or (audit is not None and not audit.clean):
         raise typer.Exit(1)
 
 
 def _verify(
-    proof: Path, arm: pp.Arm | None, motion: Path | None, around: Surroundings, carried: Carried, as_json: bool
+    proof: Path, arm: pp.Arm | None, motion: Path | None, scene_options: SceneOptions, tool: ToolOptions, as_json: bool
 ) -> None:
-    if arm is None and (around.scene is not None or around.margin or any(carried.files)):
-        raise InputError("--scene, --margin, --tool-of and --attached are of a robot: name ROBOT too")
-    checker = None if arm is None else around.checker(arm, carried=carried)
+    if arm is None and (scene_options.scene is not None or scene_options.margin or any(tool.files)):
+        raise InputError("--scene, --margin, --tool-of and --attached need ROBOT; state it too")
+    checker = None if arm is None else scene_options.checker(arm, tool=tool)
     curve = None if motion is None or arm is None else pp.Trajectory.load(motion, arm.joint_names)
-    found: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve)
+    result: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve)
     if as_json:
         print_json(
             {
-                "ok": found.ok,
-                "reasons": found.reasons,
-                "clearance": found.clearance,
-                "margin": found.margin,
-                "joint_tolerance": found.joint_tolerance,
-                "obstacle_tolerance": found.obstacle_tolerance,
-                "pairs": found.pairs,
-                "excluded": found.excluded,
-                "compared": found.compared,
-                "not_compared": found.not_compared,
+                "ok": result.ok,
+                "reasons": result.reasons,
+                "clearance": result.clearance,
+                "margin": result.margin,
+                "joint_tolerance": result.joint_tolerance,
+                "obstacle_tolerance": result.obstacle_tolerance,
+                "pairs": result.pairs,
+                "excluded": result.excluded,
+                "compared": result.compared,
+                "not_compared": result.not_compared,
             }
         )
     else:
-        say(str(found))
-        for a, b, reason in found.excluded:
-            say(f"not checked: {a} and {b} ({reason})")
-    if not found.ok:
+        print_line(str(result))
+        for a, b, reason in result.excluded:
+            print_line(f"not checked: {a} and {b} ({reason})")
+    if not result.ok:
         raise typer.Exit(1)
 
 
-def _second_look(
-    trajectory: pp.Trajectory, proven: pp.CollisionChecker, carried: Carried, step: float
+def _audit(
+    trajectory: pp.Trajectory, proven: pp.CollisionChecker, tool: ToolOptions, step: float
 ) -> pp.collision.AuditResult:
     exact = pp.CollisionChecker(
         proven.arm,
         proven.scene,
         link_meshes="mesh",
         attached=proven.attached,
-        allowed=carried.attachments.allowed,
+        allowed=tool.attachments.allowed,
     )
-    with working("sampling"):
+    with progress_status("sampling"):
         return pp.audit(trajectory, exact, step=step)
 
 
-def _beyond_limits(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
-    """Where a motion leaves the limits of position and speed, between its points too; rounding is let pass."""
-    limits, said = arm.limits, []
+def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
+    """Violations of the position and velocity limits over the whole motion, beyond :data:`LIMIT_TOLERANCE`."""
+    limits, violations = arm.limits, []
     low, high = trajectory.range()
     speeds = trajectory.max_velocity()
     for i, name in enumerate(arm.joint_names):
-        if low[i] < limits.lower[i] - ROUNDING or high[i] > limits.upper[i] + ROUNDING:
-            a, b, lowest, highest = distinct(low[i], high[i], limits.lower[i], limits.upper[i])
-            said.append(f"{name} moves in [{a}, {b}], not [{lowest}, {highest}]")
-        if speeds[i] > limits.velocity[i] * (1 + ROUNDING):
-            fastest, most = distinct(speeds[i], limits.velocity[i])
-            said.append(f"{name} reaches {fastest} per second, above {most}")
-    return said
+        if low[i] < limits.lower[i] - LIMIT_TOLERANCE or high[i] > limits.upper[i] + LIMIT_TOLERANCE:
+            a, b, lower, upper = distinct(low[i], high[i], limits.lower[i], limits.upper[i])
+            violations.append(f"{name} moves in [{a}, {b}]; its limits are [{lower}, {upper}]")
+        if speeds[i] > limits.velocity[i] * (1 + LIMIT_TOLERANCE):
+            speed, limit = distinct(speeds[i], limits.velocity[i])
+            violations.append(f"{name} reaches a velocity of {speed}; its limit is {limit} (rad/s or m/s)")
+    return violations
 
 
 def verdict(certificate: pp.Certificate) -> dict[str, Any]:
-    """A certificate for machines."""
+    """The content of a certificate for JSON output."""
     contact = certificate.first_contact
     return {
         "status": certificate.status.name,

@@ -1,7 +1,7 @@
-"""``pinproof compile``: the compiled kernels of this machine, made ahead, several at a time.
+"""``pinproof compile``: compile the numba kernels ahead of their first use, in parallel processes.
 
-A kernel compiles when it is first called, one after the other: a minute and a half for all that a pick needs. Made
-ahead by processes of their own they share the cores; a kernel that two of them need is made by one, the other waits.
+A kernel is otherwise compiled when it is first called. Compiled one after the other, all kernels that a pick needs take
+about a minute and a half. If two processes need the same kernel, one compiles it and the other waits.
 """
 
 from __future__ import annotations
@@ -19,77 +19,81 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import print_json, remark, say
+from pinproof.cli.console import print_json, print_line, print_note
 from pinproof.cli.options import Json
 
 if TYPE_CHECKING:
     from multiprocessing.context import SpawnProcess
 
-__all__ = ["compile_ahead", "compile_kernels", "hush"]
+__all__ = ["compile_ahead", "compile_kernels", "limit_compile_messages"]
 
-ALL_OF_IT = 100.0
-"""Seconds that one core of 2024 takes for all jobs; for the estimate that is told, and for nothing else."""
+TOTAL_SECONDS = 100.0
+"""Time that one core of 2024 takes for all jobs; used only for the estimate that is printed."""
 
 ROBOT = "ur5"
 
 
 def compile_kernels(
     processes: Annotated[
-        int | None, typer.Option(help="How many work at a time; by default one for each core.", min=1)
+        int | None, typer.Option(help="Number of parallel processes. Default: one for each core.", min=1)
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Compile for this machine, ahead and on all its cores, what would else be compiled when it is first needed.
+    """Compile all numerical kernels for this machine now, instead of when they are first used.
 
-    What is compiled is kept, so that this is done once, and again after an update.
+    The result is cached on disk. Run it once after installation and after an update.
 
     Example: pinproof compile
     """
-    begun = time.monotonic()
+    start = time.monotonic()
     failed = _run_jobs(processes or _cores())
     if failed:
-        raise RuntimeError(f"could not be compiled: {', '.join(failed)}; without it, pinproof says more")
-    seconds = time.monotonic() - begun
-    folder = _mark()
+        raise RuntimeError(f"compilation failed for: {', '.join(failed)}; the command that uses it reports the cause")
+    seconds = time.monotonic() - start
+    folder = _mark_compiled()
     if as_json:
         print_json({"ok": True, "seconds": seconds, "folder": None if folder is None else str(folder)})
     else:
-        kept = f"kept in {folder}" if folder is not None else "but no folder can be written to, so nothing is kept"
-        say(f"compiled {', '.join(JOBS)}: {seconds:.0f} s; {kept}")
+        cache = f"cached in {folder}" if folder is not None else "not cached, because no cache folder is writable"
+        print_line(f"compiled the kernels of {', '.join(JOBS)} in {seconds:.0f} s; {cache}")
 
 
 def compile_ahead() -> None:
-    """Before long work: compile on all cores what is not compiled yet; what cannot be is compiled as it is needed."""
+    """Compile all kernels on all cores before a long computation; a job that fails is compiled when it is used."""
     stamp = _stamp()
     if stamp is None or stamp.exists() or _cores() < 2:
         return
-    at_a_time = min(_cores(), len(JOBS))
-    remark(f"compiling for this machine, once, in {at_a_time} processes: about {ALL_OF_IT / at_a_time:.0f} s ...")
-    if not _run_jobs(at_a_time):
-        _mark()
+    count = min(_cores(), len(JOBS))
+    print_note(
+        f"compiling the kernels for this machine (once) in {count} processes: about {TOTAL_SECONDS / count:.0f} s ..."
+    )
+    if not _run_jobs(count):
+        _mark_compiled()
 
 
-def hush() -> None:
-    """Tell of compilation in one line, with what to expect, and not of every kernel."""
+def limit_compile_messages() -> None:
+    """Log one message for the compilation of all kernels instead of one for each."""
     logger = logging.getLogger("pinproof")
-    if not any(isinstance(one, _OnlyTheFirst) for one in logger.filters):
-        logger.addFilter(_OnlyTheFirst())
+    if not any(isinstance(each, _FirstCompileMessage) for each in logger.filters):
+        logger.addFilter(_FirstCompileMessage())
 
 
-class _OnlyTheFirst(logging.Filter):
+class _FirstCompileMessage(logging.Filter):
+    """Passes the first message about compilation, with an estimate of the total time, and drops the others."""
+
     def __init__(self) -> None:
         super().__init__()
-        self._told = False
+        self._logged = False
 
     def filter(self, record: logging.LogRecord) -> bool:
         if not str(record.msg).startswith("pinproof: compiling"):
             return True
-        first, self._told = not self._told, True
-        record.msg = "pinproof: compiling for this machine, %.0s%.0s%s: up to a minute and a half in all ..."
+        first, self._logged = not self._logged, True
+        record.msg = "pinproof: compiling the kernels for this machine (%.0s%.0s%s): up to 90 s in total ..."
         return first
 
 
-def _closed_form() -> None:
+def _analytic_ik() -> None:
     arm = pp.load_robot(ROBOT).arm()
     target = arm.forward_kinematics(arm.home)
     solver = pp.AnalyticIk()
@@ -97,18 +101,18 @@ def _closed_form() -> None:
     solver.solve_all_batch(arm, target.homogeneous[None])
 
 
-def _search() -> None:
+def _iterative_ik() -> None:
     arm = pp.load_robot(ROBOT).arm()
     pp.Clik().solve(arm, arm.forward_kinematics(arm.home), rng=0)
     arm.forward_kinematics_batch(arm.home[None])
 
 
-def _lines() -> None:
+def _straight_lines() -> None:
     arm = pp.load_robot(ROBOT).arm()
     pp.track(arm, [arm.forward_kinematics(arm.home)] * 2, arm.home, dt=0.1)
 
 
-def _proofs() -> None:
+def _planning() -> None:
     from pinproof.picks.judging.configurations import manipulability
 
     arm = pp.load_robot(ROBOT).arm()
@@ -127,31 +131,31 @@ def _proofs() -> None:
 
 
 JOBS: dict[str, Callable[[], None]] = {
-    "the closed form": _closed_form,
-    "lines": _lines,
-    "the search": _search,
-    "planning and proofs": _proofs,
+    "analytic IK": _analytic_ik,
+    "straight lines": _straight_lines,
+    "iterative IK": _iterative_ik,
+    "planning and certificates": _planning,
 }
-"""What is compiled apart from each other, the longest first."""
+"""Functions that call all kernels of one topic; the longest compilation comes first."""
 
 
-def _run_jobs(at_a_time: int) -> list[str]:
-    """Run every job in a process of its own, so many at a time; the names of those that failed."""
+def _run_jobs(limit: int) -> list[str]:
+    """Run each job in a separate process, at most ``limit`` at the same time; return the names of failed jobs."""
     context = get_context("spawn")  # a fork of a process with threads may hang
     waiting, failed = list(JOBS), []
     running: dict[int, tuple[str, SpawnProcess]] = {}
     try:
         while waiting or running:
-            while waiting and len(running) < at_a_time:
+            while waiting and len(running) < limit:
                 name = waiting.pop(0)
                 process = context.Process(target=_job, args=(name,), daemon=True)
                 process.start()
                 running[process.sentinel] = name, process
             for sentinel in connection.wait(list(running)):
-                name, process = running.pop(int(sentinel))  # type: ignore[arg-type]  # as we gave them
+                name, process = running.pop(int(sentinel))  # type: ignore[arg-type]  # all sentinels are integers
                 process.join()
                 failed += [name] if process.exitcode else []
-    except OSError:  # no more processes are allowed here
+    except OSError:  # the system does not allow more processes
         failed += waiting
     finally:
         for _, process in running.values():
@@ -163,11 +167,11 @@ def _run_jobs(at_a_time: int) -> list[str]:
 def _job(name: str) -> None:
     import signal
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the one that started this, and that ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent process handles Ctrl-C and terminates this one
     logging.disable()
     try:
         JOBS[name]()
-    except Exception:  # noqa: BLE001  # whoever needs the kernel meets it again, with a traceback of its own
+    except Exception:  # noqa: BLE001  # the error occurs again, with its traceback, when the kernel is used
         sys.exit(1)
 
 
@@ -179,16 +183,17 @@ def _cores() -> int:
 
 
 def _stamp() -> Path | None:
-    """The file that says that all jobs were run here, by this Python and numba."""
+    """The file whose existence states that all jobs were run with this Python and numba; None without a cache."""
     import numba
 
     from pinproof.kernels.compiled import CACHE
 
-    made_by = f"{sys.implementation.cache_tag}-numba{numba.__version__}-{platform.machine()}"
-    return None if CACHE is None else CACHE / f"ahead.{made_by}"
+    version = f"{sys.implementation.cache_tag}-numba{numba.__version__}-{platform.machine()}"
+    return None if CACHE is None else CACHE / f"ahead.{version}"
 
 
-def _mark() -> Path | None:
+def _mark_compiled() -> Path | None:
+    """Create the stamp file; return the cache folder, or None without a cache."""
     stamp = _stamp()
     if stamp is None:
         return None

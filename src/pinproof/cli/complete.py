@@ -1,4 +1,4 @@
-"""What the Tab key offers: the robots of the catalogue and files; links and groups of the robot already named."""
+"""Tab completion of robot names, robot files, links and joint groups."""
 
 from __future__ import annotations
 
@@ -16,47 +16,47 @@ ROBOT_FILES = (".urdf", ".xacro", ".xml")
 
 
 def robot_names(incomplete: str) -> list[str]:
-    """Catalogue names, and robot files that are there."""
+    """Catalogue names and existing robot files."""
     from pinproof.description import catalogue_names
 
-    return [*_beginning(incomplete, catalogue_names()), *file_names(*ROBOT_FILES)(incomplete)]
+    return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_FILES)(incomplete)]
 
 
-def file_names(*endings: str) -> Callable[[str], list[str]]:
-    """Files with one of these endings, and the folders on the way to them.
+def file_names(*suffixes: str) -> Callable[[str], list[str]]:
+    """A completion function for files with one of these suffixes, and for folders.
 
-    A shell offers files by itself for what is typed as a path; this is for what may also be a file.
+    Shells complete paths by themselves for options of type path. This function is for arguments that may be a name or
+    a file.
     """
 
-    def offer(incomplete: str) -> list[str]:
-        folder, _, begun = incomplete.rpartition("/")
-        place = Path(f"{folder}/" if "/" in incomplete else ".")
+    def complete(incomplete: str) -> list[str]:
+        folder, _, prefix = incomplete.rpartition("/")
         try:
-            there = sorted(place.iterdir())
+            entries = sorted(Path(f"{folder}/" if "/" in incomplete else ".").iterdir())
         except OSError:
             return []
-        names = [f"{path.name}/" if path.is_dir() else path.name for path in there]
-        fitting = [name for name in names if name.endswith(("/", *endings)) and not name.startswith(".")]
-        return [f"{folder}/{name}" if "/" in incomplete else name for name in _beginning(begun, fitting)]
+        names = [f"{path.name}/" if path.is_dir() else path.name for path in entries]
+        matching = [name for name in names if name.endswith(("/", *suffixes)) and not name.startswith(".")]
+        return [f"{folder}/{name}" if "/" in incomplete else name for name in _starting_with(prefix, matching)]
 
-    return offer
+    return complete
 
 
 def link_names(ctx: typer.Context, incomplete: str) -> list[str]:
-    """The links of the robot on the line."""
+    """The links of the robot on the command line."""
     robot = _robot(ctx)
-    return [] if robot is None else _beginning(incomplete, robot.urdf.links)
+    return [] if robot is None else _starting_with(incomplete, robot.urdf.links)
 
 
 def group_names(ctx: typer.Context, incomplete: str) -> list[str]:
-    """The groups of the SRDF of the robot on the line."""
+    """The joint groups of the SRDF of the robot on the command line."""
     robot = _robot(ctx)
-    return [] if robot is None or robot.srdf is None else _beginning(incomplete, robot.srdf.groups)
+    return [] if robot is None or robot.srdf is None else _starting_with(incomplete, robot.srdf.groups)
 
 
 def _robot(ctx: typer.Context) -> pp.Robot | None:
-    """The robot on the line; None where there is none yet, or none that can be read."""
-    # A line that ends in an option without its value is not parsed to its end: what was read stands in args.
+    """The robot on the command line, or None if it is not stated yet or cannot be read."""
+    # The parser stops at an option without a value; the arguments parsed so far are then in ctx.args.
     name = ctx.params.get("robot") or next(iter(ctx.args), None)
     try:
         return None if name is None else pp.load_robot(name, srdf=ctx.params.get("srdf"))
@@ -64,5 +64,5 @@ def _robot(ctx: typer.Context) -> pp.Robot | None:
         return None
 
 
-def _beginning(incomplete: str, names: Iterable[str]) -> list[str]:
+def _starting_with(incomplete: str, names: Iterable[str]) -> list[str]:
     return sorted(name for name in names if name.startswith(incomplete))

@@ -1,4 +1,4 @@
-"""``pinproof demo``: the main job, end to end, on a robot that comes with the package."""
+"""``pinproof demo``: check the picks of a UR5 example and write the first good motion."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.console import (
-    check_outputs,
-    complain,
+    check_output_files,
+    print_error,
     print_json,
+    print_line,
+    print_note,
     print_report,
-    remark,
-    say,
-    until_stopped,
-    working,
+    progress_status,
+    until_interrupted,
     write_motion,
 )
 from pinproof.cli.options import Json, Seed
@@ -26,40 +26,44 @@ __all__ = ["demo"]
 
 
 def demo(
-    html: Annotated[Path, typer.Option(help="The page.")] = Path("pick.html"),
+    html: Annotated[Path, typer.Option(help="The HTML page to write.")] = Path("pick.html"),
     output: Annotated[
         Path,
-        typer.Option("-o", "--output", help="The motion (.json, shaped as trajectory_msgs/JointTrajectory; or .csv)."),
+        typer.Option(
+            "-o",
+            "--output",
+            help="The motion to write (.json in the form of trajectory_msgs/JointTrajectory, or .csv).",
+        ),
     ] = Path("pick.json"),
-    live: Annotated[bool, typer.Option("--live", help="Also open the live view; Ctrl-C ends it.")] = False,
+    live: Annotated[bool, typer.Option("--live", help="Also open the motion in a browser; Ctrl-C ends it.")] = False,
     seed: Seed = 0,
     as_json: Json = False,
 ) -> None:
-    """Give a UR5 bolts to pick: judge each, prove the first good one, show it in a page.
+    """Check seven bolt picks of a UR5, then write the first good motion and an HTML page that shows it.
 
     Example: pinproof demo --html pick.html
     """
     from pinproof.description import robots_folder
 
-    check_outputs([html, output])
-    with working("judging the picks of robots/ur5/picks.yaml"):
+    check_output_files([html, output])
+    with progress_status("checking the picks of robots/ur5/picks.yaml"):
         arm, _, _, report = judge_file(robots_folder() / "ur5" / "picks.yaml", seed=seed)
     if not as_json:
         print_report(report)
     if not report.good:
         if as_json:
             print_json({**report.to_dict(), "written": []})
-        complain("no pick is good, so there is no motion to show")
+        print_error("no pick is good, so no motion is written")
         raise typer.Exit(1)
     first = report.good[0]
-    with working("drawing the page"):
+    with progress_status("writing the page"):
         written = write_motion(first, arm, html, output)
     if as_json:
         print_json({**report.to_dict(), "written": [str(path) for path in written]})
     else:
         for motion in first.motions:
-            say(f"{first.pick.name}: {motion.certificate}")
-        say(f"wrote {' and '.join(map(str, written))}; open the page in a browser, it needs no network")
+            print_line(f"{first.pick.name}: {motion.certificate}")
+        print_line(f"wrote {' and '.join(map(str, written))}; open {html} in a browser (no network needed)")
     if live:
         shown = first.motions[0]
         with (
@@ -72,7 +76,7 @@ def demo(
                 title=first.pick.name,
                 open_browser=True,
             ) as view,
-            until_stopped(),
+            until_interrupted(),
         ):
-            (remark if as_json else say)(f"live view at {view.url} (Ctrl-C ends it)")
+            (print_note if as_json else print_line)(f"live view at {view.url} (Ctrl-C ends it)")
             view.wait()

@@ -1,12 +1,12 @@
-"""``pinproof info``: what a robot is, and what is not known about it."""
+"""``pinproof info``: print the properties of a robot and what its files do not state."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import pinproof as pp
-from pinproof.cli.console import print_json, say
-from pinproof.cli.options import Chain, Json, Robot
+from pinproof.cli.console import print_json, print_line
+from pinproof.cli.options import ChainOptions, Json, Robot
 from pinproof.errors import MeshError
 
 if TYPE_CHECKING:
@@ -18,15 +18,15 @@ __all__ = ["info"]
 def info(
     robot: Robot,
     *,
-    chain: Chain,
+    chain: ChainOptions,
     as_json: Json = False,
 ) -> None:
-    """Print joints, limits, frames, collision pairs, kinematic class and home of a robot, and what is missing.
+    """Print the joints, limits, frames, collision pairs, kinematic class and home of a robot, and missing data.
 
     Example: pinproof info ur5
     """
     arm = chain.arm(robot)
-    told = arm.robot.info(arm)
+    robot_info = arm.robot.info(arm)
     try:
         checker = pp.CollisionChecker(arm)
     except MeshError as error:
@@ -35,33 +35,40 @@ def info(
         excluded = [[*pair.owners, pair.reason] for pair in checker.excluded]
         pairs = {"checked": len(checker.pairs), "excluded": excluded, "why": ""}
     if as_json:
-        print_json({**told.to_dict(), "pairs": pairs})
+        print_json({**robot_info.to_dict(), "pairs": pairs})
         return
-    say(f"{told.name}: {told.dof} joints from {told.base} to {told.tcp}; {told.kinematic_class}")
-    say(f"file: {told.source}" if told.source else "from text")
-    _joints(told)
-    say(f"frames: {', '.join(told.frames)}")
-    say(f"collision geometry: {_counted(told)}")
+    print_line(
+        f"{robot_info.name}: {robot_info.dof} joints from {robot_info.base} to {robot_info.tcp}; "
+        f"{robot_info.kinematic_class}"
+    )
+    print_line(f"file: {robot_info.source}" if robot_info.source else "loaded from text")
+    _print_joints(robot_info)
+    print_line(f"frames: {', '.join(robot_info.frames)}")
+    print_line(f"collision geometry: {_geometry_counts(robot_info)}")
     if pairs["checked"] is None:
-        say(f"collision pairs: none can be checked: {pairs['why']}")
+        print_line(f"self-collision pairs: none can be checked: {pairs['why']}")
     else:
-        say(f"collision pairs of the robot itself: {pairs['checked']} checked, {len(checker.excluded)} left out")
+        print_line(f"self-collision pairs: {pairs['checked']} checked, {len(checker.excluded)} excluded")
         for first, second, reason in excluded:
-            say(f"  {first} and {second}: {reason}")
-    for name, values in (("groups", told.groups), ("states", told.states), ("end effectors", told.end_effectors)):
+            print_line(f"  {first} and {second}: {reason}")
+    for name, values in (
+        ("groups", robot_info.groups),
+        ("states", robot_info.states),
+        ("end effectors", robot_info.end_effectors),
+    ):
         if values:
-            say(f"{name}: {', '.join(values)}")
-    say("home: " + ", ".join(f"{name} {value:.4g}" for name, value in told.home.items()))
-    for sentence in told.missing:
-        say(f"missing: {sentence}")
+            print_line(f"{name}: {', '.join(values)}")
+    print_line("home: " + ", ".join(f"{name} {value:.4g}" for name, value in robot_info.home.items()))
+    for sentence in robot_info.missing:
+        print_line(f"missing: {sentence}")
 
 
-def _joints(told: pp.model.RobotInfo) -> None:
-    heads = ("joint", "type", "limits", "speed", "accel.", "role")
-    rows = [heads, *(_row(joint) for joint in told.joints if joint.role != "fixed")]
+def _print_joints(robot_info: pp.model.RobotInfo) -> None:
+    header = ("joint", "type", "limits", "speed", "accel.", "role")
+    rows = [header, *(_row(joint) for joint in robot_info.joints if joint.role != "fixed")]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for row in rows:
-        say("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        print_line("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
 
 
 def _row(joint: JointInfo) -> tuple[str, ...]:
@@ -74,5 +81,5 @@ def _row(joint: JointInfo) -> tuple[str, ...]:
     return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, role
 
 
-def _counted(told: pp.model.RobotInfo) -> str:
-    return ", ".join(f"{count} {kind}" for kind, count in told.collisions.items()) or "none"
+def _geometry_counts(robot_info: pp.model.RobotInfo) -> str:
+    return ", ".join(f"{count} {kind}" for kind, count in robot_info.collisions.items()) or "none"

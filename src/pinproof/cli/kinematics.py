@@ -1,4 +1,4 @@
-"""``pinproof fk`` and ``pinproof ik``: where the tcp is, and how it gets somewhere."""
+"""``pinproof fk`` and ``pinproof ik``: forward and inverse kinematics."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import link_names
-from pinproof.cli.console import print_json, say
+from pinproof.cli.console import print_json, print_line
 from pinproof.cli.options import (
-    Carried,
-    Chain,
+    ChainOptions,
     Configuration,
     Json,
     Robot,
+    SceneOptions,
     Seed,
-    Surroundings,
+    ToolOptions,
     numbers,
     parse_configuration,
 )
@@ -27,7 +27,7 @@ __all__ = ["fk", "ik"]
 
 
 class TaskOption(str, Enum):
-    """What of the target is to be met."""
+    """The part of the target pose that the solution must meet."""
 
     POSE = "pose"
     POSITION = "position"
@@ -38,7 +38,7 @@ class TaskOption(str, Enum):
 
 
 class MethodOption(str, Enum):
-    """How it is solved."""
+    """The IK methods."""
 
     CLIK = "clik"
     ANALYTIC = "analytic"
@@ -60,13 +60,13 @@ def fk(
     robot: Robot,
     q: Configuration = None,
     frame: Annotated[
-        str | None, typer.Option(help="A link to locate instead of the tcp.", autocompletion=link_names)
+        str | None, typer.Option(help="The link whose pose is printed. Default: the tcp.", autocompletion=link_names)
     ] = None,
     *,
-    chain: Chain,
+    chain: ChainOptions,
     as_json: Json = False,
 ) -> None:
-    """Print where the tcp (or another frame) is at a configuration.
+    """Print the pose of the tcp, or of another frame, for given joint values.
 
     Example: pinproof fk ur5 --q "0 -pi/2 pi/2 -pi/2 -pi/2 0"
     """
@@ -79,49 +79,55 @@ def fk(
         place = {"xyz": vector[:3].tolist(), "rpy": vector[3:].tolist(), "matrix": placement.homogeneous.tolist()}
         print_json({"base": arm.base, "frame": frame or arm.tcp, "q": named, **place})
         return
-    say(f"{arm.base} -> {frame or arm.tcp}")
-    say("xyz [m]   " + " ".join(_decimals(value) for value in vector[:3]))
-    say("rpy [rad] " + " ".join(_decimals(value) for value in vector[3:]))
+    print_line(f"{arm.base} -> {frame or arm.tcp}")
+    print_line("xyz [m]   " + " ".join(_decimals(value) for value in vector[:3]))
+    print_line("rpy [rad] " + " ".join(_decimals(value) for value in vector[3:]))
 
 
 def ik(
     robot: Robot,
     xyz: Annotated[
-        str, typer.Option(help='Where the tcp, or the tip of the tool, shall be, in metres: "0.4 0.1 0.3".')
+        str, typer.Option(help='Target position of the tcp, or of the tip of the tool, in metres: "0.4 0.1 0.3".')
     ] = "",
-    rpy: Annotated[str, typer.Option(help='How it shall be turned, in radians: "pi 0 0".')] = "0 0 0",
-    task: Annotated[TaskOption, typer.Option(help="What of the target is to be met.")] = TaskOption.POSE,
-    method: Annotated[MethodOption, typer.Option(help="How it is solved.")] = MethodOption.CLIK,
-    every: Annotated[bool, typer.Option("--all", help="Every configuration, in closed form.")] = False,
-    q0: Annotated[str | None, typer.Option(help="Where to start; by default home.")] = None,
+    rpy: Annotated[str, typer.Option(help='Target roll, pitch and yaw in radians: "pi 0 0".')] = "0 0 0",
+    task: Annotated[
+        TaskOption, typer.Option(help="What must match the target; spin_z leaves the rotation about tool z free.")
+    ] = TaskOption.POSE,
+    method: Annotated[MethodOption, typer.Option(help="The IK method.")] = MethodOption.CLIK,
+    all_branches: Annotated[
+        bool, typer.Option("--all", help="Print all IK solutions. Requires an arm with closed-form IK.")
+    ] = False,
+    q0: Annotated[str | None, typer.Option(help="Joint values where the search starts. Default: home.")] = None,
     seed: Seed = 0,
     *,
-    around: Surroundings,
-    chain: Chain,
-    carried: Carried,
+    scene_options: SceneOptions,
+    chain: ChainOptions,
+    tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Find joint values for a pose of the tcp, or of the tip of a tool. Exit code 1 if none is found.
+    """Compute joint values for a pose of the tcp, or of the tip of a tool. Exit code 1 if none are found.
 
-    With --scene, --margin, --tool-of or --attached the configuration is also free of contact.
+    With --scene, --margin, --tool-of or --attached, the solution is also collision-free.
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """
     if not xyz and task is not TaskOption.ORIENTATION:
-        raise InputError('--xyz is missing: say where the tcp shall be, such as --xyz "0.4 0.1 0.3"')
-    if every and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
-        raise InputError("--all enumerates whole poses in closed form; leave --method and --task out")
-    arm, tip = chain.arm(robot, carried=carried), carried.attachments.tip
+        raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
+    if all_branches and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
+        raise InputError("--all uses the closed form and full poses; remove --method and --task")
+    arm, tip = chain.arm(robot, tool=tool), tool.attachments.tip
     target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
     if not tip.isIdentity():
         if task is not TaskOption.POSE:
-            raise InputError("a tool with a tip is brought to whole poses; leave --task out, or remove the tip")
+            raise InputError(
+                "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"
+            )
         target = target * tip.inverse()
-    # a margin alone is kept between the bodies of the robot
-    judged = around.scene is not None or around.margin > 0.0 or any(carried.files)
-    accept = None if not judged else around.checker(arm, carried=carried).is_free
+    # A margin without a scene applies between the links of the robot.
+    checked = scene_options.scene is not None or scene_options.margin > 0.0 or any(tool.files)
+    accept = scene_options.checker(arm, tool=tool).is_free if checked else None
     start = parse_configuration(q0, arm, "--q0")
-    if every:
+    if all_branches:
         branches = pp.AnalyticIk().solve_all(arm, target, start)
         _print_all(branches if accept is None else branches.free(accept), as_json)
         return
@@ -139,28 +145,28 @@ def ik(
         )
     else:
         for name, value in zip(arm.joint_names, found.q, strict=True):
-            say(f"{name:30s} {_decimals(value)}")
-        say(found.message)
+            print_line(f"{name:30s} {_decimals(value)}")
+        print_line(found.message)
     if not found.ok:
         raise typer.Exit(1)
 
 
 def _print_all(found: pp.IkBranches, as_json: bool) -> None:
-    """Distinct configurations, the nearest to where the search started first; whole turns are only counted."""
+    """Print the distinct IK solutions, nearest to ``q0`` first, and count those that differ by full rotations."""
     names = found.arm.joint_names
     if as_json:
         rows = [dict(zip(names, q.tolist(), strict=True)) for q in found.branches]
-        print_json({"ok": found.ok, "branches": rows, "with_whole_turns": len(found), "message": found.message})
+        print_json({"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message})
     else:
-        say("  ".join(f"{name[-14:]:>14s}" for name in names))
+        print_line("  ".join(f"{name[-14:]:>14s}" for name in names))
         for q in found.branches:
-            say("  ".join(f"{_decimals(value):>14s}" for value in q))
-        turns = f" ({len(found)} with whole turns)" if len(found) > len(found.branches) else ""
-        say(f"{found.message}{turns}")
+            print_line("  ".join(f"{_decimals(value):>14s}" for value in q))
+        windings = f" ({len(found)} with full rotations)" if len(found) > len(found.branches) else ""
+        print_line(f"{found.message}{windings}")
     if not found.ok:
         raise typer.Exit(1)
 
 
 def _decimals(value: float) -> str:
-    """Six of them; what rounds to zero has no sign."""
+    """A number with six decimals, and without a minus sign if it rounds to zero."""
     return f"{round(float(value), 6) + 0.0: .6f}"

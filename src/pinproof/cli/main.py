@@ -1,10 +1,7 @@
-"""Words for what went wrong: what the parser refuses, files that are nearly there, and what to report.
+"""The command ``pinproof``: its commands, its exit codes, and how errors are reported.
 
-The command ``pinproof`` and its exit codes.
-
-0: yes. 1: an honest "no" (unreachable, in collision, a pick that fails). 2: wrong usage or unreadable input. 3: an
-internal error, so that it is never mistaken for a "no". 130: Ctrl-C, as shells count it; 141: whoever read the answer
-went away before it was all said.
+Exit codes: 0, solved or FREE; 1, a negative result (unreachable, in collision, a failed pick, a rejected proof); 2,
+wrong usage or unreadable input; 3, an internal error; 130, interrupted by Ctrl-C; 141, the reader of stdout was closed.
 """
 
 from __future__ import annotations
@@ -25,87 +22,37 @@ import typer
 from pinproof import __version__
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
-from pinproof.cli.compiling import compile_kernels, hush
-from pinproof.cli.console import Stopped, complain, print_json
+from pinproof.cli.compiling import compile_kernels, limit_compile_messages
+from pinproof.cli.console import Interrupted, print_error, print_json
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
 from pinproof.cli.info import info
 from pinproof.cli.kinematics import fk, ik
 from pinproof.cli.motion import check, plan
-from pinproof.cli.options import spread
+from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
 from pinproof.cli.view import view
 from pinproof.errors import FileError, NoAnswer, PinproofError
 
-__all__ = ["asked_for_help", "main", "remedy", "usage_fault", "versions"]
+__all__ = ["COMMANDS", "app", "main"]
 
-# What the parser raises: its classes have no public name, those above BadParameter least of all.
+# The error classes of the parser have no public names; they are the base classes of typer.BadParameter.
 _UsageError = typer.BadParameter.__mro__[1]
 _ParserError = _UsageError.__mro__[1]
 
-DECISIVE = ("pin", "coal", "numba", "numpy", "typer")
-"""Libraries whose version a report of a defect should name."""
+REPORTED_LIBRARIES = ("pin", "coal", "numba", "numpy", "typer")
+"""Libraries whose versions an internal error lists."""
 
-
-def asked_for_help(error: Exception) -> bool:
-    """Whether a group was called without a command, which is answered by its help; prints that."""
-    if type(error).__name__ != "NoArgsIsHelpError":
-        return False
-    error.show()  # type: ignore[attr-defined]  # untyped: typer.BadParameter's family
-    return True
-
-
-def usage_fault(error: Exception) -> str | None:
-    """What the parser found wrong with the line, in one line; None for an error that is not the parser's."""
-    if not isinstance(error, _ParserError):
-        return None
-    message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
-    message = message.replace("Value error, ", "").replace("(Possible options: ", "(did you mean ")
-    message = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1)", message)
-    if re.search(r"No such option: -[\dp.]$|unexpected extra argument", message):
-        message += '; several numbers go between quotes, as in --q "0 -pi/2 0"'
-    context = getattr(error, "ctx", None)
-    where = "pinproof" if context is None else context.command_path
-    return f"{message[:1].lower()}{message[1:]}; '{where} --help' shows what can be said"
-
-
-def remedy(error: PinproofError) -> str:
-    """A few more words on an error of ours, where the file system knows them."""
-    if not isinstance(error, FileError):
-        return ""
-    path = Path(error.path)
-    try:
-        if path.exists():
-            return ""
-        if not path.parent.exists():
-            return f"; there is no folder {path.parent}"
-        if not path.parent.is_dir():
-            return ""
-        near = difflib.get_close_matches(path.name, [file.name for file in path.parent.iterdir()], n=1)
-    except OSError:
-        return ""
-    return f"; did you mean {path.parent / near[0]}?" if near else ""
-
-
-def versions() -> str:
-    """What runs here."""
-    told = [f"pinproof {version('pinproof')}", f"Python {platform.python_version()} on {sys.platform}"]
-    for name in DECISIVE:
-        try:
-            told.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            told.append(f"no {name}")
-    return ", ".join(told)
-
-
-YES, NO, USAGE, INTERNAL, INTERRUPTED, NOBODY_READS = 0, 1, 2, 3, 130, 141
+SUCCESS, NEGATIVE, USAGE, INTERNAL, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 3, 130, 141
+ERROR_KINDS = {NEGATIVE: "negative", USAGE: "usage", INTERNAL: "internal", INTERRUPTED: "interrupted"}
+"""The ``kind`` of an error in the JSON output, by exit code."""
 
 app = typer.Typer(
     name="pinproof",
-    help="Can this arm make this pick, and how? Answered with proof.",
-    epilog='"pinproof COMMAND --help" shows an example of each. Exit code 0: yes; 1: an honest no; 2: wrong usage or '
-    "unreadable input; 3: an internal error.",
+    help="Check whether a robot arm can execute a pick, plan its motion, and prove that the motion is collision-free.",
+    epilog='"pinproof COMMAND --help" shows the options and an example of each command. Exit codes: 0 success; 1 '
+    "negative result, such as a collision or a pick that fails; 2 wrong usage or unreadable input; 3 internal error.",
     no_args_is_help=True,
     add_completion=True,
     pretty_exceptions_enable=False,
@@ -127,24 +74,24 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "bench plan": bench_plan,
     "compile": compile_kernels,
 }
-"""Each command by the words that call it; the first of two is a group's."""
+"""The commands by name; ``bench`` is a group of commands."""
 
 
-class _Options:
-    """What was said on the line about how errors are told."""
+class _ErrorOptions:
+    """How errors are reported, as stated on the command line."""
 
     verbose = False
 
     @classmethod
-    def be_verbose(cls) -> None:
+    def set_verbose(cls) -> None:
         cls.verbose = True
 
 
-groups = {"": app, "bench": typer.Typer(help="Tables of figures, measured on this machine.", no_args_is_help=True)}
+groups = {"": app, "bench": typer.Typer(help="Run the benchmarks on this machine.", no_args_is_help=True)}
 app.add_typer(groups["bench"], name="bench")
 for words, command in COMMANDS.items():
     group, _, name = words.rpartition(" ")
-    groups[group].command(name)(spread(command, _Options.be_verbose))
+    groups[group].command(name)(expand_options(command, _ErrorOptions.set_verbose))
 
 
 def _version(wanted: bool) -> None:
@@ -155,68 +102,115 @@ def _version(wanted: bool) -> None:
 
 @app.callback()
 def common(
-    version: Annotated[  # noqa: ARG001  # acted on by its callback
+    version: Annotated[  # noqa: ARG001  # used by its callback
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Show the traceback of an error.")] = False,
+    verbose: Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")] = False,
 ) -> None:
-    """Options of every command."""
-    _Options.verbose = verbose
+    """Options of the program itself."""
+    _ErrorOptions.verbose = verbose
 
 
 def main() -> None:
-    """Run the command line; ends the process with one of the exit codes above."""
-    hush()
+    """Run the command line and end the process with one of the exit codes above."""
+    limit_compile_messages()
     try:
         code = _run()
         sys.stdout.flush()
     except BrokenPipeError:
-        code = NOBODY_READS
-    if code == NOBODY_READS:
-        # What is still to be written has nowhere to go, and Python would complain of it at its end.
+        code = BROKEN_PIPE
+    if code == BROKEN_PIPE:
+        # Discard the remaining output; otherwise Python reports a broken pipe when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
 
 
 def _run() -> int:
     try:
-        return int(app(prog_name="pinproof", standalone_mode=False) or YES)
-    except Stopped as stop:
-        return _told(stop, INTERRUPTED)
+        return int(app(prog_name="pinproof", standalone_mode=False) or SUCCESS)
+    except Interrupted as error:
+        return _report(error, INTERRUPTED)
     except NoAnswer as error:
-        return _told(error, NO)
+        return _report(error, NEGATIVE)
     except PinproofError as error:
-        return _told(error, USAGE, remedy(error))
+        return _report(error, USAGE, hint=_file_hint(error))
     except BrokenPipeError:
         raise
     except SystemExit as end:
-        # Commands end by typer.Exit. Rich and the parser end so themselves, with 1, if nobody reads what they print.
-        return NOBODY_READS if end.code == NO else int(end.code or YES)
+        # Commands end with typer.Exit. Rich and the parser raise SystemExit(1) themselves if stdout is closed.
+        return BROKEN_PIPE if end.code == NEGATIVE else int(end.code or SUCCESS)
     except (KeyboardInterrupt, typer.Abort):
-        return _told(Stopped(), INTERRUPTED)
-    except Exception as error:  # noqa: BLE001  # whatever it is, it must not look like a "no"
-        if asked_for_help(error):
+        return _report(Interrupted(), INTERRUPTED)
+    except Exception as error:  # noqa: BLE001  # an unknown error must not look like a negative result
+        if _is_missing_command(error):
+            error.show()  # type: ignore[attr-defined]  # prints the help
             return USAGE
-        said = usage_fault(error)
-        if said is not None:
-            return _told(error, USAGE, words=said)
-        code = _told(error, INTERNAL, words=f"internal error: {type(error).__name__}: {error}")
-        if _Options.verbose:
-            complain(
-                f"this is a defect of pinproof and no answer: please report it with all of the above; {versions()}"
-            )
+        usage = _usage_message(error)
+        if usage is not None:
+            return _report(error, USAGE, message=usage)
+        code = _report(error, INTERNAL, message=f"internal error: {type(error).__name__}: {error}")
+        if _ErrorOptions.verbose:
+            print_error(f"this is a bug in pinproof; please report it with the traceback above; {_versions()}")
         else:
-            complain("this is a defect of pinproof and no answer: run it again with --verbose, and report what it says")
+            print_error("this is a bug in pinproof; run the command again with --verbose and report its output")
         return code
 
 
-def _told(error: Exception, code: int, hint: str = "", words: str = "") -> int:
-    """Say what went wrong: a line to stderr, and with --json also the one document that is then due on stdout."""
-    if _Options.verbose and code != INTERRUPTED:
+def _report(error: Exception, code: int, *, message: str = "", hint: str = "") -> int:
+    """Print an error as one line on stderr and, with ``--json``, as a JSON document on stdout."""
+    if _ErrorOptions.verbose and code != INTERRUPTED:
         traceback.print_exc()
-    message = (words or str(error)) + hint
-    complain(message)
-    if "--json" in sys.argv and not (isinstance(error, Stopped) and error.answered):
-        kind = {NO: "no", USAGE: "usage", INTERNAL: "internal", INTERRUPTED: "interrupted"}[code]
+    message = (message or str(error)) + hint
+    print_error(message)
+    if "--json" in sys.argv and not (isinstance(error, Interrupted) and error.result_printed):
+        kind = ERROR_KINDS[code]
         print_json({"error": {"kind": kind, "type": type(error).__name__, "message": message, "exit_code": code}})
     return code
+
+
+def _is_missing_command(error: Exception) -> bool:
+    """Whether ``pinproof`` or a group was called without a command."""
+    return type(error).__name__ == "NoArgsIsHelpError"
+
+
+def _usage_message(error: Exception) -> str | None:
+    """The message of a usage error in one line, or None if the parser did not raise the error."""
+    if not isinstance(error, _ParserError):
+        return None
+    message = " ".join(error.format_message().split()).rstrip(".")  # type: ignore[attr-defined]
+    message = message.replace("Value error, ", "").replace("(Possible options: ", "(did you mean ")
+    message = re.sub(r"\. Did you mean (.*)\?$", r" (did you mean \1)", message)
+    if re.search(r"No such option: -[\dp.]$|unexpected extra argument", message):
+        message += '; quote several numbers, as in --q "0 -pi/2 0"'
+    context = getattr(error, "ctx", None)
+    where = "pinproof" if context is None else context.command_path
+    return f"{message[:1].lower()}{message[1:]}; see '{where} --help'"
+
+
+def _file_hint(error: PinproofError) -> str:
+    """A file with a similar name, or the folder that does not exist, for an input file that is missing."""
+    if not isinstance(error, FileError):
+        return ""
+    path = Path(error.path)
+    try:
+        if path.exists():
+            return ""
+        if not path.parent.exists():
+            return f"; the folder {path.parent} does not exist"
+        if not path.parent.is_dir():
+            return ""
+        similar = difflib.get_close_matches(path.name, [file.name for file in path.parent.iterdir()], n=1)
+    except OSError:
+        return ""
+    return f"; did you mean {path.parent / similar[0]}?" if similar else ""
+
+
+def _versions() -> str:
+    """Versions of pinproof, Python and the most important libraries."""
+    found = [f"pinproof {version('pinproof')}", f"Python {platform.python_version()} on {sys.platform}"]
+    for name in REPORTED_LIBRARIES:
+        try:
+            found.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            found.append(f"{name} not installed")
+    return ", ".join(found)

@@ -1,4 +1,4 @@
-"""``pinproof check`` and ``plan``: configurations and motions in a scene."""
+"""``pinproof check`` and ``pinproof plan``: check a configuration and plan a motion."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
-from pinproof.cli.console import check_outputs, print_json, say, working
+from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import (
-    Carried,
-    Chain,
+    ChainOptions,
     Configuration,
     Html,
     Json,
     Robot,
+    SceneOptions,
     Seed,
-    Surroundings,
+    ToolOptions,
     parse_configuration,
 )
 from pinproof.errors import InputError
@@ -30,17 +30,17 @@ def check(
     robot: Robot,
     q: Configuration = None,
     *,
-    chain: Chain,
-    around: Surroundings,
-    carried: Carried,
+    chain: ChainOptions,
+    scene_options: SceneOptions,
+    tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Say whether a configuration is inside its limits and free of contact. Exit code 1 if it is not.
+    """Check a configuration for joint limits and collisions. Exit code 1 if it violates a limit or collides.
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
-    arm = chain.arm(robot, carried=carried)
-    checker = around.checker(arm, carried=carried)
+    arm = chain.arm(robot, tool=tool)
+    checker = scene_options.checker(arm, tool=tool)
     configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
     outside = arm.limits.violations(configuration, arm.joint_names)
     result, clearance = checker.check(configuration), checker.clearance(configuration)
@@ -50,51 +50,60 @@ def check(
         print_json({"ok": ok, "outside_limits": outside, "contacts": contacts, "clearance": clearance})
     else:
         for line in (*outside, *(str(contact) for contact in result.contacts)):
-            say(line)
-        say(f"{'free' if ok else 'not free'}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} pairs")
+            print_line(line)
+        status = "free" if ok else "not free"
+        print_line(f"{status}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs")
     if not ok:
         raise typer.Exit(1)
 
 
 def plan(
     robot: Robot,
-    goal: Annotated[str, typer.Option(help="Joint values to reach, in rad or m, or home.")],
-    start: Annotated[str | None, typer.Option(help="Joint values to start from; by default home.")] = None,
-    output: Annotated[Path | None, typer.Option("-o", "--output", help="The motion (.json, .csv).")] = None,
-    blend: Annotated[bool, typer.Option(help="Run through rounded corners; without it, stop at each.")] = True,
+    goal: Annotated[str, typer.Option(help="Goal joint values in rad or m, or home.")],
+    start: Annotated[str | None, typer.Option(help="Start joint values in rad or m. Default: home.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The motion file to write (.json, .csv).")
+    ] = None,
+    blend: Annotated[
+        bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
+    ] = True,
     html: Html = None,
     seed: Seed = 0,
     limits: Annotated[
-        Path | None, typer.Option("--limits", help="Limits of joints, as MoveIt's joint_limits.yaml states them.")
+        Path | None,
+        typer.Option("--limits", help="A file of joint limits in the format of MoveIt's joint_limits.yaml."),
     ] = None,
     jerk: Annotated[
         str | None,
-        typer.Option(help="Largest jerk of every joint, in rad/s^3 or m/s^3, or: limits, those of the file."),
+        typer.Option(
+            help="Jerk limit of every joint in rad/s^3 or m/s^3, or the word limits for those of --limits. Default: no "
+            "jerk limit."
+        ),
     ] = None,
     *,
-    chain: Chain,
-    around: Surroundings,
-    carried: Carried,
+    chain: ChainOptions,
+    scene_options: SceneOptions,
+    tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Plan, shorten, round, time and certify a motion between two configurations. Exit code 1 if none is found.
+    """Plan, shorten, time and certify a motion between two configurations. Exit code 1 if no proven motion is found.
 
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
-    check_outputs([output, html], [robot, around.scene, chain.srdf, limits, *carried.files])
-    arm = chain.arm(robot, limits, carried)
-    world = around.load()
-    checker = around.checker(arm, world, carried)
+    check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
+    arm = chain.arm(robot, limits, tool)
+    world = scene_options.load()
+    checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
-    with working("planning"):
+    with progress_status("planning"):
         result = pp.RrtConnect().plan(checker, *ends, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})
             else:
-                say(result.message)
+                print_line(result.message)
             raise typer.Exit(1)
-        checker = result.checker or checker  # closer bodies, where an end touched by coarse ones alone
+        checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
         path = simplified.path
         trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk))
@@ -110,11 +119,13 @@ def plan(
         figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}
         print_json({"ok": certificate.free, **figures, **verdict(certificate)})
     else:
-        stops = f"{simplified.stops} stop{'' if simplified.stops == 1 else 's'} on the way"
-        say(f"{path.length:.3g} rad, {stops}, {trajectory.duration:.2f} s ({trajectory.limits_note})")
-        say(str(certificate))
+        stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
+        print_line(
+            f"length {path.length:.3g} rad, {stops}, duration {trajectory.duration:.2f} s ({trajectory.limits_note})"
+        )
+        print_line(str(certificate))
         if written:
-            say(f"wrote {' and '.join(map(str, written))}")
+            print_line(f"wrote {' and '.join(map(str, written))}")
     if not certificate.free:
         raise typer.Exit(1)
 
@@ -125,4 +136,4 @@ def _jerk(text: str | None) -> float | Literal["limits"] | None:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"--jerk is a number or the word limits, not {text!r}") from None
+        raise InputError(f"--jerk must be a number or the word limits, not {text!r}") from None

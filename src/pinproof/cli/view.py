@@ -1,4 +1,4 @@
-"""``pinproof view``: a robot, a configuration or a motion to look at."""
+"""``pinproof view``: show a robot, a configuration or a motion."""
 
 from __future__ import annotations
 
@@ -11,18 +11,25 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import robot_names
-from pinproof.cli.console import check_outputs, complain, print_json, say, until_stopped, working
+from pinproof.cli.console import (
+    check_output_files,
+    print_error,
+    print_json,
+    print_line,
+    progress_status,
+    until_interrupted,
+)
 from pinproof.cli.options import (
-    Carried,
-    Chain,
+    ChainOptions,
     Configuration,
     Html,
     IgnoreRecord,
     Json,
-    Surroundings,
-    held_by,
+    SceneOptions,
+    ToolOptions,
     load_motion,
     parse_configuration,
+    with_held_joints,
 )
 from pinproof.errors import InputError, MeshError
 
@@ -34,17 +41,18 @@ if TYPE_CHECKING:
 
 __all__ = ["view"]
 
-TABLES = (".yaml", ".yml", ".csv")
-"""Endings of DH tables; a robot file has another."""
+DH_TABLE_SUFFIXES = (".yaml", ".yml", ".csv")
 
 
 @dataclass(frozen=True)
-class Still:
-    """A picture as a file."""
+class PngOptions:
+    """Options of the PNG picture."""
 
-    png: Annotated[Path | None, typer.Option("--png", help="Write a still picture, drawn by a browser.")] = None
-    time: Annotated[float | None, typer.Option(help="Seconds into the motion, for --png.")] = None
-    size: Annotated[str, typer.Option(help="Pixels, for --png.", metavar="WIDTHxHEIGHT")] = "1280x800"
+    png: Annotated[
+        Path | None, typer.Option("--png", help="Write a picture (PNG). Requires a Chromium-based browser.")
+    ] = None
+    time: Annotated[float | None, typer.Option(help="Time of the motion that --png shows, in seconds.")] = None
+    size: Annotated[str, typer.Option(help="Size of --png in pixels.", metavar="WIDTHxHEIGHT")] = "1280x800"
 
     def pixels(self) -> tuple[int, int]:
         """Width and height.
@@ -52,14 +60,14 @@ class Still:
         Raises
         ------
         InputError
-            If the size is no size, or a time is told without a picture.
+            If ``--size`` is malformed, or ``--time`` is given without ``--png``.
         """
-        found = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", self.size.strip())
-        if found is None:
-            raise InputError(f"--size is WIDTHxHEIGHT in pixels, such as 1280x800, not {self.size!r}")
+        match = re.fullmatch(r"(\d{1,6})[xX](\d{1,6})", self.size.strip())
+        if match is None:
+            raise InputError(f"--size must be WIDTHxHEIGHT in pixels, such as 1280x800, not {self.size!r}")
         if self.time is not None and self.png is None:
-            raise InputError("--time says when the picture of --png is taken, and there is none")
-        return int(found[1]), int(found[2])
+            raise InputError("--time needs --png; add --png FILE")
+        return int(match[1]), int(match[2])
 
 
 def view(
@@ -72,79 +80,85 @@ def view(
         ),
     ],
     q: Configuration = None,
-    motion: Annotated[Path | None, typer.Option(help="A motion (.json, .csv) to play.")] = None,
+    motion: Annotated[Path | None, typer.Option(help="A motion file (.json, .csv) to play.")] = None,
     branches: Annotated[
-        bool, typer.Option("--branches", help="Also show, as ghosts, every other way to hold the tool as at --q.")
+        bool, typer.Option("--branches", help="Also show all other IK solutions for the tcp pose of --q, transparent.")
     ] = False,
     layer: Annotated[
-        list[str] | None, typer.Option(help="Show from the start: collision, frames or sweep; repeatable.")
+        list[str] | None,
+        typer.Option(help="A layer to show at first: collision, frames or sweep; can be given several times."),
     ] = None,
     html: Html = None,
-    port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 takes a free one.", min=0)] = 0,
+    port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 selects a free port.", min=0)] = 0,
     browser: Annotated[bool, typer.Option(help="Open the live view in the browser.")] = True,
     ignore_record: IgnoreRecord = False,
     *,
-    still: Still,
-    chain: Chain,
-    around: Surroundings,
-    carried: Carried,
+    png_options: PngOptions,
+    chain: ChainOptions,
+    scene_options: SceneOptions,
+    tool: ToolOptions,
     as_json: Json = False,
 ) -> None:
-    """Show a robot, still or in motion: live in the browser (Ctrl-C ends it), as a page (--html), as a picture (--png).
+    """Show a robot or a motion in the browser (Ctrl-C ends it), as an HTML page (--html) or as a picture (--png).
 
-    A motion is certified for its caption. A configuration that is given by --q, or shown with --scene, --tool-of or
-    --attached, is checked, and contacts are marked.
+    A motion is certified first, and the page shows the result. With --q, --scene, --tool-of or --attached, the
+    configuration is checked for collisions, and contacts are marked.
 
     Example: pinproof view ur5 --html ur5.html
     """
-    check_outputs([html, still.png], [robot, motion, around.scene, chain.srdf, *carried.files])
-    size = still.pixels()
+    check_output_files([html, png_options.png], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
+    size = png_options.pixels()
     if motion is not None and (q is not None or branches):
-        raise InputError(f"{'--branches' if q is None else '--q'} is of a still picture; --motion moves the arm")
-    arm, world = _arm(robot, chain, carried), around.load()
-    what: dict[str, Any] = {"layers": tuple(layer or ()), "attached": carried.attachments.bodies}
+        raise InputError(f"{'--branches' if q is None else '--q'} and --motion cannot be combined; remove one of them")
+    arm, world = _arm(robot, chain, tool), scene_options.load()
+    content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": tool.attachments.bodies}
     if motion is not None:
-        checker = around.checker(arm, world, carried)
-        what["trajectory"] = trajectory = load_motion(motion, checker, ignore_record)
-        with working("proving"):
-            what["certificate"] = pp.certify(trajectory, checker)
+        checker = scene_options.checker(arm, world, tool)
+        content["trajectory"] = trajectory = load_motion(motion, checker, ignore_record)
+        with progress_status("certifying"):
+            content["certificate"] = pp.certify(trajectory, checker)
     else:
-        asked = q is not None or around.scene is not None or any(carried.files)
-        what["q"] = held = parse_configuration(q, arm, "--q")
-        what["check"] = _checked(arm, world, held, around, carried) if asked else None
-        what["ghosts"] = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(held)).q if branches else None
-    if html is None and still.png is None:
-        # until_stopped from the first word on: who reads it may stop the view at once
-        with pp.show(arm, world, **what, port=port, open_browser=browser) as shown, until_stopped():
-            print_json({"url": shown.url}) if as_json else say(f"{shown.url} (Ctrl-C ends it)")
+        checked = q is not None or scene_options.scene is not None or any(tool.files)
+        content["q"] = configuration = parse_configuration(q, arm, "--q")
+        content["check"] = _check(arm, world, configuration, scene_options, tool) if checked else None
+        if branches:
+            content["ghosts"] = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(configuration)).q
+    if html is None and png_options.png is None:
+        # Ctrl-C can arrive as soon as the URL is printed, so until_interrupted must be active before.
+        with pp.show(arm, world, **content, port=port, open_browser=browser) as shown, until_interrupted():
+            print_json({"url": shown.url}) if as_json else print_line(f"{shown.url} (Ctrl-C ends it)")
             shown.wait()
         return
-    with working("drawing"):
-        if still.png is not None:  # first, as it may fail for want of a browser: then nothing is written
-            pp.write_png(still.png, arm, world, **what, time=still.time, size=size)
+    with progress_status("writing"):
+        if png_options.png is not None:  # first, because it fails without a browser: then no file is written
+            pp.write_png(png_options.png, arm, world, **content, time=png_options.time, size=size)
         if html is not None:
-            pp.write_html(html, arm, world, **what)
-    written = {kind: str(path) for kind, path in (("page", html), ("picture", still.png)) if path is not None}
-    print_json(written) if as_json else say(f"wrote {' and '.join(written.values())}")
+            pp.write_html(html, arm, world, **content)
+    written = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
+    print_json(written) if as_json else print_line(f"wrote {' and '.join(written.values())}")
 
 
-def _arm(robot: str, chain: Chain, carried: Carried) -> pp.Arm:
-    if Path(robot).suffix not in TABLES:
-        return chain.arm(robot, carried=carried)
+def _arm(robot: str, chain: ChainOptions, tool: ToolOptions) -> pp.Arm:
+    if Path(robot).suffix not in DH_TABLE_SUFFIXES:
+        return chain.arm(robot, tool=tool)
     from pinproof.model import load_robot_from_text
 
     if chain.group is not None or chain.srdf is not None:
-        raise InputError("--group and --srdf are of a robot file; a DH table is one chain")
+        raise InputError(
+            "--group and --srdf cannot be used with a DH table, which describes a single chain; remove them"
+        )
     text = pp.dh_to_urdf(pp.DhTable.load(robot))
-    return held_by(load_robot_from_text(text, name=robot).arm(chain.tcp, base=chain.base), carried, carried.picks.tcp)
+    return with_held_joints(
+        load_robot_from_text(text, name=robot).arm(chain.tcp, base=chain.base), tool, tool.picks.tcp
+    )
 
 
-def _checked(
-    arm: pp.Arm, world: pp.Scene, q: npt.NDArray[np.float64], around: Surroundings, carried: Carried
+def _check(
+    arm: pp.Arm, world: pp.Scene, q: npt.NDArray[np.float64], scene_options: SceneOptions, tool: ToolOptions
 ) -> CheckResult | None:
-    """What touches at q; None, said on stderr, where a body cannot be loaded: a robot can be looked at all the same."""
+    """Check q for contacts; None, with an error message, if a collision mesh cannot be loaded."""
     try:
-        return around.checker(arm, world, carried).check(q)
+        return scene_options.checker(arm, world, tool).check(q)
     except MeshError as error:
-        complain(f"not checked for contacts: {error}")
+        print_error(f"not checked for contacts: {error}")
         return None

@@ -1,4 +1,4 @@
-"""What is seen: a self-contained page of arm, scene, motion and certificate, the same page live, and as a still."""
+"""Viewer: HTML pages of an arm, a scene and a motion, the same page live, and PNG pictures."""
 
 from pinproof.viewer.live import LiveView, show
 from pinproof.viewer.overlays import ColouredPoints

@@ -1,4 +1,4 @@
-"""The motion as key frames: where every drawn link, and whatever it carries for a while, is at many instants."""
+"""Key frames of a motion: the poses of all drawn links and carried objects at many instants."""
 
 from __future__ import annotations
 
@@ -22,31 +22,30 @@ __all__ = ["Film", "Phase", "animate", "checked_motion", "film", "still", "track
 Array = npt.NDArray[np.float64]
 
 FRAME_RATE = 60.0
-"""Key frames a second. Between them the viewer turns links by slerp: at 3 rad/s and 1 m a point is off by 0.3 mm."""
+"""Key frames per second. The viewer interpolates in between (slerp); at 3 rad/s and 1 m the error is 0.3 mm."""
 
-MOST_FRAMES = 3600
-"""A minute at full rate; longer motions have their key frames further apart."""
+MAX_FRAMES = 3600
+"""One minute at the full rate; longer motions have fewer key frames per second."""
 
 REST = 1.0
-"""Seconds that the last pose stands before the motion runs again."""
+"""Seconds that the last pose is shown before the motion starts again."""
 
-STILL = 1e-9
-"""A link whose pose changes by less (m, or matrix entries) needs no track."""
+MOVING_TOLERANCE = 1e-9
+"""Metres or matrix entries. A link whose pose changes by less needs no track."""
 
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """A part of a motion along which the same objects move with the tcp.
+    """A part of a motion with constant attached objects.
 
     Parameters
     ----------
     trajectory
-        From rest to rest; it begins where the phase before it ends.
+        Starts where the previous phase ends; both are at rest there.
     attached
-        What moves with the tcp beside what the stage draws there always; poses are ``tcp_from_object``.
+        Objects that move with the tcp, in addition to those of the stage; poses are ``tcp_from_object``.
     held
-        Where joints outside the arm stand (rad or m by name), such as the robot's own fingers; the others as the
-        stage's arm holds them.
+        Values (rad or m, by name) of joints outside the arm, such as fingers. Default: those of the arm of the stage.
     """
 
     trajectory: Trajectory
@@ -61,16 +60,16 @@ class Film:
     Parameters
     ----------
     times
-        (F,) seconds; F = 1 is a still picture.
+        (F,) seconds; F = 1 for a single configuration.
     poses
         (F, L, 4, 4) ``root_from_link`` of the drawn links.
     tcp
-        (F, 3) the tcp in the root frame.
+        (F, 3) position of the tcp in the root frame.
     riders
-        By name, (F, 4, 4) ``root_from_object`` of what is attached for a while: it stands where it will be taken, then
-        moves with the tcp, then stays where it was let go.
+        By name, (F, 4, 4) ``root_from_object`` of objects that are attached in some phases. Before and after, they rest
+        where they are picked and placed.
     frames
-        By name, (F, 4, 4) ``root_from_frame`` of the links that were asked for.
+        By name, (F, 4, 4) ``root_from_frame`` of further links.
     """
 
     times: Array
@@ -81,18 +80,18 @@ class Film:
 
 
 def checked_motion(arm: Arm, motion: Trajectory) -> Trajectory:
-    """The motion, if it moves this arm.
+    """Return the motion after checking that it is a trajectory of this arm.
 
     Raises
     ------
     InputError
-        If it has no duration (a path needs timing first) or moves other joints.
+        If it has no timing or other joints.
     """
     if not hasattr(motion, "duration"):
-        raise InputError(f"a {type(motion).__name__} has no timing to play; make it a trajectory with time_parametrise")
+        raise InputError(f"a {type(motion).__name__} has no timing; convert it to a trajectory with time_parametrise")
     if tuple(motion.joint_names) != arm.joint_names:
         moved, own = ", ".join(motion.joint_names), ", ".join(arm.joint_names)
-        raise InputError(f"the trajectory moves {moved}; the arm has {own}")
+        raise InputError(f"the trajectory has the joints {moved}, but the arm has {own}")
     return motion
 
 
@@ -101,39 +100,39 @@ def film(
     phases: Sequence[Phase],
     *,
     rate: float = FRAME_RATE,
-    most: int = MOST_FRAMES,
+    most: int = MAX_FRAMES,
     frames: Sequence[str] = (),
 ) -> Film:
-    """Key frames of a motion, ``rate`` a second, but about ``most`` at most; also of the named links' ``frames``."""
+    """Key frames of a motion: ``rate`` per second, but at most about ``most``. ``frames`` names further links."""
     total = sum(phase.trajectory.duration for phase in phases)
     rate = min(rate, (most - 1) / max(total, 1e-9))
     times, poses, tcps, axes, holding = [], [], [], [], []
-    begun = 0.0
+    start_time = 0.0
     for number, phase in enumerate(phases):
         motion, placed = phase.trajectory, replace(stage, arm=stage.arm.with_held(phase.held))
         count = int(np.ceil(motion.duration * rate)) + 1
-        moments = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # its first is the last of the one before
-        for q in np.asarray(motion(moments), dtype=float):
+        instants = np.linspace(0.0, motion.duration, count)[min(number, 1) :]  # the first is in the last phase
+        for q in np.asarray(motion(instants), dtype=float):
             poses.append(placed.link_poses(q))
             tcps.append(placed.tcp_pose(q))
             axes.append(placed.frame_poses(q, frames))
-        times.append(begun + moments)
-        holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(moments)
-        begun += motion.duration
+        times.append(start_time + instants)
+        holding += [{thing.name: matrix(thing.pose) for thing in phase.attached}] * len(instants)
+        start_time += motion.duration
     root_from_tcp = np.stack(tcps)
     names = dict.fromkeys(name for held in holding for name in held)
-    riders = {name: _ride(root_from_tcp, [held.get(name) for held in holding]) for name in names}
+    riders = {name: _object_poses(root_from_tcp, [held.get(name) for held in holding]) for name in names}
     named = dict(zip(frames, np.stack(axes).swapaxes(0, 1), strict=True))
     return Film(np.concatenate(times), np.stack(poses), root_from_tcp[:, :3, 3], riders, named)
 
 
-def _ride(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
-    """(F, 4, 4) where an object is that is attached in some frames only."""
-    held = [k for k, place in enumerate(tcp_from_object) if place is not None]
+def _object_poses(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Array:
+    """(F, 4, 4) ``root_from_object`` of an object that is attached in some frames only."""
+    held = [k for k, pose in enumerate(tcp_from_object) if pose is not None]
     frames = np.arange(len(root_from_tcp))
-    # Before it is taken it is where it is taken; after it was let go, where it was let go.
+    # Before it is picked, the object is at the pick pose; after it is placed, at the place pose.
     source = np.array(held)[(np.searchsorted(held, frames, side="right") - 1).clip(0)]
-    # The frame before the first one held is the very instant of the taking.
+    # The object is picked at the frame before the first one in which it is attached.
     first = max(held[0] - 1, 0)
     placed = {k: root_from_tcp[k] @ tcp_from_object[k] for k in held}
     start = root_from_tcp[first] @ tcp_from_object[held[0]]
@@ -141,13 +140,13 @@ def _ride(root_from_tcp: Array, tcp_from_object: Sequence[Array | None]) -> Arra
 
 
 def still(stage: Stage, q: Array, *, frames: Sequence[str] = ()) -> Film:
-    """A single pose."""
+    """A single key frame at the configuration q (n,)."""
     named = dict(zip(frames, stage.frame_poses(q, frames)[:, None], strict=True))
     return Film(np.zeros(1), stage.link_poses(q)[None], stage.tcp_position(q)[None], frames=named)
 
 
 def animate(commands: Commands, stage: Stage, shown: Film) -> None:
-    """Add the tracks of everything that moves."""
+    """Add the animation of all links that move."""
     animations = tracks(commands, stage, shown)
     if animations:
         commands.set_animation(animations)
@@ -156,20 +155,20 @@ def animate(commands: Commands, stage: Stage, shown: Film) -> None:
 def tracks(
     commands: Commands, stage: Stage, shown: Film, places: dict[str, str] | None = None, *, rest: float = REST
 ) -> list[dict[str, Any]]:
-    """The tracks of every link and rider that moves, as meshcat's ``set_animation`` takes them.
+    """The tracks of all links and carried objects that move, in the form that meshcat's ``set_animation`` expects.
 
     Parameters
     ----------
     commands
-        Takes the arrays.
+        Stores the arrays.
     places
-        The node of each rider by name; those that have none are left out.
+        The node of each carried object by name; objects without a node are left out.
     rest
-        Seconds that the last pose stands.
+        Seconds that the last pose is shown.
     """
     if len(shown.times) < 2:
         return []
-    # clips are told in seconds, one "frame" each
+    # The time unit of a clip is one frame; with one frame per second, times are in seconds.
     stamps = commands.array(np.append(shown.times, shown.times[-1] + rest).astype(np.float32))
     moving = [(node_path("robot", link.name), shown.poses[:, k]) for k, link in enumerate(stage.links)]
     moving += [(node_path("frames", name), poses) for name, poses in shown.frames.items()]
@@ -179,13 +178,13 @@ def tracks(
 
 
 def _tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
-    """Position and orientation (F, 4, 4) of one thing, each only if it changes."""
+    """The tracks of position and orientation of one node with poses (F, 4, 4), each only if it changes."""
     from scipy.spatial.transform import Rotation
 
     found = []
-    if np.ptp(poses[:, :3, 3], axis=0).max() > STILL:
+    if np.ptp(poses[:, :3, 3], axis=0).max() > MOVING_TOLERANCE:
         found.append((".position", "vector3", poses[:, :3, 3]))
-    if np.ptp(poses[:, :3, :3], axis=0).max() > STILL:
+    if np.ptp(poses[:, :3, :3], axis=0).max() > MOVING_TOLERANCE:
         found.append((".quaternion", "quaternion", Rotation.from_matrix(poses[:, :3, :3]).as_quat()))
     return [
         {"name": name, "type": kind, "times": stamps, "values": commands.array(values.astype(np.float32).ravel())}

@@ -1,4 +1,4 @@
-"""Putting a page together: meshcat's viewer, commands, scripts and words in one file, which asks for nothing."""
+"""Assembly of an HTML page: the viewer of meshcat, commands, scripts, styles and texts in a single file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pinproof.viewer.wire import Commands
 
 __all__ = ["assemble", "fill", "part", "view_settings"]
 
-# The page may run what it brings along and nothing else; a browser then refuses every request, whoever makes it.
+# The page runs only the scripts that it contains; the browser blocks every network request.
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
     "img-src data: blob:; worker-src blob:; connect-src {connect}; base-uri 'none'; form-action 'none'"
@@ -41,13 +41,13 @@ def assemble(
     title
         Plain text.
     style, body, script
-        CSS; HTML; what the page does beside drawing and playing (``picture.js`` and ``player.js`` go before it).
+        CSS, HTML and JavaScript. ``picture.js`` and ``player.js`` run before ``script``.
     settings
-        What the scripts find under ``settings``; references to arrays of ``commands`` arrive as typed arrays.
+        The object ``settings`` of the scripts; references to arrays of ``commands`` become typed arrays.
     commands
-        What is drawn.
+        The commands to meshcat's viewer.
     live
-        Whether the page may listen to the server it came from.
+        Whether the page may receive events from the server that sent it.
     """
     bundle, licences = _viewer_bundle()
     own = "\n".join([part("picture.js"), part("player.js"), script])
@@ -68,17 +68,17 @@ def assemble(
 
 
 def fill(template: str, values: Mapping[str, str]) -> str:
-    """The template with its places filled, in one pass: nothing that is put in is ever taken for a place to fill."""
+    """Replace each ``{{name}}`` of a template in a single pass, so that inserted text is never replaced again."""
     return re.sub(r"\{\{(\w+)\}\}", lambda place: values[place[1]], template)
 
 
 def part(name: str, package: str = "pinproof.viewer") -> str:
-    """A file that lies beside the code."""
+    """The text of a file in a package."""
     return files(package).joinpath(name).read_text(encoding="utf-8")
 
 
 def view_settings(view: View) -> dict[str, Any]:
-    """What the page needs to frame the picture on a canvas of any shape."""
+    """The settings from which the page computes the position of the camera for its canvas."""
     return {
         "direction": [round(float(v), 6) for v in view.direction],
         "points": [[round(float(v), 4) for v in point] for point in view.points],
@@ -88,10 +88,10 @@ def view_settings(view: View) -> dict[str, Any]:
 
 
 def _viewer_bundle() -> tuple[str, str]:
-    """The viewer of meshcat (MIT, with three.js and dat.GUI inside) and the licences that must travel with it."""
-    spec = find_spec("meshcat")  # finds the package without importing it; see pinproof.viewer.wire
+    """The viewer of meshcat (MIT licence; it includes three.js and dat.GUI) and the licences to distribute with it."""
+    spec = find_spec("meshcat")  # does not import the package; see pinproof.viewer.wire
     if spec is None or spec.origin is None:
-        raise ViewerError("meshcat is not installed, and its viewer is what shows the page: pip install meshcat")
+        raise ViewerError("meshcat is not installed; pages need its viewer: pip install meshcat")
     folder = Path(spec.origin).parent / "viewer"
     try:
         bundle = (folder / "dist" / "main.min.js").read_text(encoding="utf-8")
@@ -106,5 +106,5 @@ def _viewer_bundle() -> tuple[str, str]:
 
 
 def _inside_script(text: str) -> str:
-    """Text that cannot end the ``<script>`` element it stands in."""
+    """Escape a text so that it cannot close the ``<script>`` element that contains it."""
     return re.sub(r"<(?=/script|!--)", r"\\x3c", text, flags=re.IGNORECASE)

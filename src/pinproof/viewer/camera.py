@@ -1,10 +1,10 @@
-"""Where to look from: the direction that shows most of the robot, and the points that must be in the picture.
+"""The camera: the direction that shows most of the robot, and the points that the picture must contain.
 
-The page itself computes the distance, because only it knows the shape of its canvas. Both use the same closed form.
-With the camera's axes fixed, each point p = (x, y, z) (right, up, towards the camera) must satisfy
-|x - c_x| <= (c_z - z) t, with t the tangent of half the angle of view. So c_x lies between max(x + z t) - c_z t and
-min(x - z t) + c_z t, which is possible from c_z = (max(x + z t) - min(x - z t)) / 2t on; the same holds for y, and the
-larger c_z fits both.
+The page computes the distance of the camera, because it depends on the aspect ratio of the canvas. :func:`fit` and the
+page use the same closed form. With the axes of the camera fixed, each point p = (x, y, z) (right, up, towards the
+camera) must satisfy |x - c_x| <= (c_z - z) t, where t is the tangent of half the angle of view. Hence c_x is between
+max(x + z t) - c_z t and min(x - z t) + c_z t. The interval is not empty if c_z >= (max(x + z t) - min(x - z t)) / 2t.
+The same holds for y, and the larger c_z satisfies both.
 """
 
 from __future__ import annotations
@@ -23,52 +23,51 @@ __all__ = ["FIELD_OF_VIEW", "MARGIN", "View", "choose_view", "fit"]
 Array = npt.NDArray[np.float64]
 
 FIELD_OF_VIEW = 30.0
-"""Degrees, vertically; that of a long lens, which does not make the nearest link look twice as thick."""
+"""Vertical angle of view in degrees. A small angle limits the perspective distortion of near links."""
 
 ASPECT = 4 / 3
-"""Width over height of the canvas for which directions are compared."""
+"""Aspect ratio (width / height) for which directions are compared."""
 
 GRID = (80, 60)
-"""Cells of the picture in which directions are compared."""
+"""Cells of the picture for which directions are compared."""
 
 SAMPLES = 1500
-"""Points on each link that stand for its surface; cells of GRID are wider than their gaps."""
+"""Sample points on the surface of each link; their spacing is smaller than a cell of GRID."""
 
-LOOKS = 3
-"""Moments of the motion at which directions are compared."""
+COMPARED_INSTANTS = 3
+"""Instants of the motion at which directions are compared."""
 
 SEEN_CELLS = 2
-"""A link counts as seen when it owns this many cells of GRID."""
+"""A link is visible if it is in front in at least this number of cells."""
 
-GRAZE = 1e-3
-"""Share of the line of sight that must run through a box before it hides what lies behind."""
+MIN_OCCLUSION = 1e-3
+"""Fraction of the line of sight that must be inside a box to count as occluded."""
 
-ENOUGH = 0.20
-"""Share of the picture that the robot should fill; more is no reason to prefer a direction."""
+ENOUGH_SHARE = 0.20
+"""Fraction of the picture that the robot should fill; directions that exceed it are not preferred."""
 
-
-NEARLY = 0.985
-"""A customary direction is taken if its links are seen at least this well, compared with the best direction."""
+SIMILAR_MERIT = 0.985
+"""The first direction in order of preference whose merit is at least this fraction of the best is used."""
 
 MARGIN = 0.05
-"""Share of the half canvas that stays free beyond what is framed."""
+"""Fraction of half the canvas that is left free at its border."""
 
 MOVING_MARGIN = 0.01
-"""The same of a motion, which is framed from end to end, so that the robot fills less of the picture at any moment."""
+"""The same for a motion. It is smaller, because all positions of the robot over the motion must fit."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """How the camera is set up.
+    """The view of the camera.
 
     Parameters
     ----------
     direction
-        (3,) unit vector from what is looked at to the camera, in the root frame.
+        (3,) unit vector from the centre of the picture to the camera, in the root frame.
     points
-        (K, 3) what must be in the picture: extreme points of the robot over the whole motion and of the tcp's path.
+        (K, 3) points that the picture must contain: extreme points of the robot over the motion, and of the tcp path.
     margin
-        Share of the half canvas that stays free beyond them.
+        Fraction of half the canvas that is left free around them.
     """
 
     direction: Array
@@ -77,46 +76,46 @@ class View:
 
     @property
     def radius(self) -> float:
-        """Metres: half the diagonal of the box around what is shown."""
+        """Half the diagonal of the bounding box of the points, in metres."""
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0))) / 2
 
 
 def choose_view(stage: Stage, poses: Array, points: Array, *, also: Array | None = None) -> View:
-    """The view of a motion.
+    """Choose the view of a motion.
 
     Parameters
     ----------
     poses
         (F, L, 4, 4) ``root_from_link`` of the stage's links over the motion.
     points
-        (N, 3) what else must be in the picture: the way of the tcp, contacts.
+        (N, 3) further points that the picture must contain, such as the tcp path and contacts.
     also
-        (k, L, 4, 4) poses of the links that are framed too, but need not be made out link by link.
+        (k, L, 4, 4) further poses of the links that the picture must contain, but that do not affect the direction.
     """
     rng = np.random.default_rng(0)
     drawn = [k for k, link in enumerate(stage.links) if link.surfaces]
     poses = poses[:, drawn]
     links = [_samples(stage.links[k].surfaces, rng) for k in drawn]
     owner = np.repeat(np.arange(len(links)), SAMPLES)
-    moments = sorted({round(i) for i in np.linspace(0, len(poses) - 1, 24)})
+    instants = sorted({round(i) for i in np.linspace(0, len(poses) - 1, 24)})
     outlines = [_extremes(np.concatenate([s.vertices for s in stage.links[k].surfaces])) for k in drawn]
-    framed = [poses[i] for i in moments] + ([] if also is None else list(also[:, drawn]))
+    framed = [poses[i] for i in instants] + ([] if also is None else list(also[:, drawn]))
     points = _extremes(np.concatenate([points, *(_placed(outlines, each) for each in framed)]))
-    shown = [_placed(links, poses[i]) for i in sorted({round(i) for i in np.linspace(0, len(poses) - 1, LOOKS)})]
+    compared = sorted({round(i) for i in np.linspace(0, len(poses) - 1, COMPARED_INSTANTS)})
+    shown = [_placed(links, poses[i]) for i in compared]
     boxes = [_Box.around(obstacle) for obstacle in stage.obstacles]
 
     def merit(direction: Array) -> tuple[int, float, float]:
         cells = np.array([_cells_of_links(p, owner, boxes, direction, points) for p in shown])
         seen = int((cells >= SEEN_CELLS).sum(axis=1).min())
         share = float(cells.sum(axis=1).min()) / (GRID[0] * GRID[1])
-        # square roots: the view that shows every link fairly well wins over the one that shows one link very large
-        return seen, round(min(share, ENOUGH), 2), float(np.sqrt(cells).sum())
+        # Square roots favour a view that shows every link well over one that shows a single link very large.
+        return seen, round(min(share, ENOUGH_SHARE), 2), float(np.sqrt(cells).sum())
 
     merits = [(merit(direction), direction) for direction in _directions()]
     seen, share, most = max(each[0] for each in merits)
-    margin = MARGIN if len(moments) == 1 else MOVING_MARGIN
-    # the first that is nearly as good as the best: the customary views come first
-    good = (way for m, way in merits if m[0] == seen and m[1] >= share and m[2] >= NEARLY * most)
+    margin = MARGIN if len(instants) == 1 else MOVING_MARGIN
+    good = (d for m, d in merits if m[0] == seen and m[1] >= share and m[2] >= SIMILAR_MERIT * most)
     return View(next(good), points, margin)
 
 
@@ -138,7 +137,7 @@ def _axes(direction: Array) -> Array:
 
 
 def _directions() -> list[Array]:
-    """Three-quarter views, the customary one (front right, from above) first: it wins a draw."""
+    """Three-quarter views in order of preference; the first is from the front right and above."""
     choices = []
     for elevation in np.deg2rad((24.0, 12.0, 38.0)):
         for azimuth in np.deg2rad((-45, 45, -30, 30, -60, 60, -15, 15, -90, 90, -120, 120, -150, 150, 180)):
@@ -150,7 +149,7 @@ def _directions() -> list[Array]:
 def _cells_of_links(
     samples: Array, owner: npt.NDArray[np.int64], boxes: Sequence[_Box], direction: Array, framed: Array
 ) -> Array:
-    """(L,) cells of the picture in which each link lies in front, drawn from samples with a depth buffer."""
+    """(L,) number of cells of the picture in which each link is in front, from samples and a depth buffer."""
     axes, tangent, camera = fit(framed, direction, ASPECT)
     x = samples @ axes.T - camera
     picture = x[:, :2] / (-x[:, 2:] * tangent)
@@ -167,7 +166,7 @@ def _cells_of_links(
 
 @dataclass(frozen=True, eq=False)
 class _Box:
-    """The box around an obstacle, along the obstacle's own axes."""
+    """The bounding box of an obstacle in the frame of the obstacle."""
 
     obstacle_from_root: Array
     low: Array
@@ -180,15 +179,15 @@ class _Box:
         return cls(obstacle_from_root, corners.min(axis=0), corners.max(axis=0))
 
     def hides(self, points: Array, camera: Array) -> npt.NDArray[np.bool_]:
-        """Which points (N, 3) the camera (3,) cannot see for it; a link that stands on the box is not hidden by it."""
+        """Which points (N, 3) the box hides from the camera (3,); points on the surface of the box are not hidden."""
         rotation, shift = self.obstacle_from_root[:3, :3], self.obstacle_from_root[:3, 3]
         start, end = points @ rotation.T + shift, rotation @ camera + shift
         with np.errstate(
             divide="ignore", invalid="ignore"
-        ):  # a ray along a face gives 0 / 0, which counts as beside it
+        ):  # a ray along a face gives 0 / 0, which counts as not hidden
             at = np.stack([(self.low - start) / (end - start), (self.high - start) / (end - start)])
         enter, leave = at.min(axis=0).max(axis=1), at.max(axis=0).min(axis=1)
-        return np.maximum(enter, 0.0) + GRAZE < np.minimum(leave, 1.0)
+        return np.maximum(enter, 0.0) + MIN_OCCLUSION < np.minimum(leave, 1.0)
 
 
 def _placed(links: Sequence[Array], poses: Array) -> Array:
@@ -196,7 +195,7 @@ def _placed(links: Sequence[Array], poses: Array) -> Array:
 
 
 def _samples(surfaces: Sequence[Surface], rng: np.random.Generator) -> Array:
-    """(SAMPLES, 3) points spread evenly over surfaces."""
+    """(SAMPLES, 3) points distributed uniformly over surfaces."""
     corners = np.concatenate([s.vertices[s.triangles] for s in surfaces])
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.linalg.norm(np.cross(ab, ac), axis=1)
@@ -208,7 +207,7 @@ def _samples(surfaces: Sequence[Surface], rng: np.random.Generator) -> Array:
 
 
 def _extremes(points: Array) -> Array:
-    """The points that lie furthest out in 400 directions, spread over the sphere on a Fibonacci spiral."""
+    """The extreme points in 400 directions, which are distributed over the sphere by a Fibonacci spiral."""
     k = np.arange(400) + 0.5
     z, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
     level = np.sqrt(1 - z * z)

@@ -1,4 +1,4 @@
-// What lies over the picture (faint copies, frames, bodies in contact) and the switches of its layers.
+// Transparent copies of links, frames, bodies in contact, and the switches of the layers.
 const THREE = MeshCat.THREE;
 const meshesUnder = (path) => {
   const found = [];
@@ -10,13 +10,13 @@ const meshesUnder = (path) => {
 settings.copies.forEach((copy, number) => {
   const group = new THREE.Group(), colour = new THREE.Color();
   for (let k = 0; k < copy.count; k++) {
-    // A little further away than what they lie upon, each copy a little more: surfaces on one place would flicker.
+    // Coincident surfaces would flicker; each copy gets a larger depth offset than the one before.
     const back = { polygonOffset: true, polygonOffsetFactor: 0.4 * (k + 1), polygonOffsetUnits: 2 * (k + 1) };
     const one = new THREE.Group();
     one.matrix.fromArray(copy.matrices, 16 * k);
     one.matrixAutoUpdate = false;
     for (const mesh of meshesUnder(copy.of)) {
-      // A first pass writes depth alone: of a copy only the outer surface is seen, not its inner walls.
+      // The first pass writes only the depth buffer, so that only the outer surface of a copy is visible.
       const shell = new THREE.MeshBasicMaterial({ colorWrite: false, side: THREE.DoubleSide, ...back });
       const look = Object.assign(mesh.material.clone(), { transparent: true, opacity: copy.opacity, depthWrite: false, ...back });
       if (copy.rgb) look.color.copy(colour.fromArray(copy.rgb, 3 * k));
@@ -68,7 +68,7 @@ function label(text, size, below) {
   return sprite;
 }
 
-// --- the two bodies of a contact, in red while contacts are shown ---
+// --- the bodies of a contact are red while contacts are visible ---
 const touching = settings.touching.flatMap(meshesUnder).map((mesh) => [mesh.material, mesh.material.color.clone()]);
 const alarm = new THREE.Color(0xd01515);
 function redden(on) {

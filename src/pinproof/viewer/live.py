@@ -1,4 +1,4 @@
-"""The same page, live: served to this machine only, and told to change while it is open."""
+"""The live view: the page served on the loopback interface, and updated while it is open."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from pinproof.viewer.wire import node_path, transform_command
 __all__ = ["LiveView", "show"]
 
 LOOPBACK = "127.0.0.1"
-"""meshcat's own server listens on every interface, so that anybody on the network could look in; this one does not."""
+"""Only this machine can open the page. The server of meshcat listens on every interface."""
 
 HEARTBEAT = 10.0
-"""Seconds between signs of life to a page; they also find out that it was closed."""
+"""Seconds between messages that keep the connection to a page alive and detect that the page was closed."""
 
 RETRY = 1000.0
-"""Milliseconds after which a page that lost the view looks for it again."""
+"""Milliseconds after which a page that lost the connection tries to reconnect."""
 
-GOODBYE_TIMEOUT = 2.0
-"""Seconds that :meth:`LiveView.close` waits for its thread."""
+CLOSE_TIMEOUT = 2.0
+"""Seconds that :meth:`LiveView.close` waits for the server thread."""
 
 log = logging.getLogger(__name__)
 
@@ -62,24 +62,24 @@ def show(
     port: int = 0,
     open_browser: bool = False,
 ) -> LiveView:
-    """Show an arm in the browser, live; returns at once.
+    """Show an arm live in the browser; the function returns immediately.
 
-    An open page follows what the view is told. One that loses the view comes back by itself as soon as there is a view
-    at its address again, of this program or of the next.
+    An open page follows the changes made through the returned object. A page that loses the connection reconnects as
+    soon as a view is served at the same address again.
 
     Parameters
     ----------
     arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
         As in :func:`pinproof.write_html`.
     port
-        The port on 127.0.0.1; 0 takes a free one.
+        The port on 127.0.0.1; 0 selects a free port.
     open_browser
-        Also open the page in the user's browser.
+        Whether to open the page in the default browser.
 
     Returns
     -------
     LiveView
-        Its ``url`` opens the page, its ``close()`` ends it; it also ends with the program.
+        Has the address of the page as ``url``, and ends with ``close()`` or with the program.
     """
     picture = Picture(
         arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
@@ -93,30 +93,32 @@ def show(
 
 
 class LiveView:
-    """A page served on 127.0.0.1 from a background thread; made by :func:`show`, usable in ``with``."""
+    """A page served on 127.0.0.1 by a background thread. Created by :func:`show`; also a context manager."""
 
     def __init__(self, picture: Picture, *, port: int = 0) -> None:
-        self._number, self._page = _numbered(picture)
+        self._page_id, self._page = _new_page(picture)
         self._picture = picture
-        self._moved: Event | None = None
+        self._last_move: Event | None = None
         self._listeners: set[queue.SimpleQueue[Event]] = set()
         self._lock = threading.Lock()
         self._closed = threading.Event()
         try:
             self._server = _Server((LOOPBACK, port), self)
         except (OSError, OverflowError) as error:
-            raise ViewerError(f"port {port} of {LOOPBACK} cannot be used: {error}; port=0 takes a free one") from error
+            raise ViewerError(
+                f"port {port} of {LOOPBACK} cannot be used: {error}; port=0 selects a free one"
+            ) from error
         serve = self._server.serve_forever
         self._thread = threading.Thread(target=serve, args=(0.1,), name="pinproof view", daemon=True)
         self._thread.start()
 
     @property
     def url(self) -> str:
-        """Where the page is."""
+        """The address of the page."""
         return f"http://{LOOPBACK}:{self._server.server_address[1]}/"
 
     def move_to(self, q: npt.ArrayLike) -> None:
-        """Show the arm at q (n,); a motion that is playing, or a check of another configuration, is shown no more."""
+        """Show the arm at the configuration q (n,). A motion or a collision check shown before is removed."""
         configuration = self._picture.arm.configuration(q)
         if self._page.moving or self._picture.check is not None:
             self._show(replace(self._picture, trajectory=None, certificate=None, check=None, q=configuration))
@@ -127,8 +129,8 @@ class LiveView:
         placed = [*stage.link_poses(configuration), *stage.frame_poses(configuration, frames)]
         commands = [transform_command(name, pose) for name, pose in zip(names, placed, strict=True)]
         with self._lock:
-            self._moved = ("message", json.dumps(commands))
-            self._tell(self._moved)
+            self._last_move = ("message", json.dumps(commands))
+            self._send(self._last_move)
 
     def replace(
         self,
@@ -140,24 +142,24 @@ class LiveView:
         ghosts: npt.ArrayLike | None = None,
         check: CheckResult | None = None,
     ) -> None:
-        """Show another scene or motion of the same arm; open pages load it by themselves."""
-        told = replace(self._picture, scene=scene, trajectory=trajectory, certificate=certificate)
-        self._show(replace(told, q=q, ghosts=ghosts, check=check))
+        """Show another scene or motion of the same arm; open pages reload automatically."""
+        picture = replace(self._picture, scene=scene, trajectory=trajectory, certificate=certificate)
+        self._show(replace(picture, q=q, ghosts=ghosts, check=check))
 
     def wait(self, timeout: float | None = None) -> bool:
-        """Wait until the view is closed (by another thread), or for ``timeout`` seconds; whether it is closed."""
+        """Wait until another thread closes the view, or for ``timeout`` seconds; return whether it is closed."""
         return self._closed.wait(timeout)
 
     def close(self) -> None:
-        """End the view and free its port; pages that are open keep their picture. Closing twice is harmless."""
+        """Stop the server and free the port. Open pages keep their picture. Further calls have no effect."""
         if self._closed.is_set():
             return
         self._closed.set()
         with self._lock:
-            self._tell(("closed", ""))
+            self._send(("closed", ""))
         self._server.shutdown()
         self._server.server_close()
-        self._thread.join(GOODBYE_TIMEOUT)
+        self._thread.join(CLOSE_TIMEOUT)
 
     def __enter__(self) -> LiveView:
         return self
@@ -171,23 +173,23 @@ class LiveView:
         return f"LiveView({self.url}{', closed' if self._closed.is_set() else ''})"
 
     def _show(self, picture: Picture) -> None:
-        number, page = _numbered(picture)
+        page_id, page = _new_page(picture)
         with self._lock:
-            self._number, self._page, self._picture, self._moved = number, page, picture, None
-            self._tell(("page", number))
+            self._page_id, self._page, self._picture, self._last_move = page_id, page, picture, None
+            self._send(("page", page_id))
 
-    def _tell(self, event: Event) -> None:
+    def _send(self, event: Event) -> None:
         for listener in self._listeners:
             listener.put(event)
 
     def _subscribe(self) -> queue.SimpleQueue[Event]:
         listener: queue.SimpleQueue[Event] = queue.SimpleQueue()
         with self._lock:
-            listener.put(("page", self._number))
+            listener.put(("page", self._page_id))
             if self._closed.is_set():
                 listener.put(("closed", ""))
-            elif self._moved is not None:
-                listener.put(self._moved)
+            elif self._last_move is not None:
+                listener.put(self._last_move)
             self._listeners.add(listener)
         return listener
 
@@ -196,10 +198,10 @@ class LiveView:
             self._listeners.discard(listener)
 
 
-def _numbered(picture: Picture) -> tuple[str, Page]:
-    """A page and its number, which none had before, of this program or another: pages that come back compare it."""
-    number = uuid4().hex
-    return number, render_page(picture, live=number)
+def _new_page(picture: Picture) -> tuple[str, Page]:
+    """A page and its unique identifier. A page that reconnects compares identifiers and reloads if they differ."""
+    page_id = uuid4().hex
+    return page_id, render_page(picture, live=page_id)
 
 
 class _Server(ThreadingHTTPServer):
@@ -210,7 +212,7 @@ class _Server(ThreadingHTTPServer):
         super().__init__(address, _Handler)
 
     def handle_error(self, request: Any, client_address: Any) -> None:  # noqa: ARG002
-        """Note a failed request; the standard library would print it."""
+        """Log a failed request; the standard library would print it."""
         log.debug("request of %s failed", client_address, exc_info=True)
 
 
@@ -218,8 +220,8 @@ class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        """The page, or the events that change it."""
-        # A foreign site may point its own name at 127.0.0.1; the browser still says which name it asked.
+        """Send the page, or the stream of events."""
+        # A foreign site may resolve its own name to 127.0.0.1 (DNS rebinding); the Host header still states that name.
         if self.headers.get("Host", "").rsplit(":", 1)[0] not in (LOOPBACK, "localhost"):
             self.send_error(HTTPStatus.FORBIDDEN)
         elif self.path == "/":
@@ -230,7 +232,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.send_error(HTTPStatus.NOT_FOUND)
 
     def log_message(self, format: str, *args: Any) -> None:  # noqa: A002 (the standard library's name)
-        """Note a request; the standard library would print it."""
+        """Log a request; the standard library would print it."""
         log.debug(format, *args)
 
     def _answer(self, kind: str, body: bytes | None) -> None:
@@ -245,7 +247,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def _events(self) -> None:
-        """Server-sent events, until the page or the view is closed."""
+        """Send server-sent events until the page or the view is closed."""
         view = self.server.view
         listener = view._subscribe()
         try:
@@ -257,7 +259,7 @@ class _Handler(BaseHTTPRequestHandler):
                     name, data = listener.get(timeout=HEARTBEAT)
                     self.wfile.write(f"event: {name}\ndata: {data}\n\n".encode())
                 except queue.Empty:
-                    self.wfile.write(b": still here\n\n")
+                    self.wfile.write(b": heartbeat\n\n")
         except OSError:
             log.debug("a page was closed")
         finally:

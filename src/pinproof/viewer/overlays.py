@@ -1,14 +1,8 @@
-"""Arrows that mark poses, each in the colour of its kind: where many picks grasp, and which of them are good.
+"""What is drawn in addition to the robot and the scene.
 
-Frames in the picture: axes with a name, at the links of the arm and wherever else they are told.
-
-Contacts in the picture: where two bodies touch, and along which normal.
-
-Faint copies of links: every branch of an IK answer as a ghost, and the tool at steps of its motion.
-
-Coloured points in the picture: a reach map, a scan, the places of many picks.
-
-Floor, background and light: they make shape and place readable and are no part of the scene.
+Pose markers (arrows, for example at the grasps of many picks), frames with names, contacts with their normals,
+transparent copies of links (other IK solutions, the tool along a motion), coloured points, and the floor, lights and
+background.
 """
 
 from __future__ import annotations
@@ -52,28 +46,28 @@ Array = npt.NDArray[np.float64]
 Rgb = tuple[float, float, float]
 
 LONGEST, SHORTEST = 0.07, 0.015
-"""Metres: an arrow, alone or in a crowd."""
+"""Metres. Limits of the length of an arrow."""
 
-SHARE = 0.9
-"""An arrow is at most this share of the usual distance between neighbours long: beside each other, not a thicket."""
+SPACING_SHARE = 0.9
+"""Largest length of an arrow as a fraction of the median distance between neighbouring markers."""
 
 SIDES = 10
-"""Sides of an arrow, which is drawn up to some thousand times."""
+"""Segments of the cross section of an arrow; there may be thousands of arrows."""
 
 
 @dataclass(frozen=True, eq=False)
 class PoseMarkers:
-    """Poses and their kinds.
+    """Poses that are marked by coloured arrows.
 
     Parameters
     ----------
     poses
-        (N, 4, 4) ``root_from_tip``. The arrow ends at the tip and points along its z axis, the way it comes; the bar
-        across its tail lies along the tip's x axis.
+        (N, 4, 4) ``root_from_tip``. Each arrow ends at the tip and points along its z axis; the bar across its other
+        end is parallel to the x axis.
     kinds
-        (N,) which of ``colours`` each has.
+        (N,) index of the colour of each pose.
     colours
-        0 to 1 each.
+        (r, g, b) from 0 to 1.
     """
 
     poses: Array
@@ -81,7 +75,7 @@ class PoseMarkers:
     colours: tuple[Rgb, ...]
 
     def settings(self, commands: Commands) -> dict[str, Any]:
-        """What the page's script draws them from; arrays go to ``commands``."""
+        """The settings from which the script of the page draws the arrows; arrays are stored in ``commands``."""
         shape = arrow(self._length())
         columns = np.swapaxes(self.poses, 1, 2).astype(np.float32)  # three.js reads matrices by columns
         rgb = np.array(self.colours, dtype=float).reshape(-1, 3)[self.kinds]
@@ -101,42 +95,47 @@ class PoseMarkers:
         if len(places) < 2:
             return LONGEST
         gaps = cKDTree(places).query(places, k=2)[0][:, 1]
-        return float(np.clip(SHARE * np.median(gaps), SHORTEST, LONGEST))
+        return float(np.clip(SPACING_SHARE * np.median(gaps), SHORTEST, LONGEST))
 
 
 @lru_cache(maxsize=4)
 def arrow(length: float) -> Surface:
-    """An arrow of a length (m) along z that ends at the origin."""
+    """An arrow of the given length (m) along z that ends at the origin."""
     from trimesh import creation, util
 
-    head, thick = 0.42 * length, 0.05 * length
-    cone = creation.cone(radius=0.17 * length, height=head, sections=SIDES)  # its disc lies at z = 0, its point above
-    cone.apply_translation((0, 0, -head))
-    shaft = creation.cylinder(radius=thick, height=length - head, sections=SIDES)
-    shaft.apply_translation((0, 0, -(length + head) / 2))
-    bar = creation.box(extents=(0.5 * length, 2 * thick, 2 * thick))
+    head_length, radius = 0.42 * length, 0.05 * length
+    head = creation.cone(radius=0.17 * length, height=head_length, sections=SIDES)  # its base is at z = 0
+    head.apply_translation((0, 0, -head_length))
+    shaft = creation.cylinder(radius=radius, height=length - head_length, sections=SIDES)
+    shaft.apply_translation((0, 0, -(length + head_length) / 2))
+    bar = creation.box(extents=(0.5 * length, 2 * radius, 2 * radius))
     bar.apply_translation((0, 0, -length))
-    whole = util.concatenate([cone, shaft, bar])
-    return shade(np.array(whole.vertices, dtype=float), np.array(whole.faces, dtype=np.int64), (1, 1, 1, 1))
+    mesh = util.concatenate([head, shaft, bar])
+    return shade(np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64), (1, 1, 1, 1))
 
 
 FRAME_SHARE = 0.11
-"""Length of a frame's axes, as a share of the picture's radius."""
+"""Length of the axes of a frame, as a fraction of the radius of the picture."""
 
-NEAR = 0.2
-"""Origins nearer than this share of an axis' length would have their names on each other."""
+LABEL_DISTANCE = 0.2
+"""Fraction of the length of an axis. The labels of frames that are closer to each other are stacked."""
 
 
 def frame_names(stage: Stage) -> list[str]:
-    """The links whose frames are shown: base, what each joint of the arm moves, tcp."""
+    """The links whose frames are drawn: the base, the child link of each joint of the arm, and the tcp."""
     joints = stage.arm.robot.urdf.joints
     return list(dict.fromkeys([stage.arm.base, *(joints[name].child for name in stage.arm.joint_names), stage.arm.tcp]))
 
 
 def add_frames(commands: Commands, placed: Mapping[str, Array], reach: float) -> dict[str, Any]:
-    """Place frames, (4, 4) ``root_from_frame`` by name; what the page's script draws their axes and names from.
+    """Place frames and return the settings from which the script of the page draws their axes and names.
 
-    ``reach`` (m) is the picture's radius.
+    Parameters
+    ----------
+    placed
+        ``root_from_frame`` (4, 4) by name.
+    reach
+        Radius of the picture in metres.
     """
     for name, pose in placed.items():
         commands.set_transform(node_path("frames", name), pose)
@@ -144,8 +143,8 @@ def add_frames(commands: Commands, placed: Mapping[str, Array], reach: float) ->
     origins = [pose[:3, 3] for pose in placed.values()]
     names = []
     for number, name in enumerate(placed):
-        # names at one origin stand above each other
-        below = sum(bool(np.linalg.norm(each - origins[number]) < NEAR * length) for each in origins[:number])
+        # The labels of frames with the same origin are stacked.
+        below = sum(bool(np.linalg.norm(each - origins[number]) < LABEL_DISTANCE * length) for each in origins[:number])
         names.append([node_path("frames", name).removeprefix("/frames/"), name, below])
     return {"names": names, "length": length}
 
@@ -154,24 +153,24 @@ CONTACT_RED: Rgba = (0.90, 0.05, 0.05, 0.9)
 NORMAL_INK: Rgba = (0.10, 0.05, 0.05, 1.0)
 
 BALL_SHARE, LEAST_BALL = 0.012, 0.004
-"""Radius of the ball that marks a contact: this share of the picture's own radius, but so many metres at least."""
+"""Radius of the sphere that marks a contact: a fraction of the radius of the picture, and the least value in metres."""
 
-MOST_MARKS = 50
-"""Contacts that are marked; the caption counts them all."""
+MAX_MARKS = 50
+"""Largest number of marked contacts; the caption states the total number."""
 
 
 @dataclass(frozen=True, eq=False)
 class Mark:
-    """A contact: the two bodies (links, attached objects, obstacles), their points (2, 3), the normal (3,) if known."""
+    """A contact: the names of the two bodies, their contact points (2, 3), and the normal (3,) if it is known."""
 
     bodies: tuple[str, str]
     points: Array
     normal: Array | None
 
     def draw(self, commands: Commands, number: int, radius: float) -> None:
-        """A ball midway between the points, one on each where they are apart, and an arrow along the normal.
+        """Draw a sphere midway between the points, one on each point if they are apart, and an arrow along the normal.
 
-        They are seen through whatever lies before them.
+        All are visible through other objects.
         """
         seen_through = {"type": "MeshBasicMaterial", "depthTest": False, "transparent": True}
         middle = self.points.mean(axis=0)
@@ -193,13 +192,13 @@ class Mark:
 
 
 def marks_of(found: FirstContact | CheckResult | None) -> list[Mark]:
-    """The contacts of a certificate or of a check, :data:`MOST_MARKS` at most."""
+    """The contacts of a certificate or of a check, at most :data:`MAX_MARKS`."""
     if found is None:
         return []
     if isinstance(found, CheckResult):
-        return [Mark(each.bodies, each.points, _direction(each.normal)) for each in found.contacts[:MOST_MARKS]]
-    # A certificate tells no normal. It is the way from the first point to the second, or back where bodies overlap;
-    # two points on one place show none.
+        return [Mark(each.bodies, each.points, _direction(each.normal)) for each in found.contacts[:MAX_MARKS]]
+    # A certificate has no normal. It is the direction from the first point to the second, reversed if the bodies
+    # penetrate; points that coincide give no direction.
     gap = found.points[1] - found.points[0]
     apart = float(np.linalg.norm(gap))
     normal = None if apart < 1e-7 else np.sign(found.distance or 1.0) * gap / apart
@@ -207,17 +206,17 @@ def marks_of(found: FirstContact | CheckResult | None) -> list[Mark]:
 
 
 def _direction(normal: Array) -> Array | None:
-    """A unit normal; None where there is none, as between a ball and a cylinder whose axis holds its centre."""
+    """The normal, or None if it is zero, as for a sphere whose centre is on the axis of a cylinder."""
     return normal if np.linalg.norm(normal) > 0.5 else None
 
 
 def mark_radius(reach: float) -> float:
-    """Metres, of the ball of a mark in a picture of radius ``reach`` (m)."""
+    """Radius (m) of the sphere of a mark in a picture of radius ``reach`` (m)."""
     return max(BALL_SHARE * reach, LEAST_BALL)
 
 
 def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
-    """The nodes of all bodies in contact; an attached object is drawn with the tcp's link."""
+    """The nodes of all bodies in contact; attached objects belong to the node of the tcp link."""
     links, obstacles = {link.name for link in stage.links}, {obstacle.name for obstacle in stage.obstacles}
     found: dict[tuple[str, str], None] = {}
     for name in (body for mark in marks for body in mark.bodies):
@@ -231,20 +230,22 @@ def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
 
 
 SWEEP_TURN, SWEEP_SHARE, MOST_STEPS = np.deg2rad(25.0), 0.07, 40
-"""The tool is drawn anew after this turn (rad), or a way of this share of the picture's radius; this often at most."""
+"""Rotation (rad) and tcp displacement (as a fraction of the radius of the picture) between two drawn steps of the tool,
+and the largest number of steps."""
 
 GHOST_HUES = ((0.12, 0.47, 0.80), (0.90, 0.45, 0.10), (0.16, 0.58, 0.28), (0.72, 0.22, 0.55), (0.45, 0.36, 0.75),
               (0.75, 0.62, 0.10), (0.10, 0.60, 0.62), (0.78, 0.25, 0.22))  # fmt: skip
-"""Colours that tell ghosts apart; they repeat."""
-SAME_LOOK = 1e-4
-"""Copies that differ by about this much (m, or matrix entries) are one: joints often differ by whole turns alone."""
+"""Colours of ghosts, used cyclically."""
 
-SAME_PLACE = 1e-6
-"""Links whose pose in the tcp frame changes by less (m, or matrix entries) move with the tool."""
+SAME_POSE = 1e-4
+"""Metres or matrix entries. Copies that differ by less are drawn once; often joints differ only by full rotations."""
+
+RIGID_TOLERANCE = 1e-6
+"""Metres or matrix entries. Links whose pose in the tcp frame changes by less belong to the tool."""
 
 
 def ghosts_at(stage: Stage, q: Array) -> Array:
-    """(k, L, 4, 4) ``root_from_link`` at each of the configurations q (k, n), those once that look the same."""
+    """(k, L, 4, 4) ``root_from_link`` at the configurations q (m, n), without duplicates."""
     poses = np.array([stage.link_poses(each) for each in q]).reshape(-1, len(stage.links), 4, 4)
     return poses[_different(poses)] if len(poses) else poses
 
@@ -259,20 +260,22 @@ def copies(
     hues: Sequence[Any] = (),
     own: Array | None = None,
 ) -> list[dict[str, Any]]:
-    """Faint copies of links, for the page's script.
+    """The settings from which the script of the page draws transparent copies of links.
 
     Parameters
     ----------
     commands
-        Takes the arrays.
+        Stores the arrays.
     poses
-        (k, L, 4, 4) ``root_from_link`` of the drawn links; NaN where a link is not copied.
+        (k, L, 4, 4) ``root_from_link`` of the drawn links; NaN if a link is not copied.
     into
-        The node that holds them.
+        The parent node of the copies.
+    opacity
+        Opacity from 0 to 1.
     hues
-        A colour for each of the k, in turn; without, each mesh keeps its own.
+        Colours of the k copies, used cyclically. Default: the colours of the links.
     own
-        (L, 4, 4) where the links themselves are: a copy on the same place is left out, as is one on another copy.
+        (L, 4, 4) poses of the links themselves. A copy with the same pose as its link or another copy is left out.
     """
     found = []
     rgb = np.array([hues[k % len(hues)] for k in range(len(poses))], dtype=np.float32) if hues else None
@@ -282,7 +285,7 @@ def copies(
             continue
         kept = _different(placed)
         if own is not None:
-            kept = kept[(np.abs(placed[kept] - own[number]) > SAME_LOOK).any(axis=(1, 2))]
+            kept = kept[(np.abs(placed[kept] - own[number]) > SAME_POSE).any(axis=(1, 2))]
         columns = np.swapaxes(placed[kept], 1, 2).astype(np.float32)  # three.js reads matrices by columns
         entry = {"into": into, "of": ["robot", link.name, "visual"], "count": len(kept), "opacity": opacity}
         entry["matrices"] = commands.array(columns.ravel())
@@ -294,35 +297,35 @@ def copies(
 
 
 def _different(poses: Array) -> npt.NDArray[np.int64]:
-    """Which of poses (k, ...) are the first of their kind, in order."""
-    same = np.round(poses.reshape(len(poses), -1) / SAME_LOOK).astype(np.int64)
-    return np.sort(np.unique(same, axis=0, return_index=True)[1])
+    """Indices of poses (k, ...) without duplicates, in order."""
+    rounded = np.round(poses.reshape(len(poses), -1) / SAME_POSE).astype(np.int64)
+    return np.sort(np.unique(rounded, axis=0, return_index=True)[1])
 
 
 def _tool(stage: Stage) -> npt.NDArray[np.bool_]:
-    """(L,) which drawn links are the tool: those that stand still in the tcp frame, else the last one before it."""
+    """(L,) which drawn links belong to the tool: those fixed in the tcp frame, else the last drawn link before it."""
     rng = np.random.default_rng(0)
     arm, drawn = stage.arm, np.array([bool(link.surfaces) for link in stage.links])
     low, high = np.maximum(arm.limits.lower, arm.home - 1.0), np.minimum(arm.limits.upper, arm.home + 1.0)
-    tried = [arm.home, *(low + rng.random((2, arm.dof)) * (high - low))]
-    seen = np.stack([np.linalg.inv(stage.tcp_pose(q)) @ stage.link_poses(q) for q in tried])
-    still = np.asarray((np.abs(seen - seen[0]) < SAME_PLACE).all(axis=(0, 2, 3))) & drawn
-    names, at = [link.name for link in stage.links], arm.robot.urdf.parent_joint(arm.tcp)
-    while not still.any() and at is not None:
-        still = np.array([name == at.parent for name in names]) & drawn
-        at = arm.robot.urdf.parent_joint(at.parent)
-    return still
+    samples = [arm.home, *(low + rng.random((2, arm.dof)) * (high - low))]
+    tcp_from_link = np.stack([np.linalg.inv(stage.tcp_pose(q)) @ stage.link_poses(q) for q in samples])
+    fixed = np.asarray((np.abs(tcp_from_link - tcp_from_link[0]) < RIGID_TOLERANCE).all(axis=(0, 2, 3))) & drawn
+    names, joint = [link.name for link in stage.links], arm.robot.urdf.parent_joint(arm.tcp)
+    while not fixed.any() and joint is not None:
+        fixed = np.array([name == joint.parent for name in names]) & drawn
+        joint = arm.robot.urdf.parent_joint(joint.parent)
+    return fixed
 
 
 def swept(stage: Stage, shown: Film, reach: float) -> Array:
-    """(k, L, 4, 4) the tool at steps of a motion, NaN for the links that are no part of it."""
+    """(k, L, 4, 4) poses of the tool at several steps of a motion; NaN for all other links."""
     tool = _tool(stage)
     if len(shown.times) < 2 or not tool.any():
         return np.empty((0, len(stage.links), 4, 4))
-    turning = shown.poses[:, int(np.flatnonzero(tool)[0]), :3, :3]
-    cosine = np.clip((np.einsum("fij,fij->f", turning[:-1], turning[1:]) - 1) / 2, -1.0, 1.0)
-    way = np.linalg.norm(np.diff(shown.tcp, axis=0), axis=1) / (SWEEP_SHARE * reach) + np.arccos(cosine) / SWEEP_TURN
-    total = np.concatenate([[0.0], np.cumsum(way)])
+    rotation = shown.poses[:, int(np.flatnonzero(tool)[0]), :3, :3]
+    cosine = np.clip((np.einsum("fij,fij->f", rotation[:-1], rotation[1:]) - 1) / 2, -1.0, 1.0)
+    shift = np.linalg.norm(np.diff(shown.tcp, axis=0), axis=1)
+    total = np.concatenate([[0.0], np.cumsum(shift / (SWEEP_SHARE * reach) + np.arccos(cosine) / SWEEP_TURN)])
     steps = int(np.clip(np.ceil(total[-1]), 1, MOST_STEPS)) + 1
     frames = np.unique(np.searchsorted(total, np.linspace(0.0, total[-1], steps)).clip(max=len(total) - 1))
     poses = shown.poses[frames].copy()
@@ -331,12 +334,12 @@ def swept(stage: Stage, shown: Film, reach: float) -> Array:
 
 
 LEGEND_STEPS = 5
-"""Colours that the legend names."""
+"""Number of colours in the legend."""
 
 
 @dataclass(frozen=True, eq=False)
 class ColouredPoints:
-    """Points and their colours.
+    """Coloured points, such as a reach map or a scan.
 
     Parameters
     ----------
@@ -345,14 +348,14 @@ class ColouredPoints:
     rgb
         (N, 3) in [0, 1].
     size
-        Metres: the diameter they are drawn with.
+        Diameter of the drawn points in metres.
     legend
-        (text, (r, g, b)) pairs that say what the colours mean.
+        (text, (r, g, b)) pairs that explain the colours.
 
     Raises
     ------
     InputError
-        If a shape is wrong, a number is not finite, or the size is not above 0.
+        If the shape of an array is wrong, a number is not finite or out of range, or the size is not positive.
     """
 
     xyz: Array
@@ -366,7 +369,7 @@ class ColouredPoints:
         if len(rgb) and (rgb.min() < 0.0 or rgb.max() > 1.0):
             raise InputError("rgb holds numbers outside [0, 1]")
         if not self.size > 0:
-            raise InputError(f"size = {self.size}; it is a diameter in metres, above 0")
+            raise InputError(f"size = {self.size}; the diameter in metres must be positive")
         object.__setattr__(self, "xyz", xyz)
         object.__setattr__(self, "rgb", rgb)
         object.__setattr__(self, "legend", tuple((str(text), tuple(colour)) for text, colour in self.legend))
@@ -376,31 +379,31 @@ class ColouredPoints:
         cls, xyz: npt.ArrayLike, values: npt.ArrayLike, *, label: str, low: float = 0.0, high: float = 1.0,
         colours: str = "viridis", size: float = 0.02,
     ) -> ColouredPoints:  # fmt: skip
-        """Points coloured by ``values`` (N,) between ``low`` and ``high``; ``colours`` names a map of matplotlib."""
+        """Points coloured by ``values`` (N,) between ``low`` and ``high`` with the matplotlib colormap ``colours``."""
         from matplotlib import colormaps
 
-        map_of = colormaps[colours]
+        colormap = colormaps[colours]
         share = (finite("values", values, (None,)) - low) / (high - low)
         steps = np.linspace(0.0, 1.0, LEGEND_STEPS)
-        legend = [(f"{label} {low + (high - low) * step:.3g}", tuple(map_of(step)[:3])) for step in steps]
-        return cls(np.asarray(xyz, dtype=float), map_of(share.clip(0.0, 1.0))[:, :3], size, tuple(legend))
+        legend = [(f"{label} {low + (high - low) * step:.3g}", tuple(colormap(step)[:3])) for step in steps]
+        return cls(np.asarray(xyz, dtype=float), colormap(share.clip(0.0, 1.0))[:, :3], size, tuple(legend))
 
     def draw(self, commands: Commands) -> None:
-        """Add the points to a picture."""
+        """Add the points to the commands of a picture."""
         if len(self.xyz):
             commands.set_points("/points", self.xyz, self.rgb, self.size)
             commands.set_property("/points/<object>", "castShadow", False)
 
 
 FLOOR_GAP = 0.002
-"""Metres between the floor and what stands on it: two surfaces at one height flicker."""
+"""Metres that the floor is lowered, because two surfaces at the same height flicker."""
 
 SQUARE = 0.25
-"""Metres between two lines on the floor."""
+"""Metres between the lines of the grid on the floor."""
 
 
 def add_surroundings(commands: Commands, view: View, floor: float) -> None:
-    """Light from the camera's left, a floor at height ``floor`` (m) that takes shadows, and a calm background."""
+    """Add lights, a floor at height ``floor`` (m) that receives shadows, and a background."""
     low, high = view.points.min(axis=0), view.points.max(axis=0)
     centre, radius = (low + high) / 2, view.radius
     commands.set_property("/Background", "top_color", [0.85, 0.88, 0.91])
@@ -413,14 +416,14 @@ def add_surroundings(commands: Commands, view: View, floor: float) -> None:
 
 def _light(commands: Commands, view: View, reach: float) -> None:
     commands.set_property("/Lights/AmbientLight/<object>", "intensity", 0.14)
-    # From the sky more than from the floor: what lies in shadow keeps its shape.
+    # The hemisphere light keeps shapes visible in the shadow: it is brighter from above than from below.
     above = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 1, 1]
     sky = {"color": 0xFFFFFF, "groundColor": 0x8A8378, "intensity": 0.38, "matrix": above}
     commands.set_object("/Lights/SkyLight", "HemisphereLight", {}, **sky)
     commands.set_property("/Lights/SkyLight/<object>", "castShadow", False)
     commands.set_property("/Lights/FillLight/<object>", "intensity", 0.15)
     commands.set_property("/Lights/FillLight/<object>", "position", [float(v) for v in (*(-view.direction[:2]), 0.4)])
-    # A directional light shines on the origin; its shadow is drawn in a box about it that must hold everything.
+    # A directional light points at the origin. Its shadow is computed in a box that must contain all objects.
     left = np.cross(view.direction, (0.0, 0.0, 1.0))
     source = 0.55 * view.direction + 0.45 * left + (0.0, 0.0, 0.9)
     source *= 2 * reach / np.linalg.norm(source)

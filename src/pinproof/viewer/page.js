@@ -1,4 +1,4 @@
-// The page of one motion, which may be live: the server it came from then sends further commands.
+// The page of one motion. A live page receives further commands from the server that sent it.
 offer(settings.duration, settings.start);
 
 const moment = byId("moment");
@@ -6,11 +6,10 @@ moment.hidden = settings.start === null;
 moment.addEventListener("click", () => seek(settings.start));
 if (/(?:^#|&)still\b/.test(location.hash)) document.body.classList.add("still");
 viewer.set_3d_pane_size();
-// Whoever waits for the picture is told when it stands: after a frame that was drawn in full.
+// write_png waits for this message, which follows a completely drawn frame.
 pictured.then(() => requestAnimationFrame(() => requestAnimationFrame(() => console.info("pinproof: drawn"))));
 
-// The browser itself reconnects when the connection is lost. What it then meets may be another page, at the same
-// place: its number tells.
+// The browser reconnects by itself after the connection is lost. If the identifier of the page has changed, it reloads.
 let source = null;
 if (settings.live !== null) {
   const away = byId("away");

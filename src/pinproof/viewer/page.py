@@ -1,4 +1,4 @@
-"""The page: one HTML file with the viewer, the scene, the motion and its caption; it asks no network for anything."""
+"""The HTML page of a robot or a motion: one file that needs no network connection."""
 
 from __future__ import annotations
 
@@ -28,7 +28,21 @@ NO_FRAMES: Mapping[str, SE3] = MappingProxyType({})
 
 @dataclass(frozen=True, eq=False)
 class Page:
-    """A page's HTML, what it shows, whether in motion, the links whose frames it has, and when (s) it opens at rest."""
+    """The HTML text of a page and what it shows.
+
+    Parameters
+    ----------
+    text
+        The HTML text.
+    stage
+        The links and obstacles.
+    moving
+        Whether it shows a motion.
+    frames
+        The links whose frames are drawn.
+    start
+        Time (s) at which the page opens.
+    """
 
     text: str
     stage: Stage
@@ -53,49 +67,49 @@ def write_html(
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
 ) -> None:
-    """Write a page that shows an arm, its scene and a motion; it opens anywhere, offline.
+    """Write an HTML page that shows an arm, its scene and a motion, and opens without a network connection.
 
-    ``page.html#t=1.2`` opens it at rest at 1.2 s, ``page.html#still`` as a bare picture. A certificate with a contact
-    opens it at the contact, with the two bodies in red.
+    ``page.html#t=1.2`` opens the page paused at 1.2 s, ``page.html#still`` without controls. If the certificate has a
+    contact, the page opens at the contact, with both bodies in red.
 
     Parameters
     ----------
     path
-        The file; written whole or not at all.
+        The file to write.
     arm, scene
-        What is drawn, in the frame of the robot's root link.
+        The arm and the obstacles, drawn in the frame of the robot's root link.
     trajectory
-        What is played. Without it, a still picture of ``q``.
+        The motion to play. Without it, the page shows the configuration ``q``.
     certificate
-        The caption reads NOT VALIDATED unless this is FREE and made for exactly this trajectory, arm, scene and
-        attached objects.
+        The certificate of the trajectory. The caption is NOT VALIDATED unless the certificate is FREE and was made for
+        exactly this trajectory, arm, scene and attached objects.
     attached
-        Objects that move with the tcp, as the checker was given them; their pose is ``tcp_from_object``.
+        Objects that move with the tcp, as given to the checker; their pose is ``tcp_from_object``.
     q
-        (n,) the configuration of a still picture; by default the arm's home.
+        (n,) the configuration to show without a trajectory. Default: the home configuration of the arm.
     title
-        The title of the page; by default the robot's name.
+        The title of the page. Default: the name of the robot.
     points
         Coloured points to draw, with their legend.
     ghosts
-        (k, n) configurations at which the arm is drawn once more, faintly: the branches of an IK answer.
+        (k, n) configurations at which transparent copies of the arm are drawn, for example all IK solutions of a pose.
     check
-        What a checker found at ``q``: its contacts are marked, with their normals, and the bodies are red.
+        The result of a collision check of ``q``. Contacts are marked with their normals, and the bodies are red.
     frames
-        ``root_from_frame`` by name: frames to draw with their names, besides those of the arm's links.
+        ``root_from_frame`` by name: frames to draw in addition to those of the links.
     layers
-        What is shown at first besides the rest, all of which the page can switch: ``collision`` (the geometry that
-        checks see; of meshes their hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at steps of the
-        motion).
+        Layers that are visible when the page opens, in addition to the default ones: ``collision`` (the collision
+        geometry, with meshes as convex hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at several
+        steps of the motion). The page has a switch for each layer.
 
     Raises
     ------
     InputError
-        If the trajectory moves other joints than the arm's, has no timing, or ``q`` is given besides it.
+        If the trajectory has other joints than the arm or no timing, or is combined with ``q`` or ``check``.
     UnknownNameError
-        For a layer that there is not.
+        If a layer does not exist.
     ViewerError
-        If the page cannot be written, or meshcat's viewer is not installed.
+        If the page cannot be written, a shape cannot be drawn, or meshcat is not installed.
     """
     picture = Picture(
         arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
@@ -107,20 +121,20 @@ def write_html(
 
 
 def render_page(picture: Picture, *, live: str | None = None) -> Page:
-    """The page; ``live`` is its number where it listens to the server it came from."""
-    drawn = picture.draw()
+    """Create the page; ``live`` is the identifier of a page that receives events from the server of the live view."""
+    rendered = picture.render()
     title = picture.title or picture.arm.robot.name
-    settings = {**drawn.settings, "live": live}
-    plate = " \u00b7 ".join(drawn.words.brief)
+    settings = {**rendered.settings, "live": live}
+    summary = " \u00b7 ".join(rendered.caption.summary)
     body = fill(
         part("page.html"),
         {
             "title": escape(title),
-            "caption": drawn.words.html(drawn.stage.notes),
-            "tone": drawn.words.tone,
-            "plate": escape(plate),
+            "caption": rendered.caption.html(rendered.stage.notes),
+            "tone": rendered.caption.tone,
+            "summary": escape(summary),
         },
     )
     style, script = part("common.css") + part("page.css"), part("layers.js") + part("page.js")
-    text = assemble(title, style, body, script, settings, drawn.commands, live=live is not None)
-    return Page(text, drawn.stage, drawn.moving, drawn.frames, drawn.settings["start"] or 0.0)
+    text = assemble(title, style, body, script, settings, rendered.commands, live=live is not None)
+    return Page(text, rendered.stage, rendered.moving, rendered.frames, rendered.settings["start"] or 0.0)

@@ -1,24 +1,24 @@
-// Hands the commands to meshcat's viewer and frames what they draw.
+// Passes the commands to meshcat's viewer and positions the camera.
 const byId = (id) => document.getElementById(id);
 const pane = byId("meshcat-pane");
 const viewer = (() => {
   try {
     return new MeshCat.Viewer(pane);
   } catch (error) {
-    pane.textContent = "This browser cannot draw in three dimensions: WebGL is not available or switched off.";
+    pane.textContent = "The 3D view needs WebGL, which is not available or disabled in this browser.";
     pane.classList.add("dark");
     throw error;
   }
 })();
 
-// meshcat sizes itself by the window; here it has the part of it that the caption leaves.
+// meshcat uses the size of the window; here it uses the size of its pane.
 const resize = viewer.set_3d_pane_size.bind(viewer);
 viewer.set_3d_pane_size = () => {
   resize(pane.clientWidth, pane.clientHeight);
   if (!touched) frame();
 };
 
-// Arrays stand in one binary blob; a {"$buffer": [type, offset, count]} is the place of one.
+// All arrays are in one binary block; {"$buffer": [type, offset, count]} refers to one of them.
 const bytes = Uint8Array.from(atob(byId("buffers").textContent), (c) => c.charCodeAt(0));
 const arrays = { Float32Array, Int8Array, Uint16Array, Uint32Array };
 const read = (id) => JSON.parse(byId(id).textContent, (key, value) => {
@@ -36,7 +36,7 @@ const right = new MeshCat.THREE.Vector3(0, 1, 0).cross(toCamera).normalize();
 const up = toCamera.clone().cross(right);
 const points = settings.points.map(vector);
 
-// The same closed form as pinproof.viewer.camera.fit, for the canvas as it is now.
+// The same closed form as pinproof.viewer.camera.fit, for the current canvas.
 function frame() {
   const camera = viewer.camera, aspect = pane.clientWidth / Math.max(1, pane.clientHeight);
   const tangent = Math.tan((settings.fieldOfView * Math.PI) / 360) * (1 - settings.margin);
@@ -66,11 +66,11 @@ function frame() {
 
 for (const command of read("commands")) viewer.handle_command(command);
 
-// Pictures on meshes come a moment later than the meshes.
+// Textures are applied as soon as they are decoded.
 const pictured = Promise.all(read("pictures").map(async ([address, nodes]) => {
   const image = new Image();
   image.src = address;
-  try { await image.decode(); } catch { return; }  // then the plain colour stays
+  try { await image.decode(); } catch { return; }  // keep the plain colour
   const map = new MeshCat.THREE.Texture(image);
   map.wrapS = map.wrapT = MeshCat.THREE.RepeatWrapping;
   map.needsUpdate = true;
@@ -81,7 +81,7 @@ const pictured = Promise.all(read("pictures").map(async ([address, nodes]) => {
   }
   viewer.set_dirty();
 }));
-viewer.gui.domElement.style.display = "none";  // the page has switches of its own
+viewer.gui.domElement.style.display = "none";  // the page has its own controls
 viewer.controls.addEventListener("start", () => { touched = true; });
 byId("reset").addEventListener("click", () => { touched = false; frame(); });
 viewer.set_3d_pane_size();

@@ -1,4 +1,4 @@
-// The player: drives meshcat's own animator, so that its control panel and this one never disagree.
+// The player controls meshcat's animator.
 const animator = viewer.animator;
 const play = byId("play"), scrub = byId("scrub"), clock = byId("clock"), speed = byId("speed");
 let duration = 0;
@@ -30,8 +30,8 @@ function show() {
   requestAnimationFrame(show);
 }
 
-// The animator holds a motion of so many seconds, or none; it begins unless it is to rest at a moment (start), or the
-// address or the reader wants calm.
+// Show the player for a motion of the given duration, if there is one. The motion starts unless it shall be paused at a
+// time (start, or t in the URL), or the user prefers reduced motion.
 function offer(seconds, start = null) {
   duration = seconds;
   const moving = animator.actions.length > 0;
@@ -49,7 +49,7 @@ function toggle() {
   else animator.play();
 }
 
-// Keys of the whole page, where nothing that is focused wants them for itself.
+// Keyboard shortcuts of the page, unless the focused element uses the key.
 const STEP = 1 / 30;
 window.addEventListener("keydown", (event) => {
   if (event.defaultPrevented || event.ctrlKey || event.metaKey || event.altKey) return;

@@ -1,7 +1,4 @@
-"""A browser without a window, which turns a page into a picture file.
-
-A still picture as a file, drawn by a browser without a window.
-"""
+"""PNG pictures of a page, rendered by a headless browser."""
 
 from __future__ import annotations
 
@@ -26,10 +23,10 @@ from pinproof.viewer.overlays import ColouredPoints
 from pinproof.viewer.page import NO_FRAMES, render_page
 from pinproof.viewer.picture import Picture
 
-__all__ = ["BROWSERS", "find_browser", "photograph", "write_png"]
+__all__ = ["BROWSERS", "find_browser", "screenshot", "write_png"]
 
-VARIABLE = "PINPROOF_BROWSER"
-"""The environment variable that names the browser; it goes before what is found."""
+BROWSER_VARIABLE = "PINPROOF_BROWSER"
+"""The environment variable that names the browser; it takes precedence over browsers on PATH."""
 
 BROWSERS = (
     "chromium",
@@ -40,7 +37,7 @@ BROWSERS = (
     "microsoft-edge",
     "brave-browser",
 )
-"""Browsers of the Chromium family, which all take the same options, in the order in which they are looked for."""
+"""Names of Chromium-based browsers, which accept the same options, in search order."""
 
 APPLICATIONS = (
     "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
@@ -48,17 +45,20 @@ APPLICATIONS = (
     "/Applications/Microsoft Edge.app/Contents/MacOS/Microsoft Edge",
 )
 
-PATIENCE = 120.0
-"""Seconds; drawn by the processor alone, a large robot on a busy machine takes some tens."""
+TIMEOUT = 120.0
+"""Seconds. With software rendering, a large robot on a busy machine takes several tens of seconds."""
 
-DRAWN = "pinproof: drawn"
-"""What the page says to its console once the picture stands."""
+DRAWN_MESSAGE = "pinproof: drawn"
+"""The message that the page logs to the console when the picture is complete."""
+
+MIN_SIZE, MAX_SIZE = 64, 4096
+"""Limits of the width and height in pixels; not every driver can render larger pictures."""
 
 FLAGS = (
     "--headless",
     "--disable-gpu",
     "--use-gl=angle",
-    "--use-angle=swiftshader",  # the processor draws, the same on every machine
+    "--use-angle=swiftshader",  # software rendering, which gives the same picture on every machine
     "--enable-unsafe-swiftshader",
     "--disable-quic",
     "--disable-sync",
@@ -68,75 +68,76 @@ FLAGS = (
     "--no-first-run",
     "--hide-scrollbars",
     "--force-device-scale-factor=1",
-    "--host-resolver-rules=MAP * ~NOTFOUND",  # it has no business on a network
+    "--host-resolver-rules=MAP * ~NOTFOUND",  # no network access
     "--enable-logging=stderr",
     "--virtual-time-budget=4000",
 )
 
 
 def find_browser() -> str:
-    """The browser to draw with.
+    """The path of a Chromium-based browser.
 
     Raises
     ------
     ViewerError
-        If there is none; says what to do.
+        If no browser is found.
     """
-    told = os.environ.get(VARIABLE)
-    if told:
-        found = shutil.which(told)
+    stated = os.environ.get(BROWSER_VARIABLE)
+    if stated:
+        found = shutil.which(stated)
         if found is None:
-            raise ViewerError(f"{VARIABLE} names {told}, which is no program that can be run")
+            raise ViewerError(f"{BROWSER_VARIABLE} names {stated}, which is not an executable program")
         return found
     for name in (*BROWSERS, *APPLICATIONS):
         found = shutil.which(name)
         if found is not None:
             return found
     raise ViewerError(
-        f"a still picture is drawn by a browser, and none of {', '.join(BROWSERS)} is on PATH: install Chromium, or "
-        f"name a browser of its family in {VARIABLE}, or write the page with write_html (--html) and open it yourself"
+        f"a PNG picture needs a Chromium-based browser, and none of {', '.join(BROWSERS)} is on PATH. Install "
+        f"Chromium, set {BROWSER_VARIABLE} to such a browser, or write a page with write_html (--html)"
     )
 
 
-def photograph(html: str, address: str, size: tuple[int, int], browser: str, near: Path) -> bytes:
-    """The picture of a page, as PNG.
+def screenshot(html: str, fragment: str, size: tuple[int, int], browser: str, fallback_folder: Path) -> bytes:
+    """Render a page as PNG.
 
     Parameters
     ----------
-    html, address
-        The page, and what follows its file's name: ``#still``.
+    html
+        The page.
+    fragment
+        The fragment of its URL, such as ``#still``.
     size
-        Pixels: width, height.
+        Width and height in pixels.
     browser
-        The program.
-    near
-        A folder for the browser's files, if it may not look into the system's own.
+        The path of the browser.
+    fallback_folder
+        Where temporary files are created if the browser cannot access the folder of the system.
 
     Raises
     ------
     ViewerError
-        If the browser fails, takes too long or cannot draw in three dimensions.
+        If the browser fails, exceeds :data:`TIMEOUT`, or does not support WebGL.
     """
-    confined = "/snap/" in str(Path(browser).resolve()) or "/snap/" in browser  # such a browser has a /tmp of its own
+    confined = "/snap/" in str(Path(browser).resolve()) or "/snap/" in browser  # a snap has a private /tmp
     with tempfile.TemporaryDirectory(
-        prefix="pinproof-", dir=near if confined else None, ignore_cleanup_errors=True
+        prefix="pinproof-", dir=fallback_folder if confined else None, ignore_cleanup_errors=True
     ) as folder:
         page, picture = Path(folder) / "page.html", Path(folder) / "picture.png"
         page.write_text(html, encoding="utf-8")
-        own = [f"--user-data-dir={folder}/profile", f"--screenshot={picture}", f"--window-size={size[0]},{size[1]}"]
+        options = [f"--user-data-dir={folder}/profile", f"--screenshot={picture}", f"--window-size={size[0]},{size[1]}"]
         if hasattr(os, "geteuid") and os.geteuid() == 0:
-            own.append("--no-sandbox")  # Chromium refuses to run as root with one
-        said = _run([browser, *FLAGS, *own, page.as_uri() + address])
-        if DRAWN not in said or not picture.is_file():
-            last = next(
-                (line for line in reversed(said.splitlines()) if "CONSOLE" in line or "ERROR" in line), "nothing"
-            )
-            raise ViewerError(f"{browser} drew no picture; the last it said: {last.strip()[:300]}")
+            options.append("--no-sandbox")  # Chromium refuses to run as root with a sandbox
+        output = _run([browser, *FLAGS, *options, page.as_uri() + fragment])
+        if DRAWN_MESSAGE not in output or not picture.is_file():
+            messages = [line for line in output.splitlines() if "CONSOLE" in line or "ERROR" in line]
+            last = messages[-1].strip()[:300] if messages else "none"
+            raise ViewerError(f"{browser} did not produce a picture; its last message: {last}")
         return picture.read_bytes()
 
 
 def _run(command: list[str]) -> str:
-    """What a program writes to its standard error; it and all that it has started are ended when it takes too long."""
+    """Run a program and return its stderr; after :data:`TIMEOUT`, kill it and all processes it has started."""
     try:
         process = subprocess.Popen(
             command,
@@ -149,18 +150,14 @@ def _run(command: list[str]) -> str:
         raise ViewerError(f"{command[0]} cannot be run: {error.strerror or error}") from error
     with process:
         try:
-            return process.communicate(timeout=PATIENCE)[1].decode("utf-8", "replace")
+            return process.communicate(timeout=TIMEOUT)[1].decode("utf-8", "replace")
         except BaseException as error:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             process.wait()
             if isinstance(error, subprocess.TimeoutExpired):
-                raise ViewerError(f"{command[0]} did not draw the picture within {PATIENCE:.0f} s") from error
+                raise ViewerError(f"{command[0]} did not produce a picture within {TIMEOUT:.0f} s") from error
             raise
-
-
-SMALLEST, LARGEST = 64, 4096
-"""Pixels of a side: less shows nothing, more is beyond what every driver draws."""
 
 
 def write_png(
@@ -181,44 +178,44 @@ def write_png(
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
 ) -> None:
-    """Write a still picture of what :func:`pinproof.write_html` shows, with its caption in one line.
+    """Write a PNG picture of what :func:`pinproof.write_html` shows, with a caption of one line.
 
-    It is drawn by Chromium, Chrome, Edge or Brave without a window; the environment variable ``PINPROOF_BROWSER`` names
-    another one of that family.
+    A headless Chromium, Chrome, Edge or Brave renders the picture; the environment variable ``PINPROOF_BROWSER`` names
+    another Chromium-based browser.
 
     Parameters
     ----------
     path
-        The PNG file; written whole or not at all.
+        The PNG file to write.
     time
-        Seconds into the trajectory; by default its start, or the contact of the certificate.
+        Time of the trajectory in seconds. Default: its start, or the contact of the certificate.
     size
-        Width and height in pixels.
+        Width and height in pixels, 64 to 4096 each.
     arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
         As in :func:`pinproof.write_html`.
 
     Raises
     ------
     InputError
-        For a time outside the trajectory or a size beyond what can be drawn, and as in :func:`pinproof.write_html`.
+        If the time is outside the trajectory or the size outside its limits, and as in :func:`pinproof.write_html`.
     ViewerError
-        If there is no such browser, it fails, or the file cannot be written.
+        If no browser is found, the browser fails, or the file cannot be written.
     """
     width, height = size
-    if not (SMALLEST <= width <= LARGEST and SMALLEST <= height <= LARGEST):
-        raise InputError(f"size = {width} x {height}; both lie between {SMALLEST} and {LARGEST} pixels")
+    if not (MIN_SIZE <= width <= MAX_SIZE and MIN_SIZE <= height <= MAX_SIZE):
+        raise InputError(f"size = {width} x {height}; width and height must be {MIN_SIZE} to {MAX_SIZE} pixels")
     if time is not None:
         if trajectory is None:
-            raise InputError("time is of a trajectory, and none is given; q says where the arm is")
+            raise InputError("time needs a trajectory; without one, the picture shows the configuration q")
         if not 0.0 <= time <= trajectory.duration:
-            raise InputError(f"time = {time:g} s lies outside the trajectory, which takes {trajectory.duration:g} s")
+            raise InputError(f"time = {time:g} s is outside the trajectory, which lasts {trajectory.duration:g} s")
     picture = Picture(
         arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
     )  # fmt: skip
     browser = find_browser()
     page = render_page(picture)
-    moment = page.start if time is None else time
-    content = photograph(page.text, f"#still&t={moment:.6f}", (width, height), browser, Path(path).absolute().parent)
+    shown_time = page.start if time is None else time
+    content = screenshot(page.text, f"#still&t={shown_time:.6f}", size, browser, Path(path).absolute().parent)
     try:
         write_bytes_whole(path, content)
     except FileError as error:

@@ -1,6 +1,6 @@
-"""What stands on the stage: the robot's links, the obstacles and the path of the tcp, in the frame of the root link.
+"""The surfaces of all links and obstacles of a picture, in the frame of the root link.
 
-Meshes made coarser for show, where a page would otherwise be too large to send or to open.
+:func:`simplified` reduces the detail of the meshes where a page would otherwise be too large.
 """
 
 from __future__ import annotations
@@ -19,14 +19,23 @@ from pinproof.model import Arm
 from pinproof.spatial import matrix
 from pinproof.viewer.surfaces import Surface, body_surfaces, link_surfaces, merge_by_colour, obstacle_surfaces, shade
 
-__all__ = ["MOST_BYTES", "DrawnLink", "DrawnObstacle", "Stage", "set_stage", "simplified"]
+__all__ = ["MAX_BYTES", "DrawnLink", "DrawnObstacle", "Stage", "set_stage", "simplified"]
 
 Array = npt.NDArray[np.float64]
+
+MAX_BYTES = 10e6
+"""Size of all meshes of a page in base64. With the viewer (1 MB) and a motion, the page is then below 15 MB."""
+
+CELLS = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.020, 0.035, 0.060)
+"""Cell sizes (m) of the simplification grid, tried in this order. The effect of the first is not visible."""
+
+MIN_TRIANGLES = 1500
+"""Surfaces with fewer triangles are not simplified."""
 
 
 @dataclass(frozen=True, eq=False)
 class DrawnLink:
-    """A link, its surfaces and, where they were asked for, the bodies it collides with, all in its own frame."""
+    """A link with its visual surfaces and, if requested, those of its collision geometry, in the frame of the link."""
 
     name: str
     surfaces: tuple[Surface, ...]
@@ -35,7 +44,7 @@ class DrawnLink:
 
 @dataclass(frozen=True, eq=False)
 class DrawnObstacle:
-    """An obstacle, its surfaces in its own frame, and ``root_from_obstacle`` (4, 4)."""
+    """An obstacle with its surfaces in its own frame, and its pose ``root_from_obstacle`` (4, 4)."""
 
     name: str
     surfaces: tuple[Surface, ...]
@@ -44,7 +53,7 @@ class DrawnObstacle:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Everything that is drawn, and ``notes``: what is not, or not as its file means it to be."""
+    """The links and obstacles of a picture; ``notes`` states what could not be drawn, or not in full detail."""
 
     arm: Arm
     links: tuple[DrawnLink, ...]
@@ -56,13 +65,13 @@ class Stage:
         return self.frame_poses(q, [link.name for link in self.links])
 
     def frame_poses(self, q: Array, names: Sequence[str]) -> Array:
-        """(K, 4, 4) ``root_from_frame`` of links, drawn or not, at the configuration q (n,)."""
+        """(K, 4, 4) ``root_from_frame`` of any links at the configuration q (n,)."""
         root_from_base = self.arm.root_from_base
-        placed = [matrix(root_from_base * self.arm.frame_placement(q, name)) for name in names]
-        return np.array(placed).reshape(-1, 4, 4)
+        poses = [matrix(root_from_base * self.arm.frame_placement(q, name)) for name in names]
+        return np.array(poses).reshape(-1, 4, 4)
 
     def tcp_position(self, q: Array) -> Array:
-        """(3,) the tcp at the configuration q (n,), in metres."""
+        """(3,) position of the tcp in the root frame, in metres, at the configuration q (n,)."""
         return self.tcp_pose(q)[:3, 3]
 
     def tcp_pose(self, q: Array) -> Array:
@@ -71,43 +80,53 @@ class Stage:
 
     @cached_property
     def floor(self) -> float:
-        """Height (m) of the ground: under the lowest obstacle, and never above the robot's root."""
+        """Height (m) of the floor: the lowest point of all obstacles, but at most that of the root link."""
         lowest = [float((s.vertices @ o.pose[2, :3] + o.pose[2, 3]).min()) for o in self.obstacles for s in o.surfaces]
         return min([0.0, *lowest])
 
 
 def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = (), *, bodies: bool = False) -> Stage:
-    """Load every picture; what cannot be loaded is left out and named in ``notes``, never dropped in silence.
+    """Load the surfaces of an arm and a scene.
 
-    ``attached`` objects (their pose is ``tcp_from_object``) are drawn with the link that is the tcp. ``bodies`` also
-    loads what links collide with.
+    A mesh that cannot be loaded is left out and named in ``notes``.
+
+    Parameters
+    ----------
+    attached
+        Objects that are drawn with the link of the tcp; their pose is ``tcp_from_object``.
+    bodies
+        Whether to load the collision geometry of the links too.
+
+    Raises
+    ------
+    ViewerError
+        If a shape cannot be drawn.
     """
     notes: list[str] = []
     visuals, collisions = _by_link(arm.robot.urdf.visuals), _by_link(arm.robot.urdf.collisions)
-    bare = not visuals  # then what is collided with is all there is to see
     links = []
     for name in arm.robot.urdf.links:
-        surfaces, problem = _pictures(visuals.get(name, ()), link_surfaces)
-        if not surfaces and (bare or problem):
-            surfaces, second = _pictures(collisions.get(name, ()), link_surfaces)
+        surfaces, problem = _load_surfaces(visuals.get(name, ()), link_surfaces)
+        if not surfaces and (not visuals or problem):
+            surfaces, second_problem = _load_surfaces(collisions.get(name, ()), link_surfaces)
             if surfaces and problem:
-                notes.append(f"{name} is drawn by its collision geometry: {problem}")
-            problem = second if surfaces else problem or second
+                notes.append(f"{name} is drawn with its collision geometry: {problem}")
+            problem = second_problem if surfaces else problem or second_problem
         if problem:
-            notes.append(f"{name} is not drawn{' whole' if surfaces else ''}: {problem}")
-        for thing in attached if name == arm.tcp else ():
-            parts, lost = _pictures((thing,), obstacle_surfaces)
-            surfaces = [*surfaces, *(part.moved(matrix(thing.pose)) for part in parts)]
-            if lost:
-                notes.append(f"attached {thing.name} is not drawn: {lost}")
-        solid, unusable = _pictures(collisions.get(name, ()) if bodies else (), body_surfaces)
-        if unusable:
-            notes.append(f"the collision geometry of {name} is not drawn: {unusable}")
-        if surfaces or solid:
-            links.append(DrawnLink(name, tuple(merge_by_colour(surfaces)), tuple(merge_by_colour(solid))))
+            notes.append(f"{name} is {'only partly' if surfaces else 'not'} drawn: {problem}")
+        for item in attached if name == arm.tcp else ():
+            parts, problem = _load_surfaces((item,), obstacle_surfaces)
+            surfaces = [*surfaces, *(part.moved(matrix(item.pose)) for part in parts)]
+            if problem:
+                notes.append(f"attached {item.name} is not drawn: {problem}")
+        collision, problem = _load_surfaces(collisions.get(name, ()) if bodies else (), body_surfaces)
+        if problem:
+            notes.append(f"the collision geometry of {name} is not drawn: {problem}")
+        if surfaces or collision:
+            links.append(DrawnLink(name, tuple(merge_by_colour(surfaces)), tuple(merge_by_colour(collision))))
     obstacles = []
     for obstacle in scene.obstacles if scene is not None else ():
-        surfaces, problem = _pictures((obstacle,), obstacle_surfaces)
+        surfaces, problem = _load_surfaces((obstacle,), obstacle_surfaces)
         if problem:
             notes.append(f"obstacle {obstacle.name} is not drawn: {problem}")
         else:
@@ -122,47 +141,41 @@ def _by_link(geometries: Sequence[LinkGeometry]) -> dict[str, list[LinkGeometry]
     return groups
 
 
-def _pictures(things: Sequence[object], draw: Callable[..., list[Surface]]) -> tuple[list[Surface], str | None]:
-    """The surfaces of all that can be drawn, and the first reason why something cannot."""
+def _load_surfaces(items: Sequence[object], draw: Callable[..., list[Surface]]) -> tuple[list[Surface], str | None]:
+    """The surfaces of all items whose meshes can be loaded, and the first problem with a mesh."""
     surfaces: list[Surface] = []
     problem = None
-    for thing in things:
+    for item in items:
         try:
-            surfaces += draw(thing)
+            surfaces += draw(item)
         except MeshError as error:
             problem = problem or str(error).splitlines()[0]
     return surfaces, problem
 
 
-MOST_BYTES = 10e6
-"""Of all meshes of a page, as text; with the viewer (1 MB) and a motion it stays below 15 MB."""
+def simplified(stage: Stage, max_bytes: float = MAX_BYTES) -> Stage:
+    """The stage with surfaces that together fit into ``max_bytes``; a note states the simplification.
 
-CELLS = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.020, 0.035, 0.060)
-"""Metres, tried in turn: points that share a cell of this size become one. The first is never seen."""
-
-FINE = 1500
-"""Triangles; a surface with fewer is left as it is."""
-
-
-def simplified(stage: Stage, most: float = MOST_BYTES) -> Stage:
-    """The stage with surfaces so coarse that all of them fit into so many bytes; its notes say so.
-
-    Points in one cell of a grid become their mean, and triangles that thereby lose a corner vanish (J. Rossignac and
-    P. Borrel, 1993, "Multi-resolution 3D approximations for rendering complex scenes"). What checks see stays as it is.
+    All vertices in a cell of a grid are replaced by their mean, and triangles with two vertices in the same cell are
+    removed (J. Rossignac and P. Borrel, 1993, "Multi-resolution 3D approximations for rendering complex scenes").
+    Collision checks always use the original meshes.
     """
-    made, used = stage, 0.0
+    result, used_cell = stage, 0.0
     for cell in CELLS:
-        if _bytes(made) <= most:
+        if _size_in_bytes(result) <= max_bytes:
             break
-        made, used = _coarser(stage, cell), cell
-    if made is stage:
+        result, used_cell = _coarser(stage, cell), cell
+    if result is stage:
         return stage
-    said = f"Meshes are simplified for show, to details of {used * 1e3:g} mm; checks and proofs use them as they are."
-    return replace(made, notes=(*stage.notes, said))
+    note = (
+        f"Meshes are simplified for display, to details of {used_cell * 1e3:g} mm; checks and proofs use the original "
+        "meshes."
+    )
+    return replace(result, notes=(*stage.notes, note))
 
 
-def _bytes(stage: Stage) -> float:
-    """What the surfaces take in a page: 15 bytes a vertex, indices of 2 or 4, as base64."""
+def _size_in_bytes(stage: Stage) -> float:
+    """Size of the surfaces in a page: 15 bytes for each vertex, 2 or 4 for each index, in base64."""
     return (
         4
         / 3
@@ -190,14 +203,14 @@ def _coarser(stage: Stage, cell: float) -> Stage:
 
 
 def _merged(surface: Surface, cell: float) -> Surface:
-    if len(surface.triangles) < FINE or surface.image is not None:  # a picture would no longer lie where it should
+    if len(surface.triangles) < MIN_TRIANGLES or surface.image is not None:  # it would distort a texture
         return surface
     grid = np.floor(surface.vertices / cell).astype(np.int64)
-    _, kind, count = np.unique(grid, axis=0, return_inverse=True, return_counts=True)
-    kind = kind.reshape(-1)
-    means = np.column_stack([np.bincount(kind, surface.vertices[:, axis]) for axis in range(3)]) / count[:, None]
-    corners = kind[surface.triangles]
-    whole = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
-    _, first = np.unique(np.sort(corners[whole], axis=1), axis=0, return_index=True)
-    kept = corners[whole][first]
+    _, cell_of, count = np.unique(grid, axis=0, return_inverse=True, return_counts=True)
+    cell_of = cell_of.reshape(-1)
+    means = np.column_stack([np.bincount(cell_of, surface.vertices[:, axis]) for axis in range(3)]) / count[:, None]
+    corners = cell_of[surface.triangles]
+    proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
+    _, first = np.unique(np.sort(corners[proper], axis=1), axis=0, return_index=True)
+    kept = corners[proper][first]
     return shade(means, kept, surface.rgba) if len(kept) else surface

@@ -1,15 +1,15 @@
-"""Surfaces as a renderer wants them: welded triangles with normals that are smooth over curves and sharp at edges.
+"""Triangle surfaces of links, obstacles and markers, in metres.
 
-Pictures on meshes, as a page can hold them.
-
-What links and obstacles look like: meshes with their own colours, and primitives, all as surfaces in metres.
+:func:`shade` welds vertices and computes normals that are smooth on curved surfaces and sharp at edges. Meshes keep the
+colours and textures of their files. :data:`SHAPES` and :data:`PRIMITIVES` list the shapes that the viewer can draw; any
+other shape is refused.
 """
 
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,30 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import ConvexHull, Ellipsoid, HalfSpace, HeightMap, Mesh, Obstacle, PointCloud, Shape
+from pinproof.collision import (
+    Box,
+    Capsule,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Shape,
+    Sphere,
+)
 from pinproof.collision.bodies import triangles_of
 from pinproof.collision.surfaces import cell_faces, ground_surface
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import collada_unit, read_mesh, resolved, z_up
-from pinproof.errors import InputError, MeshError
+from pinproof.errors import InputError, MeshError, ViewerError
 
 __all__ = [
+    "PRIMITIVES",
+    "SHAPES",
     "Rgba",
     "Surface",
     "ball",
@@ -33,24 +49,24 @@ __all__ = [
     "link_surfaces",
     "merge_by_colour",
     "obstacle_surfaces",
-    "picture_on",
     "shade",
     "tube",
 ]
 
 Array = npt.NDArray[np.float64]
 Rgba = tuple[float, float, float, float]
+Triangles = tuple[Array, npt.NDArray[np.int64]]
+"""Vertices (V, 3) in metres and triangles (F, 3) of vertex indices."""
 
 CREASE = np.deg2rad(38.0)
-"""Neighbouring faces that meet at a larger angle (rad) keep a sharp edge: a 16-sided cylinder's sides bend by 22
-degrees, the smallest chamfers of machined parts by 45."""
+"""Radians. Adjacent faces that meet at a larger angle keep a sharp edge. The sides of a 16-sided cylinder meet at 22
+degrees, the smallest chamfers of machined parts at 45 degrees."""
 
 WELD_GRID = 1e-5
-"""Metres. Vertices that fall on the same point of this grid are one; a hundredth of a millimetre is never seen."""
-
+"""Metres. Vertices that round to the same point of this grid are merged; the difference is not visible."""
 
 UV_GRID = 1 / 8192
-"""Of a picture's side: less than a pixel of any that is shown."""
+"""Texture coordinates are rounded to this fraction of the texture's width, which is less than a pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,15 +78,15 @@ class Surface:
     vertices
         (V, 3) in metres.
     normals
-        (V, 3) of unit length, outwards where the triangles turn counter-clockwise seen from outside.
+        (V, 3) unit normals. They point outwards if the triangles are counter-clockwise seen from outside.
     triangles
-        (F, 3) indices of vertices.
+        (F, 3) vertex indices.
     rgba
-        0 to 1; of a surface with a picture on it, what the picture's colours are multiplied by.
+        Colour and opacity, 0 to 1. The colours of a texture are multiplied by it.
     uv
-        (V, 2) where on the picture each vertex lies, from 0 to 1, from its lower left corner.
+        (V, 2) texture coordinates, 0 to 1, from the lower left corner of the texture.
     image
-        The picture, as a ``data:`` address.
+        The texture as a ``data:`` URL.
     """
 
     vertices: Array
@@ -81,7 +97,7 @@ class Surface:
     image: str | None = None
 
     def moved(self, a_from_b: Array) -> Surface:
-        """The same surface after a rigid transform (4, 4)."""
+        """Return the surface after a rigid transform (4, 4)."""
         rotation, shift = a_from_b[:3, :3], a_from_b[:3, 3]
         return replace(self, vertices=self.vertices @ rotation.T + shift, normals=self.normals @ rotation.T)
 
@@ -89,12 +105,12 @@ class Surface:
 def shade(
     vertices: Array, triangles: npt.NDArray[np.int64], rgba: Rgba, uv: Array | None = None, image: str | None = None
 ) -> Surface:
-    """Weld vertices and give each a normal, split where the surface has a crease.
+    """Weld vertices and compute a normal for each; vertices on a sharp edge are duplicated.
 
-    The corners of the triangles are the nodes of a graph. Two faces that share an edge and meet at less than
-    :data:`CREASE` have their corners joined at both ends of it. Each connected set of corners becomes one vertex; its
-    normal is the mean of its faces' normals, weighted by area. With a picture (``uv`` (V, 2) and ``image``) it is
-    split further, where the picture has a seam.
+    The corners of the triangles are the nodes of a graph. If two faces share an edge and meet at an angle below
+    :data:`CREASE`, their corners are connected at both ends of the edge. Each connected component becomes one vertex.
+    Its normal is the mean of the normals of its faces, weighted by area. With a texture (``uv`` (V, 2) and ``image``),
+    vertices on a seam of the texture are duplicated too.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -102,14 +118,14 @@ def shade(
     grid = np.rint(vertices / WELD_GRID).astype(np.int64)
     _, first, welded = np.unique(grid, axis=0, return_index=True, return_inverse=True)
     points, faces = vertices[first], welded.reshape(-1)[triangles]
-    # cross products have twice the area as length, so sums of them are weighted by area
+    # The length of a cross product is twice the triangle's area, so sums of them are weighted by area.
     cross = np.cross(points[faces[:, 1]] - points[faces[:, 0]], points[faces[:, 2]] - points[faces[:, 0]])
     area = np.linalg.norm(cross, axis=1)
-    solid = area > 1e-14  # slivers have no direction
-    faces, cross, area = faces[solid], cross[solid], area[solid]
+    valid = area > 1e-14  # degenerate triangles have no normal
+    faces, cross, area = faces[valid], cross[valid], area[valid]
     unit = cross / area[:, None]
 
-    # every face has three edges; corner k is the edge's start, corner (k + 1) % 3 its end
+    # Every face has three edges. Corner k is the start of edge k, corner (k + 1) % 3 its end.
     count = len(faces)
     corner = np.arange(3 * count).reshape(count, 3)
     starts, ends = faces, np.roll(faces, -1, axis=1)
@@ -118,13 +134,13 @@ def shade(
     high_corner = np.where(flipped, corner.ravel(), np.roll(corner, -1, axis=1).ravel())
     edge = np.minimum(starts, ends).ravel() * np.int64(len(points)) + np.maximum(starts, ends).ravel()
     order = np.argsort(edge, kind="stable")
-    here, there = order[:-1], order[1:]
-    shared = edge[here] == edge[there]
-    here, there = here[shared], there[shared]
-    soft = np.einsum("ij,ij->i", unit[here // 3], unit[there // 3]) > np.cos(CREASE)
-    here, there = here[soft], there[soft]
-    rows = np.concatenate([low_corner[here], high_corner[here]])
-    columns = np.concatenate([low_corner[there], high_corner[there]])
+    first_edge, second_edge = order[:-1], order[1:]
+    shared = edge[first_edge] == edge[second_edge]
+    first_edge, second_edge = first_edge[shared], second_edge[shared]
+    smooth = np.einsum("ij,ij->i", unit[first_edge // 3], unit[second_edge // 3]) > np.cos(CREASE)
+    first_edge, second_edge = first_edge[smooth], second_edge[smooth]
+    rows = np.concatenate([low_corner[first_edge], high_corner[first_edge]])
+    columns = np.concatenate([low_corner[second_edge], high_corner[second_edge]])
     graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(3 * count, 3 * count))
     total, label = connected_components(graph, directed=False)
 
@@ -136,15 +152,15 @@ def shade(
     positions[label] = points[faces.ravel()]
     if uv is None or image is None:
         return Surface(positions, normals, label.reshape(count, 3).astype(np.int64), rgba)
-    spots = np.column_stack([label, np.rint(uv[triangles[solid]].reshape(-1, 2) / UV_GRID).astype(np.int64)])
-    spots, vertex = np.unique(spots, axis=0, return_inverse=True)
-    kind = spots[:, 0]
+    vertex_uv = np.column_stack([label, np.rint(uv[triangles[valid]].reshape(-1, 2) / UV_GRID).astype(np.int64)])
+    vertex_uv, vertex = np.unique(vertex_uv, axis=0, return_inverse=True)
+    source = vertex_uv[:, 0]
     corners = vertex.reshape(count, 3).astype(np.int64)
-    return Surface(positions[kind], normals[kind], corners, rgba, spots[:, 1:] * UV_GRID, image)
+    return Surface(positions[source], normals[source], corners, rgba, vertex_uv[:, 1:] * UV_GRID, image)
 
 
 def merge_by_colour(surfaces: Sequence[Surface]) -> list[Surface]:
-    """One surface for each colour or picture, in the order of their first appearance: fewer objects draw faster."""
+    """Merge surfaces of equal colour and texture, in order of first appearance; fewer objects render faster."""
     groups: dict[tuple[Rgba, str | None], list[Surface]] = {}
     for surface in surfaces:
         groups.setdefault((surface.rgba, surface.image), []).append(surface)
@@ -158,63 +174,64 @@ def merge_by_colour(surfaces: Sequence[Surface]) -> list[Surface]:
     return merged
 
 
-LARGEST = 1024
-"""Pixels of a side; larger pictures are made smaller, as nobody looks at a robot from that near."""
+MAX_TEXTURE_SIZE = 1024
+"""Pixels of a side; larger textures are scaled down to keep the page small."""
 
-QUALITY = 88
-"""Of JPEG."""
+JPEG_QUALITY = 88
 
 
-def picture_on(part: Any) -> tuple[npt.NDArray[np.float64] | None, str | None]:
-    """The picture on a part of a trimesh scene: ``uv`` (V, 2) and a ``data:`` address; (None, None) if it has none.
+def _texture(part: Any) -> tuple[npt.NDArray[np.float64] | None, str | None]:
+    """Texture coordinates (V, 2) and ``data:`` URL of a part of a trimesh scene; (None, None) without a texture.
 
-    A picture that cannot be read leaves the part in its plain colour.
+    If the texture cannot be read, the part is drawn in its plain colour.
     """
     material, uv = getattr(part.visual, "material", None), getattr(part.visual, "uv", None)
     image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
     if image is None or uv is None or np.shape(uv) != (len(part.vertices), 2) or not np.isfinite(uv).all():
         return None, None
     try:
-        return np.asarray(uv, dtype=float), _address(image)
-    except (OSError, ValueError, SyntaxError):  # what Pillow raises for torn files
+        return np.asarray(uv, dtype=float), _data_url(image)
+    except (OSError, ValueError, SyntaxError):  # Pillow raises these for damaged files
         return None, None
 
 
-def _address(image: Any) -> str:
-    clear = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
-    small = image.convert("RGBA" if clear else "RGB")
-    small.thumbnail((LARGEST, LARGEST))
+def _data_url(image: Any) -> str:
+    transparent = image.mode in ("RGBA", "LA", "PA") or "transparency" in image.info
+    small = image.convert("RGBA" if transparent else "RGB")
+    small.thumbnail((MAX_TEXTURE_SIZE, MAX_TEXTURE_SIZE))
     content = BytesIO()
-    if clear:
+    if transparent:
         small.save(content, "PNG")
     else:
-        small.save(content, "JPEG", quality=QUALITY)
-    return f"data:image/{'png' if clear else 'jpeg'};base64,{b64encode(content.getvalue()).decode('ascii')}"
+        small.save(content, "JPEG", quality=JPEG_QUALITY)
+    return f"data:image/{'png' if transparent else 'jpeg'};base64,{b64encode(content.getvalue()).decode('ascii')}"
 
 
 LINK_GREY: Rgba = (0.72, 0.74, 0.77, 1.0)
 OBSTACLE_SAND: Rgba = (0.80, 0.70, 0.55, 1.0)
-BODY_AMBER: Rgba = (0.95, 0.62, 0.10, 0.45)
+COLLISION_AMBER: Rgba = (0.95, 0.62, 0.10, 0.45)
 COLOURED_SUFFIXES = (".dae", ".obj", ".ply", ".glb", ".gltf")
 SIDES = 96
-"""Sides of a drawn circle; so many that a ball which ends a tube of its own radius meets it in a line without teeth."""
+"""Segments of a circle; the end of a capsule then meets its cylinder without visible gaps."""
 
-HALF_SPACE, PLATE = 3.0, 0.002
-"""Metres: a half-space, which has no end, is drawn as a plate with this side and thickness, under its plane."""
+PLATE_SIZE, PLATE_THICKNESS = 3.0, 0.002
+"""Metres. A half-space is drawn as a square plate of this size just below its plane."""
 
 TUBE_SIDES = 10
-"""Sides of a drawn line, which is thin."""
+"""Segments of the cross section of a drawn line."""
 
 
 def link_surfaces(geometry: LinkGeometry) -> list[Surface]:
-    """A ``<visual>`` or ``<collision>`` element in its link's frame, one surface a colour.
+    """Surfaces of a ``<visual>`` or ``<collision>`` element in the frame of its link, one for each colour.
 
-    A mesh's own colours come first, then the URDF's material, then grey.
+    The colours of the mesh file take precedence over the material of the URDF; the default is grey.
 
     Raises
     ------
     MeshError
         If a mesh is missing or unusable.
+    ViewerError
+        If the viewer cannot draw this kind of geometry.
     """
     if geometry.kind == "mesh":
         if geometry.mesh is None:
@@ -222,48 +239,51 @@ def link_surfaces(geometry: LinkGeometry) -> list[Surface]:
         path = resolved(geometry.mesh, geometry.link)
         surfaces = _mesh(path, _three(geometry.size), geometry.rgba, LINK_GREY)
     else:
-        surfaces = [_primitive(geometry.kind, geometry.size, geometry.rgba or LINK_GREY)]
+        surfaces = [shade(*_primitive(geometry), geometry.rgba or LINK_GREY)]
     return [surface.moved(geometry.origin) for surface in surfaces]
 
 
 def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
-    """A ``<collision>`` element in its link's frame as checks take it unless told otherwise: of a mesh, its hull.
+    """Surfaces of a ``<collision>`` element in the frame of its link; a mesh is drawn as its convex hull.
 
     Raises
     ------
     MeshError
         If a mesh is missing or unusable.
+    ViewerError
+        If the viewer cannot draw this kind of geometry.
     """
     if geometry.kind != "mesh":
-        made = [_primitive(geometry.kind, geometry.size, BODY_AMBER)]
+        surface = shade(*_primitive(geometry), COLLISION_AMBER)
     elif geometry.mesh is None:
         raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} names no file")
     else:
         mesh = read_mesh(resolved(geometry.mesh, geometry.link), _three(geometry.size))
         try:
-            made = [shade(*_triangles(ConvexHull(mesh.vertices)), BODY_AMBER)]
+            surface = shade(*_hull(ConvexHull(mesh.vertices)), COLLISION_AMBER)
         except InputError:  # a flat mesh has no hull
-            made = [shade(mesh.vertices, mesh.triangles, BODY_AMBER)]
-    return [surface.moved(geometry.origin) for surface in made]
+            surface = shade(mesh.vertices, mesh.triangles, COLLISION_AMBER)
+    return [surface.moved(geometry.origin)]
 
 
 def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
-    """An obstacle in its own frame.
+    """Surfaces of an obstacle in its own frame.
 
     Raises
     ------
     MeshError
         If its mesh is missing or unusable.
+    ViewerError
+        If the viewer cannot draw this shape.
     """
     shape, rgba = obstacle.shape, obstacle.rgba
     if isinstance(shape, Mesh) and shape.path is not None:
         return _mesh(Path(shape.path), _three(shape.scale), rgba, OBSTACLE_SAND, own_colours=rgba is None)
-    vertices, triangles = _triangles(shape)
-    return [shade(vertices, triangles, rgba or OBSTACLE_SAND)]
+    return [shade(*_triangles(shape), rgba or OBSTACLE_SAND)]
 
 
 def tube(points: Array, radius: float, rgba: Rgba) -> Surface | None:
-    """A round line through ``points`` (N, 3), None if they are all one point; WebGL draws plain lines a pixel wide."""
+    """A tube along ``points`` (N, 3), or None if they coincide. WebGL would draw lines only one pixel wide."""
     keep = [0]
     for i in range(1, len(points)):
         if np.linalg.norm(points[i] - points[keep[-1]]) > radius:
@@ -274,12 +294,12 @@ def tube(points: Array, radius: float, rgba: Rgba) -> Surface | None:
     steps = np.diff(corners, axis=0)
     steps /= np.linalg.norm(steps, axis=1, keepdims=True)
     tangents = np.concatenate([steps[:1], steps[:-1] + steps[1:], steps[-1:]])
-    # each ring takes over its neighbour's side direction, made perpendicular again: the tube does not twist
+    # Each ring reuses the side direction of the previous one, orthogonalised, so that the tube does not twist.
     side = np.eye(3)[np.abs(steps[0]).argmin()]
     angles = np.linspace(0, 2 * np.pi, TUBE_SIDES, endpoint=False)[:, None]
     rings, outwards = [], []
     for corner, tangent, before in zip(corners, tangents, np.concatenate([steps[:1], steps]), strict=True):
-        along = tangent if np.linalg.norm(tangent) > 1e-6 else before  # a path that turns back on itself
+        along = tangent if np.linalg.norm(tangent) > 1e-6 else before  # the path reverses its direction here
         along = along / np.linalg.norm(along)
         flat = side - (side @ along) * along
         side = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 1e-6 else np.eye(3)[np.abs(along).argmin()]
@@ -294,85 +314,138 @@ def tube(points: Array, radius: float, rgba: Rgba) -> Surface | None:
 
 
 def ball(centre: Array, radius: float, rgba: Rgba) -> Surface:
-    """A sphere about ``centre`` (3,)."""
-    surface = _primitive("sphere", (radius,), rgba)
+    """A sphere with the centre ``centre`` (3,)."""
+    surface = shade(*_sphere(radius), rgba)
     return Surface(surface.vertices + centre, surface.normals, surface.triangles, rgba)
 
 
 def cone(tip: Array, direction: Array, radius: float, height: float, rgba: Rgba) -> Surface:
-    """A cone that ends at ``tip`` (3,) and points along the unit vector ``direction`` (3,)."""
+    """A cone with its apex at ``tip`` (3,) that points along the unit vector ``direction`` (3,)."""
     side = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
     side /= np.linalg.norm(side)
     a_from_cone = np.eye(4)
     a_from_cone[:3, :3] = np.column_stack([side, np.cross(direction, side), direction])
     a_from_cone[:3, 3] = tip - 0.5 * height * direction
-    return _primitive("cone", (radius, height), rgba).moved(a_from_cone)
+    return shade(*_cone(radius, height), rgba).moved(a_from_cone)
 
 
-def _triangles(shape: Shape) -> tuple[Array, npt.NDArray[np.int64]]:
-    """What is drawn of a shape: vertices (V, 3) and triangles (F, 3)."""
-    if isinstance(shape, Mesh):
-        mesh = triangles_of(shape)
-        return mesh.vertices, mesh.triangles
-    if isinstance(shape, HeightMap):
-        return ground_surface(shape)
-    if isinstance(shape, PointCloud):
-        return cell_faces(shape)
-    if isinstance(shape, ConvexHull):
-        from scipy.spatial import ConvexHull as Hull
-
-        hull = Hull(shape.points)
-        inward = np.einsum("ij,ij->i", _cross(shape.points[hull.simplices]), hull.equations[:, :3]) < 0
-        return shape.points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
-    if isinstance(shape, HalfSpace):
-        vertices, triangles = _made("box", (HALF_SPACE, HALF_SPACE, PLATE))
-        return vertices - [0.0, 0.0, PLATE / 2], triangles
-    if isinstance(shape, Ellipsoid):
-        vertices, triangles = _made("sphere", (1.0,))
-        return vertices * [shape.rx, shape.ry, shape.rz], triangles
-    return _made(type(shape).__name__.lower(), tuple(getattr(shape, field.name) for field in fields(shape)))
-
-
-def _cross(corners: Array) -> Array:
-    return np.asarray(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-
-
-def _primitive(kind: str, size: tuple[float, ...], rgba: Rgba) -> Surface:
-    return shade(*_made(kind, size), rgba)
-
-
-def _made(kind: str, size: tuple[float, ...]) -> tuple[Array, npt.NDArray[np.int64]]:
-    """Vertices and triangles of a box, sphere, cylinder, cone or capsule about the origin."""
-    from trimesh import creation
-
-    made: Any
-    if kind == "box":
-        made = creation.box(extents=size)
-    elif kind == "sphere":
-        made = creation.icosphere(subdivisions=4, radius=size[0])
-    elif kind == "cylinder":
-        made = creation.cylinder(radius=size[0], height=size[1], sections=SIDES)
-    elif kind == "cone":
-        made = creation.cone(radius=size[0], height=size[1], sections=SIDES)
-    else:
-        made = creation.capsule(radius=size[0], height=size[1], count=(SIDES // 2, SIDES // 4))
+def _centred(made: Any) -> Triangles:
+    """Vertices and triangles of a trimesh, with the centre of its bounding box at the origin."""
+    # trimesh places the base of a cone at z = 0; the origin of its capsules differs between releases.
     vertices = np.array(made.vertices, dtype=float)
-    # cones begin at their disc; capsules have had their origin at an end and at the middle in different releases
     vertices -= (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     return vertices, np.array(made.faces, dtype=np.int64)
 
 
+def _box(x: float, y: float, z: float) -> Triangles:
+    from trimesh import creation
+
+    return _centred(creation.box(extents=(x, y, z)))
+
+
+def _sphere(radius: float) -> Triangles:
+    from trimesh import creation
+
+    return _centred(creation.icosphere(subdivisions=4, radius=radius))
+
+
+def _cylinder(radius: float, length: float) -> Triangles:
+    from trimesh import creation
+
+    return _centred(creation.cylinder(radius=radius, height=length, sections=SIDES))
+
+
+def _cone(radius: float, length: float) -> Triangles:
+    from trimesh import creation
+
+    return _centred(creation.cone(radius=radius, height=length, sections=SIDES))
+
+
+def _capsule(radius: float, length: float) -> Triangles:
+    from trimesh import creation
+
+    return _centred(creation.capsule(radius=radius, height=length, count=(SIDES // 2, SIDES // 4)))
+
+
+def _ellipsoid(shape: Ellipsoid) -> Triangles:
+    vertices, triangles = _sphere(1.0)
+    return vertices * [shape.rx, shape.ry, shape.rz], triangles
+
+
+def _half_space(_: HalfSpace) -> Triangles:
+    vertices, triangles = _box(PLATE_SIZE, PLATE_SIZE, PLATE_THICKNESS)
+    return vertices - [0.0, 0.0, PLATE_THICKNESS / 2], triangles
+
+
+def _hull(shape: ConvexHull) -> Triangles:
+    from scipy.spatial import ConvexHull as Hull
+
+    hull = Hull(shape.points)
+    corners = shape.points[hull.simplices]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    inward = np.einsum("ij,ij->i", normals, hull.equations[:, :3]) < 0
+    return shape.points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
+
+
+def _mesh_triangles(shape: Mesh) -> Triangles:
+    mesh = triangles_of(shape)
+    return mesh.vertices, mesh.triangles
+
+
+SHAPES: dict[type, Callable[[Any], Triangles]] = {
+    Box: lambda shape: _box(shape.x, shape.y, shape.z),
+    Sphere: lambda shape: _sphere(shape.radius),
+    Cylinder: lambda shape: _cylinder(shape.radius, shape.length),
+    Capsule: lambda shape: _capsule(shape.radius, shape.length),
+    Cone: lambda shape: _cone(shape.radius, shape.length),
+    Ellipsoid: _ellipsoid,
+    HalfSpace: _half_space,
+    ConvexHull: _hull,
+    Mesh: _mesh_triangles,
+    PointCloud: cell_faces,
+    HeightMap: ground_surface,
+}
+"""How each shape of an obstacle or attached object is drawn. A new shape is registered here."""
+
+PRIMITIVES: dict[str, Callable[..., Triangles]] = {
+    "box": _box,
+    "sphere": _sphere,
+    "cylinder": _cylinder,
+    "capsule": _capsule,
+}
+"""How each primitive of a robot description is drawn; the arguments are the numbers of ``LinkGeometry.size``."""
+
+
+def _triangles(shape: Shape) -> Triangles:
+    """Triangles of a shape; see :data:`SHAPES`."""
+    draw = SHAPES.get(type(shape))
+    if draw is None:
+        known = ", ".join(kind.__name__ for kind in SHAPES)
+        raise ViewerError(f"the viewer cannot draw a {type(shape).__name__}; it can draw {known}")
+    return draw(shape)
+
+
+def _primitive(geometry: LinkGeometry) -> Triangles:
+    """Triangles of a primitive of a link; see :data:`PRIMITIVES`."""
+    draw = PRIMITIVES.get(geometry.kind)
+    if draw is None:
+        known = ", ".join([*PRIMITIVES, "mesh"])
+        raise ViewerError(f"the viewer cannot draw a {geometry.kind} of link {geometry.link!r}; it can draw {known}")
+    return draw(*geometry.size)
+
+
 def _mesh(
-    path: Path, scale: tuple[float, float, float], told: Rgba | None, default: Rgba, own_colours: bool = True
+    path: Path, scale: tuple[float, float, float], stated: Rgba | None, default: Rgba, own_colours: bool = True
 ) -> list[Surface]:
+    """Surfaces of a mesh file; ``own_colours`` keeps the colours and textures that the file states."""
     checked = read_mesh(path, scale)
     if not own_colours or path.suffix.lower() not in COLOURED_SUFFIXES:
-        return [shade(checked.vertices, checked.triangles, told or default)]
+        return [shade(checked.vertices, checked.triangles, stated or default)]
     import trimesh
 
     scene = trimesh.load(path, force="scene", process=False)
     factor = np.asarray(scale) * collada_unit(path)
-    turn = -1 if np.prod(scale) < 0 else 1
+    order = -1 if np.prod(scale) < 0 else 1  # a mirrored mesh needs its triangles reversed
     surfaces = []
     for node in scene.graph.nodes_geometry:
         scene_from_node, name = scene.graph[node]
@@ -381,16 +454,16 @@ def _mesh(
             continue
         vertices = np.asarray(part.vertices) @ scene_from_node[:3, :3].T + scene_from_node[:3, 3]
         vertices = vertices @ z_up(path).T * factor
-        colour = _own_colour(part, linear=path.suffix.lower() == ".dae") or told or default
-        uv, image = picture_on(part)
-        surfaces.append(shade(vertices, np.array(part.faces, dtype=np.int64)[:, ::turn], colour, uv, image))
+        colour = _own_colour(part, linear=path.suffix.lower() == ".dae") or stated or default
+        uv, image = _texture(part)
+        surfaces.append(shade(vertices, np.array(part.faces, dtype=np.int64)[:, ::order], colour, uv, image))
     return merge_by_colour(surfaces)
 
 
 def _own_colour(part: Any, *, linear: bool) -> Rgba | None:
-    """The colour that a mesh file gives a part, None if it gives none.
+    """The colour that a mesh file states for a part, or None.
 
-    Robot meshes in COLLADA come out of Blender, which writes linear light; shown as they are, they look black.
+    COLLADA files of robots are mostly written by Blender, with linear colours; without conversion they appear black.
     """
     visual = part.visual
     if not visual.defined:

@@ -1,9 +1,9 @@
-"""The words that meshcat's browser viewer understands, as plain dictionaries, with their arrays in one binary blob.
+"""Commands to meshcat's browser viewer as dictionaries, with their arrays in one binary block.
 
-Only the viewer bundle of the installed meshcat is used, never its Python side: importing that starts ZeroMQ, IPython
-and Pillow, warns, prints and names objects by the clock, so that no two pages would be alike. The commands
-(``set_object``, ``set_transform``, ``set_property``, ``set_animation``) are those that meshcat documents for clients in
-any language; objects are three.js' JSON object format 4.
+Only the JavaScript viewer of the installed meshcat is used. Its Python package is not imported: it loads ZeroMQ,
+IPython and Pillow, prints warnings, and names objects by the time, so that pages would not be reproducible. The
+commands (``set_object``, ``set_transform``, ``set_property``, ``set_animation``) are those that meshcat documents for
+clients in any language; objects are in the JSON object format 4 of three.js.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ TYPED_ARRAYS = {"float32": "Float32Array", "int8": "Int8Array", "uint16": "Uint1
 
 
 def node_path(*names: str) -> str:
-    """A path in meshcat's tree; a slash inside a name would be another level, so it becomes a look-alike."""
+    """A path in meshcat's tree. A slash in a name would separate levels; it is replaced by a similar character."""
     return "/" + "/".join(name.replace("/", "\u2215") for name in names)
 
 
 class Commands:
-    """Commands in the order they are given, and the arrays they refer to."""
+    """A sequence of commands and the arrays that they refer to."""
 
     def __init__(self) -> None:
         self.items: list[dict[str, Any]] = []
         self.pictures: dict[str, list[list[str]]] = {}
-        """Nodes by the ``data:`` address of the picture on them, which the page puts there: meshcat draws such late."""
+        """Nodes by the ``data:`` URL of their texture. The page applies them itself, because meshcat does so late."""
         self._blob = bytearray()
         self._objects = 0
 
@@ -48,7 +48,7 @@ class Commands:
         self.items.append({"type": "set_property", "path": path, "property": name, "value": value})
 
     def set_animation(self, animations: list[dict[str, Any]]) -> None:
-        """Tracks that run over and over; they stand still until told to play."""
+        """Set tracks that are played in a loop; they are paused at first."""
         options = {"play": False, "repetitions": 1_000_000}
         self.items.append({"type": "set_animation", "path": "", "animations": animations, "options": options})
 
@@ -57,7 +57,7 @@ class Commands:
         wide = len(surface.vertices) > np.iinfo(np.uint16).max
         attributes = {
             "position": self._attribute(surface.vertices.astype(np.float32)),
-            # A normal in three bytes is off by less than half a degree, which no shading shows.
+            # The error of a normal in three bytes is below half a degree, which is not visible.
             "normal": {**self._attribute(np.rint(surface.normals * 127).astype(np.int8)), "normalized": True},
         }
         if surface.uv is not None and surface.image is not None:
@@ -68,14 +68,14 @@ class Commands:
         self.set_mesh(path, geometry, surface.rgba, **material)
 
     def set_mesh(self, path: str, geometry: dict[str, Any], rgba: tuple[float, ...], **material: Any) -> None:
-        """Draw any geometry of three.js."""
+        """Draw a geometry of three.js."""
         r, g, b = (round(255 * min(max(c, 0.0), 1.0)) for c in rgba[:3])
         look = {
             "type": "MeshPhongMaterial",
             "color": r << 16 | g << 8 | b,
             "specular": 0x1C1C1C,
             "shininess": 28,
-            "side": 2,  # both: files do not always turn their triangles outwards
+            "side": 2,  # both sides, because the triangles of some files are oriented inwards
             "opacity": rgba[3],
             "transparent": rgba[3] < 1.0,
             **material,
@@ -104,7 +104,7 @@ class Commands:
         )
 
     def set_object(self, path: str, kind: str, parts: dict[str, Any], **properties: Any) -> None:
-        """Put a three.js object of a kind at a node; ``parts`` (geometry, material) get running numbers."""
+        """Set the three.js object of a node; ``parts`` (geometry, material) are numbered."""
         self._objects += 1
         thing: dict[str, Any] = {"metadata": {"version": 4.5, "type": "Object"}}
         inner: dict[str, Any] = {"uuid": f"object-{self._objects}", "type": kind, **properties}
@@ -115,22 +115,22 @@ class Commands:
         self.items.append({"type": "set_object", "path": path, "object": {**thing, "object": inner}})
 
     def array(self, values: npt.NDArray[Any]) -> dict[str, Any]:
-        """Store an array; the page's script puts the typed array in the place of this reference."""
-        self._blob.extend(b"\0" * (-len(self._blob) % 4))  # typed arrays start at multiples of their item's size
+        """Store an array and return a reference, which the script of the page replaces by a typed array."""
+        self._blob.extend(b"\0" * (-len(self._blob) % 4))  # the offset of a typed array is a multiple of its item size
         reference = [TYPED_ARRAYS[values.dtype.name], len(self._blob), values.size]
         self._blob.extend(np.ascontiguousarray(values).astype(values.dtype.newbyteorder("<"), copy=False).tobytes())
         return {"$buffer": reference}
 
     def json(self) -> str:
-        """The commands as JSON that is safe inside a ``<script>`` element."""
+        """The commands as JSON, escaped for a ``<script>`` element."""
         return json.dumps(self.items, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
 
     def pictures_json(self) -> str:
-        """The pictures, each with its nodes, as JSON that is safe inside a ``<script>`` element."""
+        """The textures with their nodes as JSON, escaped for a ``<script>`` element."""
         return json.dumps([*self.pictures.items()], separators=(",", ":")).replace("<", "\\u003c")
 
     def base64(self) -> str:
-        """The arrays."""
+        """The arrays in base64."""
         return b64encode(bytes(self._blob)).decode("ascii")
 
     def _attribute(self, rows: npt.NDArray[Any]) -> dict[str, Any]:
@@ -138,5 +138,5 @@ class Commands:
 
 
 def transform_command(path: str, a_from_b: Array) -> dict[str, Any]:
-    """The command that places a node; three.js reads matrices by columns."""
+    """The command that sets the pose of a node; three.js stores matrices by columns."""
     return {"type": "set_transform", "path": path, "matrix": [float(v) for v in a_from_b.T.ravel()]}

@@ -58,7 +58,10 @@ def documented(path: str) -> list[str]:
     if inspect.isclass(value) and issubclass(value, enum.Enum):
         return [f".. autoclass:: {path}()", MEMBERS, "   :undoc-members:", ""]
     if inspect.isclass(value):
-        return [f".. autoclass:: {path}", MEMBERS, "   :inherited-members:", ""]
+        own = all(base is object or base.__module__.startswith("pinproof") for base in value.__mro__)
+        if not value.__module__.startswith("pinproof"):
+            return [f".. autodata:: {path}", "   :no-value:", ""]
+        return [f".. autoclass:: {path}", MEMBERS, *(["   :inherited-members:"] if own else []), ""]
     return [f".. autofunction:: {path}" if callable(value) else f".. autodata:: {path}", ""]
 
 

@@ -9,7 +9,7 @@ from pinproof.benchmarks.picks_measure import ScreenRow, VerdictRow, screen_rows
 from pinproof.benchmarks.picks_problems import CELLS, pick_cell
 from pinproof.benchmarks.picks_table import PicksTable
 from pinproof.benchmarks.provenance import provenance
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 
 __all__ = ["picks_benchmark"]
 
@@ -47,7 +47,7 @@ def picks_benchmark(
         If a number is below 0, or a cell is not known.
     """
     for name, number in (("picks", picks), ("poses", poses), ("campaign", campaign), ("machinery", machinery)):
-        whole(name, number, 0)
+        require_integer(name, number, 0)
     made = [pick_cell(name) for name in cells]
     origin = provenance(seed)  # before anything runs: the load told is that of others
     verdicts: list[VerdictRow] = []

@@ -77,7 +77,7 @@ class Attachments:
             If the file cannot be read or states something without meaning; names file, line and key.
         """
         from pinproof.collision.scene_file import pairs_of, read_obstacle
-        from pinproof.common.yaml_file import LinedMapping, listed, read_yaml, refuse_unknown
+        from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown, require_list
 
         path = Path(path)
         content = read_yaml(path, KEYS, SceneError)
@@ -85,7 +85,7 @@ class Attachments:
         if "attached" not in content:
             raise SceneError(path, "states no attached bodies; list them under 'attached:'")
         bodies: list[Obstacle] = []
-        for number, stated in enumerate(listed(SceneError, path, "attached", content["attached"]), start=1):
+        for number, stated in enumerate(require_list(SceneError, path, "attached", content["attached"]), start=1):
             if not isinstance(stated, LinedMapping):
                 raise SceneError(path, f"{stated!r} is not a body", f"key attached, #{number}")
             bodies.append(read_obstacle(path, number, stated))

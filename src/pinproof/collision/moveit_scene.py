@@ -30,7 +30,7 @@ from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shape_file import numbers_of
 from pinproof.collision.shapes import Box, Cone, Cylinder, HalfSpace, Mesh, Shape, Sphere
 from pinproof.collision.solid import Solid
-from pinproof.common.yaml_file import LinedMapping, listed, refuse_unknown
+from pinproof.common.yaml_file import LinedMapping, refuse_unknown, require_list
 from pinproof.description.packages import locate
 from pinproof.errors import InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
@@ -97,7 +97,7 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
     ]
     obstacles: list[Obstacle] = []
     parts: dict[str, tuple[str, ...]] = {}
-    for stated in listed(SceneError, path, "world.collision_objects", world.get("collision_objects") or []):
+    for stated in require_list(SceneError, path, "world.collision_objects", world.get("collision_objects") or []):
         name, where = _name(path, stated)
         if name in parts:
             raise SceneError(path, f"a second object is named {name!r}", where)

@@ -40,7 +40,7 @@ from pinproof.collision.moveit_scene import is_moveit, moveit_scene
 from pinproof.collision.scene import Obstacle, Scene
 from pinproof.collision.shape_file import SHAPE_KEYS, numbers_of, pose_of, read_shape, stated_shape
 from pinproof.common.files import write_text_whole
-from pinproof.common.yaml_file import MOST_REACH, YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
+from pinproof.common.yaml_file import MOST_REACH, YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import Array, finite
 
@@ -98,7 +98,7 @@ def _scene(path: Path, content: LinedMapping) -> Scene:
     if "obstacles" not in content:
         raise SceneError(path, "holds no obstacles; a scene without any says 'obstacles: []'")
     obstacles: list[Obstacle] = []
-    for number, stated in enumerate(listed(SceneError, path, "obstacles", content["obstacles"]), start=1):
+    for number, stated in enumerate(require_list(SceneError, path, "obstacles", content["obstacles"]), start=1):
         if not isinstance(stated, LinedMapping):
             raise SceneError(path, f"{stated!r} is no obstacle; valid keys: {', '.join(OBSTACLE_KEYS)}", f"#{number}")
         obstacle = read_obstacle(path, number, stated)
@@ -124,7 +124,7 @@ def _far(obstacles: list[Obstacle]) -> list[str]:
 
 def pairs_of(path: Path, content: LinedMapping, key: str, what: str) -> list[tuple[str, str]]:
     """The pairs of names that are listed under a key; SceneError for anything else."""
-    pairs = listed(SceneError, path, key, content.get(key, []))
+    pairs = require_list(SceneError, path, key, content.get(key, []))
     for pair in pairs:
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
             raise SceneError(path, f"{pair!r} is no pair {what}", f"key {key}")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import positive
+from pinproof.common.validation import require_positive
 from pinproof.ik.loop import Here, StepRule
 from pinproof.ik.solver import IterativeIk, KernelRule
 
@@ -46,7 +46,7 @@ class Clik(IterativeIk):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("damping", self.damping, zero=True)
+        require_positive("damping", self.damping, zero=True)
 
     def step_rule(self) -> StepRule:
         """The damped least squares step with these settings."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import positive
+from pinproof.common.validation import require_positive
 from pinproof.ik.loop import NOTHING, Here, StepRule
 from pinproof.ik.solver import IterativeIk, KernelRule
 
@@ -46,8 +46,8 @@ class DampedLeastSquares(IterativeIk):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("damping", self.damping)
-        positive("region", self.region)
+        require_positive("damping", self.damping)
+        require_positive("region", self.region)
 
     def step_rule(self) -> StepRule:
         """The step of damped least squares."""

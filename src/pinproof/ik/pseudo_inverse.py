@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import positive
+from pinproof.common.validation import require_positive
 from pinproof.ik.loop import NOTHING, Here, StepRule
 from pinproof.ik.solver import IterativeIk, KernelRule
 
@@ -41,7 +41,7 @@ class PseudoInverse(IterativeIk):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("cutoff", self.cutoff, zero=True, below=1.0)
+        require_positive("cutoff", self.cutoff, zero=True, below=1.0)
 
     def step_rule(self) -> StepRule:
         """The step of the pseudo-inverse."""

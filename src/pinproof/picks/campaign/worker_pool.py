@@ -9,7 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, CancelledError, 
 from dataclasses import dataclass
 from typing import Any
 
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, InputError
 from pinproof.picks.campaign.chunks import MAX_DEATHS, Chunk, ChunkQueue, Outcome
 from pinproof.picks.campaign.worker import Answer, SingleWorkerExecutor, Task, usable_cores, work
@@ -236,12 +236,12 @@ def do_chunks(
     Exception
         Whatever the task raised.
     """
-    whole("in_flight", in_flight, 1)
+    require_integer("in_flight", in_flight, 1)
     if chunk is not None:
-        whole("chunk", chunk, 1)
+        require_integer("chunk", chunk, 1)
     if executor is None:
         count = usable_cores() if workers is None else workers
-        whole("workers", count, 1)
+        require_integer("workers", count, 1)
         executors = [TrackedExecutor(SingleWorkerExecutor, width=1) for _ in range(count)]
     elif workers is not None:
         raise InputError("workers counts the processes of this machine; the executor that is given has its own")

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.picks.reach.reach_map import ReachMap
 from pinproof.picks.reach.region import ReachRegion
@@ -69,7 +69,7 @@ def reach_map(
     InputError
         If a shape is wrong, a matrix is no rotation, or a setting makes no sense.
     """
-    whole("threads", threads, 1)
+    require_integer("threads", threads, 1)
     frames = _frames(orientations)
     arm = checker.arm
     tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.picks.configurations import manipulability
 from pinproof.picks.reach.proposals import Wanted, proposals_for
 from pinproof.picks.verdict import Stage
@@ -127,8 +127,8 @@ class Screening:
         why: bool = True,
         clearance: bool = False,
     ) -> None:
-        whole("attempts", attempts, 1)
-        whole("rng", rng, 0)
+        require_integer("attempts", attempts, 1)
+        require_integer("rng", rng, 0)
         self._checker, self._arm = checker, checker.arm
         self._why, self._clearance = why, clearance
         self._known = True

@@ -65,7 +65,7 @@ def said_of(path: Path) -> str:
         ("dh.csv", "# convention: standard\nname\ttheta\td\n", "header: columns are parted by tabs"),
         ("dh.csv", f'{DH}a,0,"0,33",0,0,,\n', "row 1, column d: '0,33' is not a number: decimals have a point"),
         ("scene.yaml", SCENE.format("sphere: {radius: 0,1}"), "unknown key of sphere 1; .*decimals have a point"),
-        ("scene.yaml", "obstacles:\n\t- name: a\n", "line 2: .*indent with blanks"),
+        ("scene.yaml", "obstacles:\n\t- name: a\n", "line 2: .*indent with spaces"),
         ("scene.yaml", "obstacles: []\n".encode("utf-16"), "looks like UTF-16.*save it as UTF-8"),
         ("picks.csv", HEAD.encode("utf-16"), "line 1: is UTF-16 text; save it as UTF-8"),
         ("scene.yaml", "obstacles:\n- {name: Töpfe}\n".encode("latin-1"), "line 2: is not UTF-8 text"),
@@ -84,9 +84,9 @@ def said_of(path: Path) -> str:
         # robots
         ("r.urdf", ROBOT.format("", ""), r"joint 'j' states no lower and upper limit; pass limits={'j'"),
         ("r.urdf", mesh("package://my/x.stl"), "1 collision meshes were not found: package://my/x.stl"),
-        ("r.urdf", mesh("meshes\\x.stl"), "not found: .*paths have / and not"),
+        ("r.urdf", mesh("meshes\\x.stl"), "not found: .*use / in paths"),
         ("r.urdf", ROBOT.format("", LIMIT)[:50], "line 1: is not well-formed XML"),
-        ("r.urdf", '<robot xmlns:x="http://ros.org/xacro"><x:arg name="a"/></robot>', "holds xacro macros.*expand it"),
+        ("r.urdf", '<robot xmlns:x="http://ros.org/xacro"><x:arg name="a"/></robot>', "contains xacro elements.*expand it"),
         ("r.urdf", "<sdf/>", "the root element is <sdf>, not <robot>"),
         # motions
         (

@@ -69,9 +69,9 @@ def test_group_means_a_chain(robot, group, base, tcp, joints):
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        ("two", r"holds the chains .*name one of them with base= and tcp="),
+        ("two", r"has the chains .*select one with base= and tcp="),
         ("fork", r"is no chain: 'j_.1' does not lie on the way"),
-        ("empty", "neither a chain nor joints nor links"),
+        ("empty", "no chain, no joints and no moving links"),
         ("broken", "unknown subgroup 'nowhere'"),
         ("ghost", "unknown joint 'j_a4' in group 'ghost' of the SRDF; valid: j_a"),
         ("ghost_chain", "unknown link 'a4' in group 'ghost_chain' of the SRDF; valid: a"),

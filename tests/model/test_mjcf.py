@@ -180,7 +180,7 @@ BODY = '<mujoco>\n{top}<worldbody>\n<body name="a">\n{inside}</body></worldbody>
     ("parts", "message"),
     [
         ({"inside": '<joint type="ball"/>'}, "line 4.*ball joint"),
-        ({"inside": "<freejoint/>"}, "line 4.*floats freely"),
+        ({"inside": "<freejoint/>"}, "line 4.*free joint"),
         ({"inside": '<joint type="free"/>'}, "line 4.*free joint"),
         ({"inside": '<joint ref="0.5"/>'}, "line 4.*ref other than 0"),
         ({"inside": '<joint axis="0 0 0"/>'}, "line 4.*no direction"),

@@ -104,7 +104,7 @@ def require_list(error: type[FileError], path: Path, key: str, stated: object) -
     """Return the value of ``key``, which must be a list."""
     if not isinstance(stated, list):
         how = "; write '- ' before each element" if isinstance(stated, dict) else ""
-        raise error(path, f"must be a list, not {stated!r}{how}", f"key {key}")
+        raise error(path, f"is {stated!r}, not a list{how}", f"key {key}")
     return stated
 
 

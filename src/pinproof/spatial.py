@@ -180,7 +180,7 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
     # Plain numbers are three times as fast here as small arrays.
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = m.tolist()
     if not math.isfinite(a + b + c + d + e + f + g + h + i + x + y + z + sum(last)) and not np.isfinite(m).all():
-        raise InputError(f"{name} contains numbers that are not finite:\n{m}")
+        raise InputError(f"{name} holds numbers that are not finite:\n{m}")
     rotation = m[:3, :3]
     squares = (a * a + d * d + g * g, b * b + e * e + h * h, c * c + f * f + i * i)
     across = (a * b + d * e + g * h, a * c + d * f + g * i, b * c + e * f + h * i)
@@ -253,7 +253,7 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
     if not np.isfinite(array).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         index = place[0] if len(place) == 1 else place
-        raise InputError(f"{name} contains {array[place]} at index {index}; all numbers must be finite")
+        raise InputError(f"{name} holds {array[place]} at index {index}; all numbers must be finite")
     return array
 
 

@@ -139,7 +139,7 @@ def test_an_orientation_is_never_guessed(write) -> None:
             "a second body is named 'x'",
         ),
         ("scen: scene.yaml", "", "unknown key 'scen'; valid: scene"),
-        ("picks: []", "line 2", "the key 'picks' is given twice"),
+        ("picks: []", "line 2", "duplicate key 'picks'"),
         ("robot: [", "line", "valid YAML"),
     ],
 )

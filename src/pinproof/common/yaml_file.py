@@ -177,9 +177,7 @@ def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
     yield mapping
     for key_node, value_node in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
-            raise ConstructorError(
-                None, None, "merge keys (<<) are not supported", key_node.start_mark
-            )
+            raise ConstructorError(None, None, "merge keys (<<) are not supported", key_node.start_mark)
         key = loader.construct_object(key_node, deep=True)
         if not isinstance(key, Hashable):
             raise ConstructorError(None, None, "a list or a mapping cannot be a key", key_node.start_mark)

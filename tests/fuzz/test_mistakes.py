@@ -59,7 +59,7 @@ def said_of(path: Path) -> str:
         ("picks.csv", f"{HEAD}a,460,150,35,pi,0,0\n", "460 mm = 0.46"),
         ("dh.csv", f"{DH}a,0,330,0,0,,\nb,0,0,425,0,,\n", "425 mm = 0.425"),
         # commas, tabs, encodings
-        ("picks.csv", f"{HEAD}a,0,46,0,15,0,035,3,14,0,0\n", "11 cells under 7 columns; use a decimal point"),
+        ("picks.csv", f"{HEAD}a,0,46,0,15,0,035,3,14,0,0\n", "11 cells under 7 columns; decimals have a point"),
         ("picks.csv", f'{HEAD}a,"0,46",0,0,pi,0,0\n', "'0,46' is not a number: use a decimal point"),
         ("picks.csv", "name;x;y;z\na;0,46;0;0\n", "line 1: columns are separated by semicolons; save the file with commas"),
         ("dh.csv", "# convention: standard\nname\ttheta\td\n", "header: columns are separated by tabs"),

@@ -1,6 +1,6 @@
-"""pinproof: can this arm make this pick, and how? Answered with proof.
+"""pinproof: kinematics, collision checking, planning and pick validation for robot arms, with verifiable results.
 
-Names are loaded at first use, so ``import pinproof`` is quick and pulls in only what a program touches.
+Names are imported at first use, so ``import pinproof`` is fast and loads only the packages that a program needs.
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-_HOME = {
+_HOME = {  # package: the names that the top level exports
     "pinproof.errors": (
         "FileError",
         "InputError",
@@ -93,7 +93,7 @@ _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 __all__ = sorted([*_MODULE_OF, "__version__"])
 
 _PACKAGES = ("collision", "errors", "ik", "model", "motion", "picks", "planning", "verifier", "viewer")
-"""Packages with further names, loaded at first use: ``pp.picks.PickBudget``."""
+"""Packages with further names, imported at first use: ``pp.picks.PickBudget``."""
 
 if TYPE_CHECKING:
     from pinproof.collision import (

@@ -1,29 +1,29 @@
-"""Every error that pinproof raises on purpose, in one tree.
+"""The exceptions of pinproof.
 
 ::
 
     PinproofError
-    ├── InputError (also a ValueError)   an argument that makes no sense: shape, NaN, a non-rigid matrix
-    │   ├── NoClosedForm                 an arm that AnalyticIk cannot solve; names the reason and what to use instead
-    │   └── UnknownNameError             a frame, joint, robot or option that does not exist; names the valid ones
-    ├── FileError                        an input file that cannot be used; names file and place
-    │   ├── UrdfError                    a URDF or SRDF
-    │   ├── DhTableError                 a Denavit-Hartenberg table
-    │   ├── MeshError                    a mesh that is missing or unusable
-    │   ├── SceneError                   a scene file
-    │   ├── PicksError                   a picks file
-    │   └── TrajectoryError              a trajectory file
-    ├── ConversionError                  a converted robot that does not equal its source
-    ├── TimingError                      a path for which no timing within the limits was found
-    ├── CampaignError                    a campaign that cannot go on: another one's folder, workers that do not start
-    ├── ViewerError                      a page or a live view that cannot be made
-    └── NoAnswer                         an honest "no", raised only by ``.or_raise()``
+    ├── InputError (also a ValueError)   invalid argument: wrong shape, NaN, matrix that is not a rigid transform
+    │   ├── NoClosedForm                 arm that AnalyticIk does not support
+    │   └── UnknownNameError             unknown frame, joint, robot or option; the message lists the valid names
+    ├── FileError                        input file that cannot be used; the message states file and line
+    │   ├── UrdfError                    URDF, xacro, MJCF or SRDF file
+    │   ├── DhTableError                 Denavit-Hartenberg table
+    │   ├── MeshError                    mesh that is missing or invalid
+    │   ├── SceneError                   scene file
+    │   ├── PicksError                   picks file
+    │   └── TrajectoryError              trajectory file
+    ├── ConversionError                  converted robot that differs from its source
+    ├── TimingError                      path that cannot be timed within the limits
+    ├── CampaignError                    campaign that cannot continue: folder of another campaign, workers do not start
+    ├── ViewerError                      page or live view that cannot be created
+    └── NoAnswer                         computation without a solution, raised only by ``.or_raise()``
         ├── IkFailed
         ├── PlanFailed
         └── NotProvenFree
 
-An expected "no" (unreachable, in collision, not found) is a value with a status, never an exception, unless the caller
-asks for one with ``.or_raise()``.
+An expected failure (unreachable, in collision, not found) is a result with a status; ``.or_raise()`` turns it into an
+exception.
 """
 
 from __future__ import annotations
@@ -57,16 +57,16 @@ __all__ = [
 
 
 LONGEST_WORD = 400
-"""Characters without a blank: longer than any path, so part of a file."""
+"""Characters without white space. Longer words are contents of a file, not paths, and are abbreviated in messages."""
 
 LONGEST_MESSAGE = 3000
-"""Characters. What a file holds may stand in a message, and may be of any length; nobody reads on beyond this."""
+"""Characters. Messages may quote a file, so their length is limited."""
 
 
 class PinproofError(Exception):
-    """Root of every error that pinproof raises on purpose.
+    """Base class of all exceptions of pinproof.
 
-    Messages are cut in the middle beyond :data:`LONGEST_MESSAGE`, and what cannot be printed is escaped.
+    Messages longer than :data:`LONGEST_MESSAGE` are shortened in the middle; non-printable characters are escaped.
     """
 
     def __init__(self, *args: object) -> None:
@@ -74,26 +74,26 @@ class PinproofError(Exception):
 
 
 class InputError(PinproofError, ValueError):
-    """An argument that makes no sense; the message names it and what would."""
+    """An invalid argument; the message states the argument and the valid values."""
 
 
 LISTED = 16
-"""Valid names that a message lists before it only counts."""
+"""Largest number of valid names that a message lists."""
 
 
 class UnknownNameError(InputError):
-    """A name that does not exist where it was looked up.
+    """A name that does not exist.
 
     Parameters
     ----------
     kind
-        What was looked up, in the singular: ``"frame"``, ``"joint"``, ``"robot"``.
+        Kind of the name, in the singular: ``"frame"``, ``"joint"``, ``"robot"``.
     name
-        The name that was asked for.
+        The unknown name.
     valid
-        The names that exist; the nearest ones are listed first.
+        The valid names; the most similar ones are listed first.
     where
-        Where it was looked up, for the message.
+        Where the name was looked up, for the message.
     """
 
     def __init__(self, kind: str, name: object, valid: Iterable[str], where: str = "") -> None:
@@ -109,7 +109,7 @@ class UnknownNameError(InputError):
 
 
 class NoClosedForm(InputError):
-    """An arm whose inverse kinematics has no closed form; the message names the reason and what to use instead."""
+    """An arm that :class:`pinproof.AnalyticIk` does not support; the message states the reason and an alternative."""
 
 
 class FileError(PinproofError):
@@ -120,9 +120,9 @@ class FileError(PinproofError):
     path
         The file.
     reason
-        What is wrong and what would be right.
+        What is wrong and what is valid.
     place
-        Where in the file: ``"line 12"``, ``"row 3, column a"``.
+        Position in the file: ``"line 12"``, ``"row 3, column a"``.
     """
 
     def __init__(self, path: str | Path, reason: str, place: str = "") -> None:
@@ -134,7 +134,7 @@ class FileError(PinproofError):
 
 
 class UrdfError(FileError):
-    """A URDF or SRDF that cannot be used."""
+    """A URDF, xacro, MJCF or SRDF file that cannot be used."""
 
 
 class DhTableError(FileError):
@@ -142,7 +142,7 @@ class DhTableError(FileError):
 
 
 class MeshError(FileError):
-    """A mesh that is missing or unusable."""
+    """A mesh that is missing or invalid."""
 
 
 class SceneError(FileError):
@@ -158,23 +158,23 @@ class TrajectoryError(FileError):
 
 
 class ConversionError(PinproofError):
-    """A converted robot that does not equal its source; nothing was written."""
+    """A converted robot that differs from its source; no file was written."""
 
 
 class TimingError(PinproofError):
-    """A path for which no timing within the limits was found."""
+    """A path that cannot be timed within the limits."""
 
 
 class CampaignError(PinproofError):
-    """A campaign that cannot go on; what it has judged until then is kept."""
+    """A campaign that cannot continue; the results so far are kept."""
 
 
 class ViewerError(PinproofError):
-    """A page or a live view that cannot be made."""
+    """A page or a live view that cannot be created."""
 
 
 class NoAnswer(PinproofError):
-    """An honest "no", raised only by ``.or_raise()``; ``result`` is the value that said it."""
+    """A computation without a solution, raised only by ``.or_raise()``; ``result`` is the result object."""
 
     def __init__(self, message: str, result: object = None) -> None:
         self.result = result
@@ -194,11 +194,11 @@ class NotProvenFree(NoAnswer):
 
 
 COMPARED = 64
-"""Characters of a name that count for its likeness to others."""
+"""Characters of a name that are compared; the time grows with their square."""
 
 
 ALIKE = 0.5
-"""Likeness (difflib's ratio) from which a name may be meant."""
+"""Similarity (``difflib`` ratio) above which a valid name is listed first."""
 
 
 def _readable(message: str) -> str:
@@ -211,14 +211,13 @@ def _readable(message: str) -> str:
 
 
 def _nearest_first(name: str, valid: Iterable[str]) -> list[str]:
-    """``valid`` in alphabetical order, but for what is much like ``name``: that first, the most alike foremost."""
+    """Sort ``valid``: names similar to ``name`` first, then the others in alphabetical order."""
 
-    def unlike(candidate: str) -> float:
-        # Cut: the time grows with the product of both lengths.
-        likeness = difflib.SequenceMatcher(None, name[:COMPARED].lower(), candidate[:COMPARED].lower()).ratio()
-        return -likeness if likeness > ALIKE else 0.0
+    def sort_key(candidate: str) -> float:
+        similarity = difflib.SequenceMatcher(None, name[:COMPARED].lower(), candidate[:COMPARED].lower()).ratio()
+        return -similarity if similarity > ALIKE else 0.0
 
-    return sorted(sorted(valid), key=unlike)
+    return sorted(sorted(valid), key=sort_key)
 
 
 def _rebuild(cls: type[PinproofError], args: tuple[object, ...], state: dict[str, object]) -> PinproofError:

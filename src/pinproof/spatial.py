@@ -1,4 +1,4 @@
-"""Rigid transforms: making them, reading them, measuring between them, and refusing what is not one.
+"""Rigid transforms: construction, conversion, interpolation, distances and validation.
 
 Transforms are :class:`pinocchio.SE3` and read ``a_from_b``. Lengths are metres, angles radians. Twists are linear
 first.
@@ -36,22 +36,22 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 SE3 = pin.SE3
-"""A rigid transform, for the annotations of rooms that do not import Pinocchio themselves."""
+"""A rigid transform, for annotations in packages that do not import Pinocchio."""
 
 RIGID_TOLERANCE = 1e-6
-"""How far R^T R may be from the identity (largest entry) before a matrix is refused; below, it is orthonormalised."""
+"""Largest entry of abs(R^T R - I) that is accepted; accepted matrices are orthonormalised."""
 
 
 class FrozenSE3(pin.SE3):  # type: ignore[misc]  # Pinocchio has no stubs
-    """A rigid transform that cannot be changed in place; Pinocchio takes it wherever it takes a :class:`pinocchio.SE3`.
+    """A read-only :class:`pinocchio.SE3`.
 
-    :attr:`translation` and :attr:`rotation` are read-only copies, and whatever would change the transform raises.
-    ``copy()`` and ``pin.SE3(frozen)`` make ordinary transforms, and so does every product.
+    :attr:`translation` and :attr:`rotation` are read-only copies, and methods that modify the transform raise an
+    exception. ``copy()``, ``pin.SE3(frozen)`` and products return ordinary transforms.
     """
 
     @property
     def translation(self) -> Array:
-        """(3,) the position in metres, read-only."""
+        """(3,) position in metres, read-only."""
         return _read_only(pin.SE3.translation.__get__(self))
 
     @translation.setter
@@ -60,7 +60,7 @@ class FrozenSE3(pin.SE3):  # type: ignore[misc]  # Pinocchio has no stubs
 
     @property
     def rotation(self) -> Array:
-        """(3, 3) the rotation matrix, read-only."""
+        """(3, 3) rotation matrix, read-only."""
         return _read_only(pin.SE3.rotation.__get__(self))
 
     @rotation.setter
@@ -68,17 +68,17 @@ class FrozenSE3(pin.SE3):  # type: ignore[misc]  # Pinocchio has no stubs
         self._refuse("rotation")
 
     def setIdentity(self) -> None:
-        """Not possible."""
+        """Raise AttributeError: the transform is read-only."""
         self._refuse("value")
 
     def setRandom(self) -> None:
-        """Not possible."""
+        """Raise AttributeError: the transform is read-only."""
         self._refuse("value")
 
     def _refuse(self, what: str) -> None:
         raise AttributeError(
-            f"the {what} of this pose is read-only; change a copy (pose.copy()) and make a new object with it, such as "
-            "scene.move(name, pose)"
+            f"the {what} of this pose is read-only; modify a copy (pose.copy()) and create a new object with it, for "
+            "example scene.move(name, pose)"
         )
 
 
@@ -89,7 +89,7 @@ def _read_only(view: Any) -> Array:
 
 
 def frozen(transform: pin.SE3) -> FrozenSE3:
-    """A copy of a transform that cannot be changed in place."""
+    """Return a read-only copy of a transform."""
     return transform if type(transform) is FrozenSE3 else FrozenSE3(transform.rotation, transform.translation)
 
 
@@ -99,7 +99,7 @@ def pose(
     *,
     quat_xyzw: Sequence[float] | None = None,
 ) -> pin.SE3:
-    """A rigid transform from a position and an orientation.
+    """Create a rigid transform from a position and an orientation.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def pose(
     rpy
         (3,) roll, pitch, yaw about fixed axes in radians: R = Rz(yaw) Ry(pitch) Rx(roll).
     quat_xyzw
-        (4,) quaternion, scalar last; normalised here. Give ``rpy`` or ``quat_xyzw``, not both.
+        (4,) quaternion, scalar last; it is normalised. Pass either ``rpy`` or ``quat_xyzw``.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def pose(
     """
     position = finite("xyz", xyz, (3,))
     if rpy is not None and quat_xyzw is not None:
-        raise InputError("give rpy or quat_xyzw, not both")
+        raise InputError("pass either rpy or quat_xyzw, not both")
     if quat_xyzw is not None:
         quaternion = finite("quat_xyzw", quat_xyzw, (4,))
         if (largest := float(np.abs(quaternion).max())) < 1e-9:
@@ -129,46 +129,46 @@ def pose(
 
 
 def xyz_rpy(transform: pin.SE3 | npt.ArrayLike) -> Array:
-    """The textbook's pose vector ``[x, y, z, roll, pitch, yaw]`` (6,) of a transform, in metres and radians.
+    """Return the pose vector ``[x, y, z, roll, pitch, yaw]`` (6,) of a transform, in metres and radians.
 
-    Angles are about fixed axes (R = Rz Ry Rx), pitch in [-pi/2, pi/2].
+    The angles are about fixed axes (R = Rz Ry Rx), with the pitch in [-pi/2, pi/2].
     """
     transform = rigid("transform", transform)
     return np.concatenate([transform.translation, pin.rpy.matrixToRpy(transform.rotation)])
 
 
 def log6(a_from_b: pin.SE3) -> Array:
-    """The twist (6,) that leads from frame a to frame b in unit time, seen in a: linear (m), then angular (rad)."""
+    """Return the twist (6,) that moves frame a to frame b in unit time, in a: linear (m), then angular (rad)."""
     return np.array(pin.log6(a_from_b).vector)
 
 
 def log6_jacobian(a_from_b: pin.SE3) -> Array:
-    """The (6, 6) derivative of :func:`log6` by a motion of b, seen in b (right Jacobian of SE(3))."""
+    """Return the (6, 6) derivative of :func:`log6` with respect to a motion of b, in b (right Jacobian of SE(3))."""
     return np.array(pin.Jlog6(a_from_b))
 
 
 def interpolate(a: pin.SE3, b: pin.SE3, share: float) -> pin.SE3:
-    """The pose at ``share`` (0 to 1) of the way from a to b: the origin on a line, the axes turning about one axis."""
+    """Interpolate from a (``share`` = 0) to b (1): the origin on a line, the orientation about one fixed axis."""
     turn = pin.exp3(share * pin.log3(a.rotation.T @ b.rotation))
     return pin.SE3(a.rotation @ turn, a.translation + share * (b.translation - a.translation))
 
 
 def twist_size(a: pin.SE3, b: pin.SE3) -> tuple[float, float]:
-    """How far b is from a: metres between the origins, and the angle (rad) between the axes."""
+    """Return the distance (m) between the origins of a and b and the rotation angle (rad) between their axes."""
     distance = float(np.linalg.norm(b.translation - a.translation))
     return distance, float(np.linalg.norm(pin.log3(a.rotation.T @ b.rotation)))
 
 
 def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
-    """A fresh, truly rigid copy of a transform given as ``pin.SE3`` or as a (4, 4) matrix.
+    """Return a validated copy of a transform given as ``pin.SE3`` or as a (4, 4) matrix.
 
-    Rotations that are off by rounding (:data:`RIGID_TOLERANCE`) are re-orthonormalised by SVD; Pinocchio itself takes
-    NaN and sheared matrices without a word, so nothing reaches it unchecked.
+    Rotations with rounding errors up to :data:`RIGID_TOLERANCE` are orthonormalised by SVD. Pinocchio itself accepts
+    NaN and sheared matrices without an error.
 
     Raises
     ------
     InputError
-        If the shape is wrong, a number is not finite, or the matrix is no rigid motion.
+        If the shape is wrong, a number is not finite, or the matrix is not a rigid transform.
     """
     try:
         source: Any = value.homogeneous if isinstance(value, pin.SE3) else value
@@ -177,7 +177,7 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
         raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix, not {type(value).__name__}") from error
     if m.shape != (4, 4):
         raise InputError(f"{name} must be a pin.SE3 or a (4, 4) matrix; its shape is {m.shape}")
-    # In plain numbers from here: a handful of small array operations would take three times as long.
+    # Plain numbers are three times as fast here as small arrays.
     (a, b, c, x), (d, e, f, y), (g, h, i, z), last = m.tolist()
     if not math.isfinite(a + b + c + d + e + f + g + h + i + x + y + z + sum(last)) and not np.isfinite(m).all():
         raise InputError(f"{name} holds numbers that are not finite:\n{m}")
@@ -187,7 +187,7 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
     error_size = max(*(abs(one - 1.0) for one in squares), *(abs(one) for one in across))
     mirrors = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) < 0  # the determinant
     if error_size > RIGID_TOLERANCE or mirrors:
-        what = "mirrors" if mirrors else f"is {error_size:.2g} off a rotation"
+        what = "is a reflection" if mirrors else f"differs from a rotation by {error_size:.2g}"
         raise InputError(f"{name} is not a rigid transform: its upper left 3x3 block {what}")
     if max(abs(last[0]), abs(last[1]), abs(last[2]), abs(last[3] - 1.0)) > RIGID_TOLERANCE:
         raise InputError(f"{name} is not a rigid transform: its last row is {m[3].tolist()}, not [0, 0, 0, 1]")
@@ -198,19 +198,19 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
 
 
 def rigid_many(name: str, values: npt.ArrayLike | Sequence[pin.SE3]) -> Array:
-    """Truly rigid copies (N, 4, 4) of N transforms, given as such an array or a sequence, checked as by :func:`rigid`.
+    """Return validated copies (N, 4, 4) of N transforms, given as an array or a sequence; see :func:`rigid`.
 
     Raises
     ------
     InputError
-        As :func:`rigid`, naming ``name[index]``.
+        As :func:`rigid`; the message states ``name[index]``.
     """
     shape = np.shape(values) if isinstance(values, np.ndarray) else None
     if shape is not None and shape[1:] != (4, 4):
         raise InputError(f"{name} must have the shape (N, 4, 4); it has {shape}")
     if shape is None or values.dtype != np.float64:  # type: ignore[union-attr]
         try:
-            sequence = list(values)  # type: ignore[arg-type]  # array-likes that cannot be walked are refused here
+            sequence = list(values)  # type: ignore[arg-type]  # array-likes that are not iterable raise here
         except TypeError as error:
             raise InputError(f"{name} must be (N, 4, 4) or a sequence of poses, not {type(values).__name__}") from error
         checked = [rigid(f"{name}[{index}]", value).homogeneous for index, value in enumerate(sequence)]
@@ -219,7 +219,7 @@ def rigid_many(name: str, values: npt.ArrayLike | Sequence[pin.SE3]) -> Array:
     rotations = many[:, :3, :3]
     off = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2), initial=0.0)
     mirrored = np.einsum("ni,ni->n", np.cross(rotations[:, :, 0], rotations[:, :, 1]), rotations[:, :, 2]) < 0
-    # Written so that NaN is among them: these are looked at one by one, and repaired or refused.
+    # The comparisons are also true for NaN; these transforms are repaired or rejected one by one.
     odd = (
         ~(off <= 1e-14)
         | mirrored
@@ -232,17 +232,17 @@ def rigid_many(name: str, values: npt.ArrayLike | Sequence[pin.SE3]) -> Array:
 
 
 def matrix(transform: pin.SE3) -> Array:
-    """The (4, 4) homogeneous matrix of a transform, as a copy."""
+    """Return a copy of the (4, 4) homogeneous matrix of a transform."""
     return np.array(transform.homogeneous)
 
 
 def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Array:
-    """A fresh float array of the given shape (``None`` matches any length) with finite numbers only.
+    """Return a copy as a float array, checked for its shape (``None`` matches any length) and for finite numbers.
 
     Raises
     ------
     InputError
-        Naming ``name``, the shape wanted and the shape found, or the first place that is not finite.
+        If the shape differs or a number is not finite; the message states ``name``, both shapes or the index.
     """
     try:
         array = np.array(value, dtype=float)
@@ -252,7 +252,8 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
         raise InputError(f"{name} must have the shape {_shape_text(shape)}; it has {array.shape}")
     if not np.isfinite(array).all():
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InputError(f"{name} holds {array[place]} at index {place[0] if len(place) == 1 else place}")
+        index = place[0] if len(place) == 1 else place
+        raise InputError(f"{name} holds {array[place]} at index {index}; all numbers must be finite")
     return array
 
 

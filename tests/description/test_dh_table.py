@@ -122,7 +122,7 @@ def test_a_row_without_sense_is_refused_naming_the_column(change: dict[str, Any]
         (("not a row",), {"convention": "standard"}, InputError, "row 1 .* must be a DhRow, not str"),
         (GENERIC.rows[:2] + GENERIC.rows[:1], {"convention": "standard"}, InputError, "rows 1 and 3 .* 'joint_1'"),
         (GENERIC.rows, {"convention": "craig"}, UnknownNameError, "valid: .*standard"),
-        (GENERIC.rows, {"convention": "standard", "name": ""}, InputError, "name for a robot"),
+        (GENERIC.rows, {"convention": "standard", "name": ""}, InputError, "robot name"),
         (GENERIC.rows, {"convention": "standard", "tool": 2 * np.eye(4)}, InputError, "tool is not a rigid"),
         (GENERIC.rows, {"convention": "standard", "base": np.full((4, 4), np.nan)}, InputError, "base holds"),
     ],

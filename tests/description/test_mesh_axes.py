@@ -91,5 +91,5 @@ def test_gltf_is_turned_from_y_up_to_z_up(tmp_path, suffix):
 def test_unit_that_is_none_is_refused(tmp_path, unit):
     file = dae(tmp_path / "m.dae", "Z_UP", 1.0)
     file.write_text(file.read_text().replace('meter="1.0"', f'meter="{unit}"'))
-    with pytest.raises(pp.errors.MeshError, match="unit that is no positive number"):
+    with pytest.raises(pp.errors.MeshError, match="unit that is not a positive number"):
         read_mesh(file)

@@ -55,7 +55,7 @@ def test_what_makes_no_sense_is_refused(tmp_path, text, message):
 
 
 def test_urdf_in_place_of_an_srdf_is_refused():
-    with pytest.raises(pp.errors.UrdfError, match=r"line \d+: holds links: this is a URDF, not an SRDF"):
+    with pytest.raises(pp.errors.UrdfError, match=r"line \d+: contains links: this is a URDF, not an SRDF"):
         read_srdf(find_robot("ur5").urdf)
 
 

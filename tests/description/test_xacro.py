@@ -75,7 +75,7 @@ def test_what_fills_the_memory_is_refused(file, tmp_path):
 
 def test_arguments_for_a_plain_urdf_are_refused(tmp_path):
     (tmp_path / "r.urdf").write_text('<robot name="r"><link name="a"/></robot>')
-    with pytest.raises(pp.InputError, match=r"no \.xacro file"):
+    with pytest.raises(pp.InputError, match=r"\.xacro files only"):
         pp.load_robot(tmp_path / "r.urdf", xacro_args={"a": "b"})
 
 

@@ -109,7 +109,7 @@ def test_a_gigabyte_is_refused_unread(tmp_path, name, monkeypatch):
     said = said_of(tmp_path / name)
     assert "1,024 MiB" in said or str(SPARSE + 1) in said
     if name in MESHES:
-        assert "make it coarser" in said
+        assert "simplify the mesh" in said
 
 
 def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_path):
@@ -122,21 +122,21 @@ def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_pat
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (ALIASES, "values once its aliases are written out"),
+        (ALIASES, "values after the expansion of aliases"),
         ("a: &a [*a]\n", r"line 1.*\*a stands in what it names"),
         ("a: &a {b: *a}\n", r"line 1.*\*a stands in what it names"),
-        ("a: &a {b: 1}\nc: {<<: *a}\n", "line 2.*<< is not read"),
+        ("a: &a {b: 1}\nc: {<<: *a}\n", "line 2.*merge keys"),
         ("a: " + "[" * 100_000, "nested too deep"),
         ("- " * 100_000, "nested too deep"),
         ("{a: " * 100_000, "nested too deep"),
         ("a: !!python/object/apply:os.system [x]\n", "line 1.*python"),
-        ("a: !!bool maybe\n", "no valid YAML"),
-        ("a: !!int ''\n", "no valid YAML"),
-        ("a: !!timestamp x\n", "no valid YAML"),
-        ("a: 2026-99-99\n", "no valid YAML"),
+        ("a: !!bool maybe\n", "valid YAML"),
+        ("a: !!int ''\n", "valid YAML"),
+        ("a: !!timestamp x\n", "valid YAML"),
+        ("a: 2026-99-99\n", "valid YAML"),
         ("a: 1\na: 2\n", "line 2.*'a' is given twice"),
-        ("[1]: 2\n", "line 1.*no key"),
-        ("a: " + "9" * 5000, "no valid YAML"),
+        ("[1]: 2\n", "line 1.*cannot be a key"),
+        ("a: " + "9" * 5000, "valid YAML"),
         ("a: 0x" + "f" * 5000, "larger than any double"),
         ("a: 1:30\n", "'1:30' is another number"),
         ("a: *b\n", "line 1.*alias"),

@@ -47,32 +47,32 @@ def said_of(path: Path) -> str:
     ("name", "text", "said"),
     [
         # degrees
-        ("scene.yaml", SCENE.format("box: [1, 1, 1], rpy: [0, 0, 90]"), "line 2.*'a'.*radians, 90 degrees are 1.57"),
-        ("picks.yaml", PICK.format("xyz: [0.4, 0, 0], rpy: [180, 0, 0]"), "line 2.*180 degrees are 3.14"),
-        ("picks.csv", f"{HEAD}a,0.4,0,0,180,0,0\n", "180 degrees are 3.14"),
-        ("picks.yaml", PICK.format("xyz: [0.4, 0, 0], rpy: [180deg, 0, 0]"), "'180deg' is not a number; wanted .*pi"),
-        ("dh.csv", f"{DH}a,0,0.1,0,90,,\n", "row 1, column alpha.*90 degrees are 1.57"),
-        ("dh.csv", f"{DH}a,0,0.1,0,0,-170,170\n", "row 1, column lower.*-170 degrees are -2.96"),
-        ("r.urdf", ROBOT.format("", '<limit lower="-180" upper="180"/>'), "joint 'j': -180 rad is 29 turns.*-3.14"),
+        ("scene.yaml", SCENE.format("box: [1, 1, 1], rpy: [0, 0, 90]"), "line 2.*'a'.*radians, 90 degrees = 1.57"),
+        ("picks.yaml", PICK.format("xyz: [0.4, 0, 0], rpy: [180, 0, 0]"), "line 2.*180 degrees = 3.14"),
+        ("picks.csv", f"{HEAD}a,0.4,0,0,180,0,0\n", "180 degrees = 3.14"),
+        ("picks.yaml", PICK.format("xyz: [0.4, 0, 0], rpy: [180deg, 0, 0]"), "'180deg' is not a number; write .*pi"),
+        ("dh.csv", f"{DH}a,0,0.1,0,90,,\n", "row 1, column alpha.*90 degrees = 1.57"),
+        ("dh.csv", f"{DH}a,0,0.1,0,0,-170,170\n", "row 1, column lower.*-170 degrees = -2.96"),
+        ("r.urdf", ROBOT.format("", '<limit lower="-180" upper="180"/>'), "'j': -180 rad is 29 full rotations.*-3.14"),
         # millimetres
         ("scene.yaml", SCENE.format("box: [1, 1, 1], xyz: [400, 0, 300]"), "'a' stands 400 m off; lengths are metres"),
-        ("picks.csv", f"{HEAD}a,460,150,35,pi,0,0\n", "460 millimetres are 0.46"),
-        ("dh.csv", f"{DH}a,0,330,0,0,,\nb,0,0,425,0,,\n", "425 millimetres are 0.425"),
+        ("picks.csv", f"{HEAD}a,460,150,35,pi,0,0\n", "460 mm = 0.46"),
+        ("dh.csv", f"{DH}a,0,330,0,0,,\nb,0,0,425,0,,\n", "425 mm = 0.425"),
         # commas, tabs, encodings
         ("picks.csv", f"{HEAD}a,0,46,0,15,0,035,3,14,0,0\n", "11 cells under 7 columns; decimals have a point"),
-        ("picks.csv", f'{HEAD}a,"0,46",0,0,pi,0,0\n', "'0,46' is not a number: decimals have a point"),
-        ("picks.csv", "name;x;y;z\na;0,46;0;0\n", "line 1: columns are parted by semicolons; save it with commas"),
-        ("dh.csv", "# convention: standard\nname\ttheta\td\n", "header: columns are parted by tabs"),
-        ("dh.csv", f'{DH}a,0,"0,33",0,0,,\n', "row 1, column d: '0,33' is not a number: decimals have a point"),
-        ("scene.yaml", SCENE.format("sphere: {radius: 0,1}"), "unknown key of sphere 1; .*decimals have a point"),
-        ("scene.yaml", "obstacles:\n\t- name: a\n", "line 2: .*indent with blanks"),
+        ("picks.csv", f'{HEAD}a,"0,46",0,0,pi,0,0\n', "'0,46' is not a number: use a decimal point"),
+        ("picks.csv", "name;x;y;z\na;0,46;0;0\n", "line 1: columns are separated by semicolons"),
+        ("dh.csv", "# convention: standard\nname\ttheta\td\n", "header: columns are separated by tabs"),
+        ("dh.csv", f'{DH}a,0,"0,33",0,0,,\n', "row 1, column d: '0,33' is not a number: use a decimal point"),
+        ("scene.yaml", SCENE.format("sphere: {radius: 0,1}"), "unknown key of sphere 1; .*use a decimal point"),
+        ("scene.yaml", "obstacles:\n\t- name: a\n", "line 2: .*indent with spaces"),
         ("scene.yaml", "obstacles: []\n".encode("utf-16"), "looks like UTF-16.*save it as UTF-8"),
         ("picks.csv", HEAD.encode("utf-16"), "line 1: is UTF-16 text; save it as UTF-8"),
         ("scene.yaml", "obstacles:\n- {name: Töpfe}\n".encode("latin-1"), "line 2: is not UTF-8 text"),
         # names and keys
         ("scene.yaml", SCENE.format("box: [1, 1, 1], quat_wxyz: [1, 0, 0, 0]"), "'quat_wxyz'; valid: quat_xyzw"),
         ("scene.yaml", SCENE.format("box: [1, 1, 1], position: [1, 0, 0]"), "'position'; valid: .*xyz"),
-        ("scene.yaml", "obstacles:\n  name: a\n", "key obstacles: .* not a list: write '- ' before each"),
+        ("scene.yaml", "obstacles:\n  name: a\n", "key obstacles: .* not a list; write '- ' before each"),
         ("scene.yaml", SCENE.format("sphere: 0.1"), "line 2.*write sphere: {radius: ...}"),
         ("scene.yaml", SCENE.format("box: {x: 1, y: 1, z: 1}"), r"line 2.*box: \[x, y, z\]"),
         ("scene.yaml", SCENE.format("mesh: {path: part.stl}"), "there is no file .*relative to the scene file"),
@@ -80,13 +80,13 @@ def said_of(path: Path) -> str:
         ("picks.yaml", PICK.replace("a,", "1,").format("xyz: [0, 0, 0]"), "in quotes if it is a number"),
         ("dh.csv", DH.replace("standard", "craig") + "a,0,0,0,0,,\n", "unknown DH convention 'craig'; valid: modified"),
         ("dh.csv", "name,theta,d,a,alpha\na,0,0,0,0\n", "add 'convention: standard' or 'convention: modified'"),
-        ("dh.yaml", "rows: [{name: a, theta: 010, d: 0, a: 0, alpha: 0}]\n", "line 1.*'010' is another number in YAML"),
+        ("dh.yaml", "rows: [{name: a, theta: 010, d: 0, a: 0, alpha: 0}]\n", "line 1.*'010' is ambiguous in YAML"),
         # robots
         ("r.urdf", ROBOT.format("", ""), r"joint 'j' states no lower and upper limit; pass limits={'j'"),
         ("r.urdf", mesh("package://my/x.stl"), "1 collision meshes were not found: package://my/x.stl"),
-        ("r.urdf", mesh("meshes\\x.stl"), "not found: .*paths have / and not"),
+        ("r.urdf", mesh("meshes\\x.stl"), "not found: .*use / in paths"),
         ("r.urdf", ROBOT.format("", LIMIT)[:50], "line 1: is not well-formed XML"),
-        ("r.urdf", '<robot xmlns:x="http://ros.org/xacro"><x:arg name="a"/></robot>', "holds xacro macros.*expand it"),
+        ("r.urdf", '<robot xmlns:x="http://ros.org/xacro"><x:arg name="a"/></robot>', "xacro elements.*expand it"),
         ("r.urdf", "<sdf/>", "the root element is <sdf>, not <robot>"),
         # motions
         (
@@ -121,7 +121,7 @@ def test_line_ends_and_marks_of_windows_are_read(tmp_path, ends, mark):
 
 def test_mesh_in_millimetres_that_reaches_beyond_all_arms(tmp_path):
     trimesh.creation.box((30_000, 1, 1)).export(tmp_path / "part.stl")
-    with pytest.raises(pp.errors.MeshError, match=r"reaches 15000 m far.*millimetres is 0\.001"):
+    with pytest.raises(pp.errors.MeshError, match=r"extends to 15000 m.*millimetres is 0\.001"):
         pp.CollisionChecker(
             pp.load_robot("scara").arm(), pp.Scene([pp.Obstacle("part", pp.Mesh(tmp_path / "part.stl"))])
         )

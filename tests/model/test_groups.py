@@ -69,9 +69,9 @@ def test_group_means_a_chain(robot, group, base, tcp, joints):
 @pytest.mark.parametrize(
     ("group", "message"),
     [
-        ("two", r"holds the chains .*name one of them with base= and tcp="),
-        ("fork", r"is no chain: 'j_.1' does not lie on the way"),
-        ("empty", "neither a chain nor joints nor links"),
+        ("two", r"has the chains .*select one with base= and tcp="),
+        ("fork", r"is not a chain: joint 'j_.1' is not on the path"),
+        ("empty", "no chain, no joints and no moving links"),
         ("broken", "unknown subgroup 'nowhere'"),
         ("ghost", "unknown joint 'j_a4' in group 'ghost' of the SRDF; valid: j_a"),
         ("ghost_chain", "unknown link 'a4' in group 'ghost_chain' of the SRDF; valid: a"),
@@ -120,11 +120,11 @@ def test_state_that_leaves_a_joint_open_is_refused(robot):
 def test_notes_name_what_the_srdf_invents(robot):
     notes = "\n".join(robot.notes)
     for words in (
-        "disables 1 pairs of links that the robot does not have: gone",
-        "group 'broken' holds groups that the SRDF does not: nowhere",
-        "group 'ghost' names what the robot does not have: j_a4",
-        "group 'ghost_chain' names what the robot does not have: a4",
-        "state 'lost' names joints that the robot does not have: world_joint, j_a9",
+        "disables 1 pairs with links that the robot does not have: gone",
+        "group 'broken' contains undefined groups: nowhere",
+        "group 'ghost' refers to links or joints that do not exist: j_a4",
+        "group 'ghost_chain' refers to links or joints that do not exist: a4",
+        "state 'lost' refers to joints that do not exist: world_joint, j_a9",
         "disables all pairs of b1 by default; they are checked",
     ):
         assert words in notes
@@ -134,5 +134,5 @@ def test_floating_joint_beside_the_arm_stands_still(robot):
     arm = robot.arm(group="chain")
     placement = arm.robot.arm("a3").frame_placement([0.1, 0.2, 0.3], "raft")
     assert placement.translation.tolist() == [0.1, 0, 0.2]
-    with pytest.raises(pp.InputError, match="'j_raft' is floating; it stands at its neutral place"):
+    with pytest.raises(pp.InputError, match="'j_raft' is floating; it is fixed at its neutral configuration"):
         robot.arm(group="chain", held={"j_raft": 1.0})

@@ -91,10 +91,10 @@ def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
     ("text", "message"),
     [
         ("joints: {}", "unknown key 'joints'.*joint_limits"),
-        ("joint_limits: []", "holds no joint_limits"),
+        ("joint_limits: []", "key joint_limits"),
         ("joint_limits:\n  j: 3", "'j' must be a name with a mapping"),
         ("joint_limits:\n  j: {max_velocty: 3}", "line 2, joint j: unknown key 'max_velocty'"),
-        ("joint_limits:\n  j: {max_velocity: 3}", "line 2, joint j: max_velocity counts only with has_velocity_limits"),
+        ("joint_limits:\n  j: {max_velocity: 3}", "line 2, joint j: max_velocity requires has_velocity_limits"),
         ("joint_limits:\n  j: {has_velocity_limits: 1, max_velocity: 3}", "true or false, not 1"),
         ("joint_limits:\n  j: {has_velocity_limits: true}", "max_velocity must be a finite number, not None"),
         ("joint_limits:\n  j: {has_velocity_limits: true, max_velocity: .inf}", "finite number, not inf"),
@@ -103,8 +103,8 @@ def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
             "joint_limits:\n  j: {has_position_limits: true, min_position: 2, max_position: 1}",
             "min_position 2.0 is above",
         ),
-        ("joint_limits:\n  j: {has_deceleration_limits: true, max_deceleration: 2}", "none of acceleration"),
-        ("joint_limits:\n  j: {has_velocity_limits: false, has_velocity_limits: true}", "twice"),
+        ("joint_limits:\n  j: {has_deceleration_limits: true, max_deceleration: 2}", "no acceleration limit"),
+        ("joint_limits:\n  j: {has_velocity_limits: false, has_velocity_limits: true}", "duplicate"),
     ],
 )
 def test_files_without_sense_are_refused_with_place(tmp_path, text, message):

@@ -43,7 +43,7 @@ def test_tcp_without_a_moving_joint_is_refused():
 
 
 def test_base_behind_the_tcp_is_refused():
-    with pytest.raises(pp.InputError, match="does not lie between"):
+    with pytest.raises(pp.InputError, match="is not on the path"):
         two_tips().arm(tcp="left", base="right")
 
 

@@ -145,7 +145,7 @@ def test_bad_yaml_is_refused_with_file_and_place(tmp_path):
     with pytest.raises(TrajectoryError, match=r"t\.yaml: points\[1\].velocities: must be a list of 2"):
         Trajectory.load(tmp_path / "t.yaml")
     (tmp_path / "t.yaml").write_text(ECHO.replace("header:", "header: {", 1))
-    with pytest.raises(TrajectoryError, match=r"t\.yaml: line \d+: is no valid YAML"):
+    with pytest.raises(TrajectoryError, match=r"t\.yaml: line \d+: is not valid YAML"):
         Trajectory.load(tmp_path / "t.yaml")
 
 

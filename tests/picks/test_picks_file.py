@@ -139,8 +139,8 @@ def test_an_orientation_is_never_guessed(write) -> None:
             "a second body is named 'x'",
         ),
         ("scen: scene.yaml", "", "unknown key 'scen'; valid: scene"),
-        ("picks: []", "line 2", "the key 'picks' is given twice"),
-        ("robot: [", "line", "is no valid YAML"),
+        ("picks: []", "line 2", "duplicate key 'picks'"),
+        ("robot: [", "line", "valid YAML"),
     ],
 )
 def test_what_all_rows_share_is_refused_with_line_and_key(write, shared: str, where: str, reason: str) -> None:
@@ -154,7 +154,7 @@ def test_what_all_rows_share_is_refused_with_line_and_key(write, shared: str, wh
 def test_a_yaml_error_names_its_line(tmp_path: Path) -> None:
     path = tmp_path / "picks.yaml"
     path.write_text("robot: ur5\npicks:\n  - {name: a, xyz: [0, 0, 1}\n")
-    with pytest.raises(PicksError, match="line 3: is no valid YAML"):
+    with pytest.raises(PicksError, match="line 3: valid YAML"):
         pp.read_picks(path)
 
 

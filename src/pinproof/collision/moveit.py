@@ -29,7 +29,7 @@ from pinproof.collision.bodies import triangles_of
 from pinproof.collision.hulls import Solid
 from pinproof.collision.scene_file import SceneContent, numbers_of
 from pinproof.collision.shapes import ANYTHING, Box, Cone, Cylinder, HalfSpace, Mesh, Obstacle, Shape, Sphere
-from pinproof.common.yaml_file import LinedMapping, listed, refuse_unknown
+from pinproof.common.yaml_file import LinedMapping, refuse_unknown, require_list
 from pinproof.description.packages import locate
 from pinproof.errors import InputError, MeshError, SceneError
 from pinproof.spatial import Array, finite, pose
@@ -156,7 +156,7 @@ def _scene(path: Path, content: LinedMapping) -> SceneContent:
     ]
     obstacles: list[Obstacle] = []
     parts: dict[str, tuple[str, ...]] = {}
-    for stated in listed(SceneError, path, "world.collision_objects", world.get("collision_objects") or []):
+    for stated in require_list(SceneError, path, "world.collision_objects", world.get("collision_objects") or []):
         name, where = _name(path, stated)
         if name in parts:
             raise SceneError(path, f"a second object is named {name!r}", where)

@@ -230,7 +230,7 @@ class Attachments:
             If the file cannot be read or its content is invalid; the message names file, line and key.
         """
         from pinproof.collision.scene_file import pairs_of, read_obstacle
-        from pinproof.common.yaml_file import LinedMapping, listed, read_yaml, refuse_unknown
+        from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown, require_list
 
         path = Path(path)
         content = read_yaml(path, KEYS, SceneError)
@@ -238,7 +238,7 @@ class Attachments:
         if "attached" not in content:
             raise SceneError(path, "has no attached bodies; list them under 'attached:'")
         bodies: list[Obstacle] = []
-        for number, stated in enumerate(listed(SceneError, path, "attached", content["attached"]), start=1):
+        for number, stated in enumerate(require_list(SceneError, path, "attached", content["attached"]), start=1):
             if not isinstance(stated, LinedMapping):
                 raise SceneError(path, f"{stated!r} is not a body", f"key attached, #{number}")
             bodies.append(read_obstacle(path, number, stated))

@@ -71,9 +71,9 @@ from pinproof.common.yaml_file import (
     MOST_REACH,
     YAML_SUFFIXES,
     LinedMapping,
-    listed,
     refuse_degrees,
     refuse_unknown,
+    require_list,
 )
 from pinproof.description.dh import parse_number
 from pinproof.errors import FileError, InputError, SceneError
@@ -280,7 +280,7 @@ def read_scene(path: Path, content: LinedMapping) -> SceneContent:
     if "obstacles" not in content:
         raise SceneError(path, "has no obstacles; write 'obstacles: []' for an empty scene")
     obstacles: list[Obstacle] = []
-    for number, stated in enumerate(listed(SceneError, path, "obstacles", content["obstacles"]), start=1):
+    for number, stated in enumerate(require_list(SceneError, path, "obstacles", content["obstacles"]), start=1):
         if not isinstance(stated, LinedMapping):
             raise SceneError(
                 path, f"{stated!r} is not an obstacle; valid keys: {', '.join(OBSTACLE_KEYS)}", f"#{number}"
@@ -305,7 +305,7 @@ def _far(obstacles: list[Obstacle]) -> list[str]:
 
 def pairs_of(path: Path, content: LinedMapping, key: str, what: str) -> list[tuple[str, str]]:
     """Return the pairs of names under a key; raises SceneError for anything else."""
-    pairs = listed(SceneError, path, key, content.get(key, []))
+    pairs = require_list(SceneError, path, key, content.get(key, []))
     for pair in pairs:
         if not (isinstance(pair, list) and len(pair) == 2 and all(isinstance(name, str) for name in pair)):
             raise SceneError(path, f"{pair!r} is not a pair {what}", f"key {key}")

@@ -1,4 +1,4 @@
-"""A short hash of a value: equal for equal content, in every process and on every machine."""
+"""Short content hashes that are equal for equal values in every process and on every machine."""
 
 from __future__ import annotations
 
@@ -16,51 +16,51 @@ from pinproof.spatial import SE3, matrix
 __all__ = ["digest", "digest_many"]
 
 LENGTH = 16
-"""Hexadecimal digits: 64 bits, which no two set-ups of a lifetime share by accident."""
+"""Hexadecimal digits (64 bits); an accidental collision is practically impossible."""
 
 
 def digest(value: object) -> str:
-    """The hash of numbers, texts, arrays, transforms, dataclasses, and of lists, tuples and mappings of such.
+    """Hash numbers, strings, arrays, transforms, dataclasses, and lists, tuples and mappings of these.
 
-    Pickles will not do for this: equal values may have different ones.
+    Pickles are not suitable for this purpose, because equal values may have different pickles.
 
     Raises
     ------
     TypeError
-        For anything else.
+        For any other type.
     """
     return digest_many([value])
 
 
 def digest_many(values: Iterable[object]) -> str:
-    """:meth:`digest` of many values one after another, which need not all be there at a time."""
+    """Hash a sequence of values, which may come from a generator; see :func:`digest`."""
     into = hashlib.sha256()
     for value in values:
-        _take_in(into, value)
+        _update(into, value)
     return into.hexdigest()[:LENGTH]
 
 
-def _take_in(into: Any, value: object) -> None:
+def _update(into: Any, value: object) -> None:
     if isinstance(value, np.generic):
-        _take_in(into, value.item())
+        _update(into, value.item())
     elif value is None or isinstance(value, (bool, int, float, str, bytes)):
         word = repr(value).encode("utf-8", "backslashreplace")
         into.update(b"%d:" % len(word) + word)
     elif isinstance(value, np.ndarray):
-        _take_in(into, (value.dtype.str, value.shape, np.ascontiguousarray(value).tobytes()))
+        _update(into, (value.dtype.str, value.shape, np.ascontiguousarray(value).tobytes()))
     elif isinstance(value, SE3):
-        _take_in(into, matrix(value))
+        _update(into, matrix(value))
     elif isinstance(value, (Enum, PurePath)):
-        _take_in(into, (type(value).__name__, str(value)))
+        _update(into, (type(value).__name__, str(value)))
     elif is_dataclass(value) and not isinstance(value, type):
-        _take_in(into, (type(value).__name__, {field.name: getattr(value, field.name) for field in fields(value)}))
+        _update(into, (type(value).__name__, {field.name: getattr(value, field.name) for field in fields(value)}))
     elif isinstance(value, Mapping):
         into.update(b"{%d" % len(value))
         for key in sorted(value, key=repr):
-            _take_in(into, (key, value[key]))
+            _update(into, (key, value[key]))
     elif isinstance(value, (list, tuple)):
         into.update(b"[%d" % len(value))
         for each in value:
-            _take_in(into, each)
+            _update(into, each)
     else:
-        raise TypeError(f"no hash is known for {type(value).__name__}")
+        raise TypeError(f"cannot hash a {type(value).__name__}")

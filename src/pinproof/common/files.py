@@ -1,7 +1,4 @@
-"""Reading an input file: only what is a file, only as much as makes sense, and text only as UTF-8.
-
-Writing a file whole or not at all.
-"""
+"""Reading input files (regular files of limited size, text as UTF-8) and writing files atomically."""
 
 from __future__ import annotations
 
@@ -24,24 +21,24 @@ __all__ = [
 ]
 
 LARGEST_TEXT = 64 * 2**20
-"""Bytes of a text file (64 MiB). The largest URDF in the wild has one; parsed, such a file takes a gigabyte."""
+"""Bytes (64 MiB). Known URDF files have at most 1 MiB; a parsed file of this size takes about 1 GiB of memory."""
 
 _UTF_16 = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
 
 
 def read_bytes(path: Path, error: type[FileError], *, largest: int = LARGEST_TEXT, remedy: str = "") -> bytes:
-    """What stands in a file.
+    """Read a regular file.
 
     Parameters
     ----------
     path
         The file.
     error
-        What is raised if it cannot be read.
+        Type of the exception if the file cannot be read.
     largest
-        Bytes that it may have; it is not opened if it has more.
+        Largest size in bytes; larger files are not opened.
     remedy
-        What to do then.
+        Advice for the message if the file is too large.
     """
     refuse_unreadable(path, error, largest=largest, remedy=remedy)
     try:
@@ -51,19 +48,19 @@ def read_bytes(path: Path, error: type[FileError], *, largest: int = LARGEST_TEX
 
 
 def read_text(path: Path, error: type[FileError], *, largest: int = LARGEST_TEXT, remedy: str = "") -> str:
-    """The text of a file, without a byte order mark; else as :func:`read_bytes`."""
+    """Read a UTF-8 text file without its byte order mark; parameters as for :func:`read_bytes`."""
     data = read_bytes(path, error, largest=largest, remedy=remedy)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as caught:
-        # What Windows PowerShell writes with > and Notepad calls "Unicode".
+        # Windows PowerShell writes UTF-16 with >, and Notepad calls it "Unicode".
         hint = "it looks like UTF-16" if data.startswith(_UTF_16) else f"{caught.reason}"
         line = data.count(b"\n", 0, caught.start) + 1
         raise error(path, f"is not UTF-8 text ({hint}); save it as UTF-8", f"line {line}") from caught
 
 
 def refuse_unreadable(path: Path, error: type[FileError], *, largest: int | None, remedy: str = "") -> None:
-    """Refuse what is no file (a pipe would be waited on for ever, a device never ends), or larger than ``largest``."""
+    """Raise ``error`` unless ``path`` is a regular file (a pipe may block forever) of at most ``largest`` bytes."""
     try:
         status = path.stat()
     except (OSError, ValueError) as caught:  # ValueError: a null character in the name
@@ -72,12 +69,12 @@ def refuse_unreadable(path: Path, error: type[FileError], *, largest: int | None
         what = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe or a device"
         raise error(path, f"cannot be read: it is {what}, not a file")
     if largest is not None and status.st_size > largest:
-        told = f"has {status.st_size / 2**20:,.0f} MiB; at most {largest / 2**20:,.0f} MiB are read"
-        raise error(path, f"{told}: {remedy}" if remedy else told)
+        reason = f"has {status.st_size / 2**20:,.0f} MiB; the limit is {largest / 2**20:,.0f} MiB"
+        raise error(path, f"{reason}: {remedy}" if remedy else reason)
 
 
 def is_file(path: Path) -> bool:
-    """Whether there is a file of that name; no where the name itself is impossible (too long, a null character)."""
+    """Whether ``path`` is a file; False for invalid names (too long, a null character)."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -89,15 +86,15 @@ def _reason(caught: OSError | ValueError) -> str:
 
 
 def write_text_whole(path: str | Path, text: str) -> None:
-    """Write ``text`` as UTF-8, its line ends as they are; else as :func:`write_bytes_whole`."""
+    """Write ``text`` atomically as UTF-8 with unchanged line ends; see :func:`write_bytes_whole`."""
     write_bytes_whole(path, text.encode("utf-8"))
 
 
 def write_bytes_whole(path: str | Path, content: bytes) -> None:
-    """Write ``content`` to ``path``, or leave what stands there untouched.
+    """Write ``content`` to ``path`` atomically.
 
-    It goes to a new file in the same folder, which then takes the place of ``path`` in one step: a crash, a full
-    disk or a reader at the wrong moment never sees half a file.
+    The content is written to a new file in the same folder, which then replaces ``path``. After a crash or on a full
+    disk the previous file is unchanged, and other processes never read an incomplete file.
 
     Raises
     ------
@@ -105,7 +102,7 @@ def write_bytes_whole(path: str | Path, content: bytes) -> None:
         If the folder does not exist or cannot be written to.
     """
     target = Path(path)
-    # Not tempfile: its files are readable by their owner only, and the replacing would hand that on.
+    # tempfile is not used because its files are readable by their owner only.
     scratch = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
     try:
         try:

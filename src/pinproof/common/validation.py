@@ -1,4 +1,4 @@
-"""Checks of settings and of randomness, with messages that name them."""
+"""Validation of settings and of random seeds."""
 
 from __future__ import annotations
 
@@ -9,48 +9,48 @@ import numpy as np
 
 from pinproof.errors import InputError
 
-__all__ = ["Rng", "positive", "random_generator", "seed_sequence", "whole"]
+__all__ = ["Rng", "random_generator", "require_integer", "require_positive", "seed_sequence"]
 
 Rng = int | np.random.Generator
-"""A seed, or a generator that is drawn from."""
+"""A seed, or a generator whose state advances."""
 
 
-def positive(name: str, value: float, *, zero: bool = False, below: float = math.inf) -> None:
-    """Refuse what is not a finite number above 0 (or, with ``zero``, not below) and below ``below``."""
+def require_positive(name: str, value: float, *, zero: bool = False, below: float = math.inf) -> None:
+    """Raise InputError unless ``value`` is finite, above 0 (with ``zero`` at least 0) and below ``below``."""
     number = isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
     if not number or value < 0 or (value == 0 and not zero) or value >= below:
         end = "" if below == math.inf else f" and below {below:g}"
         raise InputError(f"{name} must be a finite number {'of at least' if zero else 'above'} 0{end}, not {value!r}")
 
 
-def whole(name: str, value: int, smallest: int) -> None:
-    """Refuse what is not a whole number of at least ``smallest``."""
+def require_integer(name: str, value: int, smallest: int) -> None:
+    """Raise InputError unless ``value`` is an integer of at least ``smallest``."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < smallest:
-        raise InputError(f"{name} must be a whole number of at least {smallest}, not {value!r}")
+        raise InputError(f"{name} must be an integer of at least {smallest}, not {value!r}")
 
 
 def random_generator(rng: Rng | np.random.SeedSequence) -> np.random.Generator:
-    """The generator for a seed; a generator is handed back as it is.
+    """Return the generator for a seed; a generator is returned unchanged.
 
     Raises
     ------
     InputError
-        If it is neither.
+        If ``rng`` is neither a seed nor a generator.
     """
     if isinstance(rng, np.random.Generator):
         return rng
     if not isinstance(rng, np.random.SeedSequence):
         if not isinstance(rng, Integral) or isinstance(rng, bool) or rng < 0:
-            raise InputError(f"rng must be a whole number of at least 0 or a numpy Generator, not {rng!r}")
+            raise InputError(f"rng must be an integer of at least 0 or a numpy Generator, not {rng!r}")
         rng = np.random.SeedSequence(int(rng))
     return np.random.Generator(np.random.PCG64(rng))
 
 
 def seed_sequence(rng: Rng) -> np.random.SeedSequence:
-    """What independent streams are spawned from: child i is the same however many there are."""
+    """Return the seed sequence for independent streams; stream i does not depend on the number of streams."""
     sequence = random_generator(rng).bit_generator.seed_seq
     if not isinstance(sequence, np.random.SeedSequence):
         raise InputError(
-            "this Generator has no SeedSequence to spawn streams from; make it with numpy.random.default_rng"
+            "this Generator has no SeedSequence for independent streams; create it with numpy.random.default_rng"
         )
     return sequence

@@ -1,8 +1,8 @@
-"""YAML files read with care: mappings know their line; a key given twice or not asked for is refused.
+"""Reading YAML input files, with line numbers in error messages, and detecting wrong units.
 
-Numbers of a file that can only be meant in another unit: degrees for radians, millimetres for metres.
-
-Only where the number itself proves it: 30 rad may be somebody's limit, but nobody turns a table by 90 rad.
+Duplicate and unknown keys are errors. Numbers that are plausible only in another unit (degrees instead of radians,
+millimetres instead of metres) are errors where the number itself leaves no doubt: 30 rad may be a joint limit, but an
+orientation of 90 rad is always a mistake.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ __all__ = [
     "MOST_REACH",
     "YAML_SUFFIXES",
     "LinedMapping",
-    "listed",
     "read_yaml",
     "refuse_degree_limit",
     "refuse_degrees",
     "refuse_millimetres",
     "refuse_unknown",
+    "require_list",
 ]
 
 YAML_SUFFIXES = (".yaml", ".yml")
 
 LARGEST_YAML = 16 * 2**20
-"""Bytes (16 MiB): some 40 s of parsing. What is larger has its place in a file of another kind."""
+"""Bytes (16 MiB), about 40 s of parsing. Larger data belongs in mesh files or CSV tables."""
 
 MOST_VALUES = 3_000_000
-"""Values in a file once its aliases are written out: nine aliases of nine of nine ... fill any memory."""
+"""Largest number of values after the expansion of aliases; nested aliases could otherwise fill the memory."""
 
 LARGEST_INTEGER = 10**300
-"""Beyond it an integer is no double, and Python refuses to print it."""
+"""Larger integers cannot be converted to a double or printed."""
 
 _END_MARK = re.compile(r"\n---\s*\Z")
-"""What ``ros2 topic echo`` prints after each message; it would begin a second, empty document."""
+"""The separator that ``ros2 topic echo`` prints after each message; it would start a second, empty document."""
 
 _NO_YAML = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
 """Characters that YAML does not allow (YAML 1.1, section 5.1)."""
@@ -57,64 +57,64 @@ _NO_YAML = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufff
 def read_yaml(
     path: Path, keys: Iterable[str], error: type[FileError], *, suffixes: tuple[str, ...] = YAML_SUFFIXES
 ) -> LinedMapping:
-    """The mapping a YAML file holds.
+    """Read a YAML file that contains a mapping.
 
     Parameters
     ----------
     path
-        The file; its name ends in one of ``suffixes``. JSON is read as the YAML that it is.
+        The file, with one of the ``suffixes``. JSON files are valid YAML.
     keys
-        The keys it may have, for the message when it is no mapping at all.
+        The valid keys, for the message if the file does not contain a mapping.
     error
-        What is raised when it cannot be read; names file and line.
+        Type of the exception if the file cannot be read; the message states file and line.
     """
     if path.suffix.lower() not in suffixes:
-        raise error(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(suffixes)}")
+        raise error(path, f"unknown file type {path.suffix!r}; valid: {', '.join(suffixes)}")
     remedy = "put meshes and points in mesh files, picks in a CSV table"
     text = _END_MARK.sub("\n", read_text(path, error, largest=LARGEST_YAML, remedy=remedy))
     if odd := _NO_YAML.search(text):
         line = text.count("\n", 0, odd.start()) + 1
-        raise error(path, f"is no valid YAML: it holds the character U+{ord(odd[0]):04X}", f"line {line}")
+        raise error(path, f"is not valid YAML: it contains the character U+{ord(odd[0]):04X}", f"line {line}")
     try:
         content = _LinedLoader(text).get_single_data()
     except RecursionError as caught:
-        raise error(path, "is no valid YAML: it is nested too deep") from caught
-    except Exception as caught:  # not only YAMLErrors: dates and tags that make no sense raise what Python raises
+        raise error(path, "is not valid YAML: it is nested too deeply") from caught
+    except Exception as caught:  # invalid dates and tags raise other exceptions than YAMLError
         mark = getattr(caught, "problem_mark", None)
         problem = getattr(caught, "problem", None) or str(caught) or type(caught).__name__
         context = getattr(caught, "context_mark", None)
         if mark and context and context.line != mark.line:
-            problem += f" (for what begins in line {context.line + 1})"
+            problem += f" (in the block that starts in line {context.line + 1})"
         if mark and "\t" in _indent(text, mark.line):
-            problem += "; indent with blanks, YAML takes no tabs there"
-        raise error(path, f"is no valid YAML: {problem}", f"line {mark.line + 1}" if mark else "") from caught
+            problem += "; indent with spaces, YAML does not allow tabs"
+        raise error(path, f"is not valid YAML: {problem}", f"line {mark.line + 1}" if mark else "") from caught
     if not isinstance(content, LinedMapping):
-        what = "is empty" if content is None else f"holds {type(content).__name__}"
-        raise error(path, f"{what}; wanted are the keys {', '.join(keys)}")
+        what = "is empty" if content is None else f"contains a {type(content).__name__}, not a mapping"
+        raise error(path, f"{what}; valid keys: {', '.join(keys)}")
     return content
 
 
 class LinedMapping(dict[Any, Any]):
-    """A YAML mapping that knows on which line it starts."""
+    """A YAML mapping with the number of the line where it starts."""
 
     line: int
 
 
-def listed(error: type[FileError], path: Path, key: str, stated: object) -> list[Any]:
-    """A list, which is what must stand under ``key``."""
+def require_list(error: type[FileError], path: Path, key: str, stated: object) -> list[Any]:
+    """Return the value of ``key``, which must be a list."""
     if not isinstance(stated, list):
-        how = ": write '- ' before each" if isinstance(stated, dict) else ""
-        raise error(path, f"holds {stated!r}, not a list{how}", f"key {key}")
+        how = "; write '- ' before each element" if isinstance(stated, dict) else ""
+        raise error(path, f"is {stated!r}, not a list{how}", f"key {key}")
     return stated
 
 
 def refuse_unknown(
     error: type[FileError], path: Path, kind: str, stated: Iterable[Any], valid: tuple[str, ...], where: str
 ) -> None:
-    """Refuse the first key that is not one of ``valid``, naming those that are."""
+    """Raise ``error`` for the first key that is not in ``valid``."""
     for key in stated:
         if key not in valid:
-            comma = "; decimals have a point, not a comma" if isinstance(key, int) else ""
+            comma = "; use a decimal point, not a comma" if isinstance(key, int) else ""
             raise error(path, f"{UnknownNameError(kind, key, valid)}{comma}", where)
 
 
@@ -124,7 +124,7 @@ def _indent(text: str, line: int) -> str:
 
 
 class _PlainParser(Reader, Scanner, Parser):
-    """From text to events, in Python."""
+    """The parser of PyYAML in pure Python."""
 
     def __init__(self, stream: str) -> None:
         Reader.__init__(self, stream)
@@ -133,14 +133,14 @@ class _PlainParser(Reader, Scanner, Parser):
 
 
 _Parser: Any = getattr(getattr(yaml, "cyaml", None), "CParser", _PlainParser)
-"""libyaml's, four times as fast, where PyYAML was built with it."""
+"""The parser of libyaml where available; it is four times as fast."""
 
 
-class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignore[misc]  # PyYAML's way to make loaders
-    """A loader of plain values whose mappings know their line, and which refuses what would be read wrongly.
+class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignore[misc]  # PyYAML is not typed
+    """A loader of plain values that stores line numbers and rejects ambiguous content.
 
-    That is a key given twice (YAML would keep the last), ``010`` (YAML's 8) and ``1:30`` (its 90). The composer is
-    PyYAML's own: libyaml's recurses in C, and a file nested deep enough would end the interpreter.
+    Ambiguous are duplicate keys (PyYAML keeps the last), ``010`` (8 in YAML 1.1) and ``1:30`` (90 in YAML 1.1). The
+    composer is that of PyYAML, because the one of libyaml recurses in C and crashes on deeply nested files.
     """
 
     def __init__(self, stream: str) -> None:
@@ -152,7 +152,7 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
         self._values_of: dict[str, int] = {}
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """A node, counted with all that stands in it."""
+        """Compose a node and count the values in it."""
         event: Any = self.peek_event()
         alias = isinstance(event, yaml.AliasEvent)
         before = self._values
@@ -162,11 +162,11 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
             if event.anchor is not None:
                 self._values_of[event.anchor] = self._values - before
         elif event.anchor not in self._values_of:
-            raise ComposerError(None, None, f"the alias *{event.anchor} stands in what it names", event.start_mark)
+            raise ComposerError(None, None, f"the alias *{event.anchor} refers to its own parent", event.start_mark)
         else:
             self._values += self._values_of[event.anchor]
         if self._values > MOST_VALUES:
-            what = f"it holds more than {MOST_VALUES} values once its aliases are written out"
+            what = f"it has more than {MOST_VALUES} values after the expansion of aliases"
             raise ComposerError(None, None, what, event.start_mark)
         return node
 
@@ -177,19 +177,19 @@ def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
     yield mapping
     for key_node, value_node in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
-            raise ConstructorError(None, None, "<< is not read; write the keys out", key_node.start_mark)
+            raise ConstructorError(None, None, "merge keys (<<) are not supported", key_node.start_mark)
         key = loader.construct_object(key_node, deep=True)
         if not isinstance(key, Hashable):
-            raise ConstructorError(None, None, "a list or a mapping is no key", key_node.start_mark)
+            raise ConstructorError(None, None, "a list or a mapping cannot be a key", key_node.start_mark)
         if key in mapping:
-            raise ConstructorError(None, None, f"the key {key!r} is given twice", key_node.start_mark)
+            raise ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
         mapping[key] = loader.construct_object(value_node, deep=True)
 
 
 def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
-    """A number as it looks; YAML 1.1 has octal numbers and numbers to the base 60 that look like others."""
+    """Construct a decimal number; octal and base 60 numbers of YAML 1.1 are rejected because they look like others."""
     if ":" in node.value or re.match(r"[+-]?0[0-9_]", node.value):
-        why = f"{node.value!r} is another number in YAML 1.1; write it as a decimal, or a text in quotes"
+        why = f"{node.value!r} is ambiguous in YAML 1.1; write a decimal number, or quote the text"
         raise ConstructorError(None, None, why, node.start_mark)
     if node.tag.endswith(":float"):
         return float(loader.construct_yaml_float(node))
@@ -204,47 +204,35 @@ for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
 
 
 MOST_TURN = 4 * math.pi
-"""Rad. An orientation is written within one turn, or two; 15 degrees and more lie beyond."""
+"""Rad. Angles of an orientation are within two full rotations; 13 degrees and more exceed this."""
 
 DEGREE_LIMITS = (50.0, 720.0)
-"""A whole number of radians between these, as the limit of a joint: eight turns and more, or two turns in degrees."""
+"""An integer joint limit between these values is assumed to be in degrees: in radians it is 8 rotations or more."""
 
 MOST_REACH = 100.0
-"""Metres. What an arm shall reach, or bears, is no farther off."""
+"""Metres. Longer distances on an arm or in its workspace are assumed to be in millimetres."""
 
 
 def refuse_degrees(name: str, angles: Sequence[float]) -> None:
-    """Refuse angles of an orientation beyond two turns.
-
-    Raises
-    ------
-    InputError
-        That says what they would be in radians.
-    """
+    """Raise InputError for angles of an orientation beyond two full rotations; the message converts from degrees."""
     for angle in angles:
         if abs(angle) > MOST_TURN:
-            raise InputError(f"{name}: {angle:g} rad is more than two turns; {_degrees(angle)}")
+            raise InputError(f"{name}: {angle:g} rad is more than two full rotations; {_degrees(angle)}")
 
 
 def refuse_degree_limit(name: str, limit: float | None) -> None:
-    """The same for a limit of a turning joint, which may have many turns."""
+    """Raise InputError for a limit of a revolute joint that is probably in degrees (:data:`DEGREE_LIMITS`)."""
     if limit is not None and DEGREE_LIMITS[0] < abs(limit) <= DEGREE_LIMITS[1] and limit == round(limit):
-        raise InputError(f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} turns; {_degrees(limit)}")
+        raise InputError(f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} full rotations; {_degrees(limit)}")
 
 
 def refuse_millimetres(name: str, lengths: Sequence[float]) -> None:
-    """Refuse lengths (m) of which one is beyond 100 m, and each 1 m or more, or 0: no arm has such a set of them.
-
-    Raises
-    ------
-    InputError
-        That says what they would be in metres.
-    """
+    """Raise InputError if the lengths are probably in millimetres: one exceeds 100 m and all others are 0 or >= 1 m."""
     stated = [abs(length) for length in lengths if length]
     if stated and max(stated) > MOST_REACH and min(stated) >= 1.0:
         far = max(stated)
-        raise InputError(f"{name}: {far:g} m; lengths are metres, {far:g} millimetres are {far / 1000:g}")
+        raise InputError(f"{name}: {far:g} m is too long; lengths are in metres, {far:g} mm = {far / 1000:g} m")
 
 
 def _degrees(angle: float) -> str:
-    return f"angles are radians, {angle:g} degrees are {math.radians(angle):.6g}"
+    return f"angles are in radians, {angle:g} degrees = {math.radians(angle):.6g} rad"

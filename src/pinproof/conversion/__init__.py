@@ -1,4 +1,4 @@
-"""Turning one description of an arm into another, each proven by forward kinematics before it is handed over."""
+"""Conversion of DH tables to URDF and back, verified by comparing the forward kinematics of both."""
 
 from pinproof.conversion.from_dh import dh_to_urdf, write_urdf
 from pinproof.conversion.to_dh import urdf_to_dh

@@ -1,4 +1,4 @@
-"""The proof that a URDF is its DH table, whichever was made from the other: forward kinematics of both."""
+"""Verification of conversions between URDF and DH table by comparing the forward kinematics of both."""
 
 from __future__ import annotations
 

@@ -1,27 +1,23 @@
-"""Denavit-Hartenberg frames along given joint axes.
+"""Conversion of an arm to a DH table, for any serial chain of revolute, continuous and prismatic joints.
 
-Row k leads from a frame on axis k-1 to one on axis k, and its four numbers can say it only if one of the two frames has
-its x on the common normal of the two axes (Denavit and Hartenberg 1955). Standard rows put x_k there, modified rows
-x_(k-1). A modified table is therefore the standard table of the chain walked backwards with the sign of every number
-changed (the inverse of Rx(alpha) Tx(a) Rz(theta) Tz(d) is Tz(-d) Rz(-theta) Tx(-a) Rx(-alpha)), and one walk serves
-both.
+The axes of the joints are computed at q = 0: their directions from the Jacobian, their points from the joint frames. DH
+frames are then placed along the axes. A chain of n joints has n axes and a table has n rows, each of which connects two
+axes, so one row lacks an axis: the last (standard) or the first (modified). It uses the z axis of the tool or of the
+base instead, and the remaining transform is the tool and the base of the table.
 
-Where the axes leave a choice, it is made so that rows are short and plain:
+Row k transforms a frame on axis k-1 to a frame on axis k. Four parameters suffice only if the x axis of one of the two
+frames is on the common normal of the two axes (Denavit and Hartenberg 1955): x_k for the standard convention, x_(k-1)
+for the modified one. A modified table is the standard table of the reversed chain with all signs changed, because the
+inverse of Rx(alpha) Tx(a) Rz(theta) Tz(d) is Tz(-d) Rz(-theta) Tx(-a) Rx(-alpha). One algorithm serves both.
 
-- x or -x along the normal: the one that turns less against the x before it (|theta| <= pi/2); at a quarter turn the
-  one with a > 0, else theta = pi/2.
-- Parallel axes: the normal through the frame that stands already, so d = 0. The first pair of the walk takes the second
-  axis' own point (where the URDF puts its joint), since d there is the height of the first column.
-- Coincident axes: the x before, so theta = a = 0.
-- The ends, which belong to no joint: see :func:`frames_along`.
+Where the frames are not unique, rows with short and simple numbers are preferred:
 
-URDF -> DH table, for any serial chain of turning and sliding joints.
-
-Everything is read off the zero configuration: an axis for each joint, its direction from Pinocchio's Jacobian, its
-point from the joint's own frame; :mod:`pinproof.conversion.to_dh` lays the DH frames along them. A chain of n
-joints has n axes and a table n rows, each of which spans two axes, so one row has an axis too few: the last (standard)
-or the first (modified). It follows the z axis of the tool or of the base instead, and what then is left over is the
-table's tool and base.
+- Direction of x along the normal: the smaller rotation from the previous x (abs(theta) <= pi/2); at exactly pi/2 the
+  direction with a > 0, else theta = pi/2.
+- Parallel axes: the normal through the previous origin, so d = 0. For the first pair the point of the second axis (the
+  position of its joint in the URDF) is used, so that d is the height of the first link.
+- Coincident axes: the previous x, so theta = a = 0.
+- First and last frame: see :func:`frames_along`.
 """
 
 from __future__ import annotations
@@ -202,34 +198,34 @@ PLAIN_LENGTH_NOISE = 1e-14
 
 
 def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = None) -> DhTable:
-    """A DH table of an arm, proven equal to it.
+    """Convert an arm to a DH table and verify that both have the same forward kinematics.
 
     Parameters
     ----------
     arm
-        Any chain of revolute, continuous and prismatic joints: skew, parallel, intersecting and coincident axes.
-        The table's base is the arm's base link, its tool the arm's tcp.
+        Any chain of revolute, continuous and prismatic joints with skew, parallel, intersecting or coincident axes.
+        The base of the table is the base link of the arm, its tool is the tcp.
     convention
         ``"standard"`` or ``"modified"``.
     name
-        Name of the table; by default the robot's.
+        Name of the table; default: the name of the robot.
 
     Returns
     -------
     DhTable
-        Joint names, kinds, limits and velocities are the arm's (a joint whose velocity limit is unknown gets
-        :class:`~pinproof.description.DhRow`'s default, one that states no finite limits becomes continuous). Rows are
-        not unique where axes are parallel or coincident, and an x axis may point either way;
-        :mod:`pinproof.conversion.to_dh` says what is chosen. A table written by
-        :func:`~pinproof.conversion.dh_to_urdf` comes back row by row where it was made by the same choices.
+        Joint names, types, limits and velocities are those of the arm. A joint without a velocity limit gets the
+        default of :class:`~pinproof.description.DhRow`, and a joint without finite limits becomes continuous. Rows are
+        not unique where axes are parallel or coincident, and an x axis may have either direction;
+        :mod:`pinproof.conversion.to_dh` documents the choices. The table of a URDF made by
+        :func:`~pinproof.conversion.dh_to_urdf` equals the original table if that follows the same choices.
 
     Raises
     ------
     ConversionError
-        If a joint of the chain follows another one (mimic), if two neighbouring axes are too near parallel (they are
-        named), or unless forward kinematics of the table equals the arm's to 1e-9 m and 1e-9 rad.
+        If the chain contains a mimic joint, if two neighbouring axes are nearly parallel (the message names them), or
+        if the forward kinematics differ by more than 1e-9 m or 1e-9 rad.
     InputError
-        For an unknown convention (:class:`~pinproof.errors.UnknownNameError`), or a limit that no row can hold.
+        For an unknown convention (:class:`~pinproof.errors.UnknownNameError`) or an invalid limit.
     """
     if convention not in CONVENTIONS:
         raise UnknownNameError("DH convention", convention, CONVENTIONS)

@@ -1,4 +1,4 @@
-"""Robots on paper: DH tables, URDF, SRDF, the catalogue. Words and files, no kinematics."""
+"""Robot descriptions without kinematics: DH tables, URDF, xacro, MJCF, SRDF, and the catalogue of robots."""
 
 from pinproof.description.catalogue import CatalogueEntry, catalogue_names, find_robot, robots_folder
 from pinproof.description.dh import DhRow, DhTable

@@ -1,6 +1,6 @@
-"""Robots known by name: where their files lie, which frame is their tcp, and a home configuration.
+"""The catalogue of robots: for each name its files, the tcp frame and a home configuration.
 
-The tables themselves are ``catalogue.yaml`` and ``catalogue_overlaps.yaml`` beside this file.
+The data are in ``catalogue.yaml`` and ``catalogue_overlaps.yaml`` in this folder.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ __all__ = ["CatalogueEntry", "catalogue_names", "find_robot", "robots_folder"]
 
 @dataclass(frozen=True)
 class CatalogueEntry:
-    """A robot known by name.
+    """A robot of the catalogue.
 
     Parameters
     ----------
     name
-        Its name in the catalogue.
+        Name in the catalogue.
     urdf, srdf
-        Its files.
+        Files of the robot.
     tcp
-        The frame meant when ``robot.arm()`` names none.
+        Default tcp of ``robot.arm()``.
     home
-        A comfortable configuration, joint name to value (rad or m), free of self-collision.
+        Home configuration without self-collision: joint name to value (rad or m).
     base
-        The link meant when ``robot.arm()`` names none and the tcp hangs on it; None for the root.
+        Default base of ``robot.arm()`` if the tcp is a descendant of it; None for the root link.
     overlaps
         Pairs of links whose collision geometry overlaps in every sampled configuration (scripts/catalogue_overlaps.py).
     """
@@ -47,33 +47,33 @@ class CatalogueEntry:
 
 
 def catalogue_names() -> tuple[str, ...]:
-    """The names that :func:`find_robot` knows, sorted."""
+    """Return the names of all robots, sorted."""
     return tuple(sorted(_table("catalogue.yaml")))
 
 
 def find_robot(name: str) -> CatalogueEntry:
-    """The catalogue entry of a robot.
+    """Return the catalogue entry of a robot.
 
     Raises
     ------
     UnknownNameError
-        If no robot has that name; names those that exist.
+        If no robot has that name.
     InputError
-        If the robot's files are not installed.
+        If the files of the robot are not installed.
     """
     robots = _table("catalogue.yaml")
     if name not in robots:
         raise UnknownNameError("robot", name, robots, "the catalogue (a path must end in .urdf, .xacro or .xml)")
-    words = robots[name]
-    srdf = None if words.get("srdf") is None else _file(name, words["srdf"])
-    overlaps = tuple((first, second) for first, second in _table("catalogue_overlaps.yaml").get(words["urdf"], ()))
+    data = robots[name]
+    srdf = None if data.get("srdf") is None else _file(name, data["srdf"])
+    overlaps = tuple((first, second) for first, second in _table("catalogue_overlaps.yaml").get(data["urdf"], ()))
     return CatalogueEntry(
-        name, _file(name, words["urdf"]), srdf, words["tcp"], words.get("home", {}), words.get("base"), overlaps
+        name, _file(name, data["urdf"]), srdf, data["tcp"], data.get("home", {}), data.get("base"), overlaps
     )
 
 
 def robots_folder() -> Path:
-    """The folder ``robots/`` of this installation: inside the package in a wheel, beside ``src/`` in a checkout."""
+    """Return the folder ``robots/``: inside the installed package, or beside ``src/`` in a checkout."""
     package = Path(__file__).resolve().parents[1]
     for folder in (package / "robots", package.parents[1] / "robots"):
         if folder.is_dir():
@@ -89,10 +89,10 @@ def _table(file: str) -> dict[str, Any]:
 
 
 def _file(name: str, path: str) -> Path:
-    """``robots/...`` is ours; anything else lies in example-robot-data."""
+    """Resolve a path of the catalogue: ``robots/...`` is in this repository, others are in example-robot-data."""
     if path.startswith("robots/"):
         return robots_folder() / path.removeprefix("robots/")
     share = example_robot_data()
     if share is None:
-        raise InputError(f"robot {name!r} comes with example-robot-data, which is not installed here")
+        raise InputError(f"robot {name!r} requires example-robot-data: pip install example-robot-data")
     return share / "example-robot-data" / "robots" / path

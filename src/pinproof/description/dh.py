@@ -1,7 +1,7 @@
-"""One row of a Denavit-Hartenberg table: one joint, and the matrix that it stands for.
+"""Denavit-Hartenberg tables: rows, forward kinematics as a plain matrix product, and YAML and CSV files.
 
-With q the joint's own variable, which is added to ``theta`` (revolute, continuous) or to ``d``
-(prismatic), row i moves frame dh_(i-1) to frame dh_i:
+The joint variable q is added to ``theta`` (revolute, continuous) or to ``d`` (prismatic). Row i transforms frame
+dh_(i-1) to frame dh_i:
 
 - ``standard`` (Denavit and Hartenberg 1955; Spong, Hutchinson and Vidyasagar, "Robot Modeling and Control", eq. 3.10)::
 
@@ -11,29 +11,24 @@ With q the joint's own variable, which is added to ``theta`` (revolute, continuo
 
       A = Rx(alpha) Tx(a) Rz(theta) Tz(d)
 
-DH tables as files: YAML, which holds everything, and CSV, which holds the rows.
+A YAML file contains the complete table::
 
-YAML::
-
-    name: generic_6dof            # optional, else the file's name
-    convention: standard          # or modified; without it the file is refused
+    name: generic_6dof            # optional; default: the name of the file
+    convention: standard          # or modified; required
     base: {xyz: [0, 0, 0], rpy: [0, 0, 0]}        # optional; also quat_xyzw, or matrix: four rows of four
-    tool: {xyz: [0, 0, 0.1]}                      # likewise
+    tool: {xyz: [0, 0, 0.1]}                      # as base
     rows:
       - {name: joint_1, type: revolute, theta: 0, d: 0.33, a: 0, alpha: pi/2, lower: -pi, upper: pi, velocity: 3}
 
-CSV::
+A CSV file contains the rows and the convention::
 
     # convention: standard
     name,type,theta,d,a,alpha,lower,upper,velocity
     joint_1,revolute,0,0.33,0,pi/2,-pi,pi,3
 
-Lengths are metres, angles radians. A number may be written as ``[-][k*]pi[/m]``, for a rounded 1.5708 bends an arm. The
-columns ``type``, ``lower``, ``upper`` and ``velocity`` may be left out or empty where :class:`DhRow` has a default.
-
-Denavit-Hartenberg tables: a serial arm on paper, and the plain matrix product that says where it stands.
-
-The matrix of one row, in both conventions, stands in :mod:`pinproof.description.dh`.
+Lengths are in metres, angles in radians. A number may be written as ``[-][k*]pi[/m]``, because a rounded 1.5708 is not
+exactly pi/2. The columns ``type``, ``lower``, ``upper`` and ``velocity`` are optional where :class:`DhRow` has a
+default.
 """
 
 from __future__ import annotations
@@ -78,13 +73,13 @@ CONVENTIONS = ("standard", "modified")
 JOINT_TYPES = ("revolute", "prismatic", "continuous")
 
 DEFAULT_REVOLUTE_LIMIT = math.pi
-"""A revolute row that states no limit turns by this much (rad) to either side: one whole turn."""
+"""Rad. Default limits of a revolute row are -pi and pi: one full rotation."""
 DEFAULT_REVOLUTE_VELOCITY = math.pi
-"""Speed (rad/s) of a revolute or continuous row that states none: half a turn a second, common for small arms."""
+"""Rad/s. Default velocity limit of a revolute or continuous row, a common value for small arms."""
 DEFAULT_PRISMATIC_VELOCITY = 1.0
-"""Speed (m/s) of a prismatic row that states none: common for linear axes."""
+"""M/s. Default velocity limit of a prismatic row, a common value for linear axes."""
 LARGEST = 1e6
-"""Metres, radians, m/s, rad/s: beyond it sines lose their digits and products overflow; it is a slip of the pen."""
+"""Metres, radians, m/s, rad/s. Larger numbers are typing errors; sines would lose digits and products overflow."""
 
 
 @dataclass(frozen=True)
@@ -97,19 +92,19 @@ class DhRow:
         Name of the joint.
     theta, d, a, alpha
         Angles in radians, lengths in metres. ``theta`` of a revolute or continuous row and ``d`` of a prismatic row are
-        offsets: the joint's q is added to them.
+        offsets that are added to the joint variable q.
     joint_type
-        ``"revolute"``, ``"prismatic"`` or ``"continuous"`` (revolute without end stops).
+        ``"revolute"``, ``"prismatic"`` or ``"continuous"`` (revolute without limits).
     lower, upper
-        Limits of q in radians or metres. Revolute rows without them get [-pi, pi]; continuous rows have none
-        ([-inf, inf]); prismatic rows must state both, for no stroke is plausible for every arm.
+        Limits of q in radians or metres. The default is [-pi, pi] for revolute rows and [-inf, inf] for continuous
+        rows; prismatic rows must state both.
     velocity
-        Largest joint speed in rad/s or m/s; pi rad/s and 1 m/s if not stated.
+        Velocity limit in rad/s or m/s; by default pi rad/s and 1 m/s.
 
     Raises
     ------
     InputError
-        Naming the row and the column that makes no sense.
+        If a value is invalid; the message states the row and the column.
     """
 
     name: str
@@ -118,7 +113,7 @@ class DhRow:
     a: float
     alpha: float
     joint_type: str = "revolute"
-    # None stands for "not stated" and is replaced before anyone can read it, so readers see floats.
+    # None means "not stated" and is replaced by the default in __post_init__.
     lower: float = cast(float, None)
     upper: float = cast(float, None)
     velocity: float = cast(float, None)
@@ -134,18 +129,18 @@ class DhRow:
 
     @property
     def is_prismatic(self) -> bool:
-        """Whether q is a length along z and not an angle about it."""
+        """Whether q is a displacement along z."""
         return self.joint_type == "prismatic"
 
 
 def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
-    """The first thing wrong with the fields of a row: the column and the reason, or None if the row is sound.
+    """Return the column and the reason of the first invalid field of a row, or None if all are valid.
 
-    ``values`` holds every field of :class:`DhRow`, with None for a limit or a velocity that is not stated.
+    ``values`` contains every field of :class:`DhRow`, with None for a limit or a velocity that is not stated.
     """
     name = values["name"]
     if not isinstance(name, str) or not name or name != name.strip() or not name.isprintable():
-        return "name", f"{name!r} is no name; wanted is printable text without spaces at its ends"
+        return "name", f"{name!r} is not a valid name; use printable text without leading or trailing spaces"
     joint_type = values["joint_type"]
     if joint_type not in JOINT_TYPES:
         return "joint_type", f"unknown joint type {joint_type!r}; valid: {', '.join(JOINT_TYPES)}"
@@ -161,7 +156,7 @@ def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
         if not math.isfinite(value) and not unlimited:
             return column, f"{value} is not a finite number"
         if abs(value) > LARGEST and not unlimited:
-            return column, f"{value} is beyond {LARGEST:g} m, rad, m/s or rad/s, which no arm reaches"
+            return column, f"{value} is larger than {LARGEST:g} m, rad, m/s or rad/s"
     return _limit_problem(joint_type, values["lower"], values["upper"], values["velocity"])
 
 
@@ -172,14 +167,14 @@ def _limit_problem(
         if joint_type == "prismatic" and value is None:
             return column, "a prismatic row must state its lower and upper limit in metres"
         if joint_type == "continuous" and value is not None and math.isfinite(value):
-            return column, f"a continuous row has no limits, yet {value} is given; make it revolute or leave it out"
+            return column, f"a continuous row has no limits; omit {value}, or change the type to revolute"
     if joint_type != "continuous":
         low = -DEFAULT_REVOLUTE_LIMIT if lower is None else lower
         high = DEFAULT_REVOLUTE_LIMIT if upper is None else upper
         if low > high:
-            return "lower", f"the lower limit {low:.17g} lies above the upper limit {high:.17g}"
+            return "lower", f"the lower limit {low:.17g} is above the upper limit {high:.17g}"
     if velocity is not None and velocity <= 0:
-        return "velocity", f"{velocity:.17g} is no speed; it must be greater than 0"
+        return "velocity", f"must be greater than 0, not {velocity:.17g}"
     return None
 
 
@@ -191,12 +186,12 @@ def _defaults(joint_type: str) -> dict[str, float]:
 
 
 def _stated(values: dict[str, Any]) -> dict[str, float]:
-    """The numbers that were given, as plain floats (NumPy scalars and integers among them)."""
+    """Return the stated numbers as floats (they may be integers or NumPy scalars)."""
     return {k: float(v) for k, v in values.items() if v is not None and k not in ("name", "joint_type")}
 
 
 def row_transform(row: DhRow, convention: str, q: float) -> Array:
-    """The (4, 4) matrix A of one row at its joint variable q; the formulas stand at the top of this module."""
+    """Return the (4, 4) matrix A of one row at the joint variable q; see the formulas in the module docstring."""
     theta, d = (row.theta, row.d + q) if row.is_prismatic else (row.theta + q, row.d)
     ct, st, ca, sa = math.cos(theta), math.sin(theta), math.cos(row.alpha), math.sin(row.alpha)
     if convention == "standard":
@@ -231,7 +226,7 @@ _WITH_PI = re.compile(rf"(?P<sign>[+-]?)(?:(?P<times>{_DECIMAL})\s*\*\s*)?pi(?:\
 
 
 def load_table(path: str | Path) -> DhTable:
-    """Read a table; the way in is :meth:`DhTable.load`."""
+    """Read a table; see :meth:`DhTable.load`."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise DhTableError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
@@ -239,7 +234,7 @@ def load_table(path: str | Path) -> DhTable:
 
 
 def save_table(table: DhTable, path: str | Path) -> None:
-    """Write a table; the way in is :meth:`DhTable.save`."""
+    """Write a table; see :meth:`DhTable.save`."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
         raise DhTableError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
@@ -247,25 +242,25 @@ def save_table(table: DhTable, path: str | Path) -> None:
 
 
 def parse_number(value: object) -> float:
-    """A number as a file states it: a number, or text such as ``0.33``, ``1e-3``, ``-pi/2`` or ``3*pi/4``.
+    """Parse a number of a file: a number, or text such as ``0.33``, ``1e-3``, ``-pi/2`` or ``3*pi/4``.
 
     Raises
     ------
     ValueError
-        If it is anything else; nothing is ever evaluated.
+        For anything else; expressions are not evaluated.
     """
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         try:
             return float(value)
         except OverflowError:
-            raise ValueError("an integer here is larger than any double") from None
+            raise ValueError("the integer is too large for a double") from None
     text = value.strip() if isinstance(value, str) else ""
     if _PLAIN.fullmatch(text):
         return float(text)
     match = _WITH_PI.fullmatch(text)
     if match is None or (match["over"] is not None and float(match["over"]) == 0.0):
-        comma = ": decimals have a point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
-        raise ValueError(f"{value!r} is not a number{comma}; wanted is a decimal or [-][k*]pi[/m]")
+        comma = ": use a decimal point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
+        raise ValueError(f"{value!r} is not a number{comma}; write a decimal number or [-][k*]pi[/m]")
     size = float(match["times"] or 1) * math.pi / float(match["over"] or 1)
     return -size if match["sign"] == "-" else size
 
@@ -275,10 +270,11 @@ def _table_from_yaml(path: Path) -> DhTable:
     refuse_unknown(DhTableError, path, "key", content, TABLE_KEYS, "")
     rows = content.get("rows")
     if not isinstance(rows, list) or not rows:
-        raise DhTableError(path, "holds no rows; wanted is a list under the key rows", "key rows")
+        raise DhTableError(path, "must be a list with at least one row", "key rows")
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, dict):
-            raise DhTableError(path, f"{row!r} is no row; wanted are the keys {', '.join(COLUMNS)}", f"row {number}")
+            reason = f"{row!r} is not a mapping; valid keys: {', '.join(COLUMNS)}"
+            raise DhTableError(path, reason, f"row {number}")
     return _table(
         path,
         [_row(path, number, row) for number, row in enumerate(rows, start=1)],
@@ -292,7 +288,7 @@ def _table_from_yaml(path: Path) -> DhTable:
 def _table_from_csv(path: Path) -> DhTable:
     lines = read_text(path, DhTableError).splitlines()
     first = next((i for i, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")), len(lines))
-    # Spreadsheets pad every line with commas, this one too.
+    # Spreadsheets append commas to every line, this one included.
     conventions = re.findall(r"^\s*#\s*convention\s*:\s*([^\s,]+)[\s,]*$", "\n".join(lines[:first]), re.MULTILINE)
     if len(set(conventions)) > 1:
         raise DhTableError(path, f"states more than one convention: {', '.join(conventions)}")
@@ -300,20 +296,20 @@ def _table_from_csv(path: Path) -> DhTable:
     try:
         content = [row for row in csv.reader(lines[first:]) if any(cell.strip() for cell in row)]
     except csv.Error as error:
-        raise DhTableError(path, f"is no valid CSV: {error}") from error
+        raise DhTableError(path, f"is not valid CSV: {error}") from error
     if not content:
-        raise DhTableError(path, f"holds no header; wanted are the columns {', '.join(COLUMNS)}")
+        raise DhTableError(path, f"has no header; valid columns: {', '.join(COLUMNS)}")
     header = [cell.strip() for cell in content[0]]
     if other := other_separator(header):
         raise DhTableError(path, other, "header")
     refuse_unknown(DhTableError, path, "column", header, COLUMNS, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
-        raise DhTableError(path, f"the column {twice[0]} stands there more than once", "header")
+        raise DhTableError(path, f"duplicate column {twice[0]}", "header")
     rows = []
     for number, cells in enumerate(content[1:], start=1):
         if len(cells) != len(header):
-            more = "; decimals have a point, not a comma" if len(cells) > len(header) else ""
+            more = "; use decimal points, not commas" if len(cells) > len(header) else ""
             raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}{more}", f"row {number}")
         stated = {column: cell.strip() for column, cell in zip(header, cells, strict=True) if cell.strip()}
         rows.append(_row(path, number, stated))
@@ -321,15 +317,15 @@ def _table_from_csv(path: Path) -> DhTable:
 
 
 def other_separator(header: Sequence[str]) -> str:
-    """What is wrong with a header that is not parted by commas, as spreadsheets of many countries write it; else ''."""
+    """Return an error text if the header is separated by semicolons or tabs, as some spreadsheets do, else ''."""
     for separator, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and separator in header[0]:
-            return f"columns are parted by {name}; save it with commas between columns, and points in decimals"
+            return f"columns are separated by {name}; save the file with commas between columns and decimal points"
     return ""
 
 
 def _row(path: Path, number: int, stated: Mapping[Any, Any]) -> DhRow:
-    """One row from what the file states of it, column by column so that the culprit can be named."""
+    """Parse one row column by column, so that errors state the column."""
     refuse_unknown(DhTableError, path, "column", stated, COLUMNS, f"row {number}")
     values: dict[str, Any] = {"name": stated.get("name"), "joint_type": stated.get("type", "revolute")}
     for column in COLUMNS:
@@ -349,12 +345,12 @@ def _row(path: Path, number: int, stated: Mapping[Any, Any]) -> DhRow:
 
 
 def _unit_problem(values: Mapping[str, Any]) -> tuple[str, str] | None:
-    """The first column of a sound row whose angle can only be meant in degrees, and the reason."""
-    turns = [column for column in ("lower", "upper") if values["joint_type"] == "revolute"]
+    """Return the first column whose angle is probably in degrees, and the reason."""
+    angular_limits = [column for column in ("lower", "upper") if values["joint_type"] == "revolute"]
     for column, refuse in (
         ("theta", _refuse_degrees),
         ("alpha", _refuse_degrees),
-        *((c, refuse_degree_limit) for c in turns),
+        *((c, refuse_degree_limit) for c in angular_limits),
     ):
         try:
             refuse(column, values[column])
@@ -383,14 +379,14 @@ def _table(path: Path, rows: Sequence[DhRow], *, convention: object, **rest: Any
 
 
 def _transform(path: Path, key: str, stated: object) -> Any:
-    """A base or tool as the file states it, as something :class:`DhTable` takes."""
+    """Parse the base or the tool of a table."""
     if stated is None:
         return np.eye(4)
     if not isinstance(stated, dict):
-        raise DhTableError(path, f"{stated!r} is no transform; valid keys: {', '.join(POSE_KEYS)}", f"key {key}")
+        raise DhTableError(path, f"{stated!r} is not a transform; valid keys: {', '.join(POSE_KEYS)}", f"key {key}")
     refuse_unknown(DhTableError, path, "key", stated, POSE_KEYS, f"key {key}")
     if "matrix" in stated and len(stated) > 1:
-        raise DhTableError(path, "give matrix alone, or xyz with rpy or quat_xyzw", f"key {key}")
+        raise DhTableError(path, "use either matrix, or xyz with rpy or quat_xyzw", f"key {key}")
     numbers: dict[str, Any] = {}
     for part, value in stated.items():
         try:
@@ -408,7 +404,7 @@ def _transform(path: Path, key: str, stated: object) -> Any:
 
 
 def _parsed(value: object, depth: int = 2) -> Any:
-    """Numbers in lists up to ``depth`` deep (YAML anchors can make a list hold itself)."""
+    """Parse numbers in nested lists up to ``depth`` (with YAML anchors a list can contain itself)."""
     if isinstance(value, list) and depth > 0:
         return [_parsed(part, depth - 1) for part in value]
     return parse_number(value)
@@ -417,7 +413,9 @@ def _parsed(value: object, depth: int = 2) -> Any:
 def _csv_text(table: DhTable) -> str:
     for which in ("base", "tool"):
         if not np.array_equal(getattr(table, which), np.eye(4)):
-            raise InputError(f"a DH CSV has no place for the table's {which}, which is not the identity; save a .yaml")
+            raise InputError(
+                f"the {which} of the table is not the identity, which a CSV cannot store; save a .yaml file"
+            )
     out = io.StringIO()
     out.write(f"# convention: {table.convention}\n")
     writer = csv.writer(out, lineterminator="\n")
@@ -439,14 +437,14 @@ def _yaml_text(table: DhTable) -> str:
 
 
 def _stated_number(row: DhRow) -> dict[str, Any]:
-    """A row as a file states it; the limits that a continuous row does not have are left out."""
+    """Return the columns of a row for a file; infinite limits of a continuous row are omitted."""
     values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
     values |= {column: getattr(row, column) for column in COLUMNS[2:]}
     return {column: value for column, value in values.items() if isinstance(value, str) or math.isfinite(value)}
 
 
 class _FlatRows(yaml.SafeDumper):
-    """A SafeDumper that writes what holds only words and numbers (a row of the table or of a matrix) on one line."""
+    """A SafeDumper that writes mappings and lists without nested ones (rows of a table or of a matrix) on one line."""
 
     def represent_mapping(self, tag: str, mapping: Any, flow_style: bool | None = None) -> yaml.MappingNode:  # noqa: ARG002
         return super().represent_mapping(tag, mapping, flow_style=_is_flat(mapping.values()))
@@ -463,27 +461,27 @@ def _is_flat(values: Iterable[object]) -> bool:
 class DhTable:
     """A serial arm as a Denavit-Hartenberg table.
 
-    Frame ``dh_0`` stands at ``base`` in the arm's base frame, row i leads from dh_(i-1) to dh_i, and the tool stands at
-    ``tool`` in dh_n.
+    ``base`` is the pose of frame dh_0 in the base frame, row i transforms dh_(i-1) to dh_i, and ``tool`` is the pose of
+    the tool in dh_n.
 
     Parameters
     ----------
     rows
-        One :class:`DhRow` a joint, base first; names differ.
+        One :class:`DhRow` for each joint, base first, with distinct names.
     convention
-        ``"standard"`` or ``"modified"``; never guessed.
+        ``"standard"`` or ``"modified"``.
     name
         Name of the robot.
     base
-        base_from_dh_0, a ``pin.SE3`` or a (4, 4) matrix in metres; kept as a read-only (4, 4) array.
+        base_from_dh_0, a ``pin.SE3`` or a (4, 4) matrix in metres; stored as a read-only (4, 4) array.
     tool
-        dh_n_from_tool, likewise.
+        dh_n_from_tool, as ``base``.
 
     Raises
     ------
     InputError
-        For no rows, names that occur twice, an unknown convention (:class:`~pinproof.errors.UnknownNameError`), or a
-        base or tool that is no rigid transform.
+        If there are no rows, names are not distinct, the convention is unknown
+        (:class:`~pinproof.errors.UnknownNameError`), or the base or tool is not a rigid transform.
     """
 
     rows: tuple[DhRow, ...]
@@ -498,7 +496,7 @@ class DhTable:
             raise UnknownNameError("DH convention", self.convention, CONVENTIONS)
         name: object = self.name
         if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise InputError(f"{self.name!r} is no name for a robot; wanted is printable text")
+            raise InputError(f"{self.name!r} is not a valid robot name; use printable text")
         object.__setattr__(self, "rows", rows)
         for which in ("base", "tool"):
             transform = matrix(rigid(which, getattr(self, which)))
@@ -506,7 +504,7 @@ class DhTable:
             object.__setattr__(self, which, transform)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Through the constructor again: NumPy forgets on the way through pickle that an array was read-only.
+        # The constructor makes the arrays read-only again; pickle does not preserve this flag.
         return _rebuild, (self.rows, self.convention, self.name, self.base, self.tool)
 
     def __len__(self) -> int:
@@ -519,19 +517,19 @@ class DhTable:
         Raises
         ------
         DhTableError
-            Naming the file, and the row and column where there is one.
+            If the file is invalid; the message states the file and, where possible, the row and column.
         """
         return load_table(path)
 
     def save(self, path: str | Path) -> None:
-        """Write the table to a ``.yaml``, ``.yml`` or ``.csv`` file, whole or not at all; every number keeps its bits.
+        """Write the table atomically to a ``.yaml``, ``.yml`` or ``.csv`` file, without rounding.
 
         Raises
         ------
         InputError
-            If a base or a tool would be lost in a ``.csv``, which has no place for them.
+            If the table has a base or a tool, which a ``.csv`` file cannot store.
         FileError
-            If the file cannot be written; :class:`~pinproof.errors.DhTableError` for any other ending.
+            If the file cannot be written (:class:`~pinproof.errors.DhTableError` for an unknown suffix).
         """
         save_table(self, path)
 
@@ -552,21 +550,21 @@ class DhTable:
 
     @property
     def velocity(self) -> Array:
-        """(n,) largest joint speeds, rad/s or m/s."""
+        """(n,) velocity limits, rad/s or m/s."""
         return np.array([row.velocity for row in self.rows])
 
     def frames(self, q: npt.ArrayLike) -> Array:
-        """Where the frames dh_0 ... dh_n stand.
+        """Compute the poses of the frames dh_0 ... dh_n.
 
         Parameters
         ----------
         q
-            (n,) joint variables, rad or m; limits are not looked at.
+            (n,) joint variables, rad or m; limits are not checked.
 
         Returns
         -------
         (n + 1, 4, 4)
-            base_from_dh_i. The first is ``base``; the tool comes after the last and is not part of it.
+            base_from_dh_i. The first is ``base``; the tool is not included.
 
         Raises
         ------
@@ -580,9 +578,9 @@ class DhTable:
         return np.array(frames)
 
     def forward_kinematics(self, q: npt.ArrayLike) -> Array:
-        """base_from_tool (4, 4) at joint variables q (n,): the plain product base A_1 ... A_n tool.
+        """Compute base_from_tool (4, 4) at the joint variables q (n,) as the product base A_1 ... A_n tool.
 
-        This is the oracle that everything converted from the table is held against.
+        Conversions of the table are compared with this product.
 
         Raises
         ------
@@ -592,16 +590,16 @@ class DhTable:
         return np.array(self.frames(q)[-1] @ self.tool)
 
     def is_close(self, other: DhTable, *, tolerance: float = 0.0) -> bool:
-        """Whether both tables hold the same words and, up to ``tolerance`` (rad, m, rad/s, m/s), the same numbers."""
+        """Whether both tables have the same names and types and equal numbers up to ``tolerance`` (SI units, rad)."""
 
-        def words(table: DhTable) -> object:
+        def names(table: DhTable) -> object:
             return table.name, table.convention, [(row.name, row.joint_type) for row in table.rows]
 
         def numbers(table: DhTable) -> Array:
             columns = [(r.theta, r.d, r.a, r.alpha, r.lower, r.upper, r.velocity) for r in table.rows]
             return np.concatenate([np.ravel(columns), table.base.ravel(), table.tool.ravel()])
 
-        same = words(self) == words(other)
+        same = names(self) == names(other)
         return same and np.allclose(numbers(self), numbers(other), rtol=0.0, atol=tolerance)
 
 

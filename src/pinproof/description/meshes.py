@@ -1,4 +1,4 @@
-"""Triangle meshes from files, in metres, checked for what a collision check cannot use."""
+"""Reading triangle meshes in metres, with validation for collision checking."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
 
 
 LARGEST_MESH = 256 * 2**20
-"""Bytes (256 MiB): five million triangles as binary STL, a hundred times what a link needs."""
+"""Bytes (256 MiB): five million triangles as binary STL, about a hundred times as many as a link needs."""
 
 FARTHEST = 1e4
-"""Metres from a mesh's own origin: beyond it is a mistake of units, and distances lose their digits."""
+"""Metres from the origin of the mesh. Larger coordinates are wrong units, and distances would lose digits."""
 
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """Triangles in space: ``vertices`` (V, 3) in metres, ``triangles`` (F, 3) indices of vertices."""
+    """A triangle mesh: ``vertices`` (V, 3) in metres, ``triangles`` (F, 3) indices of vertices."""
 
     vertices: npt.NDArray[np.float64]
     triangles: npt.NDArray[np.int64]
@@ -42,52 +42,53 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
     Parameters
     ----------
     path
-        STL, OBJ, DAE, PLY, GLB or glTF. A COLLADA file's unit is applied, its up axis is not; glTF is turned from its y
-        up to z up (:func:`z_up`).
+        STL, OBJ, DAE, PLY, GLB or glTF. The unit of a COLLADA file is applied, its up axis is not; glTF is rotated from
+        y up to z up (:func:`z_up`).
     scale
-        Factor for x, y, z, after that. A negative product mirrors the mesh; its triangles are turned round then.
+        Factors for x, y, z, applied last. If their product is negative, the mesh is mirrored and the orientation of its
+        triangles is reversed.
 
     Raises
     ------
     MeshError
-        If the file is missing, unreadable or too large, holds no triangle, or holds numbers that are not finite, that
-        are beyond :data:`FARTHEST`, or that name vertices which are not there.
+        If the file is missing, unreadable or too large, has no triangles or undefined vertices, or has coordinates that
+        are not finite or larger than :data:`FARTHEST`.
     """
     path = Path(path)
     if path.suffix.lower() not in MESH_SUFFIXES:
-        raise MeshError(path, f"is no mesh of a known kind: {', '.join(MESH_SUFFIXES)}")
+        raise MeshError(path, f"unknown mesh format {path.suffix!r}; valid: {', '.join(MESH_SUFFIXES)}")
     vertices, triangles = _load(path)
     if len(triangles) == 0:
-        raise MeshError(path, "holds no triangle")
+        raise MeshError(path, "has no triangles")
     if triangles.min() < 0 or triangles.max() >= len(vertices):  # coal would read beyond the end
-        raise MeshError(path, f"has triangles that name other vertices than the {len(vertices)} it holds")
+        raise MeshError(path, f"has triangles with vertex indices outside the {len(vertices)} vertices")
     if not np.isfinite(vertices).all():
-        raise MeshError(path, "holds vertices that are not finite numbers")
+        raise MeshError(path, "has vertices that are not finite numbers")
     factor = np.asarray(scale) * collada_unit(path)
     with np.errstate(over="ignore"):
         vertices = vertices @ z_up(path).T * factor
     if not (farthest := float(np.abs(vertices).max())) <= FARTHEST:
-        what = f"reaches {farthest:g} m far, at most {FARTHEST:g} m make sense; the scale {max(scale):g} is given"
-        raise MeshError(path, f"{what}, which for a mesh in millimetres is 0.001")
+        what = f"extends to {farthest:g} m (limit {FARTHEST:g} m) with the scale {max(scale):g}"
+        raise MeshError(path, f"{what}; the scale of a mesh in millimetres is 0.001")
     return TriangleMesh(vertices, triangles[:, ::-1].copy() if np.prod(scale) < 0 else triangles)
 
 
 def resolved(mesh: MeshFile, link: str) -> Path:
-    """The file behind a URDF's mesh.
+    """Return the file of a mesh of a URDF.
 
     Raises
     ------
     MeshError
-        If it was not found; names the link and every place it was looked for.
+        If it was not found; the message states the link and the paths that were tried.
     """
     if mesh.path is None:
         places = "\n  ".join(str(place) for place in mesh.looked_in)
-        raise MeshError(mesh.uri, f"the mesh of link {link!r} was not found; it was looked for in\n  {places}")
+        raise MeshError(mesh.uri, f"the mesh of link {link!r} was not found; tried:\n  {places}")
     return mesh.path
 
 
 def collada_unit(path: Path) -> float:
-    """Metres per unit of a COLLADA file; 1 for every other kind; readers hand the raw numbers on."""
+    """Return the metres per unit of a COLLADA file, and 1 for other formats; mesh readers ignore the unit."""
     if path.suffix.lower() != ".dae":
         return 1.0
     with path.open("rb") as file:
@@ -97,17 +98,17 @@ def collada_unit(path: Path) -> float:
     except ValueError:
         unit = 0.0
     if not 0.0 < unit < float("inf"):
-        raise MeshError(path, "states a unit that is no positive number of metres")
+        raise MeshError(path, "has a unit that is not a positive number of metres")
     return unit
 
 
 def z_up(path: Path) -> npt.NDArray[np.float64]:
-    """The rotation (3, 3) that takes the numbers of a mesh file to the axes of the link that bears it.
+    """Return the rotation (3, 3) from the axes of a mesh file to the axes of its link.
 
-    glTF is y up by its standard (Khronos glTF 2.0, section 3.4), and what reads it for a z-up world turns it by a
-    quarter about x: Drake, Blender, RViz (ros2/rviz, pull request 1482). COLLADA states its up axis, and there RViz,
-    MoveIt's geometric_shapes (pull request 52) and Gazebo (issue 1305) take the numbers as they stand: so many robots
-    state a wrong one that obeying would turn their links over. STL, OBJ and PLY state none.
+    The standard of glTF is y up (Khronos glTF 2.0, section 3.4); Drake, Blender and RViz (ros2/rviz, pull request 1482)
+    rotate it by 90 degrees about x. COLLADA files state their up axis, but RViz, MoveIt's geometric_shapes (pull
+    request 52) and Gazebo (issue 1305) ignore it, because it is wrong in many robot descriptions. STL, OBJ and PLY do
+    not state an up axis.
     """
     if path.suffix.lower() in (".glb", ".gltf"):
         return np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -115,15 +116,15 @@ def z_up(path: Path) -> npt.NDArray[np.float64]:
 
 
 def _load(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
-    """Vertices and triangles as the file states them."""
+    """Return the vertices and triangles of the file, unscaled."""
     import trimesh
 
-    data = read_bytes(path, MeshError, largest=LARGEST_MESH, remedy="make it coarser, or cut it into several")
+    data = read_bytes(path, MeshError, largest=LARGEST_MESH, remedy="simplify the mesh, or split it into several")
     kind = path.suffix.lower()[1:]
     if kind == "dae":
         refuse_doctype(data, path, MeshError)
     if kind == "stl" and not data.lstrip().startswith(b"solid"):
-        _refuse_cut_short(path, data)
+        _refuse_truncated_stl(path, data)
     try:
         loaded: Any = trimesh.load(
             BytesIO(data), file_type=kind, resolver=_beside(path), force="mesh", process=False, skip_materials=True
@@ -134,16 +135,16 @@ def _load(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
         raise MeshError(path, f"cannot be read as a mesh: {error or type(error).__name__}") from error
 
 
-def _refuse_cut_short(path: Path, data: bytes) -> None:
-    """A binary STL states how many triangles follow, 50 bytes each."""
+def _refuse_truncated_stl(path: Path, data: bytes) -> None:
+    """Raise MeshError if a binary STL is shorter than its header states (50 bytes for each triangle)."""
     wanted = 84 + 50 * int.from_bytes(data[80:84], "little")
     if len(data) < wanted:
-        what = f"by its header the STL has {wanted:,} bytes, and there are {len(data):,}"
+        what = f"the file is truncated: its header announces {wanted:,} bytes, but it has {len(data):,}"
         raise MeshError(path, f"cannot be read as a mesh: {what}")
 
 
 def _beside(path: Path) -> Any:
-    """What hands a reader the other files that a mesh names: of glTF those in its folder, of every other kind none."""
+    """Return a resolver for files that a mesh refers to: files in the folder of a glTF file, none for other formats."""
     from trimesh.resolvers import Resolver
 
     class Beside(Resolver):  # type: ignore[misc]  # trimesh is not typed

@@ -1,15 +1,11 @@
-"""What an MJCF element says once the file's compiler settings and default classes are counted in.
+"""Reading MJCF files (MuJoCo) of robots with a fixed base and hinge and slide joints.
 
-The geoms of an MJCF body as the ``<collision>`` and ``<visual>`` elements of a URDF link.
+The tree of bodies is converted to a URDF, which is validated as any other URDF. Elements that a URDF cannot represent
+(ball and free joints, closed loops, planes and height fields, attached files) are errors with their line. Elements that
+do not affect the kinematics or collisions (inertias, actuators, sensors, cameras, lights) are ignored.
 
-MJCF, as far as it describes a robot that stands somewhere: a tree of bodies with hinges and slides.
-
-The tree is rewritten as a URDF and then passes every check of one. What would be lost on the way (ball and free joints,
-closed loops, planes and height fields, attached files) is refused by its line. Left aside is what moves nothing:
-inertias, actuators, sensors, cameras, lights, tendons that bind nothing.
-
-Pinocchio has a reader of its own. It sets the first body on the origin whatever its pose, makes a shear of an axisangle
-whose axis has not length 1, and drops what it does not know; so it serves as the tests' second opinion only.
+Pinocchio has its own MJCF reader. It ignores the pose of the first body, returns a shear for an axisangle whose axis is
+not normalised, and ignores unknown elements; therefore it is used in the tests only.
 """
 
 from __future__ import annotations
@@ -33,7 +29,7 @@ Array = npt.NDArray[np.float64]
 Attributes = dict[str, dict[str, str]]
 
 LARGEST = 1e100
-"""Of any number: the squares of larger ones overflow."""
+"""Largest number; the squares of larger ones overflow."""
 
 ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 
@@ -42,8 +38,8 @@ ORIENTATIONS = ("quat", "euler", "axisangle", "xyaxes", "zaxis")
 class Words:
     """The compiler settings and default classes of one MJCF file.
 
-    ``classes`` maps class to tag to attributes, with those of its parents; ``degrees`` says that angles are written in
-    degrees; ``auto_limits`` that a joint with a range is limited.
+    ``classes`` maps class names to tags to attributes, including those of parent classes. ``degrees`` is True if angles
+    are in degrees, ``auto_limits`` if a joint with a range is limited.
     """
 
     path: Path
@@ -55,17 +51,17 @@ class Words:
 
     @classmethod
     def of(cls, root: Element, path: Path) -> Words:
-        """Read them from the ``<mujoco>`` element."""
+        """Read the settings and classes of a ``<mujoco>`` element."""
         settings: dict[str, str] = {}
         for compiler in root.findall("compiler"):
             settings.update(compiler.attrib)
         if settings.get("coordinate", "local") != "local":
-            raise UrdfError(path, "uses global coordinates, which MuJoCo itself has given up")
+            raise UrdfError(path, "uses global coordinates, which MuJoCo no longer supports; use coordinate='local'")
         if settings.get("angle", "degree") not in ("degree", "radian"):
-            raise UrdfError(path, f"measures angles in {settings['angle']!r}; valid: degree, radian")
+            raise UrdfError(path, f"unknown angle unit {settings['angle']!r}; valid: degree, radian")
         euler = settings.get("eulerseq", "xyz")
         if len(euler) != 3 or not set(euler.lower()) <= set("xyz") or not (euler.islower() or euler.isupper()):
-            raise UrdfError(path, f"has the eulerseq {euler!r}, which is none of the kind 'xyz' or 'XYZ' that is read")
+            raise UrdfError(path, f"unknown eulerseq {euler!r}; valid: three letters such as 'xyz' or 'XYZ'")
         classes: dict[str, Attributes] = {"main": {}}
         for default in root.findall("default"):
             _read_class(default, "main", {}, classes, path)
@@ -76,27 +72,27 @@ class Words:
         )
 
     def attributes(self, element: Element, inherited: str | None) -> dict[str, str]:
-        """An element's own attributes over those of its class, or of the class its body hands down."""
+        """Return the attributes of an element, with defaults from its class or from the class inherited by its body."""
         name = element.get("class", inherited or "main")
         if name not in self.classes:
             raise UrdfError(self.path, str(UnknownNameError("default class", name, self.classes)), place(element))
         return {**self.classes[name].get(str(element.tag), {}), **element.attrib}
 
     def angle(self, value: float) -> float:
-        """Radians."""
+        """Convert an angle of the file to radians."""
         return float(np.deg2rad(value)) if self.degrees else value
 
     def numbers(self, element: Element, words: Mapping[str, str], name: str, count: int, default: str = "") -> Array:
-        """``count`` numbers of an attribute that may come from a class; errors name the element's line."""
-        stand_in = element.makeelement(element.tag, {name: words.get(name, default)})
-        stand_in.sourceline = element.sourceline
-        values = np.array(numbers(stand_in, name, count, self.path))
+        """Return ``count`` numbers of an attribute that may come from a class; errors state the line of the element."""
+        copy = element.makeelement(element.tag, {name: words.get(name, default)})
+        copy.sourceline = element.sourceline
+        values = np.array(numbers(copy, name, count, self.path))
         if np.abs(values).max(initial=0.0) > LARGEST:
-            raise UrdfError(self.path, f"<{element.tag} {name}> is beyond {LARGEST:g}", place(element))
+            raise UrdfError(self.path, f"<{element.tag} {name}> is larger than {LARGEST:g}", place(element))
         return values
 
     def pose(self, element: Element, words: Mapping[str, str]) -> Array:
-        """(4, 4) of ``pos`` (metres) and of whichever orientation is given."""
+        """Return the pose (4, 4) from ``pos`` (metres) and one of the orientation attributes."""
         from scipy.spatial.transform import Rotation
 
         out = np.eye(4)
@@ -109,13 +105,13 @@ class Words:
         count = {"quat": 4, "axisangle": 4, "xyaxes": 6}.get(given[0], 3)
         values = self.numbers(element, words, given[0], count)
         if given[0] == "euler":
-            # Lower case turns about the moving axes: the case that SciPy writes in capitals.
+            # In MJCF lower case means rotations about moving axes; in SciPy it is upper case.
             angles = np.deg2rad(values) if self.degrees else values
             out[:3, :3] = Rotation.from_euler(self.euler.swapcase(), angles).as_matrix()
             return out
         if (np.linalg.norm(values[:3]) < 1e-9 and given[0] != "quat") or np.linalg.norm(values) < 1e-9:
             raise UrdfError(
-                self.path, f"<{element.tag}> has the {given[0]} {list(values)}: no rotation", place(element)
+                self.path, f"<{element.tag}> has the {given[0]} {list(values)}, which has no direction", place(element)
             )
         if given[0] == "quat":
             out[:3, :3] = Rotation.from_quat([*values[1:], values[0]]).as_matrix()
@@ -135,7 +131,7 @@ class Words:
 
 
 def z_to(direction: Array) -> Array:
-    """The smallest rotation (3, 3) that turns z to a direction (3,)."""
+    """Return the smallest rotation (3, 3) that rotates z to a direction (3,)."""
     from scipy.spatial.transform import Rotation
 
     unit = direction / np.linalg.norm(direction)
@@ -146,7 +142,7 @@ def z_to(direction: Array) -> Array:
 
 
 def _read_class(default: Element, name: str, above: Attributes, classes: dict[str, Attributes], path: Path) -> None:
-    """Enter a ``<default>`` and those inside it; each takes over its parent's attributes."""
+    """Add a ``<default>`` class and its nested classes, which inherit its attributes."""
     own = {tag: dict(words) for tag, words in above.items()}
     for element in default:
         if element.tag != "default":
@@ -157,18 +153,18 @@ def _read_class(default: Element, name: str, above: Attributes, classes: dict[st
 
 
 HIDDEN_GROUP = 3
-"""MuJoCo draws geoms of the groups 0 to 2; what only collides stands in a later one by custom."""
+"""MuJoCo draws geoms of the groups 0 to 2; by convention collision-only geoms are in a higher group."""
 
 SIZES = {"sphere": 1, "capsule": 2, "cylinder": 2, "box": 3}
 
 
 def add_geom(words: Words, meshes: Mapping[str, Element], link: Element, geom: Element, inherited: str | None) -> None:
-    """Enter a geom into a link: as collision unless it can touch nothing, as visual where it is drawn.
+    """Add a geom to a link: as collision geometry if it can collide, as visual geometry if it is drawn.
 
     Raises
     ------
     UrdfError
-        With the line, for a kind that has no counterpart: it would collide with nothing.
+        For an unsupported type; the message states the line.
     """
     said = words.attributes(geom, inherited)
     collides = said.get("contype", "1") != "0" or said.get("conaffinity", "1") != "0"
@@ -181,7 +177,7 @@ def add_geom(words: Words, meshes: Mapping[str, Element], link: Element, geom: E
         shape, pose = _primitive(words, said, geom, kind, pose)
     else:
         what = f"a {kind} fitted to a mesh" if "mesh" in said else f"a {kind}"
-        reason = f"holds {what}; read are {', '.join(SIZES)} and mesh: it would collide with nothing"
+        reason = f"contains {what}, which is not supported; valid: {', '.join(SIZES)}, mesh"
         raise UrdfError(words.path, reason, place(geom))
     for tag, wanted in (("collision", collides), ("visual", drawn)):
         if wanted:
@@ -191,23 +187,23 @@ def add_geom(words: Words, meshes: Mapping[str, Element], link: Element, geom: E
 def _primitive(
     words: Words, said: Mapping[str, str], geom: Element, kind: str, pose: Array
 ) -> tuple[dict[str, str], Array]:
-    """Shape and pose; MuJoCo gives half sides and half lengths, and ``fromto`` gives the ends of the axis."""
+    """Return shape and pose; MJCF states half sides and half lengths, or the ends of the axis with ``fromto``."""
     count = SIZES[kind]
     if "fromto" in said and kind != "sphere":
         ends = words.numbers(geom, said, "fromto", 6)
         along = ends[3:] - ends[:3]
         length = float(np.linalg.norm(along))
         if length < 1e-9:
-            raise UrdfError(words.path, "<geom fromto> has its two ends in one place", place(geom))
+            raise UrdfError(words.path, "<geom fromto> has two equal end points", place(geom))
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = z_to(along), (ends[:3] + ends[3:]) / 2
-        # MuJoCo's z axis points from the second end to the first; no shape here can tell.
+        # The z axis of MuJoCo points from the second end to the first; all shapes here are symmetric.
         given = max(len(said.get("size", "").split()), 1)
         half = [*words.numbers(geom, said, "size", given)[: count - 1], length / 2]
         if kind == "box" and given < 2:
             half = [half[0], half[0], length / 2]
     else:
-        # More numbers than a kind needs are allowed, for classes that serve several kinds.
+        # Additional numbers are allowed, because classes may be shared by several types.
         given = max(len(said.get("size", "").split()), count)
         half = list(words.numbers(geom, said, "size", given)[:count])
     full = [repr(2 * float(value)) for value in half]
@@ -225,7 +221,7 @@ def _mesh(words: Words, meshes: Mapping[str, Element], said: Mapping[str, str], 
     asset = words.attributes(meshes[name], None)
     for odd in ("refpos", "refquat", "vertex", "builtin"):
         if odd in asset:
-            raise UrdfError(words.path, f"mesh {name!r} has {odd}, which is not read", place(meshes[name]))
+            raise UrdfError(words.path, f"mesh {name!r} has {odd}, which is not supported", place(meshes[name]))
     file = Path(required(meshes[name], "file", words.path))
     return {"filename": str(words.mesh_folder / file), "scale": asset.get("scale", "1 1 1")}
 
@@ -258,7 +254,7 @@ IN_BODY = ("body", "camera", "geom", "inertial", "joint", "light", "site")
 
 @dataclass
 class _Robot:
-    """The URDF that grows while the bodies are walked."""
+    """The URDF under construction."""
 
     words: Words
     meshes: Mapping[str, Element]
@@ -282,40 +278,39 @@ class _Robot:
         self.make(parent, "origin", at, xyz=" ".join(values[:3]), rpy=" ".join(values[3:]))
 
     def make(self, parent: Element, tag: str, at: Element, **attributes: str) -> Element:
-        """A new element that answers to the MJCF's line."""
+        """Create an element with the line number of the MJCF element."""
         child = parent.makeelement(tag, attributes)
         child.sourceline = at.sourceline
         parent.append(child)
         return child
 
     def refuse(self, reason: str, at: Element) -> UrdfError:
-        return UrdfError(self.words.path, f"{reason}: it would be lost", place(at))
+        return UrdfError(self.words.path, reason, place(at))
 
 
 def mjcf_of(root: Element, path: Path) -> tuple[Urdf, Srdf]:
-    """The robot in a ``<mujoco>`` element, its excluded contacts as disabled pairs, and its keyframes as states.
+    """Read the robot of a ``<mujoco>`` element; excluded contacts and keyframes are returned as an SRDF.
 
-    The root link is ``world``. Bodies and named sites are links, sites on fixed joints. A hinge without a range is
-    continuous. A mesh's file is looked for in the folder that the file names. A joint that an equality binds to another
-    by a straight line is a mimic joint.
+    The root link is ``world``. Bodies and named sites become links, sites on fixed joints. A hinge without a range is
+    continuous. A joint that an equality couples linearly to another joint becomes a mimic joint.
 
     Raises
     ------
     UrdfError
-        With the line, for what is not read: it would be lost otherwise.
+        For unsupported elements; the message states the line.
     """
     from lxml import etree
 
     for section in root:
         if section.tag not in SECTIONS:
-            raise UrdfError(path, f"holds <{section.tag}>, which is not read: it would be lost", place(section))
+            raise UrdfError(path, f"contains <{section.tag}>, which is not supported", place(section))
     words = Words.of(root, path)
     assets = [mesh for asset in root.findall("asset") for mesh in asset.findall("mesh")]
     meshes = {mesh.get("name") or Path(required(mesh, "file", path)).stem: mesh for mesh in assets}
     robot = _Robot(words, meshes, etree.Element("robot", name=root.get("model") or "robot"))
     worlds = root.findall("worldbody")
     if not worlds:
-        raise UrdfError(path, "holds no <worldbody>: it describes no robot", place(root))
+        raise UrdfError(path, "has no <worldbody>", place(root))
     link = robot.link(ROOT, worlds[0])
     for world in worlds:
         _fill(robot, world, link, ROOT, world.get("childclass"))
@@ -330,10 +325,10 @@ def mjcf_of(root: Element, path: Path) -> tuple[Urdf, Srdf]:
 
 
 def _fill(robot: _Robot, body: Element, link: Element, name: str, inherited: str | None) -> None:
-    """What stands on a body, and the bodies on it."""
+    """Add the geoms, the sites and the child bodies of a body."""
     for element in body:
         if element.tag not in IN_BODY and element.tag != "freejoint":
-            raise robot.refuse(f"body {name!r} holds <{element.tag}>, which is not read", element)
+            raise robot.refuse(f"body {name!r} contains <{element.tag}>, which is not supported", element)
         if element.tag == "geom":
             add_geom(robot.words, robot.meshes, link, element, inherited)
         elif element.tag == "site" and element.get("name"):
@@ -351,12 +346,12 @@ def _site(robot: _Robot, site: Element, parent: str, inherited: str | None) -> N
 
 
 def _body(robot: _Robot, body: Element, parent: str, inherited: str | None) -> None:
-    """A body, behind its joints: each turns or slides at its own anchor ``pos``, in the body's frame."""
+    """Add a body and its joints; the anchor ``pos`` of each joint is in the frame of the body."""
     name = body.get("name") or f"body_{len(robot.links)}"
     pose = robot.words.pose(body, dict(body.attrib))
     joints = body.findall("joint")
     if (free := body.find("freejoint")) is not None:
-        raise robot.refuse(f"body {name!r} floats freely, and an arm stands on something", free)
+        raise robot.refuse(f"body {name!r} has a free joint; the base must be fixed", free)
     here, anchor = parent, np.zeros(3)
     for index, element in enumerate(joints):
         words = robot.words.attributes(element, inherited)
@@ -380,9 +375,9 @@ def _joint(robot: _Robot, element: Element, words: Mapping[str, str], parent: st
     name = words.get("name") or f"joint_{len(robot.joints)}"
     kind = words.get("type", "hinge")
     if kind not in ("hinge", "slide"):
-        raise robot.refuse(f"joint {name!r} is a {kind} joint; hinge and slide are read", element)
+        raise robot.refuse(f"joint {name!r} is a {kind} joint, which is not supported; valid: hinge, slide", element)
     if float(robot.words.numbers(element, words, "ref", 1, "0")[0]) != 0.0:
-        raise robot.refuse(f"joint {name!r} has a ref other than 0", element)
+        raise robot.refuse(f"joint {name!r} has a ref other than 0, which is not supported", element)
     limited = words.get("limited", "auto")
     has_limits = limited == "true" or (limited == "auto" and robot.words.auto_limits and "range" in words)
     urdf_kind = "prismatic" if kind == "slide" else "revolute" if has_limits else "continuous"
@@ -397,7 +392,7 @@ def _joint(robot: _Robot, element: Element, words: Mapping[str, str], parent: st
 
 
 def _couple(robot: _Robot, root: Element) -> None:
-    """Equalities: a straight line from joint to joint is a mimic; every other one would close a loop."""
+    """Convert linear equalities between two joints to mimic joints; other equalities are errors (closed loops)."""
     found = {joint.get("name"): joint for joint in robot.robot.findall("joint")}
     for element in (e for section in root.findall("equality") for e in section):
         words = robot.words.attributes(element, None)
@@ -405,7 +400,8 @@ def _couple(robot: _Robot, root: Element) -> None:
             continue
         line = robot.words.numbers(element, words, "polycoef", 5, "0 1 0 0 0") if element.tag == "joint" else np.ones(5)
         if line[2:].any() or "joint2" not in words or words.get("joint1") not in found:
-            raise robot.refuse(f"an equality <{element.tag}> binds more than one joint to another by a line", element)
+            reason = f"the equality <{element.tag}> is not a linear coupling of two joints, which alone is supported"
+            raise robot.refuse(reason, element)
         follower = found[words["joint1"]]
         robot.make(
             follower,

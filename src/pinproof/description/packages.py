@@ -1,4 +1,4 @@
-"""Where a mesh URI of a URDF lies on this machine: ROS package paths, and what other tools read from them."""
+"""Finding ROS packages and the files of mesh URIs."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from pinproof.common.files import is_file
 __all__ = ["MeshFile", "climbs_out", "example_robot_data", "find_package", "locate"]
 
 WORKSPACE_DEPTH = 4
-"""How deep packages are looked for below an entry of ROS_PACKAGE_PATH (workspace/src/repository/stack/package)."""
+"""Search depth for packages below an entry of ROS_PACKAGE_PATH (workspace/src/repository/stack/package)."""
 
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A mesh as a URDF names it, and where it was found (``path`` is None when nowhere)."""
+    """The URI of a mesh in a URDF, its file (None if it was not found), and the paths that were tried."""
 
     uri: str
     path: Path | None
@@ -27,16 +27,16 @@ class MeshFile:
 
 
 def locate(uri: str, urdf_folder: Path | None, package_dirs: Sequence[Path]) -> MeshFile:
-    """Find the file behind ``package://``, ``model://``, ``file://``, absolute and relative URIs.
+    """Find the file of a ``package://``, ``model://`` or ``file://`` URI or of a path.
 
-    ``package://P/rest`` is looked for as ``D/P/rest`` in each package folder D, in each parent of the URDF, in
-    ``ROS_PACKAGE_PATH`` (D/P, or D itself where it is the package P, or a package P below it), in ``PREFIX/share`` of
-    each prefix of ``AMENT_PREFIX_PATH``, and then in example-robot-data; a relative path beside the URDF and in each
-    package folder.
+    ``package://P/rest`` is searched as ``D/P/rest`` in each package folder D, in each parent folder of the URDF, in
+    ``ROS_PACKAGE_PATH`` (D/P, D itself if it is the package P, or a package P below D), in ``PREFIX/share`` for each
+    prefix in ``AMENT_PREFIX_PATH``, and in example-robot-data. A relative path is searched in the folder of the URDF
+    and in each package folder.
     """
     scheme, _, rest = uri.partition("://")
     if scheme in ("package", "model"):
-        # package:///P/rest is written too, and other tools read it so; as it stands it would be an absolute path.
+        # package:///P/rest is also common; without this the rest would be an absolute path.
         package, inside = _inside(rest)
         candidates = [folder / inside for folder in _package_folders(package, urdf_folder, package_dirs)]
     elif scheme == "file" and rest:
@@ -57,7 +57,7 @@ def locate(uri: str, urdf_folder: Path | None, package_dirs: Sequence[Path]) -> 
 
 
 def find_package(package: str, near: Path | None, package_dirs: Sequence[Path]) -> Path | None:
-    """The folder of a ROS package, looked for as :func:`locate` does; None when it is nowhere."""
+    """Return the folder of a ROS package, searched as by :func:`locate`, or None."""
     for folder in _package_folders(package, near, package_dirs):
         if folder.is_dir():
             return folder
@@ -65,7 +65,7 @@ def find_package(package: str, near: Path | None, package_dirs: Sequence[Path]) 
 
 
 def climbs_out(uri: str) -> bool:
-    """Whether a ``package://`` URI leads out of its package by way of ``..``: then it names no file of that package."""
+    """Whether a ``package://`` URI leaves its package through ``..``."""
     scheme, _, rest = uri.partition("://")
     if scheme not in ("package", "model"):
         return False
@@ -81,7 +81,7 @@ def climbs_out(uri: str) -> bool:
 
 
 def example_robot_data() -> Path | None:
-    """The share folder of the installed example-robot-data, or None; there is data in it and no importable module."""
+    """Return the share folder of the installed distribution example-robot-data (which has no modules), or None."""
     from importlib.metadata import PackageNotFoundError, distribution
 
     try:
@@ -92,16 +92,16 @@ def example_robot_data() -> Path | None:
 
 
 def _inside(rest: str) -> tuple[str, str]:
-    """The package, and the path in it; a second slash behind the package would begin an absolute path."""
+    """Split into the package and the path in it; repeated slashes are removed, as they would start an absolute path."""
     package, _, inside = unquote(rest).lstrip("/").partition("/")
     return package, inside.lstrip("/")
 
 
 def _package_folders(package: str, near: Path | None, package_dirs: Sequence[Path]) -> list[Path]:
-    """Where a package may lie, best first, without searching any folder."""
+    """Return the candidate folders of a package in order of preference, without searching in subfolders."""
     roots = [*package_dirs, *([] if near is None else [near, *near.parents])]
     folders = [root / package for root in roots]
-    if near is not None:  # a package cloned under another name than its own
+    if near is not None:  # the folder of a package may have another name
         folders += [parent for parent in (near, *near.parents) if _is_package(parent, package)]
     for entry in _paths("ROS_PACKAGE_PATH"):
         folders += [entry / package, *([entry] if entry.name == package or _is_package(entry, package) else [])]
@@ -111,7 +111,7 @@ def _package_folders(package: str, near: Path | None, package_dirs: Sequence[Pat
 
 
 def _workspace_packages(package: str) -> Iterator[Path]:
-    """The folders below ROS_PACKAGE_PATH that hold this package; packages do not nest."""
+    """Search for the package below ROS_PACKAGE_PATH; packages are not nested."""
     for entry in _paths("ROS_PACKAGE_PATH"):
         for folder, below, files in os.walk(entry):
             if "package.xml" in files:

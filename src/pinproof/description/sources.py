@@ -1,7 +1,4 @@
-"""What is odd about a description, though nothing in it had to be refused: said once, in sentences.
-
-A robot description of any kind, told apart by its suffix and by its root element.
-"""
+"""Reading a robot description of any format, and notes on inconsistencies that are not errors."""
 
 from __future__ import annotations
 
@@ -18,46 +15,48 @@ from pinproof.errors import InputError
 __all__ = ["notes", "read_description"]
 
 NAMED = 5
-"""How many names a sentence lists before it only counts."""
+"""Largest number of names that a note lists."""
 
 
 def notes(urdf: Urdf, srdf: Srdf) -> tuple[str, ...]:
-    """Sentences on meshes that were not found, and on what the SRDF names that the URDF does not have."""
-    said: list[str] = []
+    """Return sentences on missing meshes, limits that are probably in degrees, and unknown names in the SRDF."""
+    found: list[str] = []
     for kind, geometries in (("collision", urdf.collisions), ("visual", urdf.visuals)):
         lost = [g for g in geometries if g.mesh is not None and g.mesh.path is None]
         if lost:
             uris = list(dict.fromkeys(g.mesh.uri for g in lost if g.mesh is not None))
-            how = "; paths have / and not \\" if any("\\" in uri for uri in uris) else ""
-            said.append(f"{len(lost)} {kind} meshes were not found: {_some(uris)}{how}")
+            how = "; use / in paths, not \\" if any("\\" in uri for uri in uris) else ""
+            found.append(f"{len(lost)} {kind} meshes were not found: {_some(uris)}{how}")
     for joint in urdf.joints.values():
         try:
             for limit in (joint.lower, joint.upper) if joint.type == "revolute" else ():
                 refuse_degree_limit(f"limit of joint {joint.name!r}", limit)
         except InputError as odd:
-            said.append(str(odd))
+            found.append(str(odd))
     links, joints = set(urdf.links), set(urdf.joints)
     pairs = [pair.links for pair in srdf.disabled if not links.issuperset(pair.links)]
     if pairs:
         unknown = [name for name in dict.fromkeys(n for pair in pairs for n in pair) if name not in links]
-        said.append(f"the SRDF disables {len(pairs)} pairs of links that the robot does not have: {_some(unknown)}")
+        found.append(f"the SRDF disables {len(pairs)} pairs with links that the robot does not have: {_some(unknown)}")
     for group in srdf.groups.values():
         if group.missing:
-            said.append(f"SRDF group {group.name!r} holds groups that the SRDF does not: {_some(group.missing)}")
+            found.append(f"SRDF group {group.name!r} contains undefined groups: {_some(group.missing)}")
         ends = (end for chain in group.chains for end in chain)
         unknown = [n for n in (*group.links, *ends) if n not in links] + [n for n in group.joints if n not in joints]
         if unknown:
-            said.append(f"SRDF group {group.name!r} names what the robot does not have: {_some(unknown)}")
+            found.append(f"SRDF group {group.name!r} refers to links or joints that do not exist: {_some(unknown)}")
     for state in srdf.states:
         unknown = [name for name in state.joints if name not in joints]
         if unknown:
-            said.append(f"SRDF state {state.name!r} names joints that the robot does not have: {_some(unknown)}")
+            found.append(f"SRDF state {state.name!r} refers to joints that do not exist: {_some(unknown)}")
     for effector in srdf.end_effectors:
         if effector.parent_link not in links:
-            said.append(f"SRDF end effector {effector.name!r} hangs on {effector.parent_link!r}, which does not exist")
+            found.append(f"parent link {effector.parent_link!r} of SRDF end effector {effector.name!r} does not exist")
     if srdf.disabled_links:
-        said.append(f"the SRDF disables all pairs of {_some(srdf.disabled_links)} by default; they are checked")
-    return tuple(said)
+        found.append(
+            f"the SRDF disables all pairs of {_some(srdf.disabled_links)} by default; they are checked nevertheless"
+        )
+    return tuple(found)
 
 
 def _some(names: Sequence[str]) -> str:
@@ -68,14 +67,14 @@ def _some(names: Sequence[str]) -> str:
 def read_description(
     path: Path, *, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
 ) -> tuple[Urdf, Srdf]:
-    """A URDF, xacro or MJCF file on paper, and what an MJCF says that would stand in an SRDF (else an empty one).
+    """Read a URDF, xacro or MJCF file; for MJCF, excluded contacts and keyframes are returned as an SRDF (else empty).
 
     Raises
     ------
     UrdfError
-        For a file that cannot be used, with its line.
+        If the file is invalid; the message states the line.
     InputError
-        For a xacro file where the extra ``xacro`` is not installed.
+        If the file is a xacro file and the extra ``xacro`` is not installed.
     """
     if path.suffix in (".xml", ".mjcf"):
         root = parse_file(path)

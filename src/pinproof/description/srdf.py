@@ -1,4 +1,4 @@
-"""What an SRDF says about a robot: groups, named states, end effectors, and pairs of links not to be checked."""
+"""SRDF files: groups, named states, end effectors, and link pairs excluded from collision checking."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ __all__ = ["DisabledPair", "EndEffector", "Group", "GroupState", "Srdf", "read_s
 T = TypeVar("T")
 
 DEEPEST = 100
-"""Groups within groups within groups."""
+"""Largest nesting depth of groups."""
 
 
 @dataclass(frozen=True)
 class DisabledPair:
-    """Two links that the SRDF takes out of collision checking, and the reason it gives (empty when none)."""
+    """Two links that the SRDF excludes from collision checking, and the stated reason (may be empty)."""
 
     links: tuple[str, str]
     reason: str
@@ -29,9 +29,9 @@ class DisabledPair:
 
 @dataclass(frozen=True)
 class Group:
-    """A planning group, its subgroups joined in: joints and links by name, chains from a base link to a tip link.
+    """A planning group including its subgroups: joints and links by name, chains from a base link to a tip link.
 
-    ``missing`` are the subgroups that the file names and does not hold: the group cannot be used.
+    ``missing`` lists subgroups that the file does not define; such a group cannot be used.
     """
 
     name: str
@@ -43,7 +43,7 @@ class Group:
 
 @dataclass(frozen=True)
 class GroupState:
-    """A named state of a group: joint name to its numbers, one for a joint with one degree of freedom."""
+    """A named state of a group: joint name to values, one value for each degree of freedom of the joint."""
 
     name: str
     group: str
@@ -52,7 +52,7 @@ class GroupState:
 
 @dataclass(frozen=True)
 class EndEffector:
-    """An end effector and the link it hangs on: the tcp that a group declares."""
+    """An end effector and its parent link, which is the tcp of the group."""
 
     name: str
     parent_link: str
@@ -61,10 +61,10 @@ class EndEffector:
 
 @dataclass(frozen=True)
 class Srdf:
-    """The parts of an SRDF that planning needs.
+    """The contents of an SRDF that are used for planning.
 
-    A pair that it enables by name is in no ``disabled`` one. ``disabled_links`` are the links whose every pair it
-    disables by default; these pairs are checked all the same, unless ``disabled`` names them too.
+    Pairs that the file enables explicitly are not in ``disabled``. ``disabled_links`` are the links whose pairs are
+    disabled by default; these pairs are checked nevertheless, unless they are in ``disabled`` too.
     """
 
     path: Path | None = None
@@ -81,21 +81,20 @@ def read_srdf(path: str | Path) -> Srdf:
     Raises
     ------
     UrdfError
-        If the file is missing, is no XML, is a URDF, or lacks a name or number where one must stand; names file and
-        line.
+        If the file is missing, is not XML, is a URDF, or lacks a required name or number; the message states the line.
     """
     path = Path(path)
     root = parse_file(path)
     link = root.find("link")
-    if link is not None:  # a URDF has the same root element; read as an SRDF it would silently say nothing
-        raise UrdfError(path, "holds links: this is a URDF, not an SRDF", place(link))
+    if link is not None:  # a URDF has the same root element and would be read as an empty SRDF
+        raise UrdfError(path, "contains links: this is a URDF, not an SRDF", place(link))
     return srdf_of(root, path)
 
 
 def srdf_of(root: Element, path: Path) -> Srdf:
-    """The SRDF that stands in an XML element; ``path`` is named in errors."""
+    """Read the SRDF from an XML element; ``path`` is used in errors."""
     if root.tag != "robot":
-        raise UrdfError(path, f"the root element is <{root.tag}>, not <robot>: this is no SRDF", place(root))
+        raise UrdfError(path, f"is not an SRDF: the root element is <{root.tag}>, not <robot>", place(root))
     enabled = {frozenset(_pair(e, path)) for e in root.findall("enable_collisions")}
     disabled = [
         DisabledPair(_pair(e, path), e.get("reason", ""))
@@ -139,7 +138,7 @@ def _state(element: Element, path: Path) -> GroupState:
 def _join(
     name: str, elements: Mapping[str, Sequence[Element]], groups: dict[str, Group], path: Path, within: tuple[str, ...]
 ) -> Group:
-    """Enter a group into ``groups``, with all that its subgroups hold; one that is written twice holds both lists."""
+    """Add a group with the contents of its subgroups to ``groups``; duplicate definitions are combined."""
     if name in groups:
         return groups[name]
     if len(within) > DEEPEST:

@@ -1,14 +1,8 @@
-"""The geometry of a link on paper: what a URDF says is drawn, and what is to be collided with.
+"""Reading and validating URDF files: links with visual and collision geometry, joints, limits and mimic rules.
 
-The visual and collision elements of a URDF's links, each checked; unknown geometry is refused, never dropped.
-
-The joints of a URDF, each checked; what the file leaves open stays open, never the 0 of the URDF specification.
-
-A URDF on paper: read, checked element by element, and handed on only when nothing in it would be dropped or misread.
-
-The parsers behind Pinocchio take a zero axis, a negative radius, ``lower > upper`` and unknown geometry without an
-error; here each is refused with its line. What is kept is what the file says; kinematics begin in
-:mod:`pinproof.model`.
+The parsers that Pinocchio uses accept a zero axis, a negative radius, ``lower > upper`` and unknown geometry without an
+error. Here each of these is an error with its line. Values that the file does not state are None, not the 0 of the URDF
+specification. Kinematics are computed in :mod:`pinproof.model`.
 """
 
 from __future__ import annotations
@@ -63,18 +57,18 @@ class LinkGeometry:
     Parameters
     ----------
     name
-        Unique in the robot: ``LINK_0``, ``LINK_1``, ... in the file's order.
+        Unique name in the robot: ``LINK_0``, ``LINK_1``, ... in the order of the file.
     link
-        The link it belongs to.
-    kind
-        What it is; ``size`` holds, in metres: box (x, y, z) full sides; sphere (radius,); cylinder and capsule
-        (radius, length), along z, a capsule's length without its caps; mesh: the scale (x, y, z).
+        Name of the link.
+    kind, size
+        Shape and its size in metres. Box: full sides (x, y, z). Sphere: (radius,). Cylinder and capsule, along z:
+        (radius, length), the length of a capsule without its caps. Mesh: the scale (x, y, z).
     origin
         (4, 4) link_from_geometry.
     mesh
-        The file of a mesh.
+        File of a mesh.
     rgba
-        The colour a URDF material gives, 0 to 1.
+        Colour of the material, 0 to 1.
     """
 
     name: str
@@ -87,7 +81,7 @@ class LinkGeometry:
 
 
 FARTHEST = 1e4
-"""Metres. An origin or a size beyond this is a mistake of units; far beyond it, sums of squares overflow."""
+"""Metres. Larger origins and sizes are assumed to be errors in the unit; sums of squares could overflow."""
 
 SHAPES = ("box", "capsule", "cylinder", "mesh", "sphere")
 
@@ -95,7 +89,7 @@ SHAPES = ("box", "capsule", "cylinder", "mesh", "sphere")
 def read_links(
     root: Element, source: str | Path, folder: Path | None, package_dirs: Sequence[Path]
 ) -> tuple[tuple[LinkGeometry, ...], tuple[LinkGeometry, ...]]:
-    """All visuals, then all collisions, of a ``<robot>``, in the file's order."""
+    """Return all visual and all collision geometries of a ``<robot>``, in the order of the file."""
     colours = {m.get("name"): _rgba(m, source) for m in root.findall("material") if m.get("name")}
     found: dict[str, list[LinkGeometry]] = {"visual": [], "collision": []}
     for link in root.findall("link"):
@@ -108,7 +102,7 @@ def read_links(
 
 
 def rpy_matrix(roll: float, pitch: float, yaw: float) -> npt.NDArray[np.float64]:
-    """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll), angles in radians about fixed axes."""
+    """Return the rotation matrix (3, 3) Rz(yaw) Ry(pitch) Rx(roll), angles in radians about fixed axes."""
     (sr, sp, sy), (cr, cp, cy) = np.sin([roll, pitch, yaw]), np.cos([roll, pitch, yaw])
     return np.array(
         [
@@ -132,7 +126,7 @@ def _geometry(
     shapes = [] if (geometry := element.find("geometry")) is None else list(geometry)
     if len(shapes) != 1:
         raise UrdfError(
-            source, f"a <{element.tag}> of link {link!r} must hold one shape, not {len(shapes)}", place(element)
+            source, f"a <{element.tag}> of link {link!r} must have one shape, not {len(shapes)}", place(element)
         )
     shape = shapes[0]
     kind, size = _shape(shape, link, source)
@@ -144,7 +138,7 @@ def _geometry(
     if kind == "mesh":
         uri = required(shape, "filename", source)
         if climbs_out(uri):
-            raise UrdfError(source, f"{uri} climbs out of its package by way of '..'", place(shape))
+            raise UrdfError(source, f"{uri} leaves its package through '..'; remove it", place(shape))
         mesh = locate(uri, folder, package_dirs)
     placement = np.eye(4)
     placement[:3, :3], placement[:3, 3] = origin(element, source)
@@ -160,7 +154,9 @@ def _shape(
     if tag == "mesh":
         size = numbers(shape, "scale", 3, source, "1 1 1")
         if 0.0 in size:
-            raise UrdfError(source, f"a mesh of link {link!r} is scaled to nothing: {list(size)}", place(shape))
+            raise UrdfError(
+                source, f"a mesh of link {link!r} has the scale {list(size)}, which must not be 0", place(shape)
+            )
         return "mesh", size
     if tag == "box":
         kind: Literal["box", "sphere", "cylinder", "capsule"] = "box"
@@ -175,14 +171,14 @@ def _shape(
     if min(size) <= 0 or max(size) > FARTHEST:
         raise UrdfError(
             source,
-            f"a {tag} of link {link!r} has the size {list(size)}; sizes are above 0 and at most {FARTHEST:g} m",
+            f"a {tag} of link {link!r} has the size {list(size)}; sizes must be above 0 and at most {FARTHEST:g} m",
             place(shape),
         )
     return kind, size
 
 
 def origin(element: Element, source: str | Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
-    """The rotation (3, 3) and the translation (3,) in metres of an element's ``<origin>``."""
+    """Return the rotation (3, 3) and the translation (3,) in metres of the ``<origin>`` of an element."""
     found = element.find("origin")
     if found is None:
         return np.eye(3), np.zeros(3)
@@ -202,10 +198,10 @@ def _rgba(material: Element, source: str | Path) -> tuple[float, float, float, f
 
 
 SMALLEST_AXIS = 1e-6
-"""An axis vector whose entries are all below this has no direction worth the name."""
+"""An axis vector whose entries are all smaller than this has no defined direction."""
 
 UNBOUNDED = 1e4
-"""Rad or m. A limit beyond this, such as the 1e16 that simulators write for a wheel, is none."""
+"""Rad or m. Larger limits, such as 1e16 for a wheel in files of simulators, are treated as no limit."""
 
 JOINT_PARTS = ("axis", "calibration", "child", "dynamics", "limit", "mimic", "origin", "parent", "safety_controller")
 
@@ -214,7 +210,7 @@ JointType = Literal["revolute", "continuous", "prismatic", "fixed", "floating", 
 
 @dataclass(frozen=True)
 class Mimic:
-    """A follower's rule: q = multiplier * q_leader + offset."""
+    """The rule of a mimic joint: q = multiplier * q_leader + offset."""
 
     leader: str
     multiplier: float
@@ -223,10 +219,9 @@ class Mimic:
 
 @dataclass(frozen=True)
 class UrdfJoint:
-    """A joint as the file states it; None where the file states nothing usable.
+    """A joint of a URDF; limits are None where the file states none.
 
-    So it is with a limit beyond :data:`UNBOUNDED`, and with a velocity of 0: no joint with a use has that limit, it
-    means "not known".
+    A limit beyond :data:`UNBOUNDED` and a velocity limit of 0, which means "unknown" in practice, are None too.
     """
 
     name: str
@@ -240,7 +235,7 @@ class UrdfJoint:
 
 
 def read_joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
-    """A ``<joint>`` element; ``links`` are the names it may join."""
+    """Read a ``<joint>`` element; ``links`` are the links of the robot by name."""
     name, kind = required(element, "name", source), required(element, "type", source)
     where = place(element)
     if kind not in get_args(JointType):
@@ -271,15 +266,15 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
         leader = required(mimic, "joint", source)
         rule = Mimic(leader, number(mimic, "multiplier", source, "1"), number(mimic, "offset", source, "0"))
         if max(abs(rule.multiplier), abs(rule.offset)) > FARTHEST:
-            what = f"joint {name!r} mimics with multiplier {rule.multiplier:g} and offset {rule.offset:g}"
-            raise UrdfError(source, f"{what}; at most {FARTHEST:g} makes sense", place(mimic))
+            what = f"mimic joint {name!r} has the multiplier {rule.multiplier:g} and the offset {rule.offset:g}"
+            raise UrdfError(source, f"{what}; the limit is {FARTHEST:g}", place(mimic))
     return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule)
 
 
 def _limits(
     element: Element, name: str, kind: str, source: str | Path
 ) -> tuple[float | None, float | None, float | None]:
-    """Lower, upper, velocity; a bound that is not written is None, never the 0 that the URDF specification fills in."""
+    """Return lower, upper, velocity; a missing limit is None, not the 0 of the URDF specification."""
     limit = element.find("limit")
     if limit is None or kind == "fixed":
         return None, None, None
@@ -301,34 +296,37 @@ def _usable(bound: float | None) -> float | None:
 
 
 def check_mimics(joints: Mapping[str, UrdfJoint], source: str | Path) -> None:
-    """Refuse followers of a joint that is not there, or that does not move by itself."""
+    """Raise UrdfError for a mimic joint whose leader does not exist or is not an independent single-axis joint."""
     for joint in joints.values():
         if joint.mimic is None:
             continue
         if joint.type in ("floating", "planar"):
-            raise UrdfError(source, f"joint {joint.name!r} mimics another, which a {joint.type} joint cannot")
+            raise UrdfError(source, f"joint {joint.name!r} is {joint.type} and cannot be a mimic joint")
         leader = joints.get(joint.mimic.leader)
         if leader is None:
             raise UrdfError(
                 source, str(UnknownNameError("joint", joint.mimic.leader, joints, f"mimic of {joint.name!r}"))
             )
         if leader.mimic is not None or leader.type not in ("revolute", "continuous", "prismatic"):
-            what = "itself mimics" if leader.mimic is not None else f"is {leader.type}"
+            what = "is a mimic joint itself" if leader.mimic is not None else f"is {leader.type}"
             raise UrdfError(
-                source, f"joint {joint.name!r} mimics {leader.name!r}, which {what}; it must move by itself"
+                source,
+                f"joint {joint.name!r} mimics {leader.name!r}, which {what}; "
+                "valid leaders are revolute, continuous or prismatic joints without <mimic>",
             )
 
 
 MAX_LINKS = 1000
-"""Longer robots are refused: urdfdom recurses once a link and ends the interpreter at about 5,000."""
+"""Largest number of links; urdfdom recurses for each link and crashes at about 5,000."""
 
 
 @dataclass(frozen=True, eq=False)
 class Urdf:
-    """A robot description that has passed every check.
+    """A validated robot description.
 
-    ``kinematics`` is URDF text for Pinocchio: the same links, joints and inertias, without geometry; continuous joints
-    stand as revolute ones, so that each joint is one angle, and mimic tags are left to :mod:`pinproof.model`.
+    ``kinematics`` is URDF text for Pinocchio: the same links, joints and inertias without geometry. Continuous joints
+    are written as revolute ones, so that each joint is one angle, and mimic tags are omitted because
+    :mod:`pinproof.model` handles them.
     """
 
     name: str
@@ -341,32 +339,32 @@ class Urdf:
     kinematics: str
 
     def model_joint(self, joint: str) -> str:
-        """The name of a joint in ``kinematics``: its own, unless a link has that name too, which Pinocchio refuses."""
+        """The name of a joint in ``kinematics``; it differs where a link has the same name, which Pinocchio rejects."""
         return _model_joint(joint, self.links)
 
     def parent_joint(self, link: str) -> UrdfJoint | None:
-        """The joint that carries a link; None for the root."""
+        """The parent joint of a link; None for the root."""
         return next((joint for joint in self.joints.values() if joint.child == link), None)
 
 
 def read_urdf(
     path: str | Path, *, package_dirs: Sequence[str | Path] = (), xacro_args: Mapping[str, str] | None = None
 ) -> Urdf:
-    """Read and check a URDF file, or a xacro file that expands to one.
+    """Read and validate a URDF file, or a xacro file that expands to one.
 
     Parameters
     ----------
     path
-        The file; a name that ends in ``.xacro`` is expanded first (the extra ``xacro``).
+        The file; a file with the suffix ``.xacro`` is expanded first (requires the extra ``xacro``).
     package_dirs
-        Folders that hold ROS packages, searched first for ``package://`` meshes.
+        Folders that contain ROS packages, searched first for ``package://`` meshes.
     xacro_args
-        What a xacro file is told for its ``<xacro:arg>``.
+        Values for the ``<xacro:arg>`` elements of a xacro file.
 
     Raises
     ------
     UrdfError
-        With the line, for anything that would be misread or dropped.
+        If the file is invalid or contains unsupported elements; the message states the line.
     """
     path = Path(path)
     if path.suffix == ".xacro":
@@ -374,31 +372,32 @@ def read_urdf(
         root = parse_text(expand_xacro(path, xacro_args or {}, [Path(d) for d in package_dirs]), name)
         return urdf_of(root, name, path, package_dirs)
     if xacro_args:
-        raise InputError(f"{path} is no .xacro file, so it takes no xacro_args")
+        raise InputError(f"xacro_args are valid for .xacro files only, not for {path}")
     return urdf_of(parse_file(path), path, path, package_dirs)
 
 
 def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Urdf:
-    """Read and check URDF text; ``name`` stands for the file in errors."""
+    """Read and validate URDF text; ``name`` is used instead of a file in errors."""
     return urdf_of(parse_text(text, name), name, None, package_dirs)
 
 
 def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: Sequence[str | Path] = ()) -> Urdf:
-    """The URDF in an XML element: ``source`` is named in errors, meshes are looked for from the folder of ``path``."""
+    """Read the URDF from an XML element; ``source`` is used in errors, ``path`` to find relative mesh paths."""
     if root.tag != "robot":
-        raise UrdfError(source, f"the root element is <{root.tag}>, not <robot>: this is no URDF", place(root))
+        raise UrdfError(source, f"is not a URDF: the root element is <{root.tag}>, not <robot>", place(root))
     macro = next((e for e in root.iter() if "xacro" in e.tag.rpartition("}")[0]), None)
     if macro is not None:
-        raise UrdfError(source, "holds xacro macros, which would be dropped; expand it to a plain URDF", place(macro))
+        reason = "contains xacro elements; rename the file to .urdf.xacro, or expand it to a plain URDF"
+        raise UrdfError(source, reason, place(macro))
     link_elements = root.findall("link")
     if not link_elements:
-        raise UrdfError(source, "holds no link: it describes no robot", place(root))
+        raise UrdfError(source, "has no links", place(root))
     if len(link_elements) > MAX_LINKS:
-        raise UrdfError(source, f"has {len(link_elements)} links; more than {MAX_LINKS} are refused")
+        raise UrdfError(source, f"has {len(link_elements)} links; the limit is {MAX_LINKS}")
     links = _unique(link_elements, source)
     if "universe" in links:
         raise UrdfError(
-            source, "has a link named 'universe', a name Pinocchio keeps for itself", place(links["universe"])
+            source, "has a link named 'universe', a name reserved by Pinocchio; rename it", place(links["universe"])
         )
     joints = {name: read_joint(e, links, source) for name, e in _unique(root.findall("joint"), source).items()}
     check_mimics(joints, source)
@@ -421,25 +420,23 @@ def _unique(elements: Sequence[Element], source: str | Path) -> dict[str, Elemen
     for element in elements:
         name = required(element, "name", source)
         if name in named:
-            raise UrdfError(source, f"a second <{element.tag}> is named {name!r}", place(element))
+            raise UrdfError(source, f"duplicate <{element.tag}> name {name!r}", place(element))
         named[name] = element
     return named
 
 
 def _root_link(links: Mapping[str, Element], joints: Mapping[str, UrdfJoint], source: str | Path) -> str:
-    """The one link without a parent; every other must hang on it, each on one joint only."""
+    """Return the root link; every other link must have exactly one parent joint and be connected to the root."""
     parents: dict[str, str] = {}
     for joint in joints.values():
         if joint.child in parents:
-            what = f"link {joint.child!r} hangs on more than one joint: URDF robots are trees"
+            what = f"link {joint.child!r} is the child of more than one joint; a URDF must be a tree"
             raise UrdfError(source, what, place(links[joint.child]))
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
     if len(roots) != 1:
-        what = (
-            f"the links {roots} all have no parent" if roots else "no link is without a parent, so joints form a ring"
-        )
-        raise UrdfError(source, f"{what}; a URDF has exactly one root", place(links[roots[1]]) if roots else "")
+        what = f"the links {roots} have no parent" if roots else "all links have a parent, so the joints form a loop"
+        raise UrdfError(source, f"{what}; a URDF must have exactly one root", place(links[roots[1]]) if roots else "")
     reached, edge = {roots[0]}, [roots[0]]
     children: dict[str, list[str]] = {}
     for child, parent in parents.items():
@@ -449,13 +446,14 @@ def _root_link(links: Mapping[str, Element], joints: Mapping[str, UrdfJoint], so
         reached.update(fresh)
         edge.extend(fresh)
     if len(reached) != len(links):
-        ring = [link for link in links if link not in reached]
-        raise UrdfError(source, f"the links {ring} form a ring that does not hang on the root", place(links[ring[0]]))
+        loop = [link for link in links if link not in reached]
+        reason = f"the links {loop} form a loop that is not connected to the root"
+        raise UrdfError(source, reason, place(links[loop[0]]))
     return roots[0]
 
 
 def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
-    """The URDF text for Pinocchio; numbers are copied as the file writes them."""
+    """Return the URDF text for Pinocchio; numbers are copied verbatim from the file."""
     from lxml import etree
 
     robot = etree.Element("robot", name=root.get("name") or "robot")
@@ -478,7 +476,7 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
             unit = vector / np.linalg.norm(vector)
             etree.SubElement(copy, "axis", xyz=" ".join(repr(float(v)) for v in unit))
         if kind in ("revolute", "prismatic"):
-            # The limits that count are JointLimits; Pinocchio's parser only insists that some are there.
+            # The parser of Pinocchio requires limits; those in use are in JointLimits.
             etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort="1e9")
     return str(etree.tostring(robot, encoding="unicode"))
 
@@ -488,7 +486,7 @@ def _model_joint(joint: str, links: Container[str]) -> str:
 
 
 def _inertial(link: Element) -> list[Element]:
-    """A copy of the link's inertial element, if it is complete and numeric; nothing here depends on inertias."""
+    """Return a copy of the inertial element of a link if it is complete and numeric, else nothing."""
     from copy import deepcopy
 
     inertial = link.find("inertial")
@@ -505,5 +503,5 @@ def _inertial(link: Element) -> list[Element]:
             numbers(where, "xyz", 3, "", "0 0 0")
             numbers(where, "rpy", 3, "", "0 0 0")
     except UrdfError:
-        return []  # urdfdom would print its complaint and drop it too
+        return []  # urdfdom prints an error and ignores it too
     return [deepcopy(inertial)]

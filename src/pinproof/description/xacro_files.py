@@ -1,4 +1,4 @@
-"""xacro files, expanded by ROS's own ``xacro`` (the extra ``xacro``), which is plain Python and needs no ROS."""
+"""Expansion of xacro files by the package ``xacro`` of ROS (the extra ``xacro``), which does not require ROS."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pinproof.errors import InputError, UrdfError
 __all__ = ["expand_xacro"]
 
 TIME_LIMIT = 60.0
-"""Seconds; the robots of MoveIt's and the vendors' packages take one or two."""
+"""Seconds; robots from MoveIt and vendor packages take one or two seconds."""
 
 PROGRAM = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
@@ -26,25 +26,25 @@ PROGRAM = (
 def expand_xacro(
     path: Path, arguments: Mapping[str, str], package_dirs: Sequence[Path], *, time_limit: float = TIME_LIMIT
 ) -> str:
-    """The XML text that a xacro file expands to; ``$(find P)`` is looked for as ``package://P`` is.
+    """Expand a xacro file to XML text; ``$(find P)`` is searched like ``package://P``.
 
-    A xacro file is a program: it evaluates Python expressions (without builtins) and reads the files it includes. It
-    runs in a process of its own, with a bound of memory, for at most ``time_limit`` (s).
+    A xacro file is a program: it evaluates Python expressions (without builtins) and reads included files. It runs in
+    a separate process with a memory limit, for at most ``time_limit`` (s).
 
     Raises
     ------
     InputError
         If xacro is not installed.
     UrdfError
-        If the file cannot be expanded, with xacro's reason.
+        If the file cannot be expanded; the message contains the reason given by xacro.
     """
     try:
         importlib.import_module("xacro")
     except ImportError as error:
         raise InputError(
-            f"{path} needs xacro to be expanded; install it with: pip install 'pinproof[xacro]'"
+            f"{path} is a xacro file, which requires the extra 'xacro': pip install 'pinproof[xacro]'"
         ) from error
-    parse_file(path)  # for its checks: a file, of a size, well-formed, without entities
+    parse_file(path)  # checks the size, that the XML is well-formed, and that it has no entities
     job = {
         "path": str(path),
         "arguments": {key: str(value) for key, value in arguments.items()},
@@ -63,7 +63,7 @@ def expand_xacro(
     except subprocess.TimeoutExpired as error:
         raise UrdfError(
             path,
-            f"xacro did not come to an end within {time_limit:g} s; does an expression or a macro grow without end?",
+            f"xacro did not finish within {time_limit:g} s; check for macros or expressions without termination",
         ) from error
     if done.returncode:
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]

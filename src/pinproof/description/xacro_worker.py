@@ -1,6 +1,6 @@
-"""The process that expands one xacro file: a program of its own, so that it can be bounded and stopped.
+"""The separate process that expands one xacro file with limits for memory and time.
 
-Reads the job as JSON from its standard input and writes the answer as JSON to its standard output.
+It reads the job as JSON from standard input and writes the result as JSON to standard output.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from pinproof.description.packages import find_package
 __all__ = ["main"]
 
 MOST_MEMORY = 4 * 2**30
-"""Bytes of address space: the largest robots expand within a twentieth of it."""
+"""Bytes of address space; the largest robots need about a twentieth of it."""
 
 
 def main() -> None:
-    """Expand the file of the job; whatever goes wrong in it is the answer, not an exception."""
+    """Expand the file of the job; errors are returned in the result."""
     job = json.load(sys.stdin)
     _bound_memory()
     answer: dict[str, str]
-    with contextlib.redirect_stdout(sys.stderr):  # xacro warns there
+    with contextlib.redirect_stdout(sys.stderr):  # xacro prints warnings
         try:
             answer = {"text": _expand(Path(job["path"]), job["arguments"], [Path(d) for d in job["package_dirs"]])}
         except Exception as error:  # noqa: BLE001 - xacro raises whatever the expressions in the file raise
@@ -46,7 +46,7 @@ def _expand(path: Path, arguments: dict[str, str], package_dirs: list[Path]) -> 
         return str(folder)
 
     parts: Any = substitution_args
-    parts._eval_find = find  # xacro asks ament_index_python, a part of ROS; it has no other seam for that
+    parts._eval_find = find  # xacro would use ament_index_python, a part of ROS, and has no setting for this
     document = xacro.process_file(str(path), mappings=arguments)
     return str(document.toprettyxml(indent="  "))
 

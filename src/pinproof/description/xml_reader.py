@@ -1,4 +1,4 @@
-"""XML read with care: every complaint names file and line, and nothing outside the file is ever fetched."""
+"""Reading XML: every error states file and line, and no external resources are loaded."""
 
 from __future__ import annotations
 
@@ -27,27 +27,27 @@ __all__ = [
 ]
 
 NEAR = 0.8
-"""Likeness (difflib's ratio) above which an unknown tag is taken for a misspelt one; 'collison' has 0.94."""
+"""Similarity (``difflib`` ratio) above which an unknown tag is considered misspelt; 'collison' has 0.94."""
 
 LONGEST_TAG = 64
-"""Characters that are compared: the time grows with their square."""
+"""Characters that are compared; the time grows with their square."""
 
 Element = Any  # lxml.etree._Element; lxml is typed only by its private names
 
 
 def parse_file(path: Path) -> Element:
-    """The root element of an XML file.
+    """Return the root element of an XML file.
 
     Raises
     ------
     UrdfError
-        If it cannot be read or is not well-formed, with the line.
+        If the file cannot be read or is not well-formed; the message states the line.
     """
     return parse_text(read_bytes(path, UrdfError), path)
 
 
 def parse_text(text: str | bytes, path: str | Path) -> Element:
-    """The root element of XML text; ``path`` is only named in errors. A DOCTYPE (entities) is refused."""
+    """Return the root element of XML text without a DOCTYPE; ``path`` is used in errors only."""
     from lxml import etree
 
     data = text.encode() if isinstance(text, str) else text
@@ -63,34 +63,35 @@ def parse_text(text: str | bytes, path: str | Path) -> Element:
 
 
 def refuse_doctype(data: bytes, path: str | Path, error: type[FileError]) -> None:
-    """Refuse XML with a DOCTYPE before any entity is met: it could swell to any size, or fetch other files."""
+    """Raise ``error`` for XML with a DOCTYPE, whose entities could expand without limit or load other files."""
     from lxml import etree
 
     try:
         _, root = next(etree.iterparse(BytesIO(data), events=("start",), resolve_entities=False, no_network=True))
     except (etree.XMLSyntaxError, StopIteration):
-        return  # who reads it says why it is no XML
+        return  # the parser reports the error
     if root.getroottree().docinfo.doctype:
-        raise error(path, "holds a DOCTYPE, which nothing here needs and which can hide entity bombs")
+        raise error(path, "contains a DOCTYPE, which is not allowed (entities can expand without limit); remove it")
 
 
 def place(element: Element) -> str:
-    """``line 12``."""
+    """Return the position of an element for messages: ``line 12``."""
     return f"line {element.sourceline}"
 
 
 def spelt(element: Element, known: Collection[str], path: str | Path) -> None:
-    """Refuse a child element that is nearly a known one, such as ``<collison>``: it would be skipped in silence."""
+    """Raise UrdfError for a misspelt child element such as ``<collison>``, which would otherwise be ignored."""
     for child in element:
         if child.tag not in known and (near := _near(str(child.tag), known)):
-            raise UrdfError(path, f"<{element.tag}> holds <{child.tag}>; is <{near[0]}> meant?", place(child))
+            raise UrdfError(path, f"<{element.tag}> contains <{child.tag}>; did you mean <{near[0]}>?", place(child))
 
 
 def spelt_attributes(element: Element, known: Collection[str], path: str | Path) -> None:
-    """The same for attributes, such as ``uper``."""
+    """Raise UrdfError for a misspelt attribute such as ``uper``."""
     for name in element.attrib:
         if name not in known and (near := _near(str(name), known)):
-            raise UrdfError(path, f"<{element.tag}> has the attribute {name!r}; is {near[0]!r} meant?", place(element))
+            reason = f"<{element.tag}> has the attribute {name!r}; did you mean {near[0]!r}?"
+            raise UrdfError(path, reason, place(element))
 
 
 def _near(name: str, known: Collection[str]) -> list[str]:
@@ -98,15 +99,15 @@ def _near(name: str, known: Collection[str]) -> list[str]:
 
 
 def only(element: Element, known: Collection[str], path: str | Path) -> None:
-    """Refuse attributes that are not known: what they say would be lost."""
+    """Raise UrdfError for an unknown attribute, which would otherwise be ignored."""
     for attribute in element.attrib:
         if attribute not in known:
-            what = f"<{element.tag}> has the attribute {attribute!r}; known ones: {', '.join(known)}"
+            what = f"<{element.tag}> has the unknown attribute {attribute!r}; valid: {', '.join(known)}"
             raise UrdfError(path, what, place(element))
 
 
 def required(element: Element, attribute: str, path: str | Path) -> str:
-    """The text of an attribute that must be there and not be empty."""
+    """Return the text of a required attribute, which must not be empty."""
     value = element.get(attribute)
     if value is None or not value.strip():
         raise UrdfError(path, f"<{element.tag}> needs the attribute {attribute!r}", place(element))
@@ -116,22 +117,22 @@ def required(element: Element, attribute: str, path: str | Path) -> str:
 def numbers(
     element: Element, attribute: str, count: int, path: str | Path, default: str | None = None
 ) -> tuple[float, ...]:
-    """``count`` finite numbers, separated by blanks; ``default`` is taken when the attribute is absent."""
+    """Return ``count`` finite numbers separated by spaces; ``default`` is used if the attribute is missing."""
     text = element.get(attribute, default)
     if text is None:
         raise UrdfError(path, f"<{element.tag}> needs the attribute {attribute!r}", place(element))
     try:
-        if "_" in text or not text.isascii():  # digit separators and other scripts' digits: Python alone reads them
+        if "_" in text or not text.isascii():  # digit separators and non-ASCII digits are valid in Python only
             raise ValueError(text)
         values = tuple(float(part) for part in text.split())
     except ValueError as error:
         raise UrdfError(path, f"<{element.tag} {attribute}={text!r}> is not numeric", place(element)) from error
     if len(values) != count or not all(math.isfinite(v) for v in values):
         wanted = "one finite number" if count == 1 else f"{count} finite numbers"
-        raise UrdfError(path, f"<{element.tag} {attribute}={text!r}> must hold {wanted}", place(element))
+        raise UrdfError(path, f"<{element.tag} {attribute}={text!r}> must be {wanted}", place(element))
     return values
 
 
 def number(element: Element, attribute: str, path: str | Path, default: str | None = None) -> float:
-    """One finite number."""
+    """Return one finite number."""
     return numbers(element, attribute, 1, path, default)[0]

@@ -12,7 +12,7 @@ from typing import ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import Rng, positive, whole
+from pinproof.common.validation import Rng, require_integer, require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.loop import (
     CompiledEngine,
@@ -96,9 +96,9 @@ class IterativeIk(ABC):
 
     def __post_init__(self) -> None:
         for name in ("position_tolerance", "orientation_tolerance", "max_step"):
-            positive(name, getattr(self, name))
-        whole("max_iterations", self.max_iterations, 1)
-        whole("restarts", self.restarts, 0)
+            require_positive(name, getattr(self, name))
+        require_integer("max_iterations", self.max_iterations, 1)
+        require_integer("restarts", self.restarts, 0)
         if self.engine not in get_args(EngineName):
             raise UnknownNameError("engine", self.engine, get_args(EngineName))
 
@@ -195,7 +195,7 @@ class IterativeIk(ABC):
         InputError
             As :meth:`solve`; the message names the target.
         """
-        whole("threads", threads, 1)
+        require_integer("threads", threads, 1)
         many = rigid_many("targets", targets)
         starts = _starts(arm, q0, len(many))
         engine = self._engine(None)
@@ -254,8 +254,8 @@ class IterativeIk(ABC):
         attempts
             Number of descents after which the search ends.
         """
-        whole("count", count, 1)
-        whole("attempts", attempts, 1)
+        require_integer("count", count, 1)
+        require_integer("attempts", attempts, 1)
         query = self._query(arm, rigid("target", target), _start(arm, q0), rng, task, None)
         engine = self._engine(None)
         kept: list[Candidate] = []

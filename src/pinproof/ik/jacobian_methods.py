@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import positive
+from pinproof.common.validation import require_positive
 from pinproof.ik.iterative import IterativeIk, KernelRule
 from pinproof.ik.loop import NOTHING, DescentState, StepRule
 
@@ -46,7 +46,7 @@ class Clik(IterativeIk):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("damping", self.damping, zero=True)
+        require_positive("damping", self.damping, zero=True)
 
     def step_rule(self) -> StepRule:
         """The damped least-squares step with these settings."""
@@ -118,8 +118,8 @@ class DampedLeastSquares(IterativeIk):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("damping", self.damping)
-        positive("region", self.region)
+        require_positive("damping", self.damping)
+        require_positive("region", self.region)
 
     def step_rule(self) -> StepRule:
         """The damped least-squares step."""
@@ -176,7 +176,7 @@ class PseudoInverse(IterativeIk):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        positive("cutoff", self.cutoff, zero=True, below=1.0)
+        require_positive("cutoff", self.cutoff, zero=True, below=1.0)
 
     def step_rule(self) -> StepRule:
         """The pseudo-inverse step."""

@@ -22,7 +22,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import positive
+from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 
@@ -221,7 +221,7 @@ class IkGoal:
             raise UnknownNameError("goal", self.kind, get_args(GoalName))
         if self.gain is None:
             object.__setattr__(self, "gain", 0.2 if self.kind == "manipulability" else 1.0)
-        positive("gain", self.gain)  # type: ignore[arg-type]  # set above
+        require_positive("gain", self.gain)  # type: ignore[arg-type]  # set above
 
 
 def packed_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Array:

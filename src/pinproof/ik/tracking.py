@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import positive
+from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.result import AT_LIMIT
 from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_task, packed_goal
@@ -263,7 +263,7 @@ def track(
     if dt is not None and times is not None:
         raise InputError(EITHER)
     if dt is not None:
-        positive("dt", dt)
+        require_positive("dt", dt)
         clock, durations = dt * np.arange(1.0, len(many) + 1), np.full(len(many), float(dt))
     elif times is not None:
         clock = finite("times", times, (len(many),))
@@ -305,7 +305,7 @@ class Tracker:
         position_tolerance: float = 1e-6,
         orientation_tolerance: float = 1e-6,
     ) -> None:
-        positive("dt", dt)
+        require_positive("dt", dt)
         self.arm, self.dt = arm, float(dt)
         self._settings = velocity, task, goal, position_tolerance, orientation_tolerance
         self._durations = np.array([self.dt])
@@ -367,8 +367,8 @@ class _Follower:
         position_tolerance: float,
         orientation_tolerance: float,
     ) -> None:
-        positive("position_tolerance", position_tolerance)
-        positive("orientation_tolerance", orientation_tolerance)
+        require_positive("position_tolerance", position_tolerance)
+        require_positive("orientation_tolerance", orientation_tolerance)
         self.task: Task = make_task(task, position_tolerance, orientation_tolerance)
         self.start, self.velocity = arm.limits.snap(arm.configuration(q0, "q0")), _speeds(arm, velocity)
         if outside := arm.limits.violations(self.start, arm.joint_names):

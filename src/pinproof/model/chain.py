@@ -1,13 +1,11 @@
-"""Which joints an arm has: the path from base to tcp, followers folded into their leaders.
+"""The chain of an arm: joints from base to tcp, mimic joints, reduced Pinocchio model, packed array, SRDF groups.
 
-Every joint of the reduced Pinocchio model is one number, and that number is an affine function of the arm's own q::
+The configuration of the reduced Pinocchio model is an affine function of the configuration q of the arm::
 
     q_model = scale @ q + offset
 
-A joint of the arm has the row e_j, a mimic follower the row multiplier * e_leader. So the same matrix maps q forwards,
-Jacobians backwards, and tells the certificate which motion moves what.
-
-What an SRDF group means on the tree of links: one chain, from a base link to a tip link.
+The row of a joint of the arm is e_j, the row of a mimic follower is multiplier * e_leader. The same matrix maps q to
+the model and Jacobians of the model to the arm.
 """
 
 from __future__ import annotations
@@ -40,7 +38,7 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 MAX_JOINTS = 250
-"""An arm of more joints is refused: Pinocchio's workspace takes 1 s to build at 250 of them, and 100 s at 900."""
+"""Largest number of joints of an arm; creating ``pinocchio.Data`` takes 1 s for 250 joints and 100 s for 900."""
 
 MOVING = ("revolute", "continuous", "prismatic")
 
@@ -54,11 +52,11 @@ class Chain:
     joint_names
         The n joints of q, from base to tcp.
     angular
-        (n,) True where the joint turns, False where it slides.
+        (n,) True for a revolute or continuous joint, False for a prismatic one.
     followers
-        Every mimic joint of the robot whose leader is one of them, on the chain or off it.
+        All mimic joints of the robot whose leader is one of these joints, on the chain or not.
     limits
-        Of the n joints; a follower's own limits are folded into its leader's.
+        Limits of the n joints, tightened by the limits of their followers.
     """
 
     joint_names: tuple[str, ...]
@@ -68,25 +66,25 @@ class Chain:
 
 
 def link_path(urdf: Urdf, base: str, tip: str) -> list[UrdfJoint]:
-    """The joints from link ``base`` out to link ``tip``, in that order.
+    """Return the joints from link ``base`` to link ``tip``, in this order.
 
     Raises
     ------
     InputError
-        If ``base`` does not lie on the way from the root to ``tip``.
+        If ``base`` is not on the path from the root to ``tip``.
     """
     by_child = {joint.child: joint for joint in urdf.joints.values()}
     path, link = [], tip
     while link != base:
         if link not in by_child:
-            raise InputError(f"base {base!r} does not lie between the robot's root {urdf.root!r} and {tip!r}")
+            raise InputError(f"base {base!r} is not on the path from the root link {urdf.root!r} to {tip!r}")
         path.append(by_child[link])
         link = path[-1].parent
     return path[::-1]
 
 
 def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
-    """The arm from link ``base`` to link ``tip``.
+    """Find the joints of the arm from link ``base`` to link ``tip``.
 
     Raises
     ------
@@ -98,7 +96,7 @@ def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
     for joint in path:
         if joint.type in ("floating", "planar"):
             raise InputError(
-                f"joint {joint.name!r} between {base!r} and {tip!r} is {joint.type}: an arm has none of these"
+                f"joint {joint.name!r} between {base!r} and {tip!r} is {joint.type}; an arm has single-axis joints only"
             )
         if joint.type == "fixed":
             continue
@@ -108,7 +106,7 @@ def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
     if not names:
         raise InputError(f"no joint moves between {base!r} and {tip!r}; is the tcp on the arm?")
     if len(names) > MAX_JOINTS:
-        raise InputError(f"{len(names)} joints move between {base!r} and {tip!r}; an arm has at most {MAX_JOINTS}")
+        raise InputError(f"{len(names)} joints move between {base!r} and {tip!r}; the limit is {MAX_JOINTS}")
     followers = tuple(j.name for j in urdf.joints.values() if j.mimic is not None and j.mimic.leader in names)
     angular = np.array([urdf.joints[name].type != "prismatic" for name in names])
     angular.setflags(write=False)
@@ -116,7 +114,7 @@ def find_chain(urdf: Urdf, base: str, tip: str) -> Chain:
 
 
 def affine(urdf: Urdf, chain: Chain, model_joints: tuple[str, ...]) -> tuple[Array, Array]:
-    """``scale`` (m, n) and ``offset`` (m,) of the m joints of a reduced model."""
+    """Return ``scale`` (m, n) and ``offset`` (m,) for the m joints of a reduced model."""
     scale, offset = np.zeros((len(model_joints), len(chain.joint_names))), np.zeros(len(model_joints))
     own_name = {urdf.model_joint(name): name for name in urdf.joints}
     for row, name in enumerate(own_name[joint] for joint in model_joints):
@@ -130,9 +128,9 @@ def affine(urdf: Urdf, chain: Chain, model_joints: tuple[str, ...]) -> tuple[Arr
 
 
 def periodic(urdf: Urdf, chain: Chain) -> npt.NDArray[np.bool_]:
-    """(n,) the joints for which q and q + 2 pi are the same pose of every link of the robot.
+    """Return (n,) True for joints where q and q + 2 pi give the same pose of every link of the robot.
 
-    These are the angular ones, unless a follower slides or turns by a fraction of the turn.
+    This holds for angular joints all of whose followers are angular with an integer multiplier.
     """
     unchanged = chain.angular.copy()
     for follower in (urdf.joints[name] for name in chain.followers):
@@ -144,14 +142,14 @@ def periodic(urdf: Urdf, chain: Chain) -> npt.NDArray[np.bool_]:
 
 
 def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mapping[str, float]) -> dict[str, float]:
-    """A value for every one-number joint outside the arm: as told, else home's, else 0 or the bound nearest to it.
+    """Return the value of every single-axis joint outside the arm; mimic joints follow their leaders.
 
-    Followers follow.
+    The value is taken from ``held``, else from ``home``, else it is 0 or the limit closest to 0.
 
     Raises
     ------
     UnknownNameError, InputError
-        If a told joint does not exist, belongs to the arm, is a follower, or is told a value that is no number.
+        If a joint in ``held`` does not exist, belongs to the arm or is a mimic joint, or its value is not a number.
     """
     outside = [
         j for j in urdf.joints.values() if j.type in MOVING and j.name not in (*chain.joint_names, *chain.followers)
@@ -159,13 +157,13 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
     free = [j.name for j in outside if j.mimic is None]
     for name, value in held.items():
         if name in chain.joint_names:
-            raise InputError(f"joint {name!r} is one of the arm's own; it is set by q, not held")
+            raise InputError(f"joint {name!r} belongs to the arm; its value is set by q, not by held")
         if name in urdf.joints and urdf.joints[name].type in ("floating", "planar"):
-            raise InputError(f"joint {name!r} is {urdf.joints[name].type}; it stands at its neutral place")
+            raise InputError(f"joint {name!r} is {urdf.joints[name].type}; it is fixed at its neutral configuration")
         if name not in free:
             raise UnknownNameError("joint", name, free, "the joints outside the arm that can be held")
         if not isinstance(value, Real) or not np.isfinite(float(value)):
-            raise InputError(f"held joint {name!r} is told {value!r}, which is no finite number")
+            raise InputError(f"the value of held joint {name!r} must be a finite number, not {value!r}")
     values: dict[str, float] = {}
     for joint in outside:
         if joint.mimic is None:
@@ -179,7 +177,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
 
 
 def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLimits:
-    """The limits of the arm's joints; open, and NaN for a velocity, where the file states none."""
+    """Return the limits of the joints; infinite positions and NaN velocities where the file states none."""
     lower, upper, velocity = [], [], []
     for name in names:
         joint = urdf.joints[name]
@@ -201,7 +199,7 @@ def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLi
             if follower.velocity is not None:
                 speed = min(speed, follower.velocity / abs(mimic.multiplier))
         if low > high:
-            raise InputError(f"the limits of {name!r} and of the joints that mimic it leave it no value at all")
+            raise InputError(f"the limits of joint {name!r} and of its mimic joints have no common value")
         lower.append(low)
         upper.append(high)
         velocity.append(np.nan if np.isinf(speed) else speed)
@@ -282,17 +280,16 @@ def _from_z(axis: Array) -> pin.SE3:
 
 
 def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
-    """Base and tip link of a group; an end effector that is declared for the group wins over the chain's tip.
+    """Return the base and tip link of an SRDF group; the end effector of the group overrides the tip of the chain.
 
-    A group of joints or links is a chain if these lie on one way outwards; as in MoveIt, a link brings the joint that
-    carries it.
+    A group of joints or links must form a chain; as in MoveIt, a link adds its parent joint.
 
     Raises
     ------
     UnknownNameError
-        If the group, or something it names, does not exist.
+        If the group, or one of its links or joints, does not exist.
     InputError
-        If it names nothing, or joints that do not lie on one way from the root outwards.
+        If the group is empty, or its joints are not on one path from the root.
     """
     group = srdf.groups.get(name)
     if group is None:
@@ -310,7 +307,7 @@ def group_ends(urdf: Urdf, srdf: Srdf, name: str) -> tuple[str, str]:
     if len(group.chains) == 1:
         base, tip = group.chains[0]
     elif group.chains:
-        raise InputError(f"group {name!r} holds the chains {list(group.chains)}; name one of them with base= and tcp=")
+        raise InputError(f"group {name!r} has the chains {list(group.chains)}; select one with base= and tcp=")
     else:
         base, tip = _ends_of_joints(urdf, name, _joints(urdf, group.joints, group.links))
     return base, declared[0] if declared else tip
@@ -322,24 +319,25 @@ def _joints(urdf: Urdf, joints: Sequence[str], links: Sequence[str]) -> list[str
 
 
 def _ends_of_joints(urdf: Urdf, name: str, joints: Sequence[str]) -> tuple[str, str]:
-    """The parent of the innermost joint and the child of the outermost."""
+    """Return the parent link of the first joint and the child link of the last joint."""
     if not joints:
-        raise InputError(f"group {name!r} names neither a chain nor joints nor links that move; give tcp=")
+        raise InputError(f"group {name!r} has no chain, no joints and no moving links; pass tcp= instead")
     above = {joint: _joints_above(urdf, joint) for joint in joints}
     outermost = max(joints, key=lambda joint: len(above[joint]))
     aside = [joint for joint in joints if joint not in above[outermost]]
     if aside:
         raise InputError(
-            f"group {name!r} is no chain: {aside[0]!r} does not lie on the way to {outermost!r}; name base= and tcp="
+            f"group {name!r} is not a chain: joint {aside[0]!r} is not on the path to {outermost!r}; "
+            "pass base= and tcp= instead"
         )
     innermost = min(joints, key=lambda joint: len(above[joint]))
     return urdf.joints[innermost].parent, urdf.joints[outermost].child
 
 
 def _joints_above(urdf: Urdf, joint: str) -> list[str]:
-    """The joint itself and all on the way to the root."""
-    way, carrier = [joint], urdf.parent_joint(urdf.joints[joint].parent)
-    while carrier is not None:
-        way.append(carrier.name)
-        carrier = urdf.parent_joint(carrier.parent)
-    return way
+    """Return the joint and all joints between it and the root."""
+    path, parent = [joint], urdf.parent_joint(urdf.joints[joint].parent)
+    while parent is not None:
+        path.append(parent.name)
+        parent = urdf.parent_joint(parent.parent)
+    return path

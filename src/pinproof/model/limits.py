@@ -1,8 +1,6 @@
-"""Joint limits: position, velocity, acceleration, and where the last came from.
+"""Joint limits of position, velocity, acceleration and jerk.
 
-Limits of joints from a file, as MoveIt's ``joint_limits.yaml`` states them.
-
-::
+Files have the format of ``joint_limits.yaml`` of MoveIt::
 
     joint_limits:
       elbow_joint:
@@ -16,9 +14,9 @@ Limits of joints from a file, as MoveIt's ``joint_limits.yaml`` states them.
         min_position: -3.1
         max_position: 3.1
 
-A limit counts where its ``has_...`` says true; what is not stated stays as it was. ``has_deceleration_limits`` with a
-``max_deceleration`` (of either sign) that is smaller makes both smaller. ``default_velocity_scaling_factor`` and
-``default_acceleration_scaling_factor`` are wishes for motions and no limits: they are read and left aside.
+A limit is used if its ``has_...`` key is true; limits that are not stated are not changed. The smaller of
+``max_deceleration`` (of either sign) and ``max_acceleration`` is used for both. The keys
+``default_velocity_scaling_factor`` and ``default_acceleration_scaling_factor`` are not limits and are ignored.
 """
 
 from __future__ import annotations
@@ -39,24 +37,24 @@ __all__ = ["AT_LIMIT", "DEFAULT_RAMP", "JointLimits", "LimitsFile", "distinct"]
 Array = npt.NDArray[np.float64]
 
 DEFAULT_RAMP = 0.5
-"""Seconds in which a joint reaches its velocity limit when no acceleration limit is known (URDF has none)."""
+"""Seconds in which a joint reaches its velocity limit if no acceleration limit is known (a URDF has none)."""
 
 
 AT_LIMIT = 1e-9
-"""Rad or m by which a joint value may lie beyond its limit and is taken as the limit: sums of windings, conversions
-from degrees and files with 10 digits are off by less."""
+"""Rad or m. Joint values beyond a limit by less than this are set to the limit; rounding by adding 2 pi, by converting
+from degrees and in files with 10 digits is smaller."""
 
 DIGITS = 17
 """Significant digits at which any two different doubles look different."""
 
 
 def distinct(*values: float) -> list[str]:
-    """The values as text with the fewest digits, 6 or more, at which those that differ look different."""
+    """Format the values with the fewest digits, at least 6, for which different values have different texts."""
     for digits in range(6, DIGITS + 1):
-        said = [f"{value:.{digits}g}" for value in values]
-        if len(set(said)) == len({float(value) for value in values}):
-            return said
-    return said
+        texts = [f"{value:.{digits}g}" for value in values]
+        if len(set(texts)) == len({float(value) for value in values}):
+            return texts
+    return texts
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,13 +66,13 @@ class JointLimits:
     lower, upper
         (n,) positions in rad or m; -inf and inf for a continuous joint.
     velocity
-        (n,) in rad/s or m/s, above 0; NaN where it is not known (timing then asks for it).
+        (n,) in rad/s or m/s, above 0; NaN where it is not known (timing then raises an error).
     acceleration
         (n,) in rad/s^2 or m/s^2, above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`.
     acceleration_source
         Where the accelerations come from, for results that depend on them.
     jerk
-        (n,) in rad/s^3 or m/s^3, above 0, NaN for a joint of which it is not known; None where it is of none.
+        (n,) in rad/s^3 or m/s^3, above 0, NaN where it is not known; None if it is known for no joint.
     jerk_source
         Where the jerks come from.
 
@@ -142,28 +140,25 @@ class JointLimits:
         return bool(np.count_nonzero(inside) == len(inside))
 
     def clip(self, q: Array) -> Array:
-        """The configuration inside the limits nearest to q (n,)."""
+        """Return the configuration inside the limits closest to q (n,)."""
         return np.clip(q, self.lower, self.upper)
 
     def snap(self, q: Array) -> Array:
-        """Q (..., n) with every joint that lies beyond its limit by less than :data:`AT_LIMIT` put at the limit."""
+        """Return q (..., n) with values beyond a limit by less than :data:`AT_LIMIT` set to the limit."""
         clipped = self.clip(q)
         return np.asarray(np.where(np.abs(q - clipped) < AT_LIMIT, clipped, q))
 
     def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
-        """One sentence for each joint of q (n,) that is outside its limits; empty when all are inside.
-
-        There is no tolerance; :meth:`snap` configurations that come from elsewhere before.
-        """
+        """Return one sentence for each joint of q (n,) outside its limits, without tolerance (see :meth:`snap`)."""
         found = []
         for name, value, low, high in zip(joint_names, q, self.lower, self.upper, strict=True):
             if not low <= value <= high:
-                said, lowest, highest = distinct(value, low, high)
-                found.append(f"{name} = {said} is outside [{lowest}, {highest}]")
+                value_text, low_text, high_text = distinct(value, low, high)
+                found.append(f"{name} = {value_text} is outside [{low_text}, {high_text}]")
         return found
 
     def replace(self, joint_names: Sequence[str], ranges: Mapping[str, tuple[float, float]]) -> JointLimits:
-        """These limits with the position ranges of some joints changed, by joint name."""
+        """Return these limits with other position ranges for some joints, by joint name."""
         lower, upper = self.lower.copy(), self.upper.copy()
         for name, bounds in ranges.items():
             if name not in joint_names:
@@ -176,7 +171,7 @@ class JointLimits:
         return dataclasses.replace(self, lower=lower, upper=upper)
 
     def sampling_range(self) -> tuple[Array, Array]:
-        """Finite (lower, upper), each (n,): where a joint has no bounds, one turn about 0 (or one metre each way)."""
+        """Return finite (lower, upper), each (n,); an infinite range is replaced by [-pi, pi], an open end by 2 pi."""
         lower, upper = self.lower.copy(), self.upper.copy()
         open_below, open_above = np.isinf(lower), np.isinf(upper)
         lower[open_below] = np.where(open_above, -np.pi, upper - 2 * np.pi)[open_below]
@@ -198,9 +193,9 @@ FILE_KEYS = ("joint_limits", "default_velocity_scaling_factor", "default_acceler
 
 @dataclass(frozen=True)
 class LimitsFile:
-    """What a file states of joints, each by its name.
+    """The joint limits of a file, by joint name.
 
-    Attributes
+    Parameters
     ----------
     path
         The file.
@@ -209,7 +204,7 @@ class LimitsFile:
     velocity, acceleration, jerk
         In rad or m per second, per second squared and cubed.
     joints
-        All joints the file speaks of.
+        All joints in the file.
     """
 
     path: Path
@@ -220,19 +215,19 @@ class LimitsFile:
     joints: tuple[str, ...] = ()
 
     def over(self, limits: JointLimits, joint_names: Sequence[str], known: Sequence[str]) -> JointLimits:
-        """The limits of an arm with those of the file in their place.
+        """Replace limits of an arm by those of the file.
 
         Parameters
         ----------
         limits, joint_names
-            The arm's.
+            Limits and joint names of the arm.
         known
-            All joints of the robot, of which the file may speak.
+            All joints of the robot.
 
         Raises
         ------
         UnknownNameError
-            If the file speaks of a joint that the robot does not have.
+            If the file contains a joint that is not in ``known``.
         """
         for name in self.joints:
             if name not in known:
@@ -264,7 +259,7 @@ class LimitsFile:
             return self.path.name
         if len(missing) == len(joint_names):
             return others
-        # a default for some is no default for all, so the word does not come first
+        # the text must not start with "default", which marks limits that are all default values
         return f"{self.path.name}, but for {', '.join(missing)}: {others}"
 
 
@@ -275,7 +270,7 @@ def _read_limits(path: str | Path) -> LimitsFile:
     refuse_unknown(FileError, path, "key", content, FILE_KEYS, "")
     joints = content.get("joint_limits")
     if not isinstance(joints, dict) or not joints:
-        raise FileError(path, "holds no joint_limits; under that key stand joints by name")
+        raise FileError(path, "must be a mapping of joint names to limits", "key joint_limits")
     found: dict[str, dict[str, list[float]]] = {kind: {} for kind in KINDS}
     for name, stated in joints.items():
         if not isinstance(name, str) or not isinstance(stated, LinedMapping):
@@ -289,7 +284,7 @@ def _read_limits(path: str | Path) -> LimitsFile:
     acceleration = {name: value for name, (value,) in found["acceleration"].items()}
     for name, (value,) in found["deceleration"].items():
         if name not in acceleration:
-            raise FileError(path, "has a limit of deceleration and none of acceleration", f"joint {name}")
+            raise FileError(path, "has a deceleration limit but no acceleration limit", f"joint {name}")
         acceleration[name] = min(acceleration[name], value)
     return LimitsFile(
         path,
@@ -302,16 +297,16 @@ def _read_limits(path: str | Path) -> LimitsFile:
 
 
 def _stated(path: Path, place: str, stated: LinedMapping, kind: str, keys: tuple[str, ...]) -> list[float] | None:
-    """The numbers of one kind of limit, if the joint has it."""
+    """Return the numbers of one kind of limit, or None if the joint does not have it."""
     flag = f"has_{kind}_limits"
     has = stated.get(flag)
     given = [key for key in keys if key in stated]
     if flag not in stated:
         if given:
-            raise FileError(path, f"{given[0]} counts only with {flag}: true, or false", place)
+            raise FileError(path, f"{given[0]} requires {flag}: true (or false to ignore it)", place)
         return None
     if not isinstance(has, bool):
-        raise FileError(path, f"{flag} is true or false, not {has!r}", place)
+        raise FileError(path, f"{flag} must be true or false, not {has!r}", place)
     if not has:
         return None
     values = []

@@ -70,16 +70,17 @@ SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
 
 @dataclass(frozen=True, eq=False)
 class Singularity:
-    """How near a configuration is to losing a direction of motion.
+    """The distance of a configuration from a singularity; result of :meth:`Arm.singularity`.
 
     Parameters
     ----------
     smallest
         The smallest singular value of the tcp Jacobian (LOCAL_WORLD_ALIGNED; metres and radians mixed).
     direction
-        (6,) the unit twist, linear then angular, that is hardest to make: lost altogether where ``smallest`` is 0.
+        (6,) the unit twist, linear then angular, of the smallest singular value; if that is 0, motion in this direction
+        is impossible.
     singular_values
-        (min(6, n),) all of them, largest first.
+        (min(6, n),) all singular values, largest first.
     """
 
     smallest: float
@@ -88,7 +89,7 @@ class Singularity:
 
 
 class _Held(dict[str, float]):
-    """The values of the joints outside an arm, which cannot be changed in place: the model was built with them."""
+    """The read-only values of the joints outside an arm, with which its model was built."""
 
     def _refuse(self, *_args: object, **_named: object) -> NoReturn:
         raise TypeError(
@@ -102,30 +103,30 @@ class _Held(dict[str, float]):
 
 
 class Arm:
-    """The joints between a base link and a tcp frame; made by :meth:`pinproof.Robot.arm`.
+    """The chain of joints between a base link and a tcp frame; created by :meth:`pinproof.Robot.arm`.
 
     A configuration ``q`` is (n,) in the order of :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped
-    angle. Poses of the tcp are given in the base link's frame. All methods may be called from several threads.
+    angle. Poses of the tcp are in the frame of the base link. All methods are thread-safe.
 
     Attributes
     ----------
     robot
-        The robot it is an arm of.
+        The robot of the arm.
     base, tcp
         Names of the base link and the tcp frame.
     joint_names
-        The names of its n joints, from the base outwards.
+        Names of the n joints, from base to tcp.
     limits
-        Of its joints, in their order.
+        Limits of the joints, in this order.
     held
-        Values (rad or m) of the robot's other joints by name; :meth:`with_held` makes an arm with other values.
+        Values (rad or m) of the other joints of the robot by name; :meth:`with_held` returns an arm with other values.
     angular
-        (n,) True where a joint turns, False where it slides.
+        (n,) True for a revolute or continuous joint, False for a prismatic one.
     periodic
-        (n,) True where q and q + 2 pi are the same pose of every link (an angular joint whose follower turns half as
-        far is not).
+        (n,) True where q and q + 2 pi give the same pose of every link (False for example for an angular joint with a
+        mimic follower of multiplier 0.5).
     root_from_base
-        Where the base is in the robot's root link.
+        Pose of the base link in the root link.
     """
 
     def __init__(
@@ -157,20 +158,20 @@ class Arm:
 
     @property
     def home(self) -> Array:
-        """(n,) the robot's home where it has one, else the middle of the limits (0 for a continuous joint)."""
+        """(n,) home configuration of the robot, or the middle of the limits where none is defined (continuous: 0)."""
         lower, upper = self.limits.sampling_range()
         middle = dict(zip(self.joint_names, (lower + upper) / 2, strict=True))
         return self.limits.clip(np.array([self.robot.home.get(name, middle[name]) for name in self.joint_names]))
 
     def state(self, name: str, *, group: str | None = None) -> Array:
-        """(n,) a named state of the robot's SRDF (:meth:`pinproof.Robot.state`), in the order of :attr:`joint_names`.
+        """Return a named state (n,) of the SRDF (:meth:`pinproof.Robot.state`), in the order of :attr:`joint_names`.
 
         Raises
         ------
         UnknownNameError
-            If there is no such state.
+            If the state does not exist.
         InputError
-            If the state leaves one of the arm's joints open.
+            If the state does not define all joints of the arm.
         """
         values = self.robot.state(name, group=group)
         missing = [joint for joint in self.joint_names if joint not in values]
@@ -179,11 +180,11 @@ class Arm:
         return np.array([values[joint] for joint in self.joint_names])
 
     def forward_kinematics(self, q: npt.ArrayLike) -> pin.SE3:
-        """``base_from_tcp`` at the configuration q (n,)."""
+        """Compute ``base_from_tcp`` at the configuration q (n,)."""
         return self._placement(self.configuration(q), self._tcp_id)
 
     def forward_kinematics_batch(self, Q: npt.ArrayLike) -> Array:
-        """``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n)."""
+        """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n)."""
         many = finite("Q", Q, (None, self.dof))
         out = np.empty((len(many), 4, 4))
         for row, q in enumerate(many):
@@ -191,11 +192,11 @@ class Arm:
         return out
 
     def frame_placement(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
-        """``base_from_frame`` of any link of the robot at the configuration q (n,)."""
+        """Compute ``base_from_frame`` for any link of the robot at the configuration q (n,)."""
         return self._placement(self.configuration(q), self._frame_id(frame))
 
     def jacobian(self, q: npt.ArrayLike, *, reference: Reference = "LOCAL_WORLD_ALIGNED") -> Array:
-        """The (6, n) Jacobian of the tcp: joint rates to twist, linear (m/s) then angular (rad/s).
+        """Compute the (6, n) Jacobian of the tcp, joint velocities to twist, linear (m/s) then angular (rad/s).
 
         Parameters
         ----------
@@ -203,7 +204,7 @@ class Arm:
             (n,) configuration.
         reference
             ``LOCAL_WORLD_ALIGNED``: velocity of the tcp point, in the axes of the base. ``LOCAL``: the same in the axes
-            of the tcp. ``WORLD``: the spatial twist at the base's origin, in the axes of the base.
+            of the tcp. ``WORLD``: the spatial twist at the origin of the base, in the axes of the base.
         """
         if reference not in REFERENCES:
             raise UnknownNameError("reference", reference, REFERENCES)
@@ -216,26 +217,26 @@ class Arm:
         return np.vstack([rotation @ local[:3], rotation @ local[3:]])
 
     def local_jacobian(self, q: Array) -> tuple[pin.SE3, Array]:
-        """``base_from_tcp`` and its (6, n) Jacobian in the tcp's axes, unchecked: for loops that made q themselves."""
+        """Compute ``base_from_tcp`` and its (6, n) Jacobian in the axes of the tcp without validating q."""
         data = self._data()
         pin.computeJointJacobians(self.model, data, self.scale @ q + self.offset)
         placement = pin.updateFramePlacement(self.model, data, self._tcp_id)
         local = pin.getFrameJacobian(self.model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
-        # A model of one joint comes back from C++ as (6,), not (6, 1).
+        # For a model with one joint Pinocchio returns (6,), not (6, 1).
         return self.root_from_base.actInv(placement), local.reshape(6, -1) @ self.scale
 
     def singularity(self, q: npt.ArrayLike) -> Singularity:
-        """The smallest singular value of the tcp Jacobian at q (n,) and the direction that is lost there."""
+        """Compute the singular values of the tcp Jacobian at q (n,) and the direction of the smallest one."""
         u, values, _ = np.linalg.svd(self.jacobian(q))
         return Singularity(float(values[-1]), u[:, len(values) - 1].copy(), values)
 
     def configuration(self, q: npt.ArrayLike, name: str = "q") -> Array:
-        """A checked copy (n,) of a configuration.
+        """Return a validated copy (n,) of a configuration.
 
         Raises
         ------
         InputError
-            If it is not n finite numbers; names the joints.
+            If it is not n finite numbers; the message lists the joints.
         """
         try:
             return finite(name, q, (self.dof,))
@@ -243,12 +244,12 @@ class Arm:
             raise type(error)(f"{error}; the arm's joints are {', '.join(self.joint_names)}") from None
 
     def with_limits(self, limits: JointLimits) -> Arm:
-        """The same arm under other limits.
+        """Return the same arm with other limits.
 
         Raises
         ------
         InputError
-            If they hold another number of joints.
+            If the number of joints differs.
         """
         if len(limits) != self.dof:
             raise InputError(f"limits hold {len(limits)} joints; the arm has {self.dof}: {', '.join(self.joint_names)}")
@@ -257,12 +258,12 @@ class Arm:
         return other
 
     def with_held(self, held: Mapping[str, float]) -> Arm:
-        """The same arm with some of the joints outside it held elsewhere; the others stay.
+        """Return the same arm with other values for some of the joints outside it.
 
         Parameters
         ----------
         held
-            Values (rad or m) by name. Followers go with the joint they follow, whatever is told of them.
+            Values (rad or m) by name. Values for mimic joints are ignored; they follow their leaders.
 
         Raises
         ------
@@ -272,11 +273,11 @@ class Arm:
         if all(self.held.get(name) == value for name, value in held.items()):
             return self
         joints = self.robot.urdf.joints
-        told = {name: value for name, value in {**self.held, **held}.items() if not _follows(joints, name)}
-        return self.robot.arm(self.tcp, base=self.base, limits=self.limits, held=told)
+        values = {name: value for name, value in {**self.held, **held}.items() if not _is_mimic(joints, name)}
+        return self.robot.arm(self.tcp, base=self.base, limits=self.limits, held=values)
 
     def model_configuration(self, q: Array) -> Array:
-        """The configuration of :attr:`model` (followers included) that belongs to q (n,), unchecked."""
+        """Return the configuration of :attr:`model` (mimic joints included) for q (n,), without validating q."""
         return np.asarray(self.scale @ q + self.offset)
 
     def __repr__(self) -> str:
@@ -288,50 +289,50 @@ class Arm:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         for array in (self.scale, self.offset):
-            array.setflags(write=False)  # pickle forgets it
+            array.setflags(write=False)  # pickle does not preserve the flag
         self._threads = threading.local()
 
     def _placement(self, q: Array, frame_id: int) -> pin.SE3:
         data = self._data()
         pin.forwardKinematics(self.model, data, self.scale @ q + self.offset)
-        # updateFramePlacement hands out a live view of data; the product below is a fresh transform.
+        # updateFramePlacement returns a view of data; the product below is a new transform.
         return self.root_from_base.actInv(pin.updateFramePlacement(self.model, data, frame_id))
 
     def _data(self) -> Any:
-        """Pinocchio's workspace; one a thread, since a shared one gives wrong answers."""
+        """Return the ``pinocchio.Data`` of this thread; sharing one between threads gives wrong results."""
         data = getattr(self._threads, "data", None)
         if data is None:
             data = self._threads.data = self.model.createData()
         return data
 
     def _frame_id(self, name: str) -> int:
-        """Pinocchio answers an unknown name with the number of frames instead of an error; so it is asked first."""
+        """Return the index of a frame; for an unknown name Pinocchio returns the number of frames without an error."""
         if not self.model.existFrame(name, pin.FrameType.BODY):
             raise UnknownNameError("frame", name, self.robot.urdf.links, f"robot {self.robot.name!r}")
         return int(self.model.getFrameId(name, pin.FrameType.BODY))
 
 
-def _follows(joints: Mapping[str, UrdfJoint], name: str) -> bool:
+def _is_mimic(joints: Mapping[str, UrdfJoint], name: str) -> bool:
     return name in joints and joints[name].mimic is not None
 
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot as described, with its kinematic model.
+    """A robot: its description and its kinematic model; created by :func:`pinproof.load_robot`.
 
     Parameters
     ----------
     urdf, srdf
         The description.
     model
-        The :class:`pinocchio.Model` of all its joints: continuous joints are one angle, mimic followers free (an
-        :class:`Arm` ties them to their leaders).
+        The :class:`pinocchio.Model` of all joints. Continuous joints are one angle; mimic joints are independent here
+        and coupled to their leaders by :class:`Arm`.
     default_tcp
-        The frame meant when :meth:`arm` names none.
+        Default tcp of :meth:`arm`.
     home
-        A comfortable configuration, joint name to rad or m; may be empty.
+        Home configuration, joint name to rad or m; may be empty.
     default_base
-        The link meant as base when :meth:`arm` names none and the tcp hangs on it.
+        Default base of :meth:`arm` if the tcp is a descendant of it.
     """
 
     urdf: Urdf
@@ -343,10 +344,7 @@ class Robot:
 
     @property
     def size(self) -> float:
-        """Metres: the largest length of a line of joints and links from the root to a link.
-
-        How far the robot reaches when it is stretched, without the travel of joints that slide.
-        """
+        """Largest distance (m) from the root to a link along the links, without the travel of prismatic joints."""
         model = self.model
         reach = np.zeros(model.njoints)
         for joint in range(1, model.njoints):
@@ -356,16 +354,16 @@ class Robot:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What is odd about the description, in sentences: meshes not found, names in the SRDF that do not exist."""
+        """Sentences about inconsistencies of the description: meshes not found, unknown names in the SRDF."""
         return notes(self.urdf, self.srdf)
 
     @property
     def name(self) -> str:
-        """The robot's name in its URDF."""
+        """Name of the robot in the URDF."""
         return self.urdf.name
 
     def info(self, arm: Arm | None = None) -> RobotInfo:
-        """The properties of the robot and of one of its arms, by default of :meth:`arm` without arguments.
+        """Return the properties of the robot and of one of its arms (default: :meth:`arm` without arguments).
 
         Raises
         ------
@@ -383,31 +381,31 @@ class Robot:
         limits: JointLimits | LimitsFile | Mapping[str, tuple[float, float]] | None = None,
         held: Mapping[str, float] | None = None,
     ) -> Arm:
-        """The chain from a base link to a tcp frame.
+        """Select the chain from a base link to a tcp frame.
 
         Parameters
         ----------
         tcp
-            A link of the robot. Without it: the one the group, the catalogue or the SRDF declares, or the only leaf
-            when that hangs on a fixed joint.
+            A link of the robot. Default: the tcp of the group, of the catalogue or of the SRDF, or the only leaf of the
+            kinematic tree if its parent joint is fixed.
         base
-            A link between the root and the tcp; poses of the tcp are given in it. By default the group's, else the
-            catalogue's where the tcp hangs on it, else the root.
+            A link on the path from the root to the tcp; poses of the tcp are relative to it. Default: the base of the
+            group, else of the catalogue (if the tcp is a descendant of it), else the root.
         group
-            A group of the SRDF, which names base and tcp.
+            A group of the SRDF, which defines base and tcp.
         limits
             New limits of all joints, those of a file (:meth:`JointLimits.load`), or new (lower, upper) by joint name,
             to tighten or extend those of the URDF.
         held
-            Values (rad or m) of joints outside the arm; by default those of :attr:`home`, else 0 or the bound nearest
-            to it. A floating or planar joint stands at its neutral place.
+            Values (rad or m) of joints outside the arm; by default those of :attr:`home`, else 0 or the limit closest
+            to 0. Floating and planar joints are at their neutral configuration.
 
         Raises
         ------
         UnknownNameError
-            For a frame, group or joint that does not exist; names those that do.
+            If a frame, group or joint does not exist.
         InputError
-            If no tcp is declared and more than one is possible, or a joint of the chain has no limits.
+            If no tcp is declared and several are possible, or a joint of the chain has no limits.
         """
         if group is not None:
             group_base, group_tcp = group_ends(self.urdf, self.srdf, group)
@@ -440,17 +438,16 @@ class Robot:
         return Arm(self, base, tcp, chain, new_limits, held_values(self.urdf, chain, held or {}, self.home))
 
     def state(self, name: str, *, group: str | None = None) -> dict[str, float]:
-        """A named state of the SRDF, joint name to rad or m; of all groups that have one of that name, or of one group.
+        """Return a named state of the SRDF (joint name to rad or m) of one group, or combined from all groups.
 
-        Joints of the state that the robot does not have are left out (:attr:`notes` names them), and so is a virtual
-        joint that places the robot in the world.
+        Joints that the robot does not have (listed in :attr:`notes`) and virtual joints are omitted.
 
         Raises
         ------
         UnknownNameError
-            If there is no such state; names those that exist.
+            If the state does not exist.
         InputError
-            If groups give one joint different values under this name, or a joint several numbers.
+            If groups define different values for one joint, or a joint has several numbers.
         """
         found = [s for s in self.srdf.states if s.name == name and group in (None, s.group)]
         if not found:
@@ -490,7 +487,7 @@ class Robot:
             return declared[0]
         parents = {joint.parent for joint in self.urdf.joints.values()}
         leaves = [link for link in self.urdf.links if link not in parents]
-        # The frames of a DH table, as our own URDFs bear them, mark places; what else hangs there is the tool.
+        # The frames dh_0 ... dh_n of URDFs made from a DH table are not candidates.
         leaves = [link for link in leaves if not DH_FRAME.fullmatch(link)] or leaves
         if not declared and len(leaves) == 1:
             joint = self.urdf.parent_joint(leaves[0])
@@ -592,29 +589,29 @@ def load_robot(
     package_dirs: Sequence[str | Path] = (),
     xacro_args: Mapping[str, str] | None = None,
 ) -> Robot:
-    """A robot by catalogue name or from a URDF, xacro or MJCF file.
+    """Load a robot by catalogue name or from a URDF, xacro or MJCF file.
 
     Parameters
     ----------
     source
         A name such as ``"ur5"``, or a path that ends in ``.urdf``, ``.xacro``, ``.xml`` or ``.mjcf``.
     srdf
-        An SRDF file; by default the catalogue's, for a path none.
+        An SRDF file. Default: that of the catalogue, none for a path.
     package_dirs
-        Folders searched first for ``package://`` meshes and for ``$(find ...)`` in xacro.
+        Folders that contain ROS packages, searched first for ``package://`` meshes and ``$(find ...)`` in xacro.
     xacro_args
-        What a xacro file is told for its ``<xacro:arg>``.
+        Values for the ``<xacro:arg>`` elements of a xacro file.
 
     Raises
     ------
     UnknownNameError
-        For a name that is not in the catalogue.
+        If the name is not in the catalogue.
     UrdfError
-        For a file that cannot be used, with its line.
+        If the file is invalid; the message states the line.
     FileError
-        For one of ``package_dirs`` that is no folder.
+        If one of ``package_dirs`` is not a folder.
     InputError
-        For a xacro file where the extra ``xacro`` is not installed.
+        If the file is a xacro file and the extra ``xacro`` is not installed.
     """
     entry: CatalogueEntry | None = None
     if isinstance(source, str) and not source.endswith(SUFFIXES) and "/" not in source:
@@ -636,7 +633,7 @@ def load_robot(
 
 
 def load_robot_from_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Robot:
-    """A robot from URDF text; ``name`` stands for the file in errors."""
+    """Load a robot from URDF text; ``name`` is used instead of a file in errors."""
     return _robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf(), None)
 
 

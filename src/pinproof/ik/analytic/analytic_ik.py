@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import Rng, positive, random_generator, whole
+from pinproof.common.validation import Rng, random_generator, require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sweep_many
 from pinproof.ik.analytic.family import branches_elsewhere
@@ -63,9 +63,9 @@ class AnalyticIk:
     redundant_steps: int = 128
 
     def __post_init__(self) -> None:
-        positive("position_tolerance", self.position_tolerance)
-        positive("orientation_tolerance", self.orientation_tolerance)
-        whole("redundant_steps", self.redundant_steps, 2)
+        require_positive("position_tolerance", self.position_tolerance)
+        require_positive("orientation_tolerance", self.orientation_tolerance)
+        require_integer("redundant_steps", self.redundant_steps, 2)
 
     engine: ClassVar[str] = "analytic"
     _latest: ClassVar[tuple[Any, Any]] = (lambda: None, None)
@@ -139,7 +139,7 @@ class AnalyticIk:
         """
         from pinproof.kernels.branches import BAD_TARGET, ELSEWHERE, branches_of_many
 
-        whole("threads", threads, 1)
+        require_integer("threads", threads, 1)
         plan = self._plan(arm)
         many = _poses(targets)
         references = self._references(arm, plan, q0, len(many))

@@ -23,7 +23,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Scene
 from pinproof.common.content_hash import LENGTH, digest
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, FileError, InputError
 from pinproof.model import Arm
 from pinproof.picks.batch.journal import (
@@ -371,7 +371,7 @@ class Campaign:
         rng: int = 0,
         judge: Judge = judge_row,
     ) -> None:
-        whole("rng", rng, 0)
+        require_integer("rng", rng, 0)
         self._picks = as_source(picks)
         self._setup = PickSetup.make(arm, scene, self._picks.shared, home=home, rng=rng)
         self._judge = judge

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
 from pinproof.common.files import write_bytes_whole, write_text_whole
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import FileError, InputError
 from pinproof.picks.batch.reach_region import ReachRegion
 from pinproof.picks.batch.screening import Screening, ScreenStatus, code_of
@@ -400,7 +400,7 @@ def reach_map(
     InputError
         If a shape is wrong, a matrix is no rotation, or a setting makes no sense.
     """
-    whole("threads", threads, 1)
+    require_integer("threads", threads, 1)
     frames = _frames(orientations)
     arm = checker.arm
     tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))

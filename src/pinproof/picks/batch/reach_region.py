@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.spatial import finite
 
@@ -41,7 +41,7 @@ def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: floa
         raise InputError("axis is zero")
     if not 0.0 <= half_angle <= np.pi:
         raise InputError(f"half_angle = {half_angle}; it must be from 0 to pi rad")
-    whole("count", count, 1)
+    require_integer("count", count, 1)
     if count == 1 or half_angle == 0.0:
         return (direction / length)[None]
     index = np.arange(count)
@@ -67,7 +67,7 @@ def tool_orientations(directions: npt.ArrayLike = (0.0, 0.0, -1.0), spins: int =
     lengths = np.linalg.norm(many, axis=1)
     if not (lengths > 1e-9).all():
         raise InputError(f"direction {int(np.flatnonzero(lengths <= 1e-9)[0])} is zero")
-    whole("spins", spins, 1)
+    require_integer("spins", spins, 1)
     turns = 2.0 * np.pi * np.arange(spins) / spins
     about_z = np.zeros((spins, 3, 3))
     about_z[:, 0, 0] = about_z[:, 1, 1] = np.cos(turns)

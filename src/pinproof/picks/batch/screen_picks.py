@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle, Scene
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.batch.screening import Looked, Screening, ScreenResult, ScreenStatus, code_of
@@ -209,7 +209,7 @@ def screen_picks(
     InputError
         If a pose is none, a setting makes no sense, or the arm holds other joints elsewhere than the picks say.
     """
-    whole("threads", threads, 1)
+    require_integer("threads", threads, 1)
     source = as_source(picks) if isinstance(picks, (Picks, PickSource)) else _Poses(rigid_many("poses", picks))
     named = source.shared
     shared = replace(

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.files import write_text_whole
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
@@ -132,8 +132,8 @@ class Screening:
         why: bool = True,
         clearance: bool = False,
     ) -> None:
-        whole("attempts", attempts, 1)
-        whole("rng", rng, 0)
+        require_integer("attempts", attempts, 1)
+        require_integer("rng", rng, 0)
         self._checker, self._arm = checker, checker.arm
         self._why, self._clearance = why, clearance
         self._known = True

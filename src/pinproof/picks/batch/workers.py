@@ -32,7 +32,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from typing import Any, NamedTuple
 
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, InputError
 
 __all__ = [
@@ -460,12 +460,12 @@ def do_chunks(
     Exception
         Whatever the task raised.
     """
-    whole("in_flight", in_flight, 1)
+    require_integer("in_flight", in_flight, 1)
     if chunk is not None:
-        whole("chunk", chunk, 1)
+        require_integer("chunk", chunk, 1)
     if executor is None:
         count = usable_cores() if workers is None else workers
-        whole("workers", count, 1)
+        require_integer("workers", count, 1)
         executors = [TrackedExecutor(SingleWorkerExecutor, width=1) for _ in range(count)]
     elif workers is not None:
         raise InputError("workers is the number of local processes and cannot be combined with an executor")

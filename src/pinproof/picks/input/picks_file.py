@@ -51,7 +51,7 @@ from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
-from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, listed, read_yaml, refuse_unknown
+from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks
 from pinproof.picks.input.pick_row import (
@@ -116,7 +116,7 @@ def open_picks(path: str | Path) -> PickSource:
     refuse_unknown(PicksError, path, "key", content, FILE_KEYS, "")
     stated = content.get("picks", [])
     table = isinstance(stated, str) and Path(stated).suffix.lower() == TABLE_SUFFIX
-    rows = [] if table else listed(PicksError, path, "picks", stated)
+    rows = [] if table else require_list(PicksError, path, "picks", stated)
     if not rows and not table:
         raise PicksError(path, "contains no picks; add a list under 'picks:'")
     defaults = _shared(path, content, "defaults", {}, lambda stated: _defaults(stated, path))
@@ -222,7 +222,7 @@ def _fingers(path: Path, content: LinedMapping) -> GripperFingers | None:
 
 
 def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
-    names = listed(PicksError, path, key, content.get(key, []))
+    names = require_list(PicksError, path, key, content.get(key, []))
     for name in names:
         if not isinstance(name, str):
             raise PicksError(path, f"{name!r} is not a name", f"key {key}")
@@ -240,7 +240,7 @@ def _tip(stated: object) -> SE3:
 
 def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle, ...]:
     bodies = []
-    for number, stated in enumerate(listed(PicksError, path, key, content.get(key, [])), start=1):
+    for number, stated in enumerate(require_list(PicksError, path, key, content.get(key, [])), start=1):
         if not isinstance(stated, LinedMapping):
             raise PicksError(path, f"{stated!r} is not a body", f"key {key}, #{number}")
         try:

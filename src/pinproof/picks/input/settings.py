@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, fields
 
-from pinproof.common.validation import whole
+from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 
 __all__ = ["GripLimits", "PickBudget", "PickWeights"]
@@ -70,7 +70,7 @@ class PickBudget:
 
     def __post_init__(self) -> None:
         for each in fields(self):
-            whole(f"PickBudget.{each.name}", getattr(self, each.name), 0 if each.name == "remedies" else 1)
+            require_integer(f"PickBudget.{each.name}", getattr(self, each.name), 0 if each.name == "remedies" else 1)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -132,8 +132,8 @@ def extremes(control: Array) -> tuple[Array, Array]:
 
     Up to degree 3, the roots of the derivative are computed in closed form and the curve is evaluated there. Both
     values are attained; an error e of a root changes the value by order e^2 only. For higher degrees, pieces are
-    subdivided until their hull is within :data:`EXTREME_TOLERANCE` of a value of the curve (Farouki 2012, 3 and 5: the error of a
-    hull decreases to a quarter with each subdivision). The result then bounds the curve to this tolerance.
+    subdivided until their hull is within :data:`EXTREME_TOLERANCE` of a value of the curve (Farouki 2012, 3 and 5: the
+    error of a hull decreases to a quarter with each subdivision). The result then bounds the curve to this tolerance.
     """
     if degree(control) > 3:
         pieces, points, n = control.shape

@@ -106,12 +106,12 @@ def test_velocities_that_would_leave_the_path_are_refused(place, velocity, messa
 
 @pytest.mark.parametrize("jerk", [None, 50.0])
 @pytest.mark.parametrize("make", [JointPath, CubicPath.through])
-def test_what_cannot_be_braked_is_said(make, jerk):
+def test_a_velocity_that_cannot_be_braked_is_refused(make, jerk):
     path = make([[0.0], [0.1]], names(1))
     with pytest.raises(TimingError, match="velocit"):
         time_parametrise(path, limits_of([1], [2]), jerk=jerk, start_velocity=[1.0])
 
 
-def test_a_path_that_stands_still_has_no_velocity():
+def test_a_path_of_length_0_has_no_velocity():
     with pytest.raises(InputError, match="start_velocity"):
         time_parametrise(JointPath([[1.0], [1.0]], names(1)), limits_of([1], [1]), start_velocity=[0.1])

@@ -64,7 +64,7 @@ def test_a_planner_that_shortens_is_the_same_within_a_budget_of_edges(slot: pp.C
     assert plans[0].path.length < quick.path.length
 
 
-def test_an_edge_that_only_samples_free_is_never_taken(gantry: pp.Arm) -> None:
+def test_an_edge_with_free_samples_that_fails_the_proof_is_never_used(gantry: pp.Arm) -> None:
     plates = [
         pp.Obstacle("below", pp.Box(0.002, 1.4, 1.0), pp.pose((0.013, -0.5, 0.0))),
         pp.Obstacle("above", pp.Box(0.002, 0.4, 1.0), pp.pose((0.013, 0.8, 0.0))),

@@ -43,14 +43,14 @@ def test_the_shortest_path_wins_wherever_the_searches_run(slot: pp.CollisionChec
     assert_free(here.path, slot)
 
 
-def test_none_found_is_told_once(slot: pp.CollisionChecker) -> None:
+def test_a_failed_portfolio_has_one_message(slot: pp.CollisionChecker) -> None:
     plan = pp.RrtConnect(max_samples=5, time_limit=600.0).plan(slot, START, GOAL, portfolio=3)
     assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
     assert plan.message.startswith("none of 3 searches")
     assert "max_samples = 5" in plan.message
 
 
-def test_invalid_ends_are_told_without_any_search(slot: pp.CollisionChecker) -> None:
+def test_invalid_ends_are_reported_without_a_search(slot: pp.CollisionChecker) -> None:
     plan = PLANNER.plan(slot, (0.03, 0.0), GOAL, portfolio=3, executor=_Never())
     assert plan.status is pp.PlanStatus.START_INVALID
 
@@ -84,6 +84,6 @@ def test_a_callback_stops_searches_here(slot: pp.CollisionChecker) -> None:
     assert plan.status is pp.PlanStatus.CANCELLED
 
 
-def test_an_empty_portfolio_makes_no_sense(slot: pp.CollisionChecker) -> None:
+def test_an_empty_portfolio_is_refused(slot: pp.CollisionChecker) -> None:
     with pytest.raises(pp.InputError, match="portfolio = 0"):
         PLANNER.plan(slot, START, GOAL, portfolio=0)

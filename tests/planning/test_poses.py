@@ -92,7 +92,7 @@ def test_a_way_that_turns_back_stops_there_even_if_rounded(ur5: pp.Arm, free: pp
     assert max(twist_size(ur5.forward_kinematics(move.path(move.path.corners[0])), out)) < 3e-6
 
 
-def test_where_it_ends_is_told(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+def test_the_pose_at_which_a_move_stops_is_reported(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     poses = square(ur5, READY)
     far = poses[0].copy()
     far.translation = far.translation + np.array([0.9, 0, 0])

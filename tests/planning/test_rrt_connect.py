@@ -111,7 +111,7 @@ def test_same_rng_same_path_to_the_last_bit(gantry: pp.Arm, slotted: pp.Scene) -
     assert plans[0].path.q.tobytes() != plans[2].path.q.tobytes()
 
 
-def test_a_generator_is_taken_where_it_stands(gantry: pp.Arm, slotted: pp.Scene) -> None:
+def test_a_generator_gives_the_same_path_as_its_seed(gantry: pp.Arm, slotted: pp.Scene) -> None:
     checker = pp.CollisionChecker(gantry, slotted)
     start, goal = np.array([-0.8, -0.8]), np.array([0.8, -0.8])
     one, other = (QUICK.plan(checker, start, goal, rng=rng) for rng in (5, np.random.default_rng(5)))
@@ -197,7 +197,7 @@ def test_of_several_goals_the_reachable_one_is_reached(gantry: pp.Arm) -> None:
         (pp.RrtConnect(time_limit=1e-9), "time_limit = 1e-09 s"),
     ],
 )
-def test_no_way_is_an_honest_no(gantry: pp.Arm, planner: pp.RrtConnect, spent: str) -> None:
+def test_an_exhausted_budget_is_reported(gantry: pp.Arm, planner: pp.RrtConnect, spent: str) -> None:
     plan = planner.plan(_cell(gantry), (-0.5, 0.5), (0.5, 0.5))
     assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
     assert plan.path is None
@@ -266,7 +266,7 @@ def test_trees_that_cannot_grow_end_too(gantry: pp.Arm) -> None:
     assert "x stayed in" in plan.message  # the joint in which the trees never met
 
 
-def test_an_edge_that_only_samples_free_is_cut(gantry: pp.Arm) -> None:
+def test_an_edge_with_free_samples_that_fails_the_proof_is_removed(gantry: pp.Arm) -> None:
     # A plate of 2 mm across all but a slot; at this resolution samples step over it.
     plates = [
         pp.Obstacle("below", pp.Box(0.002, 1.4, 1.0), pp.pose((0.013, -0.5, 0.0))),
@@ -281,7 +281,7 @@ def test_an_edge_that_only_samples_free_is_cut(gantry: pp.Arm) -> None:
     _assert_solves(plan, checker, start, goal)
 
 
-def test_a_cut_edge_is_told_when_nothing_is_found(gantry: pp.Arm) -> None:
+def test_removed_edges_are_reported_if_no_path_is_found(gantry: pp.Arm) -> None:
     plate = pp.Obstacle("plate", pp.Box(0.002, 3.0, 1.0), pp.pose((0.013, 0.0, 0.0)))
     checker = pp.CollisionChecker(gantry, pp.Scene([plate]))
     planner = pp.RrtConnect(resolution=0.6, max_nodes=150, time_limit=600.0)

@@ -32,7 +32,7 @@ def parted(gantry: pp.Arm) -> pp.CollisionChecker:
 ENDLESS = pp.RrtConnect(max_nodes=10**9, max_samples=10**9, time_limit=600.0)
 
 
-def test_a_callback_is_told_how_far_the_search_is(parted: pp.CollisionChecker) -> None:
+def test_the_callback_receives_the_progress(parted: pp.CollisionChecker) -> None:
     told: list[pp.planning.PlanProgress] = []
     plan = pp.RrtConnect(max_samples=3000, time_limit=600.0).plan(parted, START, GOAL, progress=told.append)
     assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
@@ -47,7 +47,7 @@ def test_a_callback_is_told_how_far_the_search_is(parted: pp.CollisionChecker) -
     assert plan.samples == 3000 >= told[-1].samples
 
 
-def test_being_watched_changes_nothing(slot: pp.CollisionChecker) -> None:
+def test_a_callback_does_not_change_the_path(slot: pp.CollisionChecker) -> None:
     planner = pp.RrtConnect(time_limit=600.0)
     alone = planner.plan(slot, START, GOAL, rng=4)
     watched = planner.plan(slot, START, GOAL, rng=4, progress=lambda _: None)
@@ -102,7 +102,7 @@ def test_a_failed_search_is_the_same_each_time_and_tells_how_near_it_came(parted
     assert plans[0].seconds > 0.0
 
 
-def test_a_found_plan_tells_its_work(slot: pp.CollisionChecker) -> None:
+def test_a_plan_reports_its_samples(slot: pp.CollisionChecker) -> None:
     plan = pp.RrtConnect(time_limit=600.0).plan(slot, START, GOAL).or_raise()
     assert plan.samples > 0
     assert plan.gap == 0.0
@@ -110,7 +110,7 @@ def test_a_found_plan_tells_its_work(slot: pp.CollisionChecker) -> None:
     assert plan.contacts == ()
 
 
-def test_what_ends_touch_is_told_as_contacts(slot: pp.CollisionChecker) -> None:
+def test_contacts_of_the_ends_are_reported(slot: pp.CollisionChecker) -> None:
     at_start = pp.RrtConnect().plan(slot, (0.03, 0.0), GOAL)
     assert [contact.bodies for contact in at_start.contacts] == [("l2", "below")]
     at_goals = pp.RrtConnect().plan(slot, START, [(0.03, 0.0), (0.03, 0.9), (0.5, 2.0)])

@@ -18,7 +18,7 @@ def _add(trees: Trees, sizes: np.ndarray, tree: int, q: np.ndarray, parent: int)
     return index
 
 
-def test_a_cut_takes_all_that_hangs_on_it_and_no_more() -> None:
+def test_a_cut_removes_the_subtree_and_nothing_else() -> None:
     sizes = np.zeros(2, dtype=np.int64)
     trees = Trees(np.array([5.0, 5.0]), np.array([[0.0, 0.0], [10.0, 0.0]]), sizes)
     a = _add(trees, sizes, 1, np.array([1.0, 0.0]), 0)

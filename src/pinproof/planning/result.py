@@ -1,4 +1,4 @@
-"""Results of planners and of Cartesian moves: a certified curve, or the reason why there is none."""
+"""Results of planners and of Cartesian moves: a certified curve or the reason of a failure."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ class PosesPlanResult:
     fraction
         The fraction of the path length up to which the move is possible and proven free.
     reached
-        The index of the last pose that is reached, or passed if its corner is rounded; -1 if there is none.
+        The index of the last pose that is reached, or passed if its corner is rounded; -1 if no pose is reached.
     """
 
     status: LinearStatus

@@ -214,7 +214,7 @@ def test_the_default_pairs_of_the_panda_are_checked_except_its_fingers(panda):
     checker = CollisionChecker(panda)
     assert {frozenset(("panda_link5", "panda_link7")), frozenset(("panda_link5", "panda_hand"))} <= checked(checker)
     fingers = reasons(checker)[frozenset(("panda_leftfinger", "panda_rightfinger"))]
-    assert fingers == "SRDF: Default; no joint of the arm moves them against each other"
+    assert fingers == "SRDF: Default; no joint of the arm moves them relative to each other"
     assert checker.is_free(panda.home)
 
 

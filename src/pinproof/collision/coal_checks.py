@@ -1,9 +1,4 @@
-"""Coal's view of the bodies of a checker: it judges what has no support function, and how deep bodies overlap.
-
-Pinocchio's and coal's own answers on the bodies and pairs of a checker, as they come out of the box.
-
-Nothing here is used by a check or a proof: it is what these are compared with, in verdicts and in time.
-"""
+"""Checks by coal: bodies without a support function, penetration depths, and plain checks for comparison."""
 
 from __future__ import annotations
 
@@ -20,7 +15,7 @@ from pinproof.collision.bodies import Body
 __all__ = [
     "GJK_SLACK",
     "GJK_TOLERANCE",
-    "ByCoal",
+    "CoalWorkspace",
     "Distance",
     "MeasureConvex",
     "PlainCoal",
@@ -29,22 +24,22 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 GJK_TOLERANCE = 1e-8
-"""GJK stops when its distance d is within GJK_TOLERANCE (1 + d) metres of the true one, never below it by more than
-rounding; seen to hold on boxes and cylinders against triangles. Coal's default of 1e-6 leaves 4e-6 m at d = 3 m."""
+"""GJK stops when its distance d is within GJK_TOLERANCE (1 + d) metres of the true one, and not below it by more than
+rounding (verified for boxes and cylinders against triangles). Coal's default of 1e-6 leaves 4e-6 m at d = 3 m."""
 
 GJK_ITERATIONS = 1000
-"""Coal's default of 128 ends before that on long thin cylinders."""
+"""Coal's default of 128 is not enough for long thin cylinders."""
 
 GJK_SLACK = 2e-6
-"""Metres. Where coal judges, "free" is only said beyond it: what its distances may be off, at any size a robot cell
-has, with room."""
+"""Metres: a conservative bound of the error of coal's distances at the size of a robot cell. Pairs that coal checks
+are free only beyond it."""
 
 
-def _settle_boxes() -> None:
-    """Ask coal once for a support point of a box, along a direction without zeros.
+def _fix_box_supports() -> None:
+    """Query coal once for a support point of a box, along a direction without zeros.
 
-    Its support function of boxes decides in the first call of a process, and for good, whether boxes are 1e-10 larger
-    than they are: they are if that first direction has a zero in it. Distances would differ between processes.
+    In the first call of a process, coal's support function of boxes decides permanently whether boxes are enlarged by
+    1e-10: they are if that first direction contains a zero. Without this call distances differ between processes.
     """
     request = coal.DistanceRequest()
     request.gjk_initial_guess = coal.GJKInitialGuess.CachedGuess
@@ -53,18 +48,18 @@ def _settle_boxes() -> None:
     coal.distance(box, coal.Transform3s.Identity(), box, apart, request, coal.DistanceResult())
 
 
-_settle_boxes()
+_fix_box_supports()
 
 
 class Distance(NamedTuple):
-    """What is known of the distance of a pair of bodies."""
+    """Bounds of the distance of a pair of bodies."""
 
     distance: float
-    """Signed metres: the proven lower bound where they are apart, else the penetration depth as coal knows it."""
+    """Signed distance (m): the proven lower bound if they are apart, otherwise minus coal's penetration depth."""
     proven: float
-    """A lower bound of the distance, up to rounding."""
+    """A lower bound (m) of the distance, up to rounding."""
     attained: float
-    """An upper bound of it, 0 or less where they overlap."""
+    """An upper bound (m) of the distance, 0 or less if they overlap."""
     points: Array
     """(2, 3) the nearest (or deepest) points in the root frame."""
     normal: Array
@@ -72,18 +67,18 @@ class Distance(NamedTuple):
 
 
 class MeasureConvex:
-    """Measures the distance of two convex bodies; one a thread."""
+    """Measures the distance of two convex bodies; each thread needs its own instance."""
 
     def __init__(self) -> None:
         self._request, self._result = coal.DistanceRequest(), coal.DistanceResult()
-        _settle(self._request)
+        _configure(self._request)
 
     def __call__(self, one: Body, at: Array, other: Body, other_at: Array) -> Distance:
-        """Their distance where they stand at ``at`` and ``other_at``: rotation row by row, translation."""
+        """Return their distance at the placements ``at`` and ``other_at``: rotation row by row, translation."""
         return self.of(one.geometry, at, other.geometry, other_at)
 
     def of(self, one: Any, at: Array, other: Any, other_at: Array) -> Distance:
-        """The same of two convex shapes of coal's."""
+        """Return the distance of two convex coal shapes."""
         first, second = (coal.Transform3s(place[:9].reshape(3, 3), place[9:12]) for place in (at, other_at))
         result = self._result
         result.clear()
@@ -92,18 +87,18 @@ class MeasureConvex:
         return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
 
 
-def _settle(request: Any) -> None:
-    """Tell coal how to answer: the same whatever was asked before.
+def _configure(request: Any) -> None:
+    """Configure a coal request so that its result does not depend on earlier queries.
 
-    Pinocchio's own requests start GJK where the pair's last query ended, so that answers move in their last digits with
-    the order of the questions, and with the number of threads.
+    Pinocchio's own requests start GJK at the result of the pair's last query, so that the last digits depend on the
+    order of the queries and on the number of threads.
     """
     request.gjk_initial_guess = coal.GJKInitialGuess.DefaultGuess
     request.gjk_tolerance, request.gjk_max_iterations = GJK_TOLERANCE, GJK_ITERATIONS
 
 
-class ByCoal:
-    """The bodies of a checker in a workspace of coal's; one a thread."""
+class CoalWorkspace:
+    """The bodies of a checker in a coal workspace; each thread needs its own instance."""
 
     def __init__(self, checker: CheckedBodies) -> None:
         self._arm, self._bodies, self._pairs = checker.arm, checker.bodies, checker.pairs
@@ -116,7 +111,7 @@ class ByCoal:
         self._moves = 0
 
     def move(self, q: Array, moves: int) -> None:
-        """Place every body at q (n,), unless it is there since the same move."""
+        """Place every body at q (n,), unless this was done for the same number of ``moves``."""
         if moves == self._moves:
             return
         pin.updateGeometryPlacements(
@@ -125,7 +120,7 @@ class ByCoal:
         self._moves = moves
 
     def measure(self, k: int) -> Distance:
-        """The distance of pair k; a body inside an exact watertight mesh counts as penetrating it."""
+        """Return the distance of pair k; a body inside an exact watertight mesh penetrates it."""
         result = pin.computeDistance(self._geometry_model, self._geometry_data, k)
         distance = float(result.min_distance)
         points = np.array([result.getNearestPoint1(), result.getNearestPoint2()])
@@ -134,15 +129,15 @@ class ByCoal:
         return Distance(distance, distance - GJK_SLACK, distance, points, np.array(result.normal))
 
     def touches(self, k: int) -> bool:
-        """Whether pair k comes within its margin, or one body lies inside the other."""
+        """Whether pair k is within its margin, or one body is inside the other."""
         if pin.computeCollision(self._geometry_model, self._geometry_data, k) or self.one_inside_other(k):
             return True
-        return self._needles(k) and self.measure(k).proven <= self._margins[k]
+        return self._may_have_degenerate_triangles(k) and self.measure(k).proven <= self._margins[k]
 
-    def _needles(self, k: int) -> bool:
-        """Whether triangles without area may be all that touches: coal's collide misses some of them.
+    def _may_have_degenerate_triangles(self, k: int) -> bool:
+        """Whether possibly only triangles without area are in contact, some of which coal's collide misses.
 
-        In a watertight mesh they lie in edges of triangles with an area.
+        In a watertight mesh they lie on edges of triangles with an area.
         """
         solids = [self._bodies[i].solid for i in self._pairs[k]]
         return all(s is not None for s in solids) and not all(s.watertight for s in solids if s is not None)
@@ -164,20 +159,20 @@ class ByCoal:
             collision, distance = coal.CollisionRequest(), coal.DistanceRequest()
             collision.security_margin = margin + GJK_SLACK
             for request in (collision, distance):
-                _settle(request)
+                _configure(request)
             self._geometry_data.collisionRequests[k] = collision
             self._geometry_data.distanceRequests[k] = distance
 
 
 class PlainCoal:
-    """Checks by Pinocchio and coal alone; margins are those of the checker.
+    """Checks by Pinocchio and coal alone, with the margins of the checker; used in benchmarks and tests only.
 
     Parameters
     ----------
     checker
-        Which arm, bodies, pairs and margins.
+        Defines arm, bodies, pairs and margins.
     broadphase
-        Let coal's dynamic tree of boxes choose the pairs to look at, in place of looking at each.
+        Use coal's dynamic bounding-box tree as a broad phase, instead of checking each pair.
     """
 
     def __init__(self, checker: CheckedBodies, *, broadphase: bool = False) -> None:
@@ -195,17 +190,17 @@ class PlainCoal:
             )
 
     def configurations(self, many: Array) -> list[Array]:
-        """Configurations (N, n) of the arm as the model takes them, so that timing a check times nothing else."""
+        """Return configurations (N, n) of the arm in the form of the model, so that timings contain the check only."""
         return [self._configuration(q) for q in many]
 
     def is_free(self, q: Array) -> bool:
-        """Whether no pair is found to come within its margin at a model's configuration."""
+        """Whether no pair is within its margin at a configuration of the model."""
         if self._tree is not None:
             return not pin.computeCollisions(self._model, self._data, self._tree, q, True)
         return not pin.computeCollisions(self._model, self._data, self._geometry, self._bodies, q, True)
 
     def clearance(self, q: Array) -> float:
-        """The smallest signed distance (m) over all pairs at a model's configuration; inf without pairs."""
+        """Return the smallest signed distance (m) over all pairs at a configuration of the model; inf without pairs."""
         if not self._any:
             return np.inf
         nearest = pin.computeDistances(self._model, self._data, self._geometry, self._bodies, q)

@@ -1,18 +1,18 @@
-"""Meshes as several convex hulls that together hold all of them, by construction.
+"""Covers of meshes by several convex hulls that together contain the mesh by construction.
 
-Space is cut by planes across x, y or z into cells C. The body S is covered, cell by cell, by the hull of
+Space is divided by planes across x, y or z into cells C. The body S is covered, cell by cell, by the hull of
 
-- the triangles of its surface, cut to C, and
-- the corners of C that lie in S.
+- the triangles of its surface, clipped to C, and
+- the corners of C that are inside S.
 
-Proof. S and C are closed and bounded, so S n C lies in the hull of its extreme points (Minkowski; Rockafellar, 1970,
-"Convex analysis", corollary 18.5.1). An extreme point x on the surface of S lies in a triangle cut to C. If x is not on
-the surface, a ball around x lies in S, so x is extreme in C too: a corner of C that lies in S. The whole triangles of
-the surface are covered all the more, since the cells cover space; this holds for meshes that are not closed, too.
+Proof. S and C are closed and bounded, so the intersection of S and C is contained in the hull of its extreme points
+(Minkowski; Rockafellar, 1970, "Convex analysis", corollary 18.5.1). An extreme point x on the surface of S is on a
+triangle clipped to C. If x is not on the surface, a ball around x is inside S, so x is also extreme in C: a corner of C
+inside S. All triangles of the surface are covered because the cells cover space, also for meshes that are not closed.
 
-Where to cut is another matter, and decides only how closely the hulls fit. A cell is as bad as the space between its
-surface and its hull: the integral over the surface of the way from there to the hull along the outward normal. Unlike
-the hull's volume it falls with each wall that is cut off a hollow thing, long before the last cut saves any volume.
+The choice of the planes only determines how closely the hulls fit. The measure of a cell is the volume between its
+surface and its hull: the integral over the surface of the distance to the hull along the outward normal. Unlike the
+volume of the hull, it decreases with every wall that is separated from a hollow body.
 """
 
 from __future__ import annotations
@@ -35,51 +35,51 @@ __all__ = ["clusters"]
 Array = npt.NDArray[np.float64]
 
 PIECES = 12
-"""Hulls at most: with more, pairs grow faster than what they gain."""
+"""Maximum number of hulls: more hulls increase the number of pairs more than they improve the fit."""
 
 CELLS = 20
-"""Cells at most; some of their hulls are joined again."""
+"""Maximum number of cells; some of their hulls are merged again."""
 
 WORTH = 0.02
-"""A cell is cut as long as it has this much space between surface and hull, as a share of the box around the mesh."""
+"""A cell is divided while its volume between surface and hull exceeds this share of the box around the mesh."""
 
 IDLE = 0.01
-"""Hulls are joined where that adds less than this share of the volume of the whole hull."""
+"""Hulls are merged if that adds less than this share of the volume of the whole hull."""
 
 SNUG = 1.1
-"""A hull that is no larger than this many times the body is left whole: there is little to gain."""
+"""A hull of at most this multiple of the body's volume is not divided."""
 
 CLOSE = 1.15
-"""A cover by halves that is no larger than this many times the body is good enough; else cuts are searched for."""
+"""A cover by halving of at most this multiple of the body's volume is accepted; otherwise better cuts are searched."""
 
 SHARES = (0.15, 0.3, 0.4, 0.5, 0.6, 0.7, 0.85)
-"""Where cuts are tried along a cell; and along as many of the largest faces that stand across the axis."""
+"""Relative positions of tried cuts along a cell; as many of the largest faces across the axis are tried too."""
 
 AROUND = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=3) if d > (0.0, 0.0, 0.0)])
-"""(13, 3) Directions in which, and against which, it is looked how far a surface reaches."""
+"""(13, 3) directions along which, in both senses, the extent of a surface is computed."""
 
 ACROSS = 0.999
-"""A face stands across an axis if its unit normal has this much of it."""
+"""A face is across an axis if that component of its unit normal is at least this."""
 
 FEW = 400
-"""Triangles, spread evenly by area, of which it is judged where to cut; what is kept holds all of them."""
+"""Number of triangles, spread evenly by area, that are used to choose a cut; the cover contains all triangles."""
 
 SAMPLES = 400
-"""Places on the surface at which the way to the hull is measured, spread evenly by area."""
+"""Number of points on the surface, spread evenly by area, at which the distance to the hull is measured."""
 
 
 def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PIECES) -> list[Array]:
-    """The points of each hull of a cover, from 1 to ``pieces`` arrays (V_i, 3).
+    """Return the points of each hull of a cover, from 1 to ``pieces`` arrays (V_i, 3).
 
     Parameters
     ----------
     corners
         (F, 3, 3) the corners of the triangles.
     contains
-        Whether any of the points (N, 3) lies in the body; never for a surface without an inside.
+        Whether any of the points (N, 3) is inside the body; always false for a surface without an inside.
     """
     flat = corners.reshape(-1, 3)
-    # Cells share their corners, and it takes long to tell whether one lies in the body.
+    # Cells share corners, and the test whether a corner is inside the body is slow.
     known = cache(lambda *corner: contains(np.array([corner])))
     whole = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), known)
     enclosed = abs(float(np.linalg.det(corners - whole.box.mean(axis=0)).sum())) / 6
@@ -115,7 +115,7 @@ class _Hull:
 
 
 def _cut_up(whole: _Cell, closely: bool, pieces: int) -> list[_Hull]:
-    """The hulls of the cells: cut where it leaves least space, or in halves, which suits what is round and hollow."""
+    """Return the hulls of the cells: cut at the best plane, or in halves, which suits round and hollow bodies."""
     least = WORTH * float(np.prod(np.ptp(whole.box, axis=0)))
     number = 0
     queue = [(-whole.space, number, whole)]
@@ -133,7 +133,7 @@ def _cut_up(whole: _Cell, closely: bool, pieces: int) -> list[_Hull]:
 
 
 def _joined(hulls: list[_Hull], pieces: int) -> list[_Hull]:
-    """Fewer clusters: those joined whose common hull is hardly larger; the hull of both holds both."""
+    """Merge hulls whose common hull is hardly larger; it contains both."""
     idle = IDLE * _Hull(np.concatenate([hull.points for hull in hulls])).volume
     both: dict[tuple[int, int], tuple[float, _Hull]] = {}
     alive = dict(enumerate(hulls))
@@ -157,7 +157,7 @@ def _joined(hulls: list[_Hull], pieces: int) -> list[_Hull]:
 
 @dataclass
 class _Cell:
-    """A box (2, 3) of space and the triangles (F, 3, 3) cut to it."""
+    """A box (2, 3) of space and the triangles (F, 3, 3) clipped to it."""
 
     corners: Array
     box: Array
@@ -165,30 +165,30 @@ class _Cell:
 
     @cached_property
     def inner(self) -> Array:
-        """The corners of the cell that lie in the body."""
+        """The corners of the cell that are inside the body."""
         inside = [corner for corner in product(*self.box.T.tolist()) if self.contains(*corner)]
         return np.array(inside).reshape(-1, 3)
 
     @cached_property
     def points(self) -> Array:
-        """What the hull is taken of."""
+        """The points whose hull is computed."""
         return np.unique(np.concatenate([self.corners.reshape(-1, 3), self.inner]), axis=0)
 
     @cached_property
     def hull(self) -> _Hull:
-        """What covers the body in this cell."""
+        """The hull that covers the body in this cell."""
         return _Hull(self.points)
 
     @property
     def middle(self) -> tuple[int, float]:
-        """The axis of the longest side, and its middle."""
+        """The axis of the longest side, and the position of its middle."""
         low, high = self.points.min(axis=0), self.points.max(axis=0)
         axis = int((high - low).argmax())
         return axis, float(low[axis] + high[axis]) / 2
 
     @cached_property
     def best_cut(self) -> tuple[int, float]:
-        """The axis and place of the cut that leaves least space; the middle where none leaves less."""
+        """The axis and position of the cut with the smallest remaining volume; the middle if no cut is better."""
         few = _Cell(self._few(), self.box, lambda *_: False)
         best, least = self.middle, self.space * (1 - 1e-9)
         for axis in range(3):
@@ -199,7 +199,7 @@ class _Cell:
         return best
 
     def _few(self) -> Array:
-        """Enough of the triangles to tell where to cut: spread by area, and those that reach farthest."""
+        """Return a subset of the triangles for choosing a cut: spread by area, and those of largest extent."""
         corners, _, areas = _faces(self.corners)
         if len(corners) <= FEW:
             return corners
@@ -209,9 +209,9 @@ class _Cell:
 
     @cached_property
     def space(self) -> float:
-        """The space (m^3) between surface and hull, as the module says; 0 where the hull is flat."""
+        """The volume (m^3) between surface and hull, as defined above; 0 if the hull is flat."""
         corners, normals, areas = _faces(self.corners)
-        # A face in a wall of the cell that looks into it is the skin of what lies in the next cell.
+        # A face in a wall of the cell with its normal inward belongs to the part of the body in the next cell.
         for axis in range(3):
             low, high = ((corners[:, :, axis] == wall).all(axis=1) for wall in self.box[:, axis])
             areas = np.where((low & (normals[:, axis] > 0)) | (high & (normals[:, axis] < 0)), 0.0, areas)
@@ -222,11 +222,11 @@ class _Cell:
         chosen, times = np.unique(_spread(areas, SAMPLES), return_counts=True)
         height = -(corners[chosen].mean(axis=1) @ planes[:, :3].T + planes[:, 3])
         slope = normals[chosen] @ planes[:, :3].T
-        way = np.where(slope > 1e-9, np.maximum(height, 0.0) / np.maximum(slope, 1e-9), np.inf).min(axis=1)
-        return float(np.minimum(way, np.linalg.norm(np.ptp(self.points, axis=0))) @ times) * total / SAMPLES
+        distance = np.where(slope > 1e-9, np.maximum(height, 0.0) / np.maximum(slope, 1e-9), np.inf).min(axis=1)
+        return float(np.minimum(distance, np.linalg.norm(np.ptp(self.points, axis=0))) @ times) * total / SAMPLES
 
     def cut(self, axis: int, place: float) -> tuple[_Cell, _Cell]:
-        """The two cells on both sides of a plane."""
+        """Return the two cells on both sides of a plane."""
         below, above = self.box.copy(), self.box.copy()
         below[1, axis] = above[0, axis] = place
         lower, upper = _split(self.corners, axis, place)
@@ -234,7 +234,7 @@ class _Cell:
 
 
 def _spread(areas: Array, count: int) -> npt.NDArray[np.int64]:
-    """Which faces lie at ``count`` places that are spread evenly over the areas (F,)."""
+    """Return the faces at ``count`` points that are spread evenly over the areas (F,)."""
     ends = np.cumsum(areas)
     here = np.searchsorted(ends, (np.arange(count) + 0.5) * ends[-1] / count)
     return np.minimum(here, len(areas) - 1)
@@ -249,7 +249,7 @@ def _faces(corners: Array) -> tuple[Array, Array, Array]:
 
 
 def _places(corners: Array, axis: int) -> list[float]:
-    """Where to try cutting along an axis."""
+    """Return the positions of cuts to try along an axis."""
     low, high = float(corners[:, :, axis].min()), float(corners[:, :, axis].max())
     faces, normals, areas = _faces(corners)
     across = np.abs(normals[:, axis]) > ACROSS

@@ -1,6 +1,7 @@
-"""Convex hulls for coal, without the ways in which asking for one ends the interpreter.
+"""Convex hulls for coal, and the volume that a closed mesh encloses.
 
-What is inside a closed mesh: coal's meshes are hollow, so a body wholly inside one does not touch it there.
+Qhull terminates the interpreter on flat points, which are refused here. Coal's meshes are hollow, so a body inside a
+mesh is not in contact for coal; :class:`Solid` detects it.
 """
 
 from __future__ import annotations
@@ -19,25 +20,25 @@ __all__ = ["Inside", "Solid", "bvh", "convex_hull", "hull_of_any", "refuse_flat"
 Array = npt.NDArray[np.float64]
 
 FLAT = 1e-6
-"""Metres. Points thinner than this in some direction have no hull: Qhull ends the interpreter on them."""
+"""Metres. Points with a smaller extent in some direction are flat: Qhull terminates the interpreter on them."""
 
 FLAT_SHARE = 1e-7
-"""The same as a share of the longest side: Qhull was seen to crash at 1e-8 of it (1 um of 100 m), to work at 1e-7."""
+"""The same as a share of the longest side: Qhull crashed at 1e-8 of it (1 um of 100 m) and worked at 1e-7."""
 
 THICKENING = 10.0
-"""How many times the least thickness that has a hull flat points are thickened to: 1e-5 m for all below 10 m."""
+"""Thickness of flat points after thickening, as a multiple of the smallest that has a hull: 1e-5 m below 10 m."""
 
 
 def convex_hull(points: Array, what: str) -> Any:
-    """The coal shape of the hull of ``points`` (V, 3); ``what`` names them in errors.
+    """Return the coal shape of the hull of ``points`` (V, 3); ``what`` names them in errors.
 
     Raises
     ------
     InputError
-        If they are flat, or Qhull or coal gives up on them.
+        If they are flat, or Qhull or coal fails.
     """
     refuse_flat(points, what)
-    # buildConvexRepresentation would only re-label a mesh as convex and miss collisions; this is the hull (Qhull).
+    # buildConvexRepresentation would only label a mesh as convex and miss collisions; this computes the hull (Qhull).
     surface = bvh(points, np.array([[0, 1, 2]]))
     try:
         surface.buildConvexHull(True, "Qt")
@@ -47,10 +48,10 @@ def convex_hull(points: Array, what: str) -> Any:
 
 
 def hull_of_any(points: Array) -> Any:
-    """The coal shape of a convex body that holds all ``points`` (V, 3), flat or not.
+    """Return the coal shape of a convex body that contains all ``points`` (V, 3), flat or not.
 
-    Their hull; where they are flat that of the box around them along their principal axes, thickened to
-    :data:`THICKENING` times what has a hull; that box too where Qhull gives up.
+    It is their hull. If they are flat or Qhull fails, it is the box around them along their principal axes, thickened
+    to :data:`THICKENING` times the smallest thickness that has a hull.
     """
     try:
         return convex_hull(points, "a cluster")
@@ -79,7 +80,7 @@ def refuse_flat(points: Array, what: str) -> None:
 
 
 def bvh(vertices: Array, triangles: npt.NDArray[np.int64]) -> Any:
-    """A coal mesh of triangles."""
+    """Return a coal mesh of triangles."""
     model = coal.BVHModelOBBRSS()
     model.beginModel(len(triangles), len(vertices))
     model.addVertices(np.ascontiguousarray(vertices))
@@ -102,11 +103,11 @@ Triangles = npt.NDArray[np.int64]
 
 
 class Inside(Protocol):
-    """What a surface encloses."""
+    """The volume that a surface encloses."""
 
     @property
     def watertight(self) -> bool:
-        """Whether it encloses anything; if not, the surface is hollow."""
+        """Whether it encloses a volume; otherwise it is only a surface."""
 
     @property
     def witnesses(self) -> Array:
@@ -116,23 +117,23 @@ class Inside(Protocol):
         """Whether any of the points (N, 3), in the surface's frame, lies inside."""
 
     def content(self) -> bytes:
-        """The numbers it is made of."""
+        """Return its defining numbers, for a hash."""
 
 
 @dataclass(frozen=True, eq=False)
 class Solid:
-    """A triangle mesh seen as a solid.
+    """A triangle mesh as a solid.
 
-    A closed part is solid, whichever way its triangles turn. A part that turns the other way than the mesh as a whole
-    is a cavity if it lies in a solid part without touching any other part; if not, it is a body whose triangles turn
-    the wrong way, and just as solid: else what two such parts share would cancel out and count as outside.
+    A closed part is solid, independently of the orientation of its triangles. A part with the opposite orientation of
+    the whole mesh is a cavity if it is inside a solid part and does not touch any other part. Otherwise it is a solid
+    part with inverted triangles; without this rule, the overlap of two such parts would count as outside.
 
     Parameters
     ----------
     vertices, triangles
         (V, 3) metres and (F, 3) indices.
     hollow
-        Take it as a bare surface, watertight or not.
+        Treat it as a surface without an inside, watertight or not.
     watertight
         Whether every edge joins exactly two triangles, once in each direction; if not, there is no inside.
     witnesses
@@ -168,12 +169,12 @@ class Solid:
         return any(abs(winding_number(point, self.corners)) > 0.5 for point in near)
 
     def content(self) -> bytes:
-        """The numbers it is made of."""
+        """Return its defining numbers, for a hash."""
         return self.vertices.tobytes() + self.triangles.tobytes() + bytes([self.hollow])
 
 
 def winding_number(point: Array, corners: Array) -> float:
-    """How often the surface of triangles (F, 3, 3) winds about a point (3,): +-1 inside a closed surface, 0 outside.
+    """Return the winding number of triangles (F, 3, 3) about a point (3,): +-1 inside a closed surface, 0 outside.
 
     Sum of the signed solid angles of the triangles over 4 pi (van Oosterom and Strackee, 1983, "The solid angle of a
     plane triangle", equation 8; Jacobson and others, 2013, for its use as an inside test).
@@ -208,14 +209,14 @@ def _parts(faces: Triangles, count: int) -> list[npt.NDArray[np.int64]]:
 def _oriented(points: Array, faces: Triangles, parts: list[npt.NDArray[np.int64]]) -> Array:
     """The triangles (F, 3, 3), solid parts turned outwards and cavities inwards."""
     corners = points[faces]
-    corners = corners - corners.mean(axis=(0, 1))  # volumes far from the origin drown in rounding
+    corners = corners - corners.mean(axis=(0, 1))  # avoids cancellation far from the origin
     volume = np.array([np.linalg.det(corners[part]).sum() / 6 for part in parts])
     corners = points[faces]
     if volume.sum() < 0:
         corners, volume = corners[:, ::-1], -volume
     for k in sorted(
         np.flatnonzero(volume < 0), key=lambda k: float(volume[k])
-    ):  # large ones first: they hold small ones
+    ):  # large parts first: they contain small ones
         others = np.concatenate([part for i, part in enumerate(parts) if i != k])
         within = winding_number(corners[parts[k][0], 0], corners[others]) > 0.5
         if not within or _touch(corners[parts[k]], corners[others]):

@@ -1,9 +1,7 @@
 """The bodies of a checker placed at a configuration, and the distances between them.
 
-Convex bodies are judged by compiled loops, whose bounds are true whatever the iteration did. Coal judges what has no
-support function, and says how deep bodies penetrate each other.
-
-The pairs between which no joint moves: judged once, for every configuration.
+Convex bodies are checked by compiled loops, whose bounds hold independently of the convergence of the iteration. Coal
+checks bodies without a support function, and computes penetration depths.
 """
 
 from __future__ import annotations
@@ -14,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.assembly import CheckedBodies
-from pinproof.collision.coal_checks import ByCoal, Distance, MeasureConvex
+from pinproof.collision.coal_checks import CoalWorkspace, Distance, MeasureConvex
 
 __all__ = [
     "CONTACT",
@@ -32,14 +30,14 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 FIRST_ONLY, EVERY, NEAREST = 0, 1, 2
-"""What :mod:`pinproof.kernels.near` can be asked, which is only imported where it is called."""
+"""Queries of :mod:`pinproof.kernels.near` (imported late): one contact, all contacts, the smallest distance."""
 
 CONTACT, NOT_FINITE = -1, -2
-"""What its answer may be besides a number of pairs that are left to coal."""
+"""Results of :meth:`PlacedBodies.judge` other than a number of pairs that coal has to check."""
 
 
 class Near(NamedTuple):
-    """What the compiled loop says about a configuration, see :func:`pinproof.kernels.near.near`."""
+    """The result of the compiled loop for a configuration, see :func:`pinproof.kernels.near.near`."""
 
     contacts: list[int]
     left_to_coal: list[int]
@@ -49,14 +47,14 @@ class Near(NamedTuple):
 
 
 class PlacedBodies:
-    """The bodies of a checker at one configuration; one a thread, since threads may not share workspaces.
+    """The bodies of a checker at one configuration; each thread needs its own instance.
 
     Parameters
     ----------
     checker
         The checker.
     numbers, indices
-        Its flattened world, or a part of it.
+        Its flattened arrays, or a part of them.
     """
 
     def __init__(self, checker: CheckedBodies, numbers: Array, indices: Indices) -> None:
@@ -68,25 +66,25 @@ class PlacedBodies:
         self._q = np.zeros(checker.arm.dof)
         self._pairs = np.full((3, max(len(checker.pairs), near.LIKELY)), -1)
         self._moves = 0
-        self._coal: ByCoal | None = None
+        self._coal: CoalWorkspace | None = None
         self._convex: MeasureConvex | None = None
 
     def judge(self, q: Array) -> int:
-        """Place every body at q (n,), and say what :func:`pinproof.kernels.near.touching` does."""
+        """Place every body at q (n,), and return the result of :func:`pinproof.kernels.near.touching`."""
         self._q[:] = q
         self._moves += 1
         return self._touching(self._numbers, self._indices, self.at, self._q, self._pairs)
 
     def left_to_coal(self, count: int) -> list[int]:
-        """The pairs that the last question left to coal."""
+        """Return the pairs that coal has to check after the last query."""
         return self._pairs[1, :count].tolist()
 
     def judge_many(self, Q: Array, question: int, out: Array) -> None:
-        """What :func:`pinproof.kernels.near.near` says at each row of Q (N, n), into ``out`` (N, 5)."""
+        """Write the result of :func:`pinproof.kernels.near.near` for each row of Q (N, n) into ``out`` (N, 5)."""
         self._kernels.near_many(self._numbers, self._indices, self.at, Q, question, self._pairs, out)
 
     def near(self, q: Array, question: int) -> Near:
-        """Place every body at q (n,), finite, and judge the pairs between which a joint moves."""
+        """Place every body at q (n,), finite, and check the pairs that a joint moves relative to each other."""
         self._q[:] = q
         self._moves += 1
         contacts, left, lower, upper, nearest = self._kernels.near(
@@ -95,7 +93,7 @@ class PlacedBodies:
         return Near(self._pairs[0, :contacts].tolist(), self.left_to_coal(left), lower, upper, nearest)
 
     def touching(self, q: Array) -> list[tuple[int, Distance]]:
-        """The pairs in contact at q (n,), finite, between which a joint moves."""
+        """Return the pairs in contact at q (n,), finite, that a joint moves relative to each other."""
         near = self.near(q, EVERY)
         pairs = [*near.contacts, *(k for k in near.left_to_coal if self.touches(k))]
         return [(k, self.measure(k)) for k in pairs]
@@ -107,7 +105,7 @@ class PlacedBodies:
         self._kernels.place_bodies(self._numbers, self._indices, self._q, self.at)
 
     def measure(self, k: int) -> Distance:
-        """The distance of pair k; a body inside an exact watertight mesh counts as penetrating it."""
+        """Return the distance of pair k; a body inside an exact watertight mesh penetrates it."""
         if not self._checker.convex[k]:
             return self._by_coal().measure(k)
         points, normal = np.empty((2, 3)), np.empty(3)
@@ -122,33 +120,33 @@ class PlacedBodies:
         return deep._replace(distance=min(deep.distance, upper), proven=lower, attained=upper)
 
     def touches(self, k: int) -> bool:
-        """Whether pair k, left to coal, comes within its margin."""
+        """Whether pair k, which coal has to check, is within its margin."""
         return self._by_coal().touches(k)
 
     def one_inside_other(self, k: int) -> bool:
         """Whether a part of one body of pair k lies inside the exact watertight mesh of the other."""
         return self._by_coal().one_inside_other(k)
 
-    def _by_coal(self) -> ByCoal:
+    def _by_coal(self) -> CoalWorkspace:
         if self._coal is None:
-            self._coal = ByCoal(self._checker)
+            self._coal = CoalWorkspace(self._checker)
         self._coal.move(self._q, self._moves)
         return self._coal
 
 
 class FixedPairs(NamedTuple):
-    """The verdict on them."""
+    """The result for the pairs that no joint moves relative to each other: the same at every configuration."""
 
     touching: tuple[tuple[int, Distance], ...]
-    """Those in contact."""
+    """The pairs in contact."""
     lower: float
-    """The smallest signed distance (m) of them, as :meth:`pinproof.CollisionChecker.clearance` has it."""
+    """Their smallest signed distance (m), as in :meth:`pinproof.CollisionChecker.clearance`."""
     upper: float
-    """An upper bound of it."""
+    """An upper bound (m) of it."""
 
 
 def check_fixed_pairs(space: PlacedBodies, q: Array) -> FixedPairs:
-    """Judge the pairs of a workspace that has no others, at any q (n,)."""
+    """Check the pairs of a workspace that has only such pairs, at any q (n,)."""
     touching = tuple(space.touching(q))
     near = space.near(q, NEAREST)
     judged = [space.measure(k) for k in (*near.contacts, *near.left_to_coal)]

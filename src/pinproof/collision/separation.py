@@ -1,39 +1,34 @@
-r"""A body that leaves an obstacle it may touch: proof that along one direction it never comes nearer.
+r"""Proofs that a body moving away from an obstacle never approaches it along one direction.
 
-Let n be a unit vector, fixed as the obstacle is, and
+Let n be a unit vector that is fixed with the obstacle, and
 
 .. math:: g(t) = \min_{y \in \text{body}} n \cdot y(t) - \max_{x \in \text{obstacle}} n \cdot x .
 
-Wherever g is above 0 the two are g apart or more; below 0 it is how deep they overlap along n. If no point of the body
-moves against n, g never falls. The speed of a point y along n is :math:`\sum_i s_i f_i`, with the rates s_i of the
-joints that carry it and :math:`f_i = n \cdot (w_i \times (y - p_i))`, or :math:`n \cdot w_i` for a joint that slides.
+If g is positive, the two are at least g apart; if it is negative, they overlap by -g along n. If no point of the body
+moves against n, g never decreases. The speed of a point y along n is :math:`\sum_i s_i f_i`, with the rates s_i of the
+joints that carry it and :math:`f_i = n \cdot (w_i \times (y - p_i))`, or :math:`n \cdot w_i` for a prismatic joint.
 
-On an interval every joint j stays within delta_j of its value in the middle. Go there joint by joint, the one nearest
-to the root first. Joints up to i turn :math:`w_i \times (y - p_i)` as a whole, and joints beyond i move y by their
-chords, at radii that are those of the middle (:mod:`pinproof.kernels.approach`). So f_i stays within
+On an interval every joint j stays within delta_j of its value in the middle. Move there joint by joint, starting with
+the one closest to the root. Joints up to i rotate :math:`w_i \times (y - p_i)` as a whole, and joints beyond i move y
+by their chords, at radii that are those of the middle (:mod:`pinproof.kernels.approach`). So f_i stays within
 
 .. math:: \varepsilon_i = \rho_i \sum_{j \le i} 2 \sin(\delta_j / 2) + \sum_{j > i} 2 \rho_j \sin(\delta_j / 2)
 
-of what it is in the middle (joints that slide turn nothing and shift by delta_j). On a polynomial piece the rates are
-:math:`s_i(u) = \sum_r B_r(u) s_{ri}`, with coefficients that are differences of control points, and the B_r are not
-negative. So g does not fall if for every r
+of its value in the middle (prismatic joints do not rotate, and translate by delta_j). On a polynomial piece the rates
+are :math:`s_i(u) = \sum_r B_r(u) s_{ri}`, with coefficients that are differences of control points, and nonnegative
+B_r. So g does not decrease if for every r
 
 .. math:: L_r = \min_y \sum_i s_{ri} f_i(y) - \sum_i |s_{ri}| \varepsilon_i \ge 0 ,
 
-the f_i taken in the middle, where the sum is linear in y and its least value that of a support function. Where an L_r
-is below 0, g falls by at most the sum of them. Coefficients, not values, are compared: at rest both sides are 0.
+with f_i at the middle, where the sum is linear in y and its minimum is a value of the support function. If some L_r are
+negative, g decreases by at most the sum of their magnitudes. Coefficients are compared instead of values because at
+rest both sides are 0.
+
+For an exact mesh, the facets close to the body at the start are grouped by the directions along which the body leaves
+them.
 
 Source: R. T. Farouki (2012), "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric
 Design 29, section 3 (differences, hull); the rest is derived here.
-
-The facets of an exact mesh near which a body starts, in groups that it leaves along one direction each.
-
-A mesh that is not convex, such as a bin, has no direction along which a body inside its hull leaves all of it. But the
-body may leave every facet that it starts near to, and keep away from all others. Let A be the body, eroded by the depth
-d to which it may penetrate at the start. If every facet of a closed surface is either left along a direction n with a
-gap of at least -d that never falls, or kept away from, then A never crosses the surface. So if A is outside at the end,
-which the ordinary proof shows, it was outside at every time before. Each facet is convex, so the proof of
-:mod:`.departure` holds for it, and for any group of facets too, with the largest level of the group.
 """
 
 from __future__ import annotations
@@ -71,24 +66,24 @@ Array = npt.NDArray[np.float64]
 
 
 HALVINGS = 12
-"""Of the interval in which a body leaves, to tell when it has: to the 4000th part of it."""
+"""Number of bisections of the interval in which a body separates: its end is found to 1/4000 of the interval."""
 
 
 class DepartureProof(NamedTuple):
-    """How far along a curve a body is proven not to approach."""
+    """The span of a curve on which a body is proven not to approach."""
 
     end: float
-    """The parameter up to which it is."""
+    """The parameter up to which it is proven."""
     until: float
-    """The one from which on it is also farther away than it must be; infinity if that is not reached."""
+    """The parameter after which its distance is also larger than required; infinity if this is not reached."""
     stopped: float
-    """The end of the first interval in which it could not be proven; ``end`` if there is none."""
+    """The end of the first interval in which the proof failed; ``end`` if it did not fail."""
     intervals: int
-    """How many were looked at."""
+    """Number of intervals."""
 
 
 class MovingBody:
-    """A body of the robot on its way: where it is at a configuration, and how far it reaches in a direction.
+    """A moving body of the robot: its placement at a configuration, and its support function.
 
     Parameters
     ----------
@@ -119,7 +114,7 @@ class MovingBody:
         self._place(self.world, np.ascontiguousarray(q), self.axes, self._every)
 
     def reach(self, directions: Array) -> Array:
-        """(d,) the largest ``direction . y`` over its points y, for any directions (d, 3) in the root frame."""
+        """Return (d,) the largest ``direction . y`` over its points y, for directions (d, 3) in the root frame."""
         return self.shape.reach(self.at, directions)
 
 
@@ -133,30 +128,30 @@ class DepartureDirection:
     normal
         (3,) the direction, of length 1, in the root frame.
     level
-        How far (m) what it leaves reaches along the direction.
+        Extent (m) of the obstacle along the direction.
     """
 
     def __init__(self, moving: MovingBody, normal: Array, level: float) -> None:
         self._mover, self.normal, self.level = moving, normal, level
 
     def gap(self, q: Array) -> float:
-        """The gap (m) along :attr:`normal` at q (n,): a lower bound of the distance, below 0 where they overlap."""
+        """Return the gap (m) along :attr:`normal` at q (n,): a lower bound of the distance, negative in overlap."""
         self._mover.move(q)
         return -float(self._mover.reach(-self.normal[None])[0]) - self.level
 
     def follow(self, knots: Array, control: Array, enough: float, tolerance: float, most: int) -> DepartureProof:
-        """Go along a curve for as long as the body is proven not to approach.
+        """Follow a curve as long as the body is proven not to approach.
 
         Parameters
         ----------
         knots, control
             The curve, see :mod:`pinproof.motion.bezier`.
         enough
-            The gap (m) beyond which the body has left.
+            The gap (m) beyond which the body has separated.
         tolerance
-            Metres: an interval in which it moves by less is not cut any further.
+            Metres: an interval in which it moves by less is not bisected further.
         most
-            The number of intervals after which the proof stops.
+            Maximum number of intervals.
         """
         end, until, lost, count = float(knots[0]), np.inf, 0.0, 0
         if self.gap(control[0, 0]) > enough:
@@ -179,7 +174,7 @@ class DepartureDirection:
         return DepartureProof(end, until, end, count)
 
     def _crossing(self, start: float, stop: float, part: Array, enough: float) -> float:
-        """Where in a piece, at the latest, a gap that does not fall passes ``enough``."""
+        """Return an upper bound of the parameter at which a gap that does not decrease exceeds ``enough``."""
         for _ in range(HALVINGS):
             middle, (left, right) = 0.5 * (start + stop), bezier.split(part)
             if self.gap(left[-1]) > enough:
@@ -189,7 +184,7 @@ class DepartureDirection:
         return stop
 
     def _falls(self, part: Array) -> tuple[float, float]:
-        """By how much (m) the gap may fall over a piece (degree + 1, n), at most; and how far the body may move."""
+        """Return upper bounds of the decrease (m) of the gap over a piece (degree + 1, n), and of the motion (m)."""
         from pinproof.kernels.world import LEADER, MIDDLE, MULTIPLIER, SLIDES
 
         moving, middle = self._mover, bezier.split(part)[0][-1]
@@ -213,7 +208,7 @@ class DepartureDirection:
 
 
 class BodySupport(NamedTuple):
-    """The convex hull of a body, by how far it reaches; a half-space only along its own normal."""
+    """The support function of the convex hull of a body; of a half-space only along its own normal."""
 
     points: Array | None
     """(V, 3) the corners of an exact mesh; None for a body with a support function."""
@@ -221,12 +216,12 @@ class BodySupport(NamedTuple):
 
     @classmethod
     def of(cls, body: Body) -> BodySupport:
-        """That of a body of any kind."""
+        """Return the support of a body of any kind."""
         exact = body.support is None and not isinstance(body.geometry, coal.Halfspace)
         return cls(np.array(body.geometry.vertices()) if exact else None, body)
 
     def reach(self, at: Array, directions: Array) -> Array:
-        """(d,) the largest ``direction . x`` over the body placed at ``at`` (12 or more), for directions (d, 3)."""
+        """Return (d,) the largest ``direction . x`` over the body at ``at`` (12 or more), for directions (d, 3)."""
         origin = directions @ at[9:12]
         if isinstance(self.body.geometry, coal.Halfspace):
             return np.asarray(origin)
@@ -237,7 +232,7 @@ class BodySupport(NamedTuple):
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """(k, 3) the products of rows, for few rows: numpy's own takes ten times as long over them."""
+    """Return (k, 3) the cross products of rows; ten times as fast as numpy.cross for few rows."""
     x, y, z = b.T
     return np.stack([a[:, 1] * z - a[:, 2] * y, a[:, 2] * x - a[:, 0] * z, a[:, 0] * y - a[:, 1] * x], axis=1)
 
@@ -246,44 +241,44 @@ Indices = npt.NDArray[np.int64]
 Follow = Callable[[DepartureDirection], DepartureProof]
 
 FAILURES = 24
-"""Directions along which a body was not proven to leave, after which no more are tried for one pair."""
+"""Number of failed directions after which no more are tried for one pair."""
 
 MEASURED = 1000
-"""Facets at most of which the direction of penetration is measured, the deepest first: 10 us each."""
+"""Maximum number of facets whose penetration direction is measured, the deepest first: 10 us each."""
 
 NORMALS = 200
-"""Different normals of facets that are tried at most: a finely curved surface has as many as facets."""
+"""Maximum number of different facet normals that are tried."""
 
 SAME_DIRECTION = 1e-9
-"""Directions that differ by less are tried once."""
+"""Directions that differ by less are equal."""
 
 
 UNIT = 1e-6
-"""How far the length of a measured normal may be from 1."""
+"""Tolerance of the length of a measured normal."""
 
 ONE_TRIANGLE = np.array([[0, 1, 2]])
 
 
 class FacetGroup(NamedTuple):
-    """Facets that a body leaves along one direction."""
+    """Facets from which a body separates along one direction."""
 
     facets: Indices
     """Their indices in the mesh."""
     departure: DepartureDirection
     proof: DepartureProof
     gap: float
-    """Metres at the start, along the direction; below 0 where they overlap."""
+    """Gap (m) at the start along the direction; negative if they overlap."""
 
 
 def facets_of(body: Body) -> tuple[Array, Indices]:
-    """The vertices (V, 3), in its own frame, and the triangles (F, 3) of an exact mesh."""
+    """Return the vertices (V, 3), in its own frame, and the triangles (F, 3) of an exact mesh."""
     geometry = body.geometry
     triangles = (geometry.tri_indices(i) for i in range(geometry.num_tris))
     return np.array(geometry.vertices()), np.array([(t[0], t[1], t[2]) for t in triangles], dtype=np.int64)
 
 
 def facet_body(body: Body, name: str, vertices: Array, triangles: Indices) -> Body:
-    """An obstacle made of some of the triangles of an exact mesh: a bare surface of the same owner."""
+    """Return an obstacle of some triangles of an exact mesh: a surface of the same owner."""
     used, index = np.unique(triangles, return_inverse=True)
     points, faces = vertices[used], index.reshape(-1, 3)
     return Body(
@@ -308,16 +303,16 @@ def leave_facets(
     deepest: float,
     follow: Follow,
 ) -> tuple[list[FacetGroup], float]:
-    """The groups of facets that a body, placed where it starts, leaves or at least does not approach at first.
+    """Return groups of facets from which a body at its start separates, or which it does not approach at first.
 
-    Facets of no group are to be kept away from. Directions that lead away for good come first; a group whose proof has
-    ``until`` at infinity is one for which none was found. With them comes the gap (m) at the facet that is penetrated
-    deepest, along the best direction for that facet: coal's depth of a mesh is that of any facet.
+    Facets in no group need the ordinary proof. Directions along which the body separates come first; a group whose
+    proof has ``until`` at infinity has no such direction. Also returns the gap (m) at the facet with the deepest
+    penetration, along the best direction for that facet.
 
     Parameters
     ----------
     moving, body
-        What leaves.
+        The body that separates.
     corners
         (F, 3, 3) the triangles in the root frame.
     directions
@@ -327,7 +322,7 @@ def leave_facets(
     deepest
         Metres. Facets that the body penetrates by more than this in every direction are in no group.
     follow
-        Goes along the curve.
+        Follows the curve along a direction.
     """
     near = np.flatnonzero(_near(moving, corners, directions, reach))
     if not len(near):
@@ -347,7 +342,7 @@ def leave_facets(
     due = best >= -deepest
     if not due.any():
         return [], float(best.min())
-    depth = max(-float(best[due].min()), 0.0)  # it never becomes deeper than it is at the start
+    depth = max(-float(best[due].min()), 0.0)  # the penetration never exceeds that at the start
     serves = (gaps >= -depth - moving.rounding) & due
     found: list[FacetGroup] = []
     failed: dict[int, tuple[DepartureDirection, DepartureProof]] = {}
@@ -375,7 +370,7 @@ def leave_facets(
 
 
 def _extended(groups: list[FacetGroup], corners: Array) -> list[FacetGroup]:
-    """The groups, each with all facets of the mesh that reach no farther along its direction.
+    """Extend each group by all facets of the mesh with no larger extent along its direction.
 
     The same proof holds for them, and a verdict does not depend on how finely a plane is cut into facets.
     """
@@ -429,13 +424,13 @@ def _near(moving: MovingBody, corners: Array, directions: Array, reach: float) -
 
 
 def _gaps(moving: MovingBody, corners: Array, directions: Array) -> tuple[Array, Array]:
-    """(d, F) how far triangles reach along directions, and the gaps from there to the body."""
+    """Return (d, F) the extents of triangles along directions, and the gaps to the body."""
     tops = np.max([directions @ corners[:, corner].T for corner in range(3)], axis=0)
     return tops, -moving.reach(-directions)[:, None] - tops
 
 
 def _normals(corners: Array) -> Array:
-    """(F, 3) the unit normals of triangles; z for one without an area."""
+    """Return (F, 3) the unit normals of triangles; z for a triangle without an area."""
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(across, axis=1)
     flat = length == 0.0
@@ -443,7 +438,7 @@ def _normals(corners: Array) -> Array:
 
 
 def _commonest(normals: Array) -> Array:
-    """The :data:`NORMALS` directions that occur most often, of more."""
+    """Return the :data:`NORMALS` most frequent directions."""
     different, counts = np.unique(np.round(normals / SAME_DIRECTION), axis=0, return_counts=True)
     if len(different) <= NORMALS:
         return normals
@@ -452,13 +447,13 @@ def _commonest(normals: Array) -> Array:
 
 
 def _distinct(directions: Array) -> Array:
-    """The directions without repetitions, each where it first occurs."""
+    """Return the directions without repetitions, in order of first occurrence."""
     keys = np.round(directions / SAME_DIRECTION)
     return directions[np.sort(np.unique(keys, axis=0, return_index=True)[1])]
 
 
 def _measured(moving: MovingBody, body: Body, facets: Array) -> Array:
-    """(m, 3) the directions from facets to a convex body that is near to or penetrates them, as coal knows them."""
+    """Return (m, 3) the directions from facets to a close or penetrating convex body, computed by coal."""
     measure, still = MeasureConvex(), np.concatenate([np.eye(3).ravel(), np.zeros(3)])
     found = []
     for facet in facets:

@@ -174,9 +174,7 @@ class Mesh(_ByContent):
         if self.hull not in (None, True, False):
             raise InputError(f"Mesh.hull must be True, False or None, not {self.hull!r}")
         if self.hull and self.hollow:
-            raise InputError(
-                "hull=True and hollow=True exclude each other: hull=False, hollow=True is the surface alone"
-            )
+            raise InputError("a Mesh has hull=True or hollow=True, not both: hull=False, hollow=True is the surface")
         if self.hollow:
             object.__setattr__(self, "hull", False)
         object.__setattr__(self, "scale", (x, y, z))

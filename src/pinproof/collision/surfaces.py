@@ -1,9 +1,8 @@
-"""Height maps as closed triangle meshes: coal's own height fields know no distance, and nothing against meshes.
+"""Height maps and point clouds as closed triangle surfaces, and the volumes that they enclose.
 
-Point clouds: a grid of full cells, as the faces between full and empty, and what lies inside them.
-
-Coal's own octrees are of no use here: two of them are always in contact, however far apart; an ellipsoid cannot be
-asked against one; they do not pickle; and what lies beyond their sixteen levels is dropped. Triangles do none of that.
+Coal's height fields have no distance queries and no queries against meshes. Coal's octrees are not usable either: two
+of them are always in contact, queries against an ellipsoid are not supported, they cannot be pickled, and points
+beyond their sixteen levels are dropped.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ Array = npt.NDArray[np.float64]
 
 
 def ground_surface(ground: HeightMap) -> tuple[Array, npt.NDArray[np.int64]]:
-    """The closed surface of a height map: vertices (V, 3) and triangles (F, 3) that turn left seen from outside."""
+    """Return the closed surface of a height map: vertices (V, 3), triangles (F, 3) counter-clockwise from outside."""
     rows, columns = ground.heights.shape
     x, y = np.meshgrid(
         np.linspace(-ground.x / 2, ground.x / 2, columns), np.linspace(-ground.y / 2, ground.y / 2, rows)
@@ -34,7 +33,9 @@ def ground_surface(ground: HeightMap) -> tuple[Array, npt.NDArray[np.int64]]:
     first = np.where(ridge, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
     second = np.where(ridge, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
     upper = np.concatenate([first, second])
-    rim = np.concatenate([index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]])  # round the edge, to the left
+    rim = np.concatenate(
+        [index[0], index[1:, -1], index[-1, -2::-1], index[-2:0:-1, 0]]
+    )  # along the edge, counter-clockwise
     onward, down = np.roll(rim, -1), len(top)
     walls = np.concatenate([np.stack([rim + down, onward + down, onward], 1), np.stack([rim + down, onward, rim], 1)])
     return np.concatenate([top, under]), np.concatenate([upper, upper[:, ::-1] + down, walls])
@@ -42,18 +43,18 @@ def ground_surface(ground: HeightMap) -> tuple[Array, npt.NDArray[np.int64]]:
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What lies in a height map."""
+    """The volume enclosed by a height map."""
 
     ground: HeightMap
 
     @property
     def watertight(self) -> bool:
-        """The ground is solid."""
+        """A height map is always solid."""
         return True
 
     @property
     def witnesses(self) -> Array:
-        """(1, 3) one corner: the surface hangs together."""
+        """(1, 3) one corner: the surface is connected."""
         return np.array([[-self.ground.x / 2, -self.ground.y / 2, self.ground.bottom]])
 
     def contains(self, points: Array) -> bool:
@@ -75,13 +76,13 @@ class Ground:
         return bool((under[:, 2] <= height).any())
 
     def content(self) -> bytes:
-        """The numbers it is made of."""
+        """Return its defining numbers, for a hash."""
         ground = self.ground
         return repr((ground.heights.shape, ground.x, ground.y, ground.bottom)).encode() + ground.heights.tobytes()
 
 
 def _ridge_ac(heights: Array) -> npt.NDArray[np.bool_]:
-    """(ny - 1, nx - 1) whether the cut of a cell from its low-x, low-y corner is the higher one in its middle."""
+    """(ny - 1, nx - 1) whether the diagonal from the low-x, low-y corner of a cell is the higher one at its middle."""
     return np.asarray(heights[:-1, :-1] + heights[1:, 1:] >= heights[:-1, 1:] + heights[1:, :-1])
 
 
@@ -89,9 +90,9 @@ Indices = npt.NDArray[np.int64]
 
 
 def cell_faces(cloud: PointCloud) -> tuple[Array, Indices]:
-    """The faces between full and empty cells: vertices (V, 3) and triangles (F, 3) that turn left seen from outside.
+    """Return the faces between full and empty cells: vertices (V, 3), triangles (F, 3) counter-clockwise from outside.
 
-    Faces in a row are one, so that a wall is a few long strips.
+    Faces in a row are joined, so that a wall consists of a few long strips.
     """
     cells, keys = cloud.cells, np.sort(_keys(cloud.cells))
     quads: list[Array] = []
@@ -152,7 +153,7 @@ class Cells:
         return bool(np.isin(_keys(cells), self._keys).any())
 
     def content(self) -> bytes:
-        """The numbers it is made of."""
+        """Return its defining numbers, for a hash."""
         return self.cells.tobytes() + np.float64(self.resolution).tobytes()
 
 

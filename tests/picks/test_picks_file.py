@@ -85,13 +85,16 @@ def test_a_support_is_a_name_or_several(write) -> None:
         ("{name: 7, xyz: [0.4, 0.1, 0.2]}", "in quotes if it is a number"),
         ("{name: fine, xyz: [0.4, 0.1, 0.2]}", "a second pick is named 'fine'"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], aproach: 0.1}", "unknown key 'aproach'; valid: approach"),
-        ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: -0.1}", "approach of pick 'bad' is -0.1 m; it is from 0 to 20"),
+        (
+            "{name: bad, xyz: [0.4, 0.1, 0.2], approach: -0.1}",
+            "approach of pick 'bad' is -0.1 m; it must be from 0 to 20",
+        ),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], approach: [0.1, 0.2]}", "approach of pick 'bad'"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat: .nan}", "retreat of pick 'bad' holds nan"),
-        ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat_direction: [0, 0, 0]}", "has no length"),
+        ("{name: bad, xyz: [0.4, 0.1, 0.2], retreat_direction: [0, 0, 0]}", "retreat_direction of pick 'bad' is zero"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], rpy: [0, 0, 0], quat_xyzw: [0, 0, 0, 1]}", "rpy or quat_xyzw, not both"),
         ("{name: bad, xyz: [0.4, 0.1, 0.2], quat_xyzw: [0, 0, 0, 0]}", "a rotation needs a quaternion of length 1"),
-        ("bolt_1", "'bolt_1' is no pick; valid keys: name, xyz"),
+        ("bolt_1", "'bolt_1' is not a pick; valid keys: name, xyz"),
     ],
 )
 def test_a_bad_row_is_reported_with_its_reason_and_the_others_are_kept(write, row: str, reason: str) -> None:
@@ -104,16 +107,16 @@ def test_a_bad_row_is_reported_with_its_reason_and_the_others_are_kept(write, ro
         assert problem.reason.startswith("line 4: ")
 
 
-def test_an_orientation_is_never_guessed(write) -> None:
-    picks = pp.read_picks(write(GOOD_ROW, "{name: told, xyz: [0, 0, 1], rpy: [0, 0, 0]}", shared="margin: 0"))
-    assert [pick.name for pick in picks] == ["told"]
+def test_an_orientation_is_required(write) -> None:
+    picks = pp.read_picks(write(GOOD_ROW, "{name: turned, xyz: [0, 0, 1], rpy: [0, 0, 0]}", shared="margin: 0"))
+    assert [pick.name for pick in picks] == ["turned"]
     assert "states no orientation" in picks.problems[0].reason
 
 
 @pytest.mark.parametrize(
     ("shared", "where", "reason"),
     [
-        ("margin: -0.001", "key margin", "is -0.001 m; it is 0 or more"),
+        ("margin: -0.001", "key margin", "is -0.001 m; it must be 0 or more"),
         ("margin: .nan", "key margin", "nan"),
         ("margin: wide", "key margin", "'wide' is not a number"),
         ("margin: ", "key margin", "None is not a number"),
@@ -143,7 +146,7 @@ def test_an_orientation_is_never_guessed(write) -> None:
         ("robot: [", "line", "valid YAML"),
     ],
 )
-def test_what_all_rows_share_is_refused_with_line_and_key(write, shared: str, where: str, reason: str) -> None:
+def test_invalid_shared_settings_are_refused_with_line_and_key(write, shared: str, where: str, reason: str) -> None:
     with pytest.raises(PicksError) as caught:
         pp.read_picks(write(GOOD_ROW, shared=shared))
     assert where in caught.value.place
@@ -269,17 +272,17 @@ def test_a_held_joint_stands_in_one_place_or_is_open_and_grips(write) -> None:
     ("row", "reason"),
     [
         ("spin: fast", "'fast' is not a number"),
-        ("spin: {range: [1, 0]}", "it goes upwards"),
-        ("tolerance: {tilt: -1}", "they are 0 or more"),
+        ("spin: {range: [1, 0]}", "must not exceed the last"),
+        ("tolerance: {tilt: -1}", "must be 0 or more"),
         ("retreat_frame: base", "unknown retreat_frame 'base'"),
-        ("place: {xyz: [0, 0, 0], rpy: [0, 0, 0]}", "no object to put"),
+        ("place: {xyz: [0, 0, 0], rpy: [0, 0, 0]}", "a place or a support but no object"),
         ("object: a, place: {xyz: [0, 0, 0]}", "place does not state"),
         ("object: {box: [1, 1]}", "box must have the shape (3,)"),
-        ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "a whole number above 0"),
+        ("pattern: {grid: {counts: [2, 0, 1], step: [1, 1, 1]}}", "an integer above 0"),
         ("pattern: {ring: 3}", "unknown key of pattern 'ring'"),
     ],
 )
-def test_what_is_wrong_with_a_family_or_an_object_is_told(write, row: str, reason: str) -> None:
+def test_invalid_families_and_objects_are_reported(write, row: str, reason: str) -> None:
     picks = pp.read_picks(write(GOOD_ROW, f"{{name: bad, xyz: [0, 0, 0], {row}}}"))
     assert [pick.name for pick in picks] == ["fine"]
     assert reason in picks.problems[0].reason

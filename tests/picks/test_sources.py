@@ -73,16 +73,16 @@ def test_a_picks_file_may_name_a_table_and_gives_it_what_is_shared(write, tmp_pa
         ("b,1,2", "has 3 cells under 12 columns"),
         ("b,1,2,three,0,0,0,,,,,", "xyz: 'three' is not a number"),
         ("b,1,2,nan,0,0,0,,,,,", "xyz"),
-        ("b,1,,3,0,0,0,,,,,", "states only a part of x, y, z"),
+        ("b,1,,3,0,0,0,,,,,", "states only some of x, y, z"),
         ("b,,,,0,0,0,,,,,", "does not state its xyz"),
         ("b,1,2,3,,,,,,,,", "states no orientation"),
         ("b,1,2,3,0,0,0,-1,,,,", "approach of pick 'b' is -1 m"),
-        ('"b,1,2,3,0,0,0,,,,,', "is no line of a CSV file"),
-        (b"\xff,1,2,3,0,0,0,,,,,", "is no line of a CSV file in UTF-8"),
+        ('"b,1,2,3,0,0,0,,,,,', "not a valid line"),
+        (b"\xff,1,2,3,0,0,0,,,,,", "UTF-8"),
         ("a,1,2,3,0,0,0,,,,,", "a second pick is named 'a'"),
     ],
 )
-def test_a_row_that_makes_no_sense_is_a_problem_in_its_place(write, row: str | bytes, said: str) -> None:
+def test_an_invalid_row_is_a_problem_at_its_index(write, row: str | bytes, said: str) -> None:
     good = "{},1,2,3,0,0,0,,,,,\n"
     middle = (row if isinstance(row, bytes) else row.encode()) + b"\n"
     table = pp.picks.open_picks(write((HEADER + good.format("a")).encode() + middle + good.format("c").encode()))
@@ -97,13 +97,13 @@ def test_a_row_that_makes_no_sense_is_a_problem_in_its_place(write, row: str | b
     [
         ("", "is empty"),
         ("# only words\n", "is empty"),
-        (HEADER, "holds no picks"),
+        (HEADER, "contains no picks"),
         ("name,x,y\na,1,2\n", "line 1: lacks the column z beside x"),
         ("name,x,y,z,tilt\n", "line 1: unknown column 'tilt'"),
-        ("x,y,z,x\n", "line 1: names a column twice"),
+        ("x,y,z,x\n", "line 1: states a column twice"),
     ],
 )
-def test_a_table_without_sense_is_refused(write, text: str, said: str) -> None:
+def test_an_invalid_table_is_refused(write, text: str, said: str) -> None:
     with pytest.raises(PicksError, match=said):
         pp.picks.open_picks(write(text))
 

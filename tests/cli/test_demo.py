@@ -96,7 +96,7 @@ def browser() -> Iterator[Browser]:
 
 
 def check_page(browser: Browser, path: Path, seconds: float) -> None:
-    """The robot covers 15 to 60 % of the canvas, all links are visible, the caption is FREE, no console errors occur."""
+    """The robot covers 15 to 60 % of the canvas, all links are visible, the caption is FREE, no console errors."""
     page = browser.open(f"{path.as_uri()}#t={seconds}")
     try:
         assert page.text("#verdict") == "FREE"

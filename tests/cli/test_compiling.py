@@ -1,4 +1,4 @@
-"""``pinproof compile``, and what commands compile ahead: in processes of its own, once, and never in the way."""
+"""``pinproof compile``, and the compilation of kernels in separate processes before long computations."""
 
 from __future__ import annotations
 

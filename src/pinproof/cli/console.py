@@ -196,7 +196,7 @@ def file_stems(names: Iterable[str]) -> list[str]:
 def write_motion(verdict: pp.PickVerdict, arm: pp.Arm, html: Path, motion: Path) -> list[Path]:
     """Write the trajectory of a good pick and its page, and return the files written.
 
-    If the attached bodies change along the trajectory, each part gets a page of its own.
+    If the attached bodies change along the trajectory, each part gets a separate page.
     """
     if verdict.trajectory is None:
         raise InputError(f"pick {verdict.pick.name!r} is not good, so it has no motion to write")

@@ -61,9 +61,9 @@ def said_of(path: Path) -> str:
         # commas, tabs, encodings
         ("picks.csv", f"{HEAD}a,0,46,0,15,0,035,3,14,0,0\n", "11 cells under 7 columns; decimals have a point"),
         ("picks.csv", f'{HEAD}a,"0,46",0,0,pi,0,0\n', "'0,46' is not a number: use a decimal point"),
-        ("picks.csv", "name;x;y;z\na;0,46;0;0\n", "line 1: columns are separated by semicolons; save the file with commas"),
+        ("picks.csv", "name;x;y;z\na;0,46;0;0\n", "line 1: separated by semicolons; save the file with commas"),
         ("dh.csv", "# convention: standard\nname\ttheta\td\n", "header: columns are separated by tabs"),
-        ("dh.csv", f'{DH}a,0,"0,33",0,0,,\n', "row 1, column d: '0,33' is not a number: use a decimal point"),
+        ("dh.csv", f'{DH}a,0,"0,33",0,0,,\n', "row 1, column d: '0,33' is not a number.*decimal point"),
         ("scene.yaml", SCENE.format("sphere: {radius: 0,1}"), "unknown key of sphere 1; .*use a decimal point"),
         ("scene.yaml", "obstacles:\n\t- name: a\n", "line 2: .*indent with spaces"),
         ("scene.yaml", "obstacles: []\n".encode("utf-16"), "looks like UTF-16.*save it as UTF-8"),

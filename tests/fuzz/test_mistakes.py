@@ -53,7 +53,7 @@ def said_of(path: Path) -> str:
         ("picks.yaml", PICK.format("xyz: [0.4, 0, 0], rpy: [180deg, 0, 0]"), "'180deg' is not a number; write .*pi"),
         ("dh.csv", f"{DH}a,0,0.1,0,90,,\n", "row 1, column alpha.*90 degrees = 1.57"),
         ("dh.csv", f"{DH}a,0,0.1,0,0,-170,170\n", "row 1, column lower.*-170 degrees = -2.96"),
-        ("r.urdf", ROBOT.format("", '<limit lower="-180" upper="180"/>'), "'j': -180 rad is 29 full rotations.*-3.14"),
+        ("r.urdf", ROBOT.format("", '<limit lower="-180" upper="180"/>'), "joint 'j': -180 rad is 29 full.*-3.14"),
         # millimetres
         ("scene.yaml", SCENE.format("box: [1, 1, 1], xyz: [400, 0, 300]"), "'a' stands 400 m off; lengths are metres"),
         ("picks.csv", f"{HEAD}a,460,150,35,pi,0,0\n", "460 mm = 0.46"),
@@ -61,9 +61,9 @@ def said_of(path: Path) -> str:
         # commas, tabs, encodings
         ("picks.csv", f"{HEAD}a,0,46,0,15,0,035,3,14,0,0\n", "11 cells under 7 columns; decimals have a point"),
         ("picks.csv", f'{HEAD}a,"0,46",0,0,pi,0,0\n', "'0,46' is not a number: use a decimal point"),
-        ("picks.csv", "name;x;y;z\na;0,46;0;0\n", "line 1: columns are separated by semicolons"),
+        ("picks.csv", "name;x;y;z\na;0,46;0;0\n", "line 1: .*separated by semicolons; save the file with commas"),
         ("dh.csv", "# convention: standard\nname\ttheta\td\n", "header: columns are separated by tabs"),
-        ("dh.csv", f'{DH}a,0,"0,33",0,0,,\n', "row 1, column d: '0,33' is not a number: use a decimal point"),
+        ("dh.csv", f'{DH}a,0,"0,33",0,0,,\n', "row 1, column d: '0,33' is not a number.*decimal point"),
         ("scene.yaml", SCENE.format("sphere: {radius: 0,1}"), "unknown key of sphere 1; .*use a decimal point"),
         ("scene.yaml", "obstacles:\n\t- name: a\n", "line 2: .*indent with spaces"),
         ("scene.yaml", "obstacles: []\n".encode("utf-16"), "looks like UTF-16.*save it as UTF-8"),

@@ -44,7 +44,7 @@ def test_a_proof_is_saved_and_verified_by_the_same_command(run: Run) -> None:
     words = ("ur5", "motion.json", "--scene", "scene.yaml", "--margin", "0.002")
     code, out, _ = run(*words, "--obstacle-tolerance", "0.003", "--save-proof", "proof.json.gz")
     assert code == 0
-    assert "obstacles by up to 3 mm" in out
+    assert "obstacles may deviate by up to 3 mm" in out
     assert "wrote proof.json.gz" in out
     code, out, _ = run(*words, "--verify", "proof.json.gz")
     assert code == 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import pickle
+from typing import get_args
 
 import numpy as np
 import pinocchio as pin
@@ -30,9 +31,10 @@ from pinproof import (
     Sphere,
     pose,
 )
-from pinproof.collision.bodies import shape_bodies, shape_body
+from pinproof.collision.bodies import GEOMETRIES, shape_bodies, shape_body
 from pinproof.collision.coal_checks import GJK_SLACK
 from pinproof.collision.hulls import Solid
+from pinproof.collision.shapes import Shape
 from pinproof.collision.surfaces import Ground, cell_faces, ground_surface
 from pinproof.errors import MeshError
 
@@ -384,3 +386,9 @@ def test_reach_is_homogeneous_and_takes_many_directions() -> None:
     np.testing.assert_allclose(support.reach(3.0 * many), 3.0 * found, atol=1e-12)
     np.testing.assert_allclose(found[2, 3], support.reach(many[2, 3]), atol=1e-15)
     assert float(support.reach(np.zeros(3))) == 0.0
+
+
+def test_every_shape_is_registered_and_an_unknown_one_is_refused():
+    assert {*GEOMETRIES, ConvexHull} == set(get_args(Shape))
+    with pytest.raises(InputError, match="object"):
+        shape_body("thing", "thing", None, object(), pose((0, 0, 0)))

@@ -154,16 +154,16 @@ def body_distance(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3) 
     return measured
 
 
-def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, way: Array) -> float:
-    """The share of a straight motion ``way`` (3,) after which a body comes within :data:`TOUCH` of another surface.
+def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3, motion: Array) -> float:
+    """The share of a straight ``motion`` (3,) after which a body comes within :data:`TOUCH` of another surface.
 
     At most 1, where it does not before the end; NaN where it is that near at the start, or after too many steps. By
     conservative advancement (Mirtich, 1996): a body that moves less than its distance cannot touch.
     """
-    length = float(np.linalg.norm(way))
+    length = float(np.linalg.norm(motion))
     measure, target, share = MeasureConvex(), other.surface or other.body, 0.0
     for step in range(MOST_ADVANCES):
-        moved = SE3(at.rotation, at.translation + share * way)
+        moved = SE3(at.rotation, at.translation + share * motion)
         apart = measure(one.surface or one.body, _row(moved), target, _row(other_at)).attained
         if apart <= TOUCH:
             return share if step else np.nan

@@ -1,10 +1,6 @@
-"""Evidence for each pair in each interval, in the form that the verifier can check.
+"""Proof files: the evidence for each pair in each interval, writing a file, and verifying it against your own setup.
 
-Writes a proof to a file that is complete: curve, joints, bodies, and the evidence for each pair in each interval.
-
-The format is described in docs/certificates.md; :mod:`pinproof.verifier` reads it, and has accepted every file written.
-
-Whether a saved proof holds, and whether it is a proof of a given robot, scene and motion.
+The format is described in docs/certificates.md. :mod:`pinproof.verifier` reads it and has accepted every file written.
 """
 
 from __future__ import annotations
@@ -48,13 +44,13 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 
 DIGITS = 6
-"""Decimals of a direction: a body of 1 m seems nearer by 1e-6 m at most, and what that unsettles is cut further."""
+"""Decimals of a direction: for a body of 1 m the error is 1e-6 m at most; intervals that then fail are bisected."""
 
 CONFIRMED = 1e-6
 """Metres by which the verifier may show less clearance than the certificate has."""
 
 ROUNDS = 60
-"""Of cutting intervals in two: then no two numbers are left between their ends."""
+"""Maximum number of bisections: an interval then has the resolution of a double."""
 
 
 class ProvenMotion(NamedTuple):
@@ -102,7 +98,7 @@ def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any
         good = _bounds(checker, bounds_of_table, pair, at, u) > need[pair]
         done.append((pair[good], spans[good], u[good]))
         pair, spans, u, fresh = pair[~good], spans[~good], u[~good], fresh[~good]
-        # What its own direction does not settle is cut in two; the others are given their own first.
+        # An interval that fails with its own direction is bisected; the others first get their own direction.
         middle = spans[fresh].mean(axis=1)
         halves = [np.column_stack([spans[fresh, 0], middle]), np.column_stack([middle, spans[fresh, 1]])]
         spans = np.concatenate([spans[~fresh], *halves])
@@ -111,13 +107,13 @@ def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any
     if len(pair):
         a, b = (checker.bodies[i].name for i in checker.pairs[int(pair[0])])
         raise NotProvenFree(f"the verifier cannot confirm that {a} and {b} are apart at {spans[0, 0]:.6g}")
-    return _told(checker, done)
+    return _document_rows(checker, done)
 
 
 def _leaves(proven: ProvenMotion, domain: tuple[float, float]) -> tuple[Indices, Array, Array]:
-    """The last word on each pair: pairs (K,), intervals (K, 2) and directions (K, 3), zeros where none is known.
+    """Return the final evidence: pairs (K,), intervals (K, 2) and directions (K, 3), zeros where none is known.
 
-    An interval that was cut in two for the sake of its pair is left out: its halves were settled too.
+    An interval that was bisected for its pair is omitted, because its halves are proven too.
     """
     rows = np.asarray(proven.evidence)
     rows = rows[np.lexsort([-rows[:, 1], rows[:, 0], rows[:, 2]])]
@@ -150,7 +146,7 @@ def _bounds(checker: CollisionChecker, bounds_of_table: IntervalBounds, pairs: I
     return found
 
 
-def _told(checker: CollisionChecker, done: list[tuple[Indices, Array, Array]]) -> tuple[list[Any], list[Any]]:
+def _document_rows(checker: CollisionChecker, done: list[tuple[Indices, Array, Array]]) -> tuple[list[Any], list[Any]]:
     if not done:
         return [], []
     pair, spans, u = (np.concatenate(parts) for parts in zip(*done, strict=True))
@@ -302,7 +298,7 @@ def _file_hash(path: Path, _changed: int) -> str:
 
 
 def _single_margins(checker: CollisionChecker) -> list[list[Any]]:
-    """Owner, owner and metres of the pairs with a margin of their own."""
+    """Return owner, owner and margin (m) of the pairs with an individual margin."""
     found: dict[frozenset[str], list[Any]] = {}
     for (i, j), margin in zip(checker.pairs, checker.margins.tolist(), strict=True):
         owners = checker.bodies[i].owner, checker.bodies[j].owner
@@ -340,7 +336,7 @@ def _placed(place: pin.SE3) -> list[list[float]]:
 
 
 def _refuse_surfaces(checker: CollisionChecker) -> None:
-    """A surface has no support function; a direction separates convex bodies only."""
+    """Refuse surfaces: they have no support function, and a direction separates convex bodies only."""
     met = {i for pair in checker.pairs for i in pair}
     surfaces = [b for i, b in enumerate(checker.bodies) if i in met and _shape(b) is None]
     if surfaces:

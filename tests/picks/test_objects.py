@@ -213,7 +213,7 @@ def test_supports_are_kept_as_names(arm) -> None:
         ({"carried": "screw"}, "unknown object 'screw'"),
         ({"support": "shelf"}, "unknown support 'shelf'"),
         ({"frame": "pallet"}, "unknown frame 'pallet'"),
-        ({"frame": "wrist_3_link"}, "moves; poses of picks need one at rest"),
+        ({"frame": "wrist_3_link"}, "moves; picks need a fixed frame"),
     ],
 )
 def test_what_makes_no_sense_in_the_cell_is_a_verdict_at_the_input(arm, change, said: str) -> None:

@@ -22,16 +22,13 @@ chord and no second-order term.
 from __future__ import annotations
 
 from math import pi
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
+from .parts import Body, Curve, Joint
 from .reading import Refused
-
-if TYPE_CHECKING:
-    from .parts import Curve
-    from .proof import Proof
 
 __all__ = ["IntervalBounds"]
 
@@ -40,6 +37,19 @@ Indices = npt.NDArray[np.int64]
 
 MOST_NUMBERS = 1 << 27
 """Of control points of all intervals, 1 GB: a proof has intervals of one piece, and few of many."""
+
+
+class Mechanism(Protocol):
+    """What the bounds need of a proof: its joints, bodies and curve, and what is subtracted from every bound."""
+
+    joints: list[Joint]
+    bodies: list[Body]
+    curve: Curve
+    tolerance: Array
+    rounding: float
+
+    def joints_between(self, i: int, j: int) -> tuple[list[int], int]:
+        """The joints on the path from body i to body j, and how many of them, from the first, carry i."""
 
 
 class IntervalBounds:
@@ -53,7 +63,7 @@ class IntervalBounds:
         (T, 2) start and end of each, in the curve's parameter and within its domain.
     """
 
-    def __init__(self, proof: Proof, intervals: Array) -> None:
+    def __init__(self, proof: Mechanism, intervals: Array) -> None:
         self._proof = proof
         low, high, control, self._single = _boxes(proof.curve, intervals)
         self.q = (low + high) / 2

@@ -1,7 +1,7 @@
-"""Campaigns: any number of picks, judged by any number of workers, with the rows on disk; and their results.
+"""Campaigns: many picks are judged by any number of workers, and the rows are written to disk.
 
-A worker computes the rows of a chunk of picks as lines of JSON. All rows of a file come from the same version of the
-code, which the header of the file names.
+A worker computes the rows of a chunk of picks as lines of JSON. All rows of a file are computed by the same version of
+the code, which is stated in the header of the file.
 """
 
 from __future__ import annotations
@@ -62,17 +62,17 @@ __all__ = [
 PACKAGE = Path(__file__).parents[2]
 
 BESIDE_IT = ("benchmarks", "cli", "viewer")
-"""Rooms that no verdict comes from: a folder is not to be refused for a word of help that was mended."""
+"""Packages that do not affect verdicts. They are not hashed, so editing them does not invalidate rows."""
 
 LIBRARIES = ("pin", "coal", "numpy", "numba")
-"""The libraries whose numbers stand in verdicts."""
+"""The libraries whose results enter the verdicts."""
 
 
 @cache
 def code_here() -> str:
-    """The code of this process in a line: version and hash of pinproof's own source, and the libraries beneath it.
+    """The code of this process as one line: version and source hash of pinproof, and the versions of :data:`LIBRARIES`.
 
-    A version is not enough: it stays the same in a checkout that is worked on.
+    The version alone is not sufficient, because it does not change while a checkout is being edited.
     """
     into = hashlib.sha256()
     for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
@@ -85,13 +85,13 @@ def code_here() -> str:
 
 
 def judge_words(judge: Callable[..., Any]) -> str:
-    """A judge by its name and, if it is not one of pinproof's own, a hash of its source."""
+    """The name of a judge, followed by a hash of its source unless it is part of pinproof."""
     name = f"{judge.__module__}.{judge.__qualname__}"
     if judge.__module__.partition(".")[0] == PACKAGE.name:
         return name
     try:
         return f"{name} {digest(inspect.getsource(judge))}"
-    except (OSError, TypeError):  # without a source file it goes by its name
+    except (OSError, TypeError):  # without a source file, the name alone identifies it
         return name
 
 
@@ -103,11 +103,14 @@ def _version(name: str) -> str:
 
 
 Judge = Callable[[PickSetup, int, Pick], dict[str, Any]]
-"""Judges the pick at a place, to a row of plain values with a ``verdict``. Importable, as it is sent by name."""
+"""Judges the pick with the given index and returns a row of plain values with the key ``verdict``.
+
+The function must be importable, because it is sent to the workers by name.
+"""
 
 
 def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
-    """The verdict through all stages. What is not checked is the same in every row, and stands in the header."""
+    """The row of the verdict of all stages. Pairs excluded from collision checking are stated once, in the header."""
     row = verdict_row(setup.judge(index, pick))
     del row["excluded_pairs"]
     return row
@@ -115,13 +118,13 @@ def judge_row(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
 
 @dataclass(frozen=True, eq=False)
 class RowTask:
-    """Judges chunks with one set-up; the lines of a chunk come back, one a pick."""
+    """Judges chunks of picks with one setup and returns one line for each pick."""
 
     setup: PickSetup
     judge: Judge
 
     def __call__(self, start: int, part: Iterable[Pick | PickProblem]) -> list[bytes]:
-        """The rows of the picks from place ``start`` on."""
+        """The rows of consecutive picks, the first of which has the index ``start``."""
         return [self._line(index, item) for index, item in enumerate(part, start)]
 
     def __reduce__(self) -> tuple[Callable[[str, bytes], RowTask], tuple[str, bytes]]:
@@ -133,13 +136,13 @@ class RowTask:
         try:
             row = self.judge(self.setup, index, item)
             return to_line({"index": index, **{key: value for key, value in row.items() if key != "index"}})
-        except Exception as error:  # noqa: BLE001  # one pick that cannot be judged never stops the others
+        except Exception as error:  # noqa: BLE001  # one failed pick must not stop the others
             reason = f"the judge failed: {type(error).__name__}: {error}"
             return crashed_row(index, item.name, reason, retry=isinstance(error, MemoryError))
 
 
 def _unpacked(code: str, packed: bytes) -> RowTask:
-    """The task in a worker, which must have the code of the one who sent it: before anything of it is unpickled."""
+    """Unpickle the task in a worker, after checking that the worker runs the same code as the sender."""
     if code != code_here():
         raise CampaignError(
             f"a worker runs pinproof {code_here()}, the campaign runs {code}; install the same version on all workers"
@@ -162,21 +165,21 @@ class CampaignResult:
     path
         The file of the rows, in the order of the picks: JSON lines after a header.
     verdicts
-        How many rows have each verdict.
+        The number of rows with each verdict.
     failed_at
-        How many fail at each stage; those that crashed at none.
+        The number of rows that failed at each stage. Crashed picks are not counted at any stage.
     acceleration_source
-        Where the acceleration limits of the timing came from.
+        The source of the acceleration limits used in the timing.
     notes
-        What no verdict covers, in sentences.
+        What the verdicts do not cover, in sentences.
     resumed
-        How many of the rows existed when the campaign was resumed; 0 if it ran without interruption.
+        The number of rows that existed when the campaign was resumed; 0 if it ran without interruption.
     damaged
-        How many rows were damaged or edited when the campaign was resumed; their picks were judged again.
+        The number of rows found damaged or edited when the campaign was resumed; their picks were judged again.
     to_retry
-        How many picks crashed because their workers died or ran out of memory; another run judges these again.
+        The number of picks that crashed because a worker died or ran out of memory. The next run judges them again.
     setup
-        What the picks were judged with, for the page; None for a result that was opened from its folder.
+        The setup that the picks were judged with, used for the page; None for a result opened from its folder.
     """
 
     path: Path
@@ -191,12 +194,12 @@ class CampaignResult:
 
     @classmethod
     def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:
-        """The result in the folder of a campaign that is done.
+        """Open the result of a finished campaign from its folder.
 
         Raises
         ------
         CampaignError
-            If the campaign is not done, or there is none.
+            If the campaign is not finished, or the folder contains no campaign.
         FileError
             If the file cannot be read or is damaged.
         """
@@ -227,27 +230,27 @@ class CampaignResult:
         )
 
     def rows(self) -> Iterator[dict[str, Any]]:
-        """The rows in order, each read when it is asked for."""
+        """The rows in order, read lazily from the file."""
         return _rows(self.path)
 
     @property
     def total(self) -> int:
-        """How many rows there are."""
+        """The number of rows."""
         return sum(self.verdicts.values())
 
     @property
     def good(self) -> int:
-        """How many are good."""
+        """The number of good picks."""
         return self.verdicts.get(PickStatus.GOOD.value, 0)
 
     @property
     def ok(self) -> bool:
-        """Whether every row is good, and there is one."""
+        """Whether there is at least one row and every row is good."""
         return 0 < self.good == self.total
 
     @property
     def summary(self) -> str:
-        """One line: how many are good, and where the others fail."""
+        """One line: the number of good picks, and the stages at which the others fail."""
         places = dict(self.failed_at)
         if crashed := self.total - self.good - sum(places.values()):
             places["no stage (crashed)"] = crashed
@@ -265,24 +268,24 @@ class CampaignResult:
     ) -> None:
         """Write an HTML page with the table and a 3D view with every grasp; the rows themselves are in :attr:`path`.
 
-        The rows of a campaign contain no motions, so the page plays none.
+        The rows of a campaign contain no motions, so the page does not animate any.
 
         Parameters
         ----------
         path
-            The file, which ends in ``.html``.
+            The file; its suffix must be ``.html``.
         arm, scene, picks
-            The arm, the scene, and what the picks share. By default those of the campaign that was run; a result that
-            was opened from its folder does not have them.
+            The arm, the scene, and the settings shared by the picks. The default is those of the campaign; they are
+            required for a result that was opened from its folder.
         title
-            By default the robot's name.
+            The title of the page; the default is the name of the robot.
 
         Raises
         ------
         InputError
             For another suffix, or if ``arm``, ``scene`` or ``picks`` is needed and missing.
         ViewerError
-            If the robot has nothing to draw.
+            If no link of the robot has geometry to draw.
         FileError
             If the rows cannot be read or the page cannot be written.
         """
@@ -295,7 +298,7 @@ class CampaignResult:
         write_page(path, content, self.setup, arm=arm, scene=scene, picks=picks, title=title)
 
     def to_dict(self) -> dict[str, Any]:
-        """All but the rows, as plain values for JSON."""
+        """Everything except the rows, as plain values for JSON."""
         return {
             "schema": "pinproof/campaign-summary/1",
             "rows": str(self.path),
@@ -327,38 +330,43 @@ def _rows(path: Path) -> Iterator[dict[str, Any]]:
 
 
 TIMINGS = "timings.jsonl"
-"""Beside the rows: which chunk took how long, and where. Times are never part of a row, which would differ each run."""
+"""The file with the duration and the worker of each chunk.
+
+Times are not stored in the rows, because the rows would then differ between runs.
+"""
 
 KILLED = "every worker process that judged this pick alone died"
 
 
 class Campaign:
-    """Many picks to be judged, from tens to millions.
+    """A campaign of picks, from tens to millions.
 
-    ``run`` may be killed at any time and called again, from another program too: it goes on where it was. The rows are
-    the same, byte for byte, for any number of workers and however often it was killed.
+    ``run`` can be interrupted at any time and called again, also from another process; it then resumes. The rows are
+    identical byte for byte for any number of workers and any number of interruptions.
 
     Parameters
     ----------
     arm
         The arm.
     scene
-        What stands around it.
+        The obstacles around the arm.
     picks
-        The picks: a list, or a source of which nothing is held in memory (:func:`pinproof.picks.open_picks`,
-        :class:`pinproof.picks.PickGrid`). Rows that could not be read are rows of the result too.
+        The picks: a list, or a source that is read in chunks and not held in memory
+        (:func:`pinproof.picks.open_picks`, :class:`pinproof.picks.PickGrid`). The result also contains a row for each
+        input row that could not be read.
     home
-        (n,) where each transit starts; by default the one of the picks, else the arm's.
+        (n,) the configuration in which each transit starts. The default is the home of the picks if they define one,
+        otherwise that of the arm.
     rng
-        The seed. Each pick has a stream of its own by its place.
+        The seed. Each pick has its own random stream, which depends only on the seed and on the index of the pick.
     judge
-        What judges a pick: ``judge(setup, index, pick)`` gives a row of plain values, which has a ``verdict`` and a
-        ``failed_at``; a function that can be imported by name. By default all stages.
+        A function ``judge(setup, index, pick)`` that returns a row of plain values with the keys ``verdict`` and
+        ``failed_at``. It must be importable by name. The default judges all stages.
 
     Raises
     ------
     InputError
-        If home cannot be a start, or a joint has no velocity limit, or an argument makes no sense.
+        If home is not a valid start configuration, a joint has no velocity limit, or an argument is invalid.
     """
 
     def __init__(
@@ -380,7 +388,7 @@ class Campaign:
         return len(self._picks)
 
     def header(self) -> dict[str, Any]:
-        """The first line of the rows: what the campaign is of, and what its verdicts do not cover."""
+        """The first line of the file of rows: the identity of the campaign, and what its verdicts do not cover."""
         checker = self._setup.checker
         header = {
             "schema": SCHEMA,
@@ -407,38 +415,39 @@ class Campaign:
         chunk: int | None = None,
         progress: Callable[[int, int], None] | None = None,
     ) -> CampaignResult:
-        """Judge what has not been judged yet, to ``folder/rows.jsonl``.
+        """Judge all picks that have no row yet, and write the rows to ``folder/rows.jsonl``.
 
-        A chunk whose worker dies is tried again. A chunk that three workers died of is halved until the pick at fault
-        is found; its row says ``crashed``. Such a pick may be innocent if the workers were killed from outside, so each
-        further run judges it once more. Rows that are damaged or were edited by hand are judged again too.
+        A chunk whose worker dies is submitted again. After three workers have died on a chunk, it is halved until the
+        pick that causes the failure is found; the verdict of this pick is ``crashed``. The workers may also have been
+        killed for another reason, so each further run judges crashed picks again. Picks whose rows are damaged or were
+        edited by hand are also judged again.
 
         Parameters
         ----------
         folder
-            Where the rows are, or shall be; made if need be. Until all are there they stand in ``journal.jsonl``, in
-            the order in which they came; ``timings.jsonl`` tells how long they took.
+            The folder of the rows; it is created if it does not exist. Until the campaign is finished, the rows are in
+            ``journal.jsonl``, in order of arrival. The durations of the chunks are in ``timings.jsonl``.
         executor
-            Any :class:`concurrent.futures.Executor`, such as ``distributed.Client(...).get_executor()``; or a function
-            that makes one, which is called again when it breaks. By default processes of this machine.
+            Any :class:`concurrent.futures.Executor`, such as ``distributed.Client(...).get_executor()``, or a function
+            that creates one, which is called again if the executor breaks. The default is local processes.
         workers
-            How many processes, without an executor; by default one a core.
+            The number of local processes, if no executor is given; the default is one per core.
         in_flight
-            How many chunks are handed to ``executor`` at a time: twice its workers is right.
+            The number of chunks pending in ``executor`` at a time; twice the number of its workers is recommended.
         chunk
-            How many picks make a chunk; by default about a second of work. It changes no row.
+            The number of picks per chunk; the default is about one second of work. It does not affect the rows.
         progress
-            Called with (rows there, rows in all) at the start and after each chunk.
+            Called with (existing rows, total rows) at the start and after each chunk.
 
         Raises
         ------
         CampaignError
-            If ``folder`` holds another campaign, or rows of other code (names the difference), or the workers cannot
-            work or have other code.
+            If ``folder`` contains another campaign or rows computed by other code (the message names the difference),
+            or if the workers cannot start or run other code.
         FileError
-            If the folder cannot be written to; what was judged until then is kept.
+            If the folder cannot be written to; rows written before the error are kept.
         KeyboardInterrupt
-            When interrupted; what was judged is kept.
+            If interrupted; rows written before the interruption are kept.
         """
         folder, header = Path(folder), self.header()
         try:
@@ -474,10 +483,13 @@ class Campaign:
         return replace(result, setup=self._setup)
 
     def _finished(self, folder: Path, header: dict[str, Any]) -> CampaignResult | None:
-        """The result of a finished campaign; None if some rows must be judged again, after they were made a journal."""
+        """The result of a finished campaign; None if some picks must be judged again.
+
+        In the latter case the file of rows has been renamed to a journal.
+        """
         rows, journal = folder / ROWS, folder / JOURNAL
         refuse_foreign(rows, read_header(rows), header)
-        if journal.exists():  # of a run that was killed between writing the rows and removing the journal
+        if journal.exists():  # the last run was killed after writing the rows and before removing the journal
             with LineFile(journal):
                 if rows.exists():
                     journal.unlink()

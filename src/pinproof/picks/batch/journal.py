@@ -42,25 +42,24 @@ __all__ = [
 ]
 
 SYNC_SECONDS = 1.0
-"""How often what was written is forced to the disk. A killed process loses nothing; only a machine that goes down
-may lose this much."""
+"""Seconds between calls of fsync. A killed process loses no rows; a system crash can lose the rows of this period."""
 
 
 class LineFile:
-    """A file open for appending; a torn last line is taken off by the first :meth:`append`.
+    """A file opened for appending; the first :meth:`append` removes an incomplete last line.
 
-    ``size`` is the number of bytes in whole lines, ``torn`` that of a last line without an end.
+    ``size`` is the number of bytes in complete lines, ``torn`` the number of bytes in an incomplete last line.
 
     Raises
     ------
     FileError
-        If it cannot be opened or written to, a full disk for instance, or if another process has it open.
+        If the file cannot be opened or written to, for example because the disk is full, or if another process uses it.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         try:
-            # Unbuffered: what is written has left this process, and what failed is not tried again behind its back.
+            # Unbuffered: written data has left this process, and a failed write is not repeated implicitly.
             self._file = path.open("a+b", buffering=0)
         except OSError as error:
             raise FileError(path, f"cannot be written: {error.strerror or error}") from error
@@ -84,10 +83,10 @@ class LineFile:
         except BlockingIOError as error:
             raise FileError(self.path, "is in use by another process") from error
         except OSError:
-            pass  # some network file systems know no locks; they keep nobody from working alone
+            pass  # some network file systems do not support locks; a single process can still use the file
 
     def _whole_size(self) -> int:
-        """How many bytes make whole lines."""
+        """The number of bytes in complete lines."""
         end = self._file.seek(0, os.SEEK_END)
         while end > 0:
             begin = max(0, end - (1 << 16))
@@ -99,12 +98,12 @@ class LineFile:
         return 0
 
     def append(self, lines: bytes) -> None:
-        """Add whole lines.
+        """Append complete lines.
 
         Raises
         ------
         FileError
-            If they cannot be written, wholly or in part; a part is taken off when the file is next opened.
+            If the lines cannot be written completely; a partial line is removed after the file is next opened.
         """
         rest = memoryview(lines)
         try:
@@ -121,7 +120,7 @@ class LineFile:
         self.size += len(lines)
 
     def close(self) -> None:
-        """Let go of it."""
+        """Close the file and release its lock."""
         self._file.close()
 
     def __enter__(self) -> LineFile:
@@ -141,19 +140,19 @@ CRASHED = "crashed"
 """The verdict on a pick that could not be judged: the judge failed, or the process died."""
 
 RETRY = "retry"
-"""The key of rows whose picks are judged again by the next run: their worker died, perhaps killed from outside."""
+"""The key that marks rows whose picks the next run judges again, because a worker died or had no memory."""
 
 _CHECKSUM = re.compile(rb',"checksum":"([0-9a-f]{16})"\}\n\Z')
-"""How each row ends. 64 bits detect damage and edits by hand; they are no protection against forgery."""
+"""End of each row. 64 bits detect damage and manual edits; they do not protect against forgery."""
 
 
 def to_line(value: Mapping[str, Any]) -> bytes:
-    """A value as a line of JSON.
+    """Encode a value as a line of JSON.
 
     Raises
     ------
     TypeError, ValueError
-        If it holds what JSON does not know, such as NaN.
+        If the value contains something that JSON cannot represent, such as NaN.
     """
     return json.dumps(value, allow_nan=False, separators=(",", ":")).encode() + b"\n"
 
@@ -170,7 +169,7 @@ class _Checksum:
         return digest.hexdigest()[:16].encode()
 
     def add(self, line: bytes) -> bytes:
-        """A row with its checksum; ``line`` is a JSON object and ends with a line feed."""
+        """The line with its checksum; ``line`` is a JSON object that ends with a line feed."""
         content = line[: line.rindex(b"}")]
         return content + b',"checksum":"' + self._of(content) + b'"}\n'
 
@@ -198,17 +197,17 @@ class Journal:
     Parameters
     ----------
     folder
-        Where it is.
+        The folder of the campaign.
     header
-        What stands in its first line; ``header["picks"]`` is the number of rows, ``header["setup"]`` tells this
-        campaign from others.
+        The content of the first line; ``header["picks"]`` is the number of rows, ``header["setup"]`` identifies the
+        campaign.
 
     Raises
     ------
     CampaignError
-        If what is there is of another campaign; names the difference.
+        If the existing journal belongs to another campaign; the message names the difference.
     FileError
-        If it cannot be read or written.
+        If the journal cannot be read or written.
     """
 
     def __init__(self, folder: Path, header: Mapping[str, Any]) -> None:
@@ -216,11 +215,11 @@ class Journal:
         self._header = to_line(header)
         self._checksum = _Checksum(self._header)
         self.damaged = 0
-        """How many lines are not rows of this campaign; they are ignored."""
+        """The number of lines that are not valid rows of this campaign; they are ignored."""
         total = int(header["picks"])
         self.done = np.zeros(total, dtype=bool)
-        """(picks,) which rows are there."""
-        self._at = np.zeros(total, dtype=np.int64)  # where each begins
+        """(picks,) whether each row exists."""
+        self._at = np.zeros(total, dtype=np.int64)  # offset in bytes of each row
         self._file = LineFile(self.path)
         try:
             if self._file.size:
@@ -232,19 +231,19 @@ class Journal:
             raise
 
     def _begin(self) -> None:
-        """Write the header; over a torn one too, but over nothing else."""
+        """Write the header; an incomplete header is overwritten, any other content is refused."""
         if self._file.torn > len(self._header) or not self._header.startswith(_content(self.path)):
             raise CampaignError(f"{self.path}: does not belong to a campaign; choose another folder")
         self._file.append(self._header)
 
     def _go_on(self, header: Mapping[str, Any]) -> None:
-        """Read what is there."""
+        """Read the existing rows."""
         try:
             with self.path.open("rb") as file:
                 refuse_foreign(self.path, _parsed_header(self.path, file.readline()), header)
                 for at, line in _lines(file):
                     if at == self._file.size:
-                        break  # a torn line
+                        break  # an incomplete line
                     row = self._checksum.row(line)
                     if row is None:
                         self.damaged += 1
@@ -255,12 +254,12 @@ class Journal:
             raise FileError(self.path, f"cannot be read: {error.strerror or error}") from error
 
     def missing(self) -> list[tuple[int, int]]:
-        """(start, stop) of the rows that are not there yet."""
+        """The ranges (start, stop) of missing rows."""
         edges = np.flatnonzero(np.diff(np.concatenate([[False], ~self.done, [False]]).astype(np.int8)))
         return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]
 
     def append(self, start: int, lines: list[bytes]) -> None:
-        """Write the rows from position ``start`` on, each with its checksum."""
+        """Append consecutive rows, the first of which has the index ``start``, each with its checksum."""
         if self.done[start : start + len(lines)].any():
             raise RuntimeError(f"rows {start} to {start + len(lines) - 1} are there already")
         lines = [self._checksum.add(line) for line in lines]
@@ -271,27 +270,27 @@ class Journal:
         self.done[start : start + len(lines)] = True
 
     def finish(self) -> None:
-        """Put the rows in order into the final file, and take the journal away.
+        """Write the rows in order to the final file, and remove the journal.
 
         Raises
         ------
         FileError
-            If the file cannot be written; the journal is then still there.
+            If the file cannot be written; the journal is then kept.
         """
         if not self.done.all():
             raise RuntimeError(f"{np.count_nonzero(~self.done)} rows are missing")
-        scratch = self.rows_path.with_name(f".{ROWS}.tmp")  # nobody else writes here: the journal is locked
+        scratch = self.rows_path.with_name(f".{ROWS}.tmp")  # only this process writes it
         try:
             with self.path.open("rb") as journal, scratch.open("wb") as rows:
                 rows.write(self._header)
                 for at in map(int, self._at):
-                    if journal.tell() != at:  # mostly they follow each other
+                    if journal.tell() != at:  # most rows are consecutive
                         journal.seek(at)
                     rows.write(journal.readline())
                 rows.flush()
                 os.fsync(rows.fileno())
             scratch.replace(self.rows_path)
-            _sync_folder(self.rows_path.parent)  # the journal goes when the rows are there for good
+            _sync_folder(self.rows_path.parent)  # remove the journal only after the rows are durable
             self.path.unlink(missing_ok=True)
         except OSError as error:
             scratch.unlink(missing_ok=True)
@@ -315,7 +314,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 def rows_there(folder: Path) -> int:
-    """How many picks the journal of a campaign has rows for; 0 where there is no journal."""
+    """The number of picks that have a row in the journal of a campaign; 0 if there is no journal."""
     try:
         with (folder / JOURNAL).open("rb") as file:
             read = row_checker(file.readline())
@@ -325,14 +324,14 @@ def rows_there(folder: Path) -> int:
 
 
 def read_header(path: Path) -> dict[str, Any]:
-    """The header of a journal or of a file of rows.
+    """Read the header of a journal or of a file of rows.
 
     Raises
     ------
     CampaignError
-        If the file is of no campaign, or of another version of its schema.
+        If the file does not belong to a campaign, or has another version of the schema.
     FileError
-        If it cannot be read.
+        If the file cannot be read.
     """
     try:
         with path.open("rb") as file:
@@ -353,7 +352,7 @@ def _parsed_header(path: Path, line: bytes) -> dict[str, Any]:
 
 
 def refuse_foreign(path: Path, there: Mapping[str, Any], header: Mapping[str, Any]) -> None:
-    """Refuse to go on with a file whose header is not ``header``; names what differs."""
+    """Raise :class:`CampaignError` if the header of a file differs from ``header``; names the differences."""
     different = differences(there, header)
     if different:
         raise CampaignError(
@@ -363,7 +362,7 @@ def refuse_foreign(path: Path, there: Mapping[str, Any], header: Mapping[str, An
 
 
 def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """What two headers do not share, in words."""
+    """The differences of two headers as text."""
     a, b = (dict(header.get("setup", {})) for header in (there, here))
     named = [
         f"{name} ({a.get(name, 'nothing')} there, {b.get(name, 'nothing')} here)"

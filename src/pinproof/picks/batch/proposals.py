@@ -1,4 +1,4 @@
-"""Candidate configurations for many poses, in rounds: later rounds treat only the poses that are still open."""
+"""Candidate configurations for many poses, in rounds; later rounds process only the poses that are not solved yet."""
 
 from __future__ import annotations
 
@@ -18,14 +18,17 @@ __all__ = ["Proposals", "Proposed", "Span", "Wanted", "proposals_for"]
 Array = npt.NDArray[np.float64]
 
 FINEST_SPAN = 1e-6
-"""Metres: more than a solved pose may be off."""
+"""Metres: a tolerance larger than the position error of a solved pose."""
 
 
 class Span:
-    """How far an arm stretches: a search for what lies beyond costs all its restarts, this two products.
+    """An upper bound of the reach of an arm.
 
-    A rotation about an axis keeps the points of the axis. So the origin of the first joint is fixed in the base, that
-    of the last one in the target, and between them lie the lengths from joint to joint at most.
+    The bound excludes distant targets with two matrix products, whereas a search would spend all its restarts on them.
+
+    A rotation about an axis leaves the points of the axis fixed. Therefore the origin of the first joint is fixed in
+    the base and that of the last joint is fixed in the target. The distance between them is at most the sum of the
+    distances between consecutive joints.
     """
 
     def __init__(self, arm: Arm) -> None:
@@ -41,7 +44,7 @@ class Span:
         self._last = np.linalg.inv(tool)[:, 3]
 
     def may_reach(self, targets: Array) -> npt.NDArray[np.bool_]:
-        """(N,) whether targets (N, 4, 4) are near enough; those that are not cannot be reached."""
+        """(N,) whether targets (N, 4, 4) are within the bound; all others are proven to be out of reach."""
         away = (targets @ self._last)[:, :3] - self._first
         return np.asarray(np.linalg.norm(away, axis=1) <= self._longest + FINEST_SPAN)
 
@@ -50,40 +53,40 @@ Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
 
 RESTARTS = 8
-"""Of a search for a pose: enough for all but a few in a thousand, and an eighth of the time that a pose out of reach
-would take with the solver's own number."""
+"""Restarts of the search for one pose. They are sufficient for all but a few poses in a thousand, and a pose out of
+reach takes an eighth of the time that it would take with the default of the solver."""
 
 GROUPS = 2, 4, 8
-"""Values of a swept joint that are looked at in the first rounds; the last one has the others. Most poses need few."""
+"""Numbers of values of the swept joint in the first rounds; the last round has the rest. Most poses need few."""
 
 TURN = 2 * np.pi
 
 
 class Wanted(Enum):
-    """Which poses a round is for."""
+    """The poses that a round processes."""
 
     OPEN = auto()
-    """Those of which nothing free is known yet."""
+    """Poses without a known free configuration."""
     REACHED = auto()
-    """Of these, those that are known to be reachable."""
+    """The open poses that are known to be reachable."""
     UNREACHED = auto()
-    """Of these, the others."""
+    """The open poses that are not known to be reachable."""
 
 
 @dataclass(frozen=True, eq=False)
 class Proposed:
-    """What a round found.
+    """The configurations found in a round.
 
     Parameters
     ----------
     row
-        (k,) which of the targets each is for.
+        (k,) index of the target of each configuration.
     q
-        (k, n) configurations that reach them, inside the limits.
+        (k, n) configurations within the limits that reach the targets.
     outside
-        (N,) whether limits alone were seen to rule one out, by target.
+        (N,) for each target, whether a configuration was found that only the limits exclude.
     complete
-        (N,) whether these are proven to be all configurations of a target.
+        (N,) for each target, whether the configurations are proven to be all.
     """
 
     row: Indices
@@ -95,29 +98,32 @@ class Proposed:
 class Proposals:
     """Configurations for poses of an arm.
 
-    ``complete``: those of the first round are all that there are, but at singular targets (:class:`Proposed`).
+    ``complete``: the first round gives all configurations, except at singular targets (see :class:`Proposed`).
     """
 
     complete = False
 
     def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
-        """For which poses each round is, and its number; with ``why`` also those that only tell why there is none."""
+        """The poses of each round, and its number.
+
+        With ``why``, there are additional rounds that only determine why no configuration was found.
+        """
         raise NotImplementedError
 
     def propose(self, number: int, targets: Array) -> Proposed:
-        """What a round finds for targets (N, 4, 4), ``base_from_tcp``."""
+        """The configurations that a round finds for targets (N, 4, 4), ``base_from_tcp``."""
         raise NotImplementedError
 
 
 def proposals_for(arm: Arm, home: Array, *, attempts: int, rng: int) -> Proposals:
-    """Every branch where there is a closed form, a sweep of an arm of seven, a search for others."""
+    """All IK branches if there is a closed form, a sweep for arms with seven joints, otherwise a search."""
     if has_closed_form(arm):
         return _Closed(arm, home)
     return _Swept(arm, home, rng) if has_closed_form(arm, most=7) else _Searched(arm, home, attempts, rng)
 
 
 class _Closed(Proposals):
-    """Every branch of every target, at once."""
+    """All IK branches of all targets, in one round."""
 
     complete = True
 
@@ -136,9 +142,10 @@ class _Closed(Proposals):
 
 
 class _Swept(Proposals):
-    """The branches of an arm of seven at the values of one joint that a pick is judged at, then a search.
+    """The branches of an arm with seven joints at fixed values of one joint, followed by a search.
 
-    What limits rule out is looked for in a whole turn of that joint.
+    The values are those at which a pick is judged. To find configurations outside the limits, the joint is swept over a
+    full rotation.
     """
 
     def __init__(self, arm: Arm, home: Array, rng: int) -> None:
@@ -166,7 +173,7 @@ class _Swept(Proposals):
 
 
 class _Searched(Proposals):
-    """What a search finds from several starts."""
+    """The results of a search from several start configurations."""
 
     def __init__(self, arm: Arm, home: Array, attempts: int, rng: int) -> None:
         low, high = arm.limits.sampling_range()
@@ -176,7 +183,7 @@ class _Searched(Proposals):
 
     def rounds(self, *, why: bool) -> Iterator[tuple[Wanted, int]]:
         yield Wanted.OPEN, 0
-        # what the first search did not reach, with all its restarts, another start would hardly reach either
+        # a pose that the first search did not reach with all its restarts is unlikely to be reached from another start
         yield from ((Wanted.REACHED, k) for k in range(1, len(self._starts)))
         if why:
             yield Wanted.UNREACHED, len(self._starts)
@@ -199,5 +206,5 @@ def _searched(arm: Arm, targets: Array, start: Array, rng: int, span: Span) -> P
 
 
 def _reversed_bits(k: int) -> int:
-    """The number of ten binary digits that k read backwards is: in its order, neighbours come far from each other."""
+    """The ten binary digits of k reversed. Sorting by this number places neighbouring values far apart."""
     return int(f"{k:010b}"[::-1], 2)

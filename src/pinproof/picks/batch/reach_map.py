@@ -1,4 +1,4 @@
-"""Reach maps: what an arm reaches at every point of a region in every orientation, comparisons of two maps, and files.
+"""Reach maps: which poses of a region an arm reaches, the comparison of two maps, and their files.
 
 Maps are saved as CSV for spreadsheets, as NPZ with all data, and as PNG with slices of the region.
 """
@@ -43,28 +43,28 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, eq=False)
 class ReachMap:
-    """What an arm reaches over a region.
+    """The poses that an arm reaches in a region.
 
     Parameters
     ----------
     region
-        The N points, in the frame of the robot's root link, or of the world it was placed in.
+        The N points, in the frame of the root link of the robot, or in the world frame if the robot was placed in it.
     orientations
         (m, 3, 3) ``root_from_tip``.
     reachable
-        (N, m) whether a configuration inside the limits was found.
+        (N, m) whether a configuration within the limits was found.
     free
-        (N, m) whether one was found that also keeps every margin. Always proven for the configuration found.
+        (N, m) whether a configuration was found that also keeps every margin, which is proven for that configuration.
     manipulability
-        (N, m) sqrt(det(J J^T)) of the best free configuration found (Yoshikawa 1985; metres and radians mixed as J has
-        them); NaN where none is free.
+        (N, m) sqrt(det(J J^T)) of the best free configuration found (Yoshikawa 1985; J mixes metres and radians); NaN
+        if none is free.
     clearance
-        (N, m) metres between the bodies nearest to each other there; NaN where none is free.
+        (N, m) smallest distance (m) between any two bodies in that configuration; NaN if none is free.
     complete
-        Whether the closed form told every configuration: what is not reachable, or not free, then cannot be. Else a
-        "no" is one of a search.
+        Whether all configurations were enumerated in closed form. If so, poses that are not reachable or not free are
+        proven to be so; otherwise a search found no such configuration.
     title
-        What was looked at: robot, tool and scene, in words.
+        The robot, tool and scene, as text.
     """
 
     region: ReachRegion
@@ -88,27 +88,27 @@ class ReachMap:
 
     @property
     def reach_share(self) -> Array:
-        """(N,) the share of orientations that are reachable at each point, 0 to 1."""
+        """(N,) fraction of the orientations that are reachable at each point, 0 to 1."""
         return np.asarray(self.reachable.mean(axis=1))
 
     @property
     def free_share(self) -> Array:
-        """(N,) the share of orientations that are reachable and free at each point, 0 to 1."""
+        """(N,) fraction of the orientations that are reachable and free at each point, 0 to 1."""
         return np.asarray(self.free.mean(axis=1))
 
     @property
     def best_manipulability(self) -> Array:
-        """(N,) the largest over all orientations; NaN where none is free."""
+        """(N,) largest manipulability over all orientations; NaN if none is free."""
         return _best(self.manipulability)
 
     @property
     def best_clearance(self) -> Array:
-        """(N,) metres, the largest over all orientations; NaN where none is free."""
+        """(N,) largest clearance (m) over all orientations; NaN if none is free."""
         return _best(self.clearance)
 
     @property
     def summary(self) -> str:
-        """The map in a sentence."""
+        """A summary of the map in one sentence."""
         points, full = float((self.free_share > 0).mean()), float((self.free_share == 1).mean())
         how = "every configuration enumerated" if self.complete else "configurations searched for, others may exist"
         return (
@@ -118,14 +118,16 @@ class ReachMap:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the map, whole or not at all: ``.csv`` (a row a point), ``.npz`` (all of it), ``.png`` (slices).
+        """Write the map as ``.csv`` (one row per point), ``.npz`` (all data) or ``.png`` (slices).
+
+        The file is written completely or not at all.
 
         Raises
         ------
         InputError
-            For another ending, or a picture of points that are no grid.
+            For another suffix, or for ``.png`` if the points do not form a grid.
         FileError
-            For a place that cannot be written to.
+            If the file cannot be written.
         """
         _write_map(path, self)
 
@@ -136,12 +138,12 @@ class ReachMap:
         Raises
         ------
         FileError
-            Naming the file and what is wrong with it.
+            If the file cannot be read; the message names the file and the reason.
         """
         return _read_map(path)
 
     def same_question(self, other: ReachMap) -> str:
-        """Why two maps cannot be compared; empty if they ask for the same poses."""
+        """The reason why two maps cannot be compared; empty if they have the same poses."""
         if not self.region.equals(other.region):
             return f"they have different regions: {self.region} and {other.region}"
         if not np.array_equal(self.orientations, other.orientations):
@@ -150,14 +152,14 @@ class ReachMap:
 
 
 def _best(values: Array) -> Array:
-    """(N,) the largest of each row (N, m) that is a number; NaN where none is."""
+    """(N,) maximum of each row of (N, m), ignoring NaN; NaN if all values of the row are NaN."""
     filled = np.where(np.isnan(values), -np.inf, values).max(axis=1)
     return np.where(np.isneginf(filled), np.nan, filled)
 
 
 @dataclass(frozen=True, eq=False)
 class ReachComparison:
-    """What a change of the set-up won and lost.
+    """The poses that a change of the setup gains and loses.
 
     Parameters
     ----------
@@ -167,7 +169,7 @@ class ReachComparison:
     Raises
     ------
     InputError
-        If they asked for different poses.
+        If the maps have different poses.
     """
 
     before: ReachMap
@@ -179,17 +181,17 @@ class ReachComparison:
 
     @property
     def won(self) -> npt.NDArray[np.bool_]:
-        """(N, m) poses that are free after, and were not before."""
+        """(N, m) poses that are free in ``after`` but not in ``before``."""
         return np.asarray(self.after.free & ~self.before.free)
 
     @property
     def lost(self) -> npt.NDArray[np.bool_]:
-        """(N, m) poses that were free before, and are not after."""
+        """(N, m) poses that are free in ``before`` but not in ``after``."""
         return np.asarray(self.before.free & ~self.after.free)
 
     @property
     def summary(self) -> str:
-        """The change in a sentence, with the places where most was won and lost."""
+        """A summary of the change in one sentence, with the points that gain and lose the most orientations."""
         total = self.before.free.size
         words = [f"of {total} poses {_share(self.won, total)} won, {_share(self.lost, total)} lost"]
         for name, mask in (("won", self.won), ("lost", self.lost)):
@@ -205,14 +207,16 @@ class ReachComparison:
         return "; ".join(words)
 
     def save(self, path: str | Path) -> None:
-        """Write the change, whole or not at all: ``.csv`` (a row a point) or ``.png`` (slices, won less lost).
+        """Write the change as ``.csv`` (one row per point) or ``.png`` (slices, gained minus lost).
+
+        The file is written completely or not at all.
 
         Raises
         ------
         InputError
-            For another ending, or a picture of points that are no grid.
+            For another suffix, or for ``.png`` if the points do not form a grid.
         FileError
-            For a place that cannot be written to.
+            If the file cannot be written.
         """
         _write_comparison(path, self)
 
@@ -222,11 +226,11 @@ def _share(mask: npt.NDArray[np.bool_], total: int) -> str:
 
 
 MOST_SLICES = 12
-"""More would be stamps; of more heights these many are picked, evenly."""
+"""Largest number of panels in a picture; if there are more slices, evenly spaced ones are chosen."""
 
 SHARE = ("viridis", 0.0, 1.0)
 WON_AND_LOST = ("RdBu", -1.0, 1.0)
-"""Colour map and the values at its ends."""
+"""Colour map, and its minimum and maximum value."""
 
 
 def slices(
@@ -236,19 +240,21 @@ def slices(
     label: str,
     colours: tuple[str, float, float] = SHARE,
 ) -> bytes:
-    """A PNG of ``values`` (N,) over a grid: one panel for each place along the axis with the fewest.
+    """A PNG of ``values`` (N,) over a grid: one panel per slice.
+
+    The slices are perpendicular to the axis with the fewest points.
 
     Raises
     ------
     InputError
-        If the region is no grid, or only a line or a point of one.
+        If the region is not a grid, or extends along fewer than two axes.
     """
     if region.axes is None:
         raise InputError(
             "a PNG shows slices of a grid, such as ReachRegion.box returns; this region is a list of single points"
         )
     counts = [len(axis) for axis in region.axes]
-    through = min((counts[k], -k) for k in range(3))[1] * -1  # of equals z, so that slices are heights
+    through = min((counts[k], -k) for k in range(3))[1] * -1  # prefer z if equal: horizontal slices
     across = [k for k in range(3) if k != through]
     if any(counts[k] < 2 for k in across):
         raise InputError("a PNG needs a region that extends along at least two axes")
@@ -289,7 +295,7 @@ COLUMNS = ("x", "y", "z", "reach_share", "free_share", "best_manipulability", "b
 
 
 def _write_map(path: str | Path, reach: ReachMap) -> None:
-    """Write a map as the file's ending says."""
+    """Write a map in the format given by the suffix."""
     kind = _kind(path, (".csv", ".npz", ".png"))
     if kind == ".csv":
         figures = reach.reach_share, reach.free_share, reach.best_manipulability, reach.best_clearance
@@ -307,7 +313,7 @@ def _write_map(path: str | Path, reach: ReachMap) -> None:
 
 
 def _write_comparison(path: str | Path, change: ReachComparison) -> None:
-    """Write a comparison as the file's ending says."""
+    """Write a comparison in the format given by the suffix."""
     points, won, lost = change.before.region.points, change.won.mean(axis=1), change.lost.mean(axis=1)
     if _kind(path, (".csv", ".png")) == ".csv":
         shares = change.before.free_share, change.after.free_share
@@ -320,7 +326,7 @@ def _write_comparison(path: str | Path, change: ReachComparison) -> None:
 
 
 def _read_map(path: str | Path) -> ReachMap:
-    """Read what :func:`write` wrote as ``.npz``."""
+    """Read an ``.npz`` file written by :func:`_write_map`."""
     try:
         with np.load(path, allow_pickle=False) as content:
             if str(content["schema"]) != SCHEMA:
@@ -352,7 +358,7 @@ def _csv(columns: tuple[str, ...], rows: npt.NDArray[np.float64]) -> str:
 
 
 CHUNK = 4096
-"""Poses solved at a time: their answers stay in the processor's cache, and progress can be told."""
+"""Poses solved at a time, so that their results fit into the processor cache and progress can be reported."""
 
 
 def reach_map(
@@ -367,38 +373,38 @@ def reach_map(
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> ReachMap:
-    """Tell at every point of a region, in every orientation, whether it is reachable, whether free, and how well.
+    """Compute for each point and orientation whether it is reachable and free, its manipulability and its clearance.
 
-    A :func:`pinproof.screen_picks` over a grid. Where the arm has a closed form, of the free branches the most
-    manipulable is told of. Arms of seven are swept along a joint, others searched from up to ``attempts`` starts, until
-    something free is found.
+    This is equivalent to :func:`pinproof.screen_picks` over a grid. If the arm has closed-form IK, the result is the
+    free branch with the largest manipulability. For arms with seven joints, one joint is swept. For all other arms, a
+    numerical search runs from up to ``attempts`` start configurations until a free configuration is found.
 
     Parameters
     ----------
     checker
         The arm in its scene, with its tool attached.
     region
-        Where; see :meth:`ReachRegion.box`.
+        The points; see :meth:`ReachRegion.box`.
     orientations
-        (m, 3, 3) ``root_from_tip`` rotations, as :func:`tool_orientations` makes them.
+        (m, 3, 3) ``root_from_tip`` rotations, such as those of :func:`tool_orientations`.
     tip
-        ``tcp_from_tip``: what is put onto the points; by default the tcp itself.
+        ``tcp_from_tip``: the frame that is placed at the points; the default is the tcp.
     world_from_root
-        Where the robot stands in the frame of the region and the orientations, to compare places for it; the checker's
-        scene stays in the robot's root frame. By default they are one.
+        The pose of the root link in the frame of the region and the orientations, for the comparison of base
+        placements. The scene of the checker remains in the root frame. The default is the identity.
     attempts
-        Starts of the search for arms without a closed form.
+        Number of start configurations of the search, for arms without closed-form IK.
     rng
-        Seed of the starts.
+        Seed of the start configurations.
     threads
-        Threads that share the work; the answers do not depend on their number.
+        Number of threads; it does not affect the result.
     progress
-        Called with the number of poses done and of all.
+        Called with the number of finished poses and the total number.
 
     Raises
     ------
     InputError
-        If a shape is wrong, a matrix is no rotation, or a setting makes no sense.
+        If a shape is wrong, a matrix is not a rotation, or a setting is invalid.
     """
     require_integer("threads", threads, 1)
     frames = _frames(orientations)
@@ -442,7 +448,7 @@ def reach_map(
 
 
 def _title(checker: CollisionChecker, tcp_from_tip: Array, place: SE3) -> str:
-    """What was looked at, in words."""
+    """The robot, tool and scene, as text."""
     arm, tool = checker.arm, ", ".join(body.name for body in checker.attached)
     tip, stands = tcp_from_tip[:3, 3], place.translation
     words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene.obstacles)} obstacles"]
@@ -457,7 +463,7 @@ def _metres(point: Array) -> str:
 
 
 def _frames(orientations: npt.ArrayLike) -> Array:
-    """The orientations (m, 4, 4) at the origin, each of them checked."""
+    """The validated orientations as transforms (m, 4, 4) at the origin."""
     given = np.asarray(orientations, dtype=float)
     if given.ndim != 3 or given.shape[1:] != (3, 3) or not len(given):
         raise InputError(f"orientations must have the shape (m, 3, 3), m >= 1, not {given.shape}")

@@ -17,19 +17,19 @@ __all__ = ["MOST_POINTS", "ReachRegion", "approach_directions", "tool_orientatio
 Array = npt.NDArray[np.float64]
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
-"""Radians between neighbours on the spiral."""
+"""Radians between consecutive points of the spiral."""
 
 
 def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: float = 0.0, count: int = 1) -> Array:
-    """(count, 3) unit vectors spread evenly over the cone of ``half_angle`` (rad) about ``axis`` (3,).
+    """(count, 3) unit vectors distributed evenly over the cone of ``half_angle`` (rad) about ``axis`` (3,).
 
-    A Fibonacci spiral: each stands for the same area of the sphere. ``half_angle`` pi is the whole sphere; with a
-    count of 1 only the axis is left.
+    The vectors lie on a Fibonacci spiral, and each represents the same area of the sphere. A ``half_angle`` of pi
+    covers the complete sphere. A ``count`` of 1 gives only the axis.
 
     Raises
     ------
     InputError
-        If the axis is zero, the angle is outside [0, pi], or the count is not a whole number above 0.
+        If the axis is zero, the angle is outside [0, pi], or the count is not a positive integer.
 
     References
     ----------
@@ -52,15 +52,15 @@ def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: floa
 
 
 def tool_orientations(directions: npt.ArrayLike = (0.0, 0.0, -1.0), spins: int = 8) -> Array:
-    """(d * spins, 3, 3) ``root_from_tip`` rotations whose z runs along each of the directions (3,) or (d, 3).
+    """(d * spins, 3, 3) ``root_from_tip`` rotations whose z axis is along the directions (3,) or (d, 3).
 
-    ``spins`` turns about that z, evenly spread over a whole turn; the first has its x as near to the root's x as
-    possible (to its y where the direction is along x).
+    For each direction there are ``spins`` rotations about it, evenly distributed over 2 pi. The x axis of the first one
+    is as close as possible to the x axis of the root (to its y axis if the direction is close to x).
 
     Raises
     ------
     InputError
-        If a direction is zero or the number of spins is not a whole number above 0.
+        If a direction is zero or the number of spins is not a positive integer.
     """
     many = np.atleast_2d(np.asarray(directions, dtype=float))
     many = finite("directions", many, (None, 3))
@@ -87,7 +87,7 @@ def _with_z(z: Array) -> Array:
 
 
 MOST_POINTS = 5_000_000
-"""A grid of more is taken for a step given in millimetres."""
+"""Largest number of points of a grid; more usually means that the step was given in millimetres."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,12 +99,12 @@ class ReachRegion:
     points
         (N, 3) in metres.
     axes
-        The coordinates of a grid along x, y and z, whose points come with z running fastest; None for single points.
+        The coordinates of a grid along x, y and z, in whose points z varies fastest; None if the points are not a grid.
 
     Raises
     ------
     InputError
-        If there is no point, or a number is not finite.
+        If there are no points, or a coordinate is not finite.
     """
 
     points: Array
@@ -121,13 +121,13 @@ class ReachRegion:
     def box(cls, lower: npt.ArrayLike, upper: npt.ArrayLike, step: float) -> ReachRegion:
         """A grid over the box from ``lower`` to ``upper`` (3,), both included.
 
-        Equal coordinates make it a surface, a line or a point. The points are evenly spread, ``step`` (m) apart at
-        most.
+        If coordinates of the corners are equal, the grid is a surface, a line or a point. The points are evenly spaced,
+        at most ``step`` (m) apart.
 
         Raises
         ------
         InputError
-            If an upper corner lies below a lower one, the step is not above 0, or the points are too many.
+            If an upper coordinate is below the lower one, the step is not positive, or there are too many points.
         """
         low, high = finite("lower", lower, (3,)), finite("upper", upper, (3,))
         for name, a, b in zip("xyz", low, high, strict=True):
@@ -135,7 +135,7 @@ class ReachRegion:
                 raise InputError(f"the region's upper {name} = {b} is below its lower {name} = {a}")
         if not 0.0 < step < np.inf:
             raise InputError(f"step = {step}; it must be a distance in metres above 0")
-        # a side that is a multiple of the step but for rounding gets no further point
+        # rounding errors must not add a point to a side that is a multiple of the step
         counts = [int(np.ceil((b - a) / step * (1.0 - 1e-12))) + 1 for a, b in zip(low, high, strict=True)]
         if np.prod([float(count) for count in counts]) > MOST_POINTS:
             raise InputError(
@@ -148,11 +148,11 @@ class ReachRegion:
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """The numbers of points along x, y and z of a grid; (N,) of single points."""
+        """The numbers of points along x, y and z for a grid; otherwise (N,)."""
         return (len(self.points),) if self.axes is None else tuple(len(axis) for axis in self.axes)
 
     def equals(self, other: ReachRegion) -> bool:
-        """Whether both hold the same points in the same order."""
+        """Whether both regions have the same points in the same order."""
         return bool(np.array_equal(self.points, other.points))
 
     def __len__(self) -> int:
@@ -163,6 +163,6 @@ class ReachRegion:
 
     @staticmethod
     def along(values: Sequence[Array]) -> tuple[Array, Array, Array]:
-        """Three axes out of a file."""
+        """The three axes of a grid as arrays read from a file."""
         x, y, z = (np.array(axis, dtype=float) for axis in values)
         return x, y, z

@@ -1,4 +1,4 @@
-"""Screening of many picks: families of grasps, named frames, and objects that the hand may touch."""
+"""Screening of many picks: grasp families, named frames, and objects that the hand is allowed to touch."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ UNREADABLE, CONTACT, FREE = map(code_of, (ScreenStatus.UNREADABLE, ScreenStatus.
 
 @dataclass(frozen=True, eq=False)
 class LookedPicks:
-    """What became of some picks: their names, what became of the best grasp of each, and which of the family it is."""
+    """The screening results of some picks: their names, and the result and family index of the best grasp of each."""
 
     names: tuple[str, ...]
     looked: Looked
@@ -42,7 +42,7 @@ class LookedPicks:
 
     @classmethod
     def joined(cls, parts: Sequence[LookedPicks], dof: int) -> LookedPicks:
-        """Parts one behind the other; there may be none."""
+        """The concatenation of any number of parts."""
         some = [cls((), Looked.nothing(0, dof), np.empty(0, dtype=np.int64)), *parts]
         return cls(
             tuple(name for part in some for name in part.names),
@@ -53,7 +53,7 @@ class LookedPicks:
 
 @dataclass(eq=False)
 class _Open:
-    """A pick of which some grasps are still to be looked at, ring by ring, and whether the hand may touch an object."""
+    """A pick with the grasps that are not screened yet, ring by ring, and the object that the hand may touch."""
 
     index: int
     pose: Array
@@ -63,12 +63,12 @@ class _Open:
 
 
 class GraspScreening:
-    """Looks at picks of a cell; several threads may use it.
+    """Screens picks of a cell; safe to use from several threads.
 
     Parameters
     ----------
     cell
-        What the picks are judged in.
+        The cell in which the picks are judged.
     attempts, rng, clearance
         As for :class:`~pinproof.picks.batch.screening.Screening`.
     """
@@ -84,15 +84,15 @@ class GraspScreening:
 
     @property
     def complete(self) -> bool:
-        """Whether every configuration of a grasp is looked at."""
+        """Whether all configurations of each grasp are checked."""
         return self._screening.complete
 
     def poses(self, poses: Array) -> Looked:
-        """What becomes of ``root_from_tip`` (N, 4, 4)."""
+        """Screen poses ``root_from_tip`` (N, 4, 4)."""
         return self._screening.look(self._targets(poses))
 
     def picks(self, part: Iterable[Pick | PickProblem]) -> LookedPicks:
-        """What becomes of picks; the grasps of a family are looked at ring by ring until one is free."""
+        """Screen picks; the grasps of a family are checked ring by ring until one is free."""
         items = list(part)
         best, member = Looked.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
         left = list(self._readable(items))
@@ -132,9 +132,10 @@ class GraspScreening:
             yield _Open(index, matrix(pick.pose), list(_rings(pick.spin, pick.tolerance, axis)), taken)
 
     def _look(self, poses: Array, objects: Sequence[str | None], owner: Indices) -> Looked:
-        """What becomes of poses, of picks ``owner`` (N,), each with the object of its pick that the hand may touch.
+        """Screen poses of the picks ``owner`` (N,), where the hand may touch the object of its pick.
 
-        Without that leave first, which is nothing to make: what is free so is free.
+        Contact with the object is first not allowed, which needs no additional checker: a pose that is free then is
+        also free with the contact allowed.
         """
         targets = self._targets(poses)
         looked = self._screening.look(targets)
@@ -149,13 +150,13 @@ class GraspScreening:
 
 @lru_cache(maxsize=64)
 def _rings(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float, float]) -> tuple[Array, ...]:
-    """``nominal_from_tip`` (m, 4, 4) ring by ring; the first grasp, which mostly is free, stands alone."""
+    """``nominal_from_tip`` (m, 4, 4) ring by ring; the first grasp, which is usually free, is a separate ring."""
     rings = [np.array([matrix(each.nominal_from_tip) for each in r]) for r in family(spin, tolerance, np.array(axis))]
     return tuple(ring for ring in (rings[0][:1], rings[0][1:], *rings[1:]) if len(ring))
 
 
 CHUNK = 4096
-"""Picks looked at together: their answers stay in the processor's cache, and progress can be told."""
+"""Picks screened at a time, so that their results fit into the processor cache and progress can be reported."""
 
 
 def screen_picks(
@@ -173,41 +174,42 @@ def screen_picks(
     threads: int = 1,
     progress: Callable[[int, int], None] | None = None,
 ) -> ScreenResult:
-    """Tell of very many picks, or poses, which can be grasped: reached inside the limits, free of contact.
+    """Determine which of many picks or poses are reachable within the limits and free of contact at the grasp.
 
-    The stages reach, limits, self-collision and collision at the grasp of :func:`pinproof.validate_picks` alone, with
-    the same checks, tens of thousands a second. What is free here may still fail on its ways; what is not free need not
-    be judged in full, where ``complete``.
+    This runs only the stages reach, limits, self-collision and grasp of :func:`pinproof.validate_picks`, with the same
+    checks, for tens of thousands of picks per second. A pick that is FREE here may still fail on its approach, retreat
+    or transit. If the result is ``complete``, a pick that is not FREE does not need a full validation.
 
     Parameters
     ----------
     arm
         The arm.
     scene
-        What stands around it.
+        The obstacles around the arm.
     picks
         Picks, or (N, 4, 4) poses ``root_from_tip``.
     tip, tool, margin
-        ``tcp_from_tip``, the bodies that move with the tcp, and the metres to keep between any two bodies. By default
-        those of the picks; of poses the tcp itself, none, and 0.
+        ``tcp_from_tip``, the bodies attached to the tcp, and the smallest allowed distance (m) between any two bodies.
+        The defaults are those of the picks; for poses, the tip is the tcp, there is no tool, and the margin is 0.
     home
-        (n,) near which whole turns are chosen, and where searches begin; by default the one of the picks, else the
-        arm's.
+        (n,) the configuration near which 2 pi windings are chosen and from which searches start. The default is the
+        home of the picks if they define one, otherwise that of the arm.
     clearance
-        Whether the clearance of what is free is measured, too; it costs as much as all the rest.
+        Whether to also compute the clearance of free configurations, which about doubles the computation time.
     attempts
-        Starts of the search, for arms without a closed form.
+        Number of start configurations of the search, for arms without closed-form IK.
     rng
         Seed of the searches.
     threads
-        Threads that share the work; the answers do not depend on their number.
+        Number of threads; it does not affect the result.
     progress
-        Called with the number of picks done and of all.
+        Called with the number of finished picks and the total number.
 
     Raises
     ------
     InputError
-        If a pose is none, a setting makes no sense, or the arm holds other joints elsewhere than the picks say.
+        If a pose is not a rigid transform, a setting is invalid, or the values of joints outside the arm differ from
+        those that the picks require.
     """
     require_integer("threads", threads, 1)
     source = as_source(picks) if isinstance(picks, (Picks, PickSource)) else _Poses(rigid_many("poses", picks))
@@ -256,7 +258,7 @@ def screen_picks(
 
 
 class _Poses(PickSource):
-    """Poses as picks without ways."""
+    """Poses as picks without approach and retreat."""
 
     def __init__(self, poses: Array) -> None:
         self.poses, self.shared = poses, Picks(())
@@ -281,14 +283,14 @@ class _Numbered(Sequence[str]):
     def __len__(self) -> int:
         return self._count
 
-    def __getitem__(self, index):  # type: ignore[no-untyped-def]  # a name, or a tuple of them for a slice
+    def __getitem__(self, index):  # type: ignore[no-untyped-def]  # a name, or a tuple of names for a slice
         places = range(self._count)[index]
         return tuple(f"pose_{i}" for i in places) if isinstance(places, range) else f"pose_{places}"
 
 
 @dataclass(frozen=True, eq=False)
 class _Reasons:
-    """Judges a single pick again, for what the stages say of it."""
+    """Judges a single pick again, to obtain the messages of its stages."""
 
     cell: Cell
     source: PickSource

@@ -28,24 +28,27 @@ Indices = npt.NDArray[np.int64]
 
 
 class ScreenStatus(Enum):
-    """What became of a pose that was screened, from the worst on: how far the way went that went farthest."""
+    """The result of the screening of a pose, ordered from worst to best.
+
+    The status is that of the configuration that passed the most stages.
+    """
 
     UNREADABLE = "unreadable"
-    """What is asked for makes no sense in this scene."""
+    """The pick is invalid in this scene."""
     REACH = "out of reach"
-    """No configuration was found, not outside the limits either."""
+    """No configuration was found, neither within nor outside the limits."""
     LIMITS = "out of limits"
-    """Configurations were found outside the limits only."""
+    """Configurations were found only outside the limits."""
     SELF = "self-collision"
-    """In every configuration found the arm, or what it holds, touches itself."""
+    """In every configuration found, the arm or its attached bodies are in self-collision."""
     CONTACT = "in contact"
-    """Every configuration found touches something, not all of them the arm alone."""
+    """Every configuration found is in contact, and at least one of them without self-collision."""
     FREE = "free"
-    """There is a configuration that keeps every margin."""
+    """A configuration was found that keeps every margin."""
 
     @property
     def stage(self) -> Stage | None:
-        """The stage of a pick that would fail; None where all up to the grasp would be passed."""
+        """The stage at which a pick with this status fails; None if it passes all stages up to the grasp."""
         return _STAGES[self]
 
 
@@ -59,26 +62,26 @@ _STAGES = {
 }
 
 CODES = tuple(ScreenStatus)
-"""The order in which arrays number the statuses."""
+"""The statuses in the order of their codes in arrays."""
 
 
 def code_of(status: ScreenStatus) -> int:
-    """The number of a status in arrays."""
+    """The code of a status in arrays."""
     return CODES.index(status)
 
 
 @dataclass(frozen=True, eq=False)
 class Looked:
-    """What became of N poses.
+    """The screening results of N poses.
 
     Parameters
     ----------
     codes
-        (N,) places in :data:`CODES`.
+        (N,) indices into :data:`CODES`.
     q
-        (N, n) a configuration: the best free one found, else one in contact; NaN where none reaches.
+        (N, n) the best free configuration found, otherwise one in contact; NaN if none was found.
     manipulability, clearance
-        (N,) of free ones; NaN elsewhere, and clearance (m) where it was not asked for.
+        (N,) values of free poses, otherwise NaN; the clearance (m) is also NaN if it was not requested.
     """
 
     codes: npt.NDArray[np.int8]
@@ -88,38 +91,38 @@ class Looked:
 
     @classmethod
     def nothing(cls, count: int, dof: int) -> Looked:
-        """As many of which nothing is known."""
+        """Initial results of ``count`` poses, with the lowest status and NaN."""
         return cls(np.zeros(count, dtype=np.int8), np.full((count, dof), np.nan), *np.full((2, count), np.nan))
 
     @classmethod
     def joined(cls, parts: Sequence[Looked]) -> Looked:
-        """At least one part, one behind the other."""
+        """The concatenation of at least one part."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
     def put(self, rows: Indices, other: Looked, others: Indices) -> None:
-        """What is known of rows of another into these rows."""
+        """Copy the rows ``others`` of another result into ``rows``."""
         for each in fields(self):
             getattr(self, each.name)[rows] = getattr(other, each.name)[others]
 
 
 class Screening:
-    """Looks at poses with one checker; may be used from several threads.
+    """Screens poses with one checker; safe to use from several threads.
 
     Parameters
     ----------
     checker
         The arm in its scene, with its tool attached.
     home
-        (n,) whole turns are chosen near it, and searches begin there.
+        (n,) the configuration near which 2 pi windings are chosen and from which searches start.
     attempts
-        Starts of the search, for arms without a closed form.
+        Number of start configurations of the search, for arms without closed-form IK.
     rng
         Seed of the searches.
     why
-        Whether all is done to tell limits from reach, and the arm's touching itself from other contact: without, every
-        contact is said to be CONTACT, and LIMITS where a closed form tells it by the way.
+        Whether to distinguish LIMITS from REACH, and SELF from CONTACT, at additional cost. Otherwise every contact is
+        CONTACT, and LIMITS is reported only if the closed form gives it at no cost.
     clearance
-        Whether the clearance of what is free is measured.
+        Whether to compute the clearance of free configurations.
     """
 
     def __init__(
@@ -142,16 +145,16 @@ class Screening:
 
     @property
     def complete(self) -> bool:
-        """Whether every configuration was checked of each pose that is not free, so that it cannot be free.
+        """Whether all configurations of each pose that is not free were checked, which proves that it is not free.
 
-        Changes to False with the first pose of which this is not so: a singular one with a continuum of configurations.
+        Becomes False at the first pose for which this does not hold: a singular pose with infinitely many solutions.
         """
         return self._proposals.complete and self._known
 
     def look(self, targets: Array) -> Looked:
-        """What becomes of targets (N, 4, 4), ``base_from_tcp``.
+        """Screen targets (N, 4, 4), ``base_from_tcp``.
 
-        Of several free configurations, the most manipulable of those that were proposed in one round is told.
+        Of the free configurations found in the same round, the result has the one with the largest manipulability.
         """
         count = len(targets)
         q, volume = np.full((count, self._arm.dof), np.nan), np.full(count, np.nan)
@@ -180,9 +183,9 @@ class Screening:
         return Looked(codes.astype(np.int8), q, volume, clearance)
 
     def _judge(self, row: Indices, q: Array, reached: Mask, free: Mask, own: Mask, kept: Array, volume: Array) -> None:
-        """Judge configurations q (k, n) of the poses ``row`` (k,), into what is known of all poses.
+        """Check configurations q (k, n) of the poses ``row`` (k,), and update the results of all poses in place.
 
-        The most manipulable of each pose goes first, and the others only where it is in contact.
+        The configurations of a pose are checked in order of decreasing manipulability until one is free.
         """
         volumes = manipulability(self._arm, q)
         order = np.lexsort((-volumes, row))
@@ -199,9 +202,9 @@ class Screening:
 
 
 def _first(starts: Indices, total: int, passes: Callable[[Indices], Mask], asked: Mask | None = None) -> Indices:
-    """(g,) the first entry that passes, of groups of entries that begin at ``starts`` (g,); -1 where none does.
+    """(g,) the first entry that passes in each group; -1 if none does. The groups begin at ``starts`` (g,).
 
-    ``passes`` is only asked for entries behind those of their group that failed. ``asked`` (g,): of which groups.
+    ``passes`` is evaluated for an entry only if all earlier entries of its group failed. ``asked`` (g,) selects groups.
     """
     ends = np.append(starts[1:], total)
     found = np.full(len(starts), -1)
@@ -221,32 +224,33 @@ FIGURES = ("limit_margin", "manipulability", "clearance")
 
 @dataclass(frozen=True, eq=False)
 class ScreenResult:
-    """What became of N picks, or poses, at the grasp alone.
+    """The screening results of N picks or poses at the grasp.
 
-    FREE says that the grasp is reached, inside the limits and free of contact; nothing is said of the ways to it and
-    from it. For these there is :func:`pinproof.validate_picks`.
+    FREE means that the grasp is reached within the limits and free of contact. Approach, retreat and transit are not
+    checked; use :func:`pinproof.validate_picks` for these.
 
     Parameters
     ----------
     names
         N names.
     joint_names
-        Of the arm.
+        The names of the joints of the arm.
     codes
-        (N,) the statuses, as places in ``ScreenStatus``; :attr:`status` are they themselves.
+        (N,) the statuses, as indices into ``ScreenStatus``; :attr:`status` has the members of the enumeration.
     q
-        (N, n) where FREE, the most manipulable free configuration found; where in contact, one of those; NaN elsewhere.
+        (N, n) if FREE, the free configuration found with the largest manipulability; if in contact, one of the
+        configurations in contact; otherwise NaN.
     member
-        (N,) which grasp of the family ``q`` is of, in the order in which they are tried; 0 the nominal one.
+        (N,) index of the grasp of ``q`` in its family, in the order in which they are tried; 0 is the nominal grasp.
     limit_margin
-        (N,) how far ``q`` stays from limits where FREE: 1 in the middle of all ranges, 0 at a limit; NaN elsewhere.
+        (N,) if FREE, distance of ``q`` from the limits: 1 in the middle of all ranges, 0 at a limit; otherwise NaN.
     manipulability
-        (N,) sqrt(det(J J^T)) at ``q`` where FREE (Yoshikawa 1985; metres and radians mixed as J has them).
+        (N,) sqrt(det(J J^T)) at ``q`` if FREE (Yoshikawa 1985; J mixes metres and radians).
     clearance
-        (N,) metres between the bodies nearest to each other at ``q`` where FREE, if it was asked for; else NaN.
+        (N,) smallest distance (m) between any two bodies at ``q`` if FREE and requested; otherwise NaN.
     complete
-        Whether the closed form told every configuration, so that of a grasp, what is not free cannot be. Else a "no" is
-        one of a sweep or a search.
+        Whether all configurations were enumerated in closed form. If so, a grasp that is not FREE is proven not to be;
+        otherwise a sweep or a search found no free configuration.
     """
 
     names: Sequence[str]
@@ -271,41 +275,43 @@ class ScreenResult:
 
     @property
     def status(self) -> tuple[ScreenStatus, ...]:
-        """N statuses."""
+        """The N statuses."""
         return tuple(CODES[code] for code in self.codes.tolist())
 
     @property
     def free(self) -> npt.NDArray[np.bool_]:
-        """(N,) which are FREE."""
+        """(N,) whether each pick is FREE."""
         return np.asarray(self.codes == code_of(ScreenStatus.FREE))
 
     @property
     def counts(self) -> dict[ScreenStatus, int]:
-        """How many there are of each status, the best first."""
+        """The number of picks with each status, the best status first."""
         return {status: int((self.codes == code_of(status)).sum()) for status in reversed(CODES)}
 
     @property
     def summary(self) -> str:
-        """The counts in a sentence."""
+        """The counts in one sentence."""
         counts = ", ".join(f"{count:,} {status.value}" for status, count in self.counts.items() if count)
         how = "every configuration enumerated" if self.complete else "configurations swept or searched for"
         return f"{len(self):,} screened: {counts or 'none'} ({how})"
 
     def reason(self, index: int) -> str:
-        """Why one is not free, in the words of a verdict; names what touches what. Worked out when asked."""
+        """Why a pick is not free, as in a verdict, with the bodies in contact. Computed on each call."""
         if self.free[index]:
             return "collision-free at the grasp"
         return self._reason(index % len(self)) or CODES[self.codes[index]].value
 
     def save(self, path: str | Path) -> None:
-        """Write a table (``.csv``), whole or not at all: a row a pick with its status and all that is known of it.
+        """Write a table (``.csv``) with one row per pick: its status and all results.
+
+        The file is written completely or not at all.
 
         Raises
         ------
         InputError
-            For another ending.
+            For another suffix.
         FileError
-            For a place that cannot be written to.
+            If the file cannot be written.
         """
         if Path(path).suffix.lower() != ".csv":
             raise InputError(f"{path}: the suffix of a screening result is .csv")

@@ -35,43 +35,45 @@ def validate_picks(
     weights: PickWeights | None = None,
     budget: PickBudget | None = None,
 ) -> PickReport:
-    """Judge every pick through all stages, from reach to the timed and certified motion.
+    """Judge every pick in all stages, from reach to the timed and certified motion.
 
-    For many thousands of picks there is :class:`pinproof.Campaign`, which holds neither picks nor verdicts in memory.
+    For many thousands of picks, use :class:`pinproof.Campaign`, which keeps neither picks nor verdicts in memory.
 
     Parameters
     ----------
     arm
         The arm.
     scene
-        What stands around it.
+        The obstacles around the arm.
     picks
-        The picks; their tool is attached to the tcp, their margin is kept.
+        The picks. Their tool is attached to the tcp, and their margin is kept.
     home
-        (n,) where each transit starts; by default the one of the picks, else the arm's.
+        (n,) the configuration in which each transit starts. The default is the home of the picks if they define one,
+        otherwise that of the arm.
     rng
-        Seed or Generator. Each pick has a stream of its own by its place in the list, so the answer does not depend on
-        the number of workers.
+        Seed or Generator. Each pick has its own random stream, which depends on its index in the list, so the result
+        does not depend on the number of workers.
     executor
-        Where the picks are judged, or a function that makes that; by default here, one after another.
+        The executor that judges the picks, or a function that creates it. By default the picks are judged in this
+        process, one after another.
     workers
-        Judge them in so many processes of this machine, without an executor.
+        The number of local processes, if no executor is given.
     in_flight
-        How many chunks of picks are handed to ``executor`` at a time.
+        The number of chunks pending in ``executor`` at a time.
     weights
-        How whole picks are compared.
+        The weights of the score by which complete motions are compared.
     budget
-        How much is tried for each pick.
+        The limits of the search for each pick.
 
     Raises
     ------
     InputError
-        As :meth:`PickSetup.make`.
+        For the same reasons as in :meth:`PickSetup.make`.
     CampaignError
-        If the workers of the executor cannot work, or die of a pick.
+        If the workers cannot start, or a pick kills every worker that judges it.
     """
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
-    seed_sequence(rng).spawn(len(picks))  # the streams that are used here; a Generator gives the next call others
+    seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams
     task = _VerdictTask(setup)
     if executor is None and workers is None:
         verdicts = task(0, picks.picks)

@@ -1,9 +1,9 @@
-"""The worker pool: runs a task for all picks, chunk by chunk, with any executor, and finds a pick that kills workers.
+"""The worker pool: runs a task for all picks in chunks with any executor, and isolates picks that kill workers.
 
 A worker process keeps the task between chunks, so that it is transferred once per process instead of once per chunk. A
-chunk is sent with the key of its task. A worker that does not know the task reports this, and the chunk is sent again
-together with the task. This requires only ``submit`` of an executor, so it is the same for local processes and for a
-cluster whose workers join and leave.
+chunk is sent with the key of its task. A worker without this task reports that it is missing, and the chunk is sent
+again together with the task. Only the method ``submit`` of an executor is required, so this works both with local
+processes and with a cluster whose workers join and leave.
 """
 
 from __future__ import annotations
@@ -53,20 +53,20 @@ __all__ = [
 ]
 
 Task = Callable[[int, Any], Any]
-"""What is done with a chunk: ``task(start, part)``, ``part`` being the picks from place ``start`` on. It pickles."""
+"""A picklable function ``task(start, part)``; ``part`` has the picks of a chunk, the first with index ``start``."""
 
 KEPT = 4
-"""How many tasks a process keeps: a cluster may serve more than one campaign at a time."""
+"""Number of tasks that a process keeps; a cluster may run several campaigns at a time."""
 
 _known: dict[str, Task] = {}
-"""The tasks of this process by their keys: a cache, from which no answer depends."""
+"""The tasks of this process by key; a cache that does not affect results."""
 
 
 class Answer(NamedTuple):
-    """What a worker sends back."""
+    """The reply of a worker."""
 
     known: bool
-    """Whether it knew the task; if not, nothing was done."""
+    """Whether the worker had the task; if not, nothing was computed."""
     result: Any = None
     seconds: float = 0.0
     worker: str = ""
@@ -74,16 +74,16 @@ class Answer(NamedTuple):
 
 
 def work(key: str, package: bytes | None, start: int, part: Any) -> Answer:
-    """Do one chunk.
+    """Process one chunk.
 
     Parameters
     ----------
     key
-        Names the task.
+        The key of the task.
     package
-        The task, pickled; None where the worker is thought to know it.
+        The pickled task; None if the worker is expected to have it.
     start, part
-        What the task is called with; nothing is done but to learn the task where ``part`` is None.
+        The arguments of the task. With None as ``part``, the task is only stored.
     """
     here = f"{platform.node()}:{os.getpid()}"
     task = _known.get(key)
@@ -91,7 +91,7 @@ def work(key: str, package: bytes | None, start: int, part: Any) -> Answer:
         if package is None:
             return Answer(known=False, worker=here)
         while len(_known) >= KEPT:
-            _known.pop(next(iter(_known)), None)  # the oldest; another thread may be quicker
+            _known.pop(next(iter(_known)), None)  # the oldest; another thread may have removed it
         task = _known[key] = pickle.loads(package)
     begun = time.perf_counter()
     result = None if part is None else task(start, part)
@@ -99,24 +99,24 @@ def work(key: str, package: bytes | None, start: int, part: Any) -> Answer:
 
 
 class SingleWorkerExecutor(ProcessPoolExecutor):
-    """An executor of one process.
+    """An executor with a single process.
 
-    Several of these stand in for one pool of several processes: when a process dies, the others live on, and what it
-    was doing is known. Processes are spawned: a child forked from a process that has used OpenMP hangs.
+    Several of these replace one pool of several processes: if a process dies, the others are not affected, and its
+    chunk is known. Processes are spawned, because a child forked from a process that has used OpenMP can hang.
     """
 
     def __init__(self) -> None:
         context = multiprocessing.get_context("spawn")
-        # The worker holds the other end: it reads an end of file when this process lets go of it or is no more. Without
-        # it, the workers of a killed campaign would wait for ever for their next chunk.
+        # The worker reads from its end of the pipe and receives end-of-file when this process closes the other end or
+        # dies. Without the pipe, the workers of a killed campaign would wait for their next chunk indefinitely.
         parent_end, self._child_end = context.Pipe(duplex=False)
         super().__init__(1, mp_context=context, initializer=_watch_parent, initargs=(parent_end,))
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
-        """Hand over a call; the first starts the process."""
-        # Ctrl-C goes to the whole group of processes. Who started the campaign acts on it; a worker is started with it
-        # blocked, so that it does not complain, not even while it is still loading. The tracker of multiprocessing
-        # unblocks it when it starts, so that goes first.
+        """Submit a call; the first call starts the process."""
+        # Ctrl-C sends SIGINT to the complete process group, but only the main process must handle it. Workers are
+        # started with SIGINT blocked, so that they print no traceback, not even while they import modules. The resource
+        # tracker of multiprocessing unblocks the signal when it starts, so it is started first.
         resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
@@ -125,7 +125,7 @@ class SingleWorkerExecutor(ProcessPoolExecutor):
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the process: after its work if ``wait``, else at once."""
+        """End the process: after its pending calls if ``wait``, otherwise immediately."""
         if not wait:
             self._child_end.close()
         super().shutdown(wait=wait, cancel_futures=cancel_futures)
@@ -144,30 +144,31 @@ def _exit_with_parent(parent_end: Connection) -> None:
 
 
 def usable_cores() -> int:
-    """How many cores this process may use."""
+    """Number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 MAX_DEATHS = 3
-"""How many workers must die of a chunk before it is halved, and of a single pick before it is said to kill them: one
-death may come from outside, such as memory that others used up."""
+"""Number of workers that must die on a chunk before it is halved, and on a single pick before it is reported as
+crashed. A single death may have another cause, such as other processes that exhaust the memory."""
 
 CHUNK_SECONDS = 1.0
-"""How long a chunk should take: the hand-over of some ms is nothing beside it, and little is lost with a worker."""
+"""Target duration of a chunk: long compared to the overhead of some ms, and short enough to lose little work."""
 
 LARGEST = 1024
-"""The most picks in a chunk, so that what is under way fits into memory."""
+"""Largest number of picks in a chunk, so that all pending chunks fit into memory."""
 
 GROWTH = 4
-"""How much larger or smaller than the last chunk measured the next may be: a first chunk also loads compiled code, and
-picks differ."""
+"""Largest factor between the sizes of the last measured chunk and of the next one. Measurements vary, because the first
+chunk also loads compiled code and picks differ in cost."""
 
 
 @dataclass(eq=False)
 class Chunk:
-    """The picks from ``start`` up to ``stop``.
+    """The picks with indices from ``start`` (included) to ``stop`` (excluded).
 
-    ``deaths``: how many workers have died of them. ``returned``: a worker that did not know the task has sent it back.
+    ``deaths`` is the number of workers that died on the chunk; ``returned`` is True if a worker without the task
+    returned it.
     """
 
     start: int
@@ -179,7 +180,7 @@ class Chunk:
         return self.stop - self.start
 
     def halves(self) -> list[Chunk]:
-        """Both halves. One more death halves a half again; a single pick has all of its own deaths before it."""
+        """Both halves. One more death halves a half again; for a single pick, deaths are counted from zero."""
         middle = (self.start + self.stop + 1) // 2
         halves = [Chunk(self.start, middle), Chunk(middle, self.stop)]
         for half in halves:
@@ -189,9 +190,10 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of the picks from ``start`` up to ``stop``.
+    """The result of the picks with indices from ``start`` (included) to ``stop`` (excluded).
 
-    ``crashed``: it is a single pick, and every worker that was given it alone has died; there is no ``result``.
+    ``crashed`` means that this is a single pick, and that every worker that processed it alone died; there is then no
+    ``result``.
     """
 
     start: int
@@ -203,18 +205,18 @@ class Outcome:
 
 
 class ChunkQueue:
-    """Cuts what is to be done into chunks of about :data:`CHUNK_SECONDS`.
+    """Divides ranges of picks into chunks of about :data:`CHUNK_SECONDS`.
 
-    How picks are cut never shows in a result: each is judged by itself.
+    The division does not affect any result, because each pick is judged independently.
 
     Parameters
     ----------
     ranges
-        (start, stop) of what is to be done, in order.
+        The ranges (start, stop) of the picks, in order.
     slots
-        How many chunks may be under way; towards the end chunks get smaller, so that all of them are busy to the last.
+        Number of chunks that may be pending. Chunks become smaller towards the end to keep all workers busy.
     size
-        A fixed number of picks in a chunk, in place of a measured one.
+        A fixed number of picks per chunk; by default the number is adapted to the measured durations.
     """
 
     def __init__(self, ranges: Iterable[tuple[int, int]], slots: int, size: int | None = None) -> None:
@@ -223,7 +225,7 @@ class ChunkQueue:
         self._slots, self._fixed, self._size = slots, size, 1
 
     def take(self) -> Chunk | None:
-        """The next chunk; None if all is handed out."""
+        """The next chunk; None if no picks are left."""
         if not self._ranges:
             return None
         size = self._fixed or max(1, min(self._size, math.ceil(self.left / (2 * self._slots))))
@@ -235,18 +237,18 @@ class ChunkQueue:
         return Chunk(start, cut)
 
     def learn(self, picks: int, seconds: float) -> None:
-        """Take note of how long a chunk took."""
+        """Adapt the size of chunks to the measured duration of one."""
         wanted = int(picks * CHUNK_SECONDS / max(seconds, 1e-6))
         self._size = max(1, min(LARGEST, max(wanted, picks // GROWTH), picks * GROWTH))
 
 
 FAILED_STARTS = 3
-"""How many executors in a row may break before they have received the task; then the run ends with an error."""
+"""Number of consecutive executors that may break before they have received the task; the run then fails."""
 
 
 @dataclass(frozen=True)
 class TaskPackage:
-    """What goes to the workers: the pickled task under its key, and the picks of a chunk."""
+    """The data sent to workers: the pickled task with its key, and a function that gives the picks of a chunk."""
 
     key: str
     package: bytes
@@ -254,20 +256,20 @@ class TaskPackage:
 
 
 class TrackedExecutor:
-    """Submits chunks to one executor, and finds the chunk that breaks it.
+    """Submits chunks to one executor, and identifies a chunk that breaks it.
 
     If several chunks were pending in an executor that broke, any of them may be the cause. They are submitted again in
-    groups with no others beside them, and a group that breaks the executor is halved, until it is a single chunk: the
-    death is attributed to that chunk. All other chunks are completed on the way. New chunks wait until then.
+    groups, one group at a time. A group that breaks the executor is halved until it is a single chunk, and the death is
+    attributed to that chunk. All other chunks are completed in the process. New chunks wait until then.
 
     Parameters
     ----------
     make
-        Makes the executor. Called again when it has broken.
+        Creates the executor. Called again after it has broken.
     width
-        How many chunks are pending at a time.
+        Number of chunks that are pending at a time.
     callers_own
-        The executor belongs to the caller: it is never shut down, and no other is made when it breaks.
+        Whether the executor belongs to the caller. It is then never shut down, and not replaced if it breaks.
     """
 
     def __init__(self, make: Callable[[], Executor], *, width: int, callers_own: bool = False) -> None:
@@ -278,7 +280,7 @@ class TrackedExecutor:
         self._suspects: list[list[Chunk]] = []
         self._told: set[str] = set()
         self.pending: dict[Future[Answer], Chunk | None] = {}
-        """The pending chunks; None stands for the task alone, which is sent first to each executor."""
+        """The pending chunks; None represents the task alone, which is sent first to each executor."""
 
     def submit_chunks(self, queue: ChunkQueue, sent: TaskPackage) -> None:
         """Submit as many chunks as ``width`` allows."""
@@ -303,15 +305,15 @@ class TrackedExecutor:
         start, part = (0, None) if chunk is None else (chunk.start, sent.part(chunk.start, chunk.stop))
         try:
             future = executor.submit(work, sent.key, sent.package if packed else None, start, part)
-        except BrokenExecutor as error:  # since it was last heard of: that is found out like any other break
+        except BrokenExecutor as error:  # broke while idle; handled in collect
             future = Future()
             future.set_exception(error)
         self.pending[future] = chunk
 
     def collect(self, future: Future[Answer], sent: TaskPackage) -> Iterator[Outcome]:
-        """What came of a future that is done; if its executor broke, also of all that was under way beside it."""
+        """The outcomes of a finished future; if its executor broke, also those of all other pending futures."""
         if future not in self.pending or self._executor is None:
-            return  # it was under way in an executor that broke
+            return  # it was pending in an executor that broke
         chunk = self.pending[future]
         try:
             answer = future.result()
@@ -332,14 +334,14 @@ class TrackedExecutor:
         elif answer.known:
             yield Outcome(chunk.start, chunk.stop, answer.result, False, answer.seconds, answer.worker)
         else:
-            # A worker that joins returns all that waits for it; to send the task with each of these would be a flood.
+            # A new worker returns all chunks queued for it; the task is large, so it is sent with only one of them.
             packed = chunk.returned or answer.worker not in self._told
             self._told.add(answer.worker)
             chunk.returned = not packed
             self._submit(self._executor, chunk, sent, packed=packed)
 
     def _suspect(self, chunk: Chunk | None, certain: bool, deaths: int, error: BaseException) -> Iterator[Outcome]:
-        """A chunk that was under way where workers died; ``certain`` if nothing else was under way."""
+        """Handle a chunk that was pending when workers died; ``certain`` if no other chunk was pending."""
         if chunk is None:
             self._start_failed(error)
         elif certain:
@@ -354,13 +356,13 @@ class TrackedExecutor:
             self._suspects.append([chunk])
 
     def _broken(self, error: BaseException) -> Iterator[Outcome]:
-        """Keep what was done in the executor that broke, let go of it, and line up what may have broken it."""
+        """Keep the results of the broken executor, close it, and queue the chunks that may have broken it."""
         wait(self.pending)
         failed: list[Chunk] = []
         for future, chunk in self.pending.items():
             try:
                 answer = future.result()
-            except Exception:  # noqa: BLE001  # what else ails a chunk shows when it is tried again
+            except Exception:  # noqa: BLE001  # any other error recurs when the chunk is submitted again
                 if chunk is None:
                     self._start_failed(error)
                 else:
@@ -392,7 +394,7 @@ class TrackedExecutor:
             ) from error
 
     def close(self, *, wait_for_it: bool = False) -> None:
-        """Give up what is under way; let go of the executor."""
+        """Cancel all pending chunks and release the executor."""
         for future in self.pending:
             future.cancel()
         self.pending.clear()
@@ -406,19 +408,19 @@ def _told(error: BaseException) -> str:
 
 
 def _killed_workers(error: Exception) -> bool:
-    """Whether Dask gave up a task because its workers died, on which it has tried it several times itself."""
+    """Whether Dask gave up a task because its workers died; Dask has then already retried it several times."""
     return type(error).__name__ == "KilledWorker" and type(error).__module__.startswith("distributed.")
 
 
 MAX_CRASHES_FIRST = 10
-"""How many picks in a row may be crash_filter for dead workers while not one was judged."""
+"""Number of picks that may crash at the start of a run before any pick was judged; the run then fails."""
 
 Workers = Executor | Callable[[], Executor]
-"""An executor, or what makes one: then a broken one is made anew."""
+"""An executor, or a function that creates one; in the latter case a broken executor is replaced."""
 
 IN_FLIGHT = 64
-"""How many chunks are under way at a time in an executor of the caller's, which cannot be asked for its workers: enough
-for 32 of them to find the next chunk waiting."""
+"""Number of chunks that are pending at a time in an executor of the caller, whose number of workers is unknown. It is
+sufficient for 32 workers, each with one more chunk queued."""
 
 
 def do_chunks(
@@ -431,34 +433,34 @@ def do_chunks(
     in_flight: int = IN_FLIGHT,
     chunk: int | None = None,
 ) -> Generator[Outcome, None, None]:
-    """Do ``task(start, part(start, stop))`` for chunks that cover the ranges, in the order in which they end.
+    """Run ``task(start, part(start, stop))`` for chunks that cover the ranges; yields in order of completion.
 
     Parameters
     ----------
     task
-        Goes to each worker once; it pickles.
+        The task; it is sent to each worker once and must be picklable.
     part
-        Gives what goes with the picks from ``start`` up to ``stop``; it pickles too.
+        Returns the picks with indices from ``start`` (included) to ``stop`` (excluded), which must be picklable.
     ranges
-        (start, stop) of what is to be done.
+        The ranges (start, stop) of the picks.
     executor
-        Where; by default ``workers`` processes of this machine.
+        The executor, or a function that creates it; the default is ``workers`` local processes.
     workers
-        How many processes, without an executor; by default one a core.
+        The number of local processes, if no executor is given; the default is one per core.
     in_flight
-        How many chunks are under way at a time in ``executor``.
+        The number of chunks pending in ``executor`` at a time.
     chunk
-        How many picks make a chunk; by default about a second of work.
+        The number of picks per chunk; the default is about one second of work.
 
     Raises
     ------
     CampaignError
-        If no worker starts, if all workers die whatever they are given, or if an executor that cannot be made anew
-        breaks.
+        If no worker starts, if workers die on each of the first picks, or if an executor breaks and cannot be
+        replaced.
     InputError
         If the task cannot be sent to a worker.
     Exception
-        Whatever the task raised.
+        Any exception raised by the task.
     """
     require_integer("in_flight", in_flight, 1)
     if chunk is not None:
@@ -498,7 +500,7 @@ def do_chunks(
 
 
 class _CrashFilter:
-    """Holds back crashed picks until another pick was judged: if none is, the picks are hardly what kills workers."""
+    """Holds back crashed picks until another pick was judged; if none is, the picks are probably not the cause."""
 
     def __init__(self) -> None:
         self._kept: list[Outcome] = []
@@ -517,7 +519,7 @@ class _CrashFilter:
             )
 
     def all(self) -> Iterator[Outcome]:
-        """All outcomes that were held back."""
+        """The outcomes that were held back."""
         kept, self._kept = self._kept, []
         yield from kept
 

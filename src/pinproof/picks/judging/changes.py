@@ -84,7 +84,7 @@ def apply_suggestion(pick: Pick, suggestion: str) -> Pick:
     Raises
     ------
     InputError
-        If the text is no suggestion, or does not fit the pick: another frame, another length, no place.
+        If the text is not a suggestion, or does not match the pick (another frame or length, or no place).
     """
     text = suggestion.partition(REMARK)[0].strip()
     if text == _UPWARDS:
@@ -106,7 +106,7 @@ def apply_suggestion(pick: Pick, suggestion: str) -> Pick:
 
 
 def move_words(pick: Pick, by: Array, place_by: Array | None = None) -> str:
-    """The pick moved by (3,) mm in its frame, and its place by (3,) mm in that of the place."""
+    """The text of a shift of the pick by (3,) mm in its frame, and of its place by (3,) mm in its own frame."""
     words = f"move the pick {_shift_words(by)} {_frame_words(pick.frame)}"
     if place_by is None or pick.place is None:
         return words
@@ -114,12 +114,12 @@ def move_words(pick: Pick, by: Array, place_by: Array | None = None) -> str:
 
 
 def move_place_words(pick: Pick, by: Array) -> str:
-    """The place of the pick moved by (3,) mm in its frame."""
+    """The text of a shift of the place of the pick by (3,) mm in the frame of the place."""
     return f"move the place {_shift_words(by)} {_frame_words('' if pick.place is None else pick.place.frame)}"
 
 
 def turn_words(degrees: float, axis: Array, *, with_place: bool) -> str:
-    """The pick turned about an axis (3,) of the tip, and its place with it."""
+    """The text of a rotation of the pick, and optionally of its place, about an axis (3,) of the tip."""
     main = int(np.argmax(np.abs(axis)))
     if axis[main] < 0:
         degrees, axis = -degrees, -axis
@@ -131,12 +131,12 @@ def turn_words(degrees: float, axis: Array, *, with_place: bool) -> str:
 
 
 def shorten_words(way: str, before: float, after: float) -> str:
-    """The approach or the retreat shortened; lengths in metres."""
+    """The text of a shorter approach or retreat; lengths in metres."""
     return f"shorten the {way} from {round(before * 1e3, 2):.10g} mm to {round(after * 1e3, 2):.10g} mm"
 
 
 def upwards_words() -> str:
-    """The retreat along +z of the base frame."""
+    """The text of a retreat along +z of the base frame."""
     return _UPWARDS
 
 
@@ -186,22 +186,22 @@ def _apply_turn(
 
 
 Words = Callable[[Array], str]
-"""Puts a shift by (3,) mm in words."""
+"""Formats a shift by (3,) mm as text."""
 
 DISTANCES = (1, 2, 3, 4, 5, 6, 8, 10, 12, 15, 20, 25, 30, 40, 50, 60, 80, 100)
 """Millimetres by which a pick is moved."""
 
 EARLY_DISTANCES, EARLY_STRETCHES, EARLY_TURNS, EARLY_TILTS = (5, 20, 50, 100), (1.1, 1.5), (45, 90, 135, 180), (10, 30)
-"""Sizes that are judged first where the budget is less than the number of candidates."""
+"""Sizes that are judged first if the budget is less than the number of candidates."""
 
 DIRECTIONS = sorted((d for d in product((0, 1, -1), repeat=3) if any(d)), key=lambda d: sum(map(abs, d)))
-"""Along the axes of the pick's frame, between two of them, and between all three."""
+"""Directions along the axes of the frame of the pick, between two axes, and between all three."""
 
 AXES = 6
-"""How many of the directions are axes; they come first."""
+"""Number of the directions that are axes; they are first."""
 
 STRETCHES = (1.0, 1.01, 1.02, 1.04, 1.06, 1.08, 1.1, 1.15, 1.2, 1.25, 1.35, 1.5, 1.75, 2.0)
-"""Times the gap to the nearest pose found by inverse kinematics: shifts of a pose that is out of reach."""
+"""Shifts of a pose that is out of reach, as multiples of the gap to the nearest pose found by inverse kinematics."""
 
 TURNS = tuple(range(15, 181, 15))
 """Degrees about the approach direction, to either side."""
@@ -218,9 +218,9 @@ SWEPT, SEARCHED = 8, 40
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A change in words, the pick that it makes, its size (mm, degrees or metres of length lost), and its direction.
+    """A change as text, the changed pick, its size (mm, degrees, or metres of lost length), and its direction.
 
-    ``early``: it is among the few that are judged first where the budget is less than the number of candidates.
+    ``early`` marks the few candidates that are judged first if the budget is less than the number of candidates.
     """
 
     words: str
@@ -239,7 +239,7 @@ class Shift(NamedTuple):
 
 
 def shifted(pick: Pick, shifts: Iterable[Shift], words: Words) -> list[Candidate]:
-    """Candidates by length, each vector once."""
+    """Candidates ordered by length, each vector once."""
     made: dict[str, Candidate] = {}
     for by, direction, early in shifts:
         if (text := words(by)) not in made:
@@ -248,7 +248,7 @@ def shifted(pick: Pick, shifts: Iterable[Shift], words: Words) -> list[Candidate
 
 
 def _keeps_place(task: Task, pick: Pick) -> bool:
-    """Whether the place moves with the grasp, so that the object comes to stand where it was to stand."""
+    """Whether the place moves with the grasp, so that the object is still put down at the requested pose."""
     return pick.place is not None and task.from_scene
 
 
@@ -281,9 +281,9 @@ def _turn_candidate(
 
 
 def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Words]:
-    """Shifts of the pick along the axes of its frame and between them; if out of reach, also towards what is reached.
+    """Shifts of the pick along the axes of its frame and between them, and the function that formats a shift as text.
 
-    With what puts a shift in words.
+    If the pick is out of reach, also shifts towards the nearest pose that is reached.
     """
     shifts = list(_vectors(_detail(task, len(members(task)))))
     if stage is Stage.REACH:
@@ -299,7 +299,7 @@ def shifts_of(task: Task, pick: Pick, stage: Stage) -> tuple[list[Shift], Words]
 
 
 def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Words]:
-    """The same for the place."""
+    """The result of :func:`shifts_of` for the place."""
     if task.place is None or pick.place is None:
         raise InputError(f"pick {pick.name!r} has no place")
     rotation = (task.place.pose * pick.place.pose.inverse()).rotation
@@ -335,7 +335,7 @@ def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> It
 
 
 def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
-    """As many distances and directions as the screening can afford."""
+    """The distances, and the number of directions, that the screening budget allows."""
     weight = 1 if task.cell.closed_form else SWEPT if has_closed_form(task.arm, most=7) else SEARCHED
     for directions in (len(DIRECTIONS), AXES):
         if len(DISTANCES) * directions * members * weight <= POSES:
@@ -344,7 +344,7 @@ def _detail(task: Task, members: int) -> tuple[Sequence[int], int]:
 
 
 def members(task: Task) -> list[Member]:
-    """The grasps that are screened: those that are not moved within the tolerance."""
+    """The grasps that are screened: those that are not shifted within the tolerance."""
     return next(iter(task.groups()))
 
 

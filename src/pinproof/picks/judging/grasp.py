@@ -260,7 +260,7 @@ class Candidate:
 class Screened:
     """The configurations that are collision-free and hold the object, the best first, and the results of the stages.
 
-    If there are none, ``refuted`` states why each configuration is excluded; ``not_held`` is True if no grasp holds the
+    If no configuration is left, ``refuted`` states why each one is excluded; ``not_held`` is True if no grasp holds the
     object, which does not depend on the configuration.
     """
 

@@ -510,7 +510,7 @@ class _FingerPath:
 def _earlier_contact(
     gap: float, surface: LineSurface, tcp_from_body: SE3, part: HeldPart, finger: MovingFinger
 ) -> float:
-    """The gap of an earlier contact than ``gap``, at a feature between the lines; inf if there is none."""
+    """The gap of an earlier contact than ``gap``, at a feature between the lines; inf if no earlier contact exists."""
     start, end = -finger.travel, gap if np.isfinite(gap) else 0.0
     if end <= start:
         return np.inf

@@ -205,7 +205,7 @@ class BestFirst:
         self.failed: list[tuple[StageResult, ...]] = []
         """The stages of attempts whose lines are possible but which cannot be completed."""
 
-    # -- what is known ------------------------------------------------------------------------------------------------
+    # -- results ------------------------------------------------------------------------------------------------------
 
     @property
     def best(self) -> CompleteMotion | None:
@@ -245,7 +245,7 @@ class BestFirst:
         self.failed.append(stages)
 
     def with_full_budget(self) -> CompleteMotion | None:
-        """A motion to any attempt with possible lines, planned with the larger budget; None if there is none."""
+        """A motion to any attempt with possible lines, planned with the larger budget; None if none was found."""
         while self._next < len(self._order) and len(self.attempts) < self._budget.configurations:
             self._lines()
         passed = [attempt for attempt in self.attempts if attempt.passed]

@@ -49,13 +49,13 @@ Array = npt.NDArray[np.float64]
 Judge = Callable[[Pick], PickVerdict]
 
 FRACTIONS = (0.25, 0.5, 0.75, 1.0)
-"""Of the approach: where the screening requires a free configuration."""
+"""Fractions of the approach at which the screening requires a free configuration."""
 
 CHECKS = 4
-"""Cheap checks of candidates for each one that is judged."""
+"""Number of cheap checks of candidates for each candidate that is judged."""
 
 REFINEMENTS = 5
-"""Picks that are judged between two of the distances, where the larger one is good; enough to bisect 20 mm."""
+"""Number of picks judged between two distances of which the larger is good; enough to bisect 20 mm."""
 
 UP = (0.0, 0.0, 1.0)
 
@@ -63,15 +63,15 @@ STEP = 1e-3
 """Metres: suggested lengths are multiples of this."""
 
 NO_SUGGESTION = (Stage.INPUT, Stage.TRANSIT, Stage.TIMING)
-"""Stages whose failure no small change of the pick mends by plan: the input, or a search that may need more budget."""
+"""Stages whose failure a small change of the pick cannot systematically correct: invalid input, or a limited search."""
 
 ORDER = list(Stage)
 
 
 class _Trials:
-    """Judges candidates, each at most once, within a budget; keeps the smallest that is good, and that helps.
+    """Judges candidates, each at most once, within a budget; keeps the smallest good one and the smallest that helps.
 
-    ``possible`` is a cheap check that a candidate may be good; it has a larger budget of its own.
+    ``possible`` is a cheap check that a candidate may be good; it has a separate, larger budget.
     """
 
     def __init__(self, judge: Judge, failed: Stage, budget: int, possible: Callable[[Pick], bool]) -> None:
@@ -82,7 +82,7 @@ class _Trials:
         self._helps: tuple[Candidate, str] | None = None
 
     def good(self, candidate: Candidate) -> bool:
-        """Whether the changed pick is good; False, too, if the budget is spent."""
+        """Whether the changed pick is good; also False if the budget is exhausted."""
         if candidate.words in self._seen:
             return self._seen[candidate.words]
         if self.left <= 0:
@@ -107,7 +107,7 @@ class _Trials:
         return self._good
 
     def words(self) -> str:
-        """The suggestion; empty if there is none."""
+        """The suggestion; empty if no candidate helps."""
         if self._good is not None:
             return self._good.words
         if self._helps is None:
@@ -117,7 +117,7 @@ class _Trials:
 
 
 def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None, judge: Judge) -> tuple[str, ...]:
-    """What would help a pick, in words, one line for each kind of change; empty if nothing was found.
+    """Suggestions for a pick, one line for each kind of change; empty if nothing was found.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
     failed
         The stage that failed.
     attempt
-        If a line failed: the attempt that came farthest.
+        If a line failed, the attempt that passed the most stages.
     judge
         The verdict on a changed pick, without suggestions.
     """
@@ -158,7 +158,7 @@ def suggest(task: Task, pick: Pick, failed: StageResult, attempt: Attempt | None
 
 
 def _shorter(task: Task, pick: Pick, stage: Stage, attempt: Attempt, trials: _Trials) -> str:
-    """The longest approach or retreat, to the millimetre, of those tried."""
+    """The longest good approach or retreat of those tried, with a resolution of one millimetre."""
     key = stage.value
     asked = float(getattr(pick, key))
     length = np.floor(attempt.fraction * asked / STEP) * STEP
@@ -199,7 +199,7 @@ def _upwards(pick: Pick, stage: Stage, trials: _Trials) -> str:
 
 
 def _screened(task: Task, candidates: list[Candidate]) -> list[Candidate]:
-    """Those of which a grasp has a free configuration, and so has the approach; the others are not good."""
+    """The candidates with a grasp that has a free configuration, also on its approach; the others are not good."""
     tasks = [Task(each.pick, task.cell) for each in candidates]
     grasps = [(i, t.grasp(m)) for i, t in enumerate(tasks) for m in members(t)]
     free = _has_free(task, [pose for _, pose in grasps])
@@ -220,7 +220,7 @@ def _screened(task: Task, candidates: list[Candidate]) -> list[Candidate]:
 
 
 def _screened_places(task: Task, candidates: list[Candidate]) -> list[Candidate]:
-    """Those of which the place is in reach."""
+    """The candidates whose place is in reach."""
     tasks = [Task(each.pick, task.cell) for each in candidates]
     releases = [(i, t.release(m)) for i, t in enumerate(tasks) for m in members(t)]
     row, _ = configurations(task.arm, task.targets([pose for _, pose in releases]), task.cell.home, 0)
@@ -232,7 +232,7 @@ def _retreat_ends_free(task: Task, pick: Pick) -> bool:
     """Whether a free configuration was found at the end of the retreat, with the object in the hand."""
     changed = Task(pick, task.cell)
     grasps = members(changed)
-    if len(grasps) > 1:  # each needs a checker of its own
+    if len(grasps) > 1:  # each needs a separate checker
         return True
     _, q = configurations(task.arm, task.targets([changed.retreat_end(changed.grasp(grasps[0]))]), task.cell.home, 0)
     return bool(changed.carrying(grasps[0]).is_free_batch(q).any())
@@ -278,7 +278,7 @@ def _nearest_shift(
     screened: Callable[[list[Candidate]], list[Candidate]],
     trials: _Trials,
 ) -> str:
-    """The same for shifts; then the whole millimetres below the best one are bisected along its direction."""
+    """The result of :func:`_nearest` for shifts, bisected to whole millimetres along the direction of the best one."""
     _nearest(screened(shifted(pick, shifts, words)), trials)
     best = trials.best
     if best is not None and len(best.direction) == len(best.pick.pose.translation):

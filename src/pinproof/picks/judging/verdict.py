@@ -192,7 +192,7 @@ class PickVerdict:
 
     @property
     def remedy(self) -> str:
-        """All suggestions in one line; empty if there are none."""
+        """All suggestions in one line; empty without suggestions."""
         return "; or ".join(self.suggestions)
 
     @property

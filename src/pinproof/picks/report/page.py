@@ -53,14 +53,14 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of verdict: its colour, and what it means in a sentence."""
+    """A kind of verdict: its colour and its meaning in one sentence."""
 
     css: str
     means: str
 
     @property
     def rgb(self) -> tuple[float, float, float]:
-        """0 to 1 each."""
+        """The red, green and blue components, each from 0 to 1."""
         r, g, b = (int(self.css[k : k + 2], 16) / 255 for k in (1, 3, 5))
         return r, g, b
 
@@ -76,13 +76,13 @@ KINDS = {
 DETAILS = ("stages", "motions", "refuted")
 
 MOST_DETAILS = 2_000_000
-"""Characters of what entries tell beside verdict, reason and figures: a page of thousands stays one that opens."""
+"""Largest total number of characters of the details of entries, so that a page with thousands of rows opens quickly."""
 
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
 
 def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks) -> dict[str, Any]:
-    """The row as the page's table and caption need it."""
+    """The entry of a row for the table and the caption of the page."""
     kind = row["verdict"]
     headline, tone, said = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
     if kind == "good" and verdict is None:
@@ -124,7 +124,7 @@ def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Sce
 
 
 def without_more_details(entries: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any]], int]:
-    """Entries of which those behind :data:`MOST_DETAILS` lose their details, and how many those are."""
+    """The entries, without details once :data:`MOST_DETAILS` is exceeded, and the number of entries without details."""
     kept, room, bare = [], MOST_DETAILS, 0
     for each in entries:
         room -= len(json.dumps([each[name] for name in DETAILS]))
@@ -139,7 +139,7 @@ def _seconds(value: float | None) -> str:
 
 
 def _proven_text(row: dict[str, Any]) -> str:
-    """The clearance that a row, or a motion of it, is proven to keep; empty without a proof."""
+    """The proven clearance of a row or of one of its motions as text; empty without a proof."""
     clearance = row.get("clearance_proven")
     if clearance is not None:
         return proven_millimetres(clearance)
@@ -147,9 +147,9 @@ def _proven_text(row: dict[str, Any]) -> str:
 
 
 def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
-    """Whether the motion begins with this arm, tool and scene, and every part of it has a FREE certificate of its own.
+    """Whether the motion starts with this arm, tool and scene, and each of its parts has a matching FREE certificate.
 
-    Of what stands around, the later parts may differ by what is carried alone.
+    The scenes of the parts may differ only by the carried objects.
     """
     motions = verdict.motions
     if not verdict.ok or not motions:
@@ -168,21 +168,21 @@ def _proven(verdict: PickVerdict, arm: Arm, scene: Scene, picks: Picks) -> bool:
 
 
 def _without(scene: Scene, names: set[str], arm: Arm) -> str:
-    """A hash of what stands around beside some things."""
+    """The hash of the arm and the scene without the named obstacles."""
     return setup_hash(arm, scene.remove(*names.intersection(scene.names)))
 
 
 Array = npt.NDArray[np.float64]
 
 FRAMED = 1.3
-"""Grasps within so many times the robot's own extent about its root are framed; one far away would shrink the rest."""
+"""Grasps within this multiple of the extent of the robot are framed; a distant one would make all others too small."""
 
 GROUPS, A_GROUP = 6, 30
-"""Groups of neighbouring grasps that should be seen as well as the links, and how many grasps stand for each."""
+"""Number of groups of adjacent grasps whose visibility counts like that of a link, and of grasps drawn per group."""
 
 
 def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array) -> View:
-    """The view of a stage, of its links at poses (F, L, 4, 4), of the tcp's ways (N, 3), and of grasps (G, 4, 4)."""
+    """The view of a stage with links at poses (F, L, 4, 4), points of tcp paths (N, 3), and grasps (G, 4, 4)."""
     near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * _extent(stage, poses)]
     tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
     groups = _groups(near)
@@ -192,14 +192,14 @@ def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array) -> View:
 
 
 def _extent(stage: Stage, poses: Array) -> float:
-    """Metres from the root to the farthest point that the robot may have."""
+    """Metres: upper bound of the distance of any point of the robot from its root."""
     sizes = [max(float(np.linalg.norm(each.vertices, axis=1).max()) for each in link.surfaces) for link in stage.links]
     return float((np.linalg.norm(poses[:, :, :3, 3], axis=2) + sizes).max())
 
 
 def _groups(grasps: Array) -> list[DrawnLink]:
-    """Arrows at grasps as bodies that the choice of a view takes for links: what is seen of them counts."""
-    order = np.argsort(np.arctan2(grasps[:, 1, 3], grasps[:, 0, 3]), kind="stable")  # neighbours, about the root
+    """Arrows at grasps, as bodies whose visibility counts like that of links in the choice of the view."""
+    order = np.argsort(np.arctan2(grasps[:, 1, 3], grasps[:, 0, 3]), kind="stable")  # adjacent in angle about the root
     parts = [group for group in np.array_split(grasps[order], GROUPS) if len(group)]
     bodies = []
     for number, group in enumerate(parts):
@@ -210,23 +210,23 @@ def _groups(grasps: Array) -> list[DrawnLink]:
 
 
 RATE, LEAST_RATE = 30.0, 5.0
-"""Key frames a second of a motion: at best, and where there is so much motion that fewer fit."""
+"""Largest and smallest number of key frames per second; fewer are used if the motions would exceed the size limit."""
 
 MOST_BYTES = 5e6
-"""Of all motions together, as text."""
+"""Largest size of all motions together, as text."""
 
 BYTES_A_POSE = 28 * 4 / 3
-"""Seven numbers of four bytes, as base64."""
+"""Size of a pose: seven numbers of four bytes in base64."""
 
 BYTES_A_LINK = 450
-"""What a motion says of a link beside the poses."""
+"""Size of the data of a link in a motion, without its poses."""
 
 SHOWN_MOMENTS = 40
-"""Moments of all motions together that the camera frames."""
+"""Number of moments of all motions together that the camera frames."""
 
 
 SHOWN_PLACES = 4000
-"""Places on all ways together that it frames."""
+"""Number of points of all paths together that the camera frames."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,15 +236,15 @@ class Reel:
     Parameters
     ----------
     stage
-        What they move.
+        The drawn arm, tool and obstacles.
     scene
-        What stands around; of an obstacle that is carried, the drawn one moves.
+        The obstacles around the arm; a carried obstacle is animated in place, not drawn twice.
     films
-        One a verdict; None where there is nothing to play.
+        One film per verdict; None if there is no motion.
     bodies
-        What is carried, by name, of each film; drawn only if the scene has none of that name.
+        The carried bodies of each film by name; drawn only if the scene has no obstacle with that name.
     notes
-        What was changed for show, in sentences.
+        What was changed for display, in sentences.
     """
 
     stage: Stage
@@ -255,14 +255,14 @@ class Reel:
 
     @classmethod
     def of(cls, stage: Stage, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]) -> Reel:
-        """The motions of verdicts; ``tool`` is what the stage draws with the tcp always."""
+        """The motions of verdicts; ``tool`` are the bodies that the stage always draws attached to the tcp."""
         always = {thing.name for thing in tool}
         parts = [_phases(verdict, always) for verdict in verdicts]
         seconds = [sum(phase.trajectory.duration for phase in phases) for phases in parts]
         room = MOST_BYTES / max(len(stage.links), 1)
         said = BYTES_A_LINK * np.array([bool(phases) for phases in parts])
         fits = np.cumsum(np.array(seconds) * LEAST_RATE * BYTES_A_POSE + said) <= room
-        spare = room - said[fits].sum()  # for poses
+        spare = room - said[fits].sum()  # bytes left for poses
         rate = min(RATE, spare / (BYTES_A_POSE * max(float(np.array(seconds)[fits].sum()), 1e-9)))
         films = tuple(
             film(stage, phases, rate=rate) if phases and fit else None for phases, fit in zip(parts, fits, strict=True)
@@ -285,14 +285,14 @@ class Reel:
 
     @property
     def ways(self) -> Array:
-        """(N, 3) places on the ways of the tcp, and of what is carried, for the camera."""
+        """(N, 3) points on the paths of the tcp and of carried bodies, for the camera."""
         films = [each for each in self.films if each is not None]
         carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
         ways = np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
         return ways[:: -(-len(ways) // SHOWN_PLACES) or 1]
 
     def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
-        """The tracks of each motion; draws what is carried, hidden until its pick is chosen."""
+        """The tracks of each motion. Carried bodies are drawn, but hidden until their pick is selected."""
         drawn: dict[tuple[str, bytes], str] = {}
         motions: list[dict[str, Any] | None] = []
         for shown, bodies in zip(self.films, self.bodies, strict=True):
@@ -311,7 +311,7 @@ class Reel:
         return motions
 
     def at_rest(self, rest: Film) -> list[dict[str, Any]]:
-        """Commands that put everything back that a motion has moved."""
+        """Commands that restore the pose of everything that a motion has moved."""
         names = {name for bodies in self.bodies for name in bodies}
         back = [
             transform_command(node_path("robot", link.name), at)
@@ -321,7 +321,7 @@ class Reel:
         return back + [transform_command(node_path("scene", thing.name), thing.pose) for thing in things]
 
     def _place(self, thing: Obstacle, commands: Commands, drawn: dict[tuple[str, bytes], str]) -> str:
-        """The node of something carried, drawn once however many picks carry the like."""
+        """The node of a carried body; identical bodies of several picks are drawn once."""
         if any(thing.name == each.name for each in self.scene.obstacles):
             return node_path("scene", thing.name)
         surfaces = surfaces_of(thing)
@@ -341,10 +341,10 @@ def _phases(verdict: PickVerdict | None, always: set[str]) -> list[Phase]:
 
 
 def surfaces_of(thing: Obstacle) -> list[Surface]:
-    """The pictures of a thing; none where they cannot be read."""
+    """The surfaces of a body for display; empty if its mesh cannot be read."""
     try:
         return obstacle_surfaces(thing)
-    except MeshError:  # a picture that is missing is no reason to show none
+    except MeshError:  # a missing mesh must not prevent the page
         return []
 
 
@@ -353,15 +353,16 @@ def _column(a_from_b: Array) -> list[float]:
 
 
 OPEN_HAND = "open hand"
-"""The node of the fingers at home; the page's script knows it by this name."""
+"""The node of the fingers at home; the script of the page refers to this name."""
 
 MOST_ROWS = 5000
-"""A table that a browser scrolls and sorts without a wait. Of more rows the first are shown, and the page says so."""
+"""Largest number of rows, so that a browser scrolls and sorts the table without delay. Further rows are omitted, which
+the page states."""
 
 
 @dataclass(frozen=True)
 class PageRow:
-    """A row of plain values, and its verdict if there is one."""
+    """A row of plain values, and its verdict if it is known."""
 
     values: dict[str, Any]
     verdict: PickVerdict | None = None
@@ -418,12 +419,12 @@ def write_page(
     arm, scene, picks
         The arm, the scene, and the tool and home that the picks share. By default those of ``setup``.
     title
-        By default the robot's name.
+        The title of the page; the default is the name of the robot.
 
     Raises
     ------
     InputError
-        If ``setup`` is None and one of ``arm``, ``scene`` and ``picks`` is missing.
+        If ``setup`` is not given and one of ``arm``, ``scene`` and ``picks`` is missing.
     ViewerError
         If the robot has nothing to draw, or meshcat's viewer is not installed.
     FileError
@@ -506,7 +507,7 @@ def _render(
 
 
 def _chips(kinds: Mapping[str, int]) -> str:
-    """A button for each verdict that occurs: it tells the colour and the number, and filters."""
+    """A button for each verdict that occurs, with its colour and number of rows; it filters the table."""
     known = [name for name in KINDS if kinds.get(name)] + [name for name in kinds if name not in KINDS]
     return "".join(
         f'<button type="button" class="chip" data-verdict="{escape(name)}" aria-pressed="false">'
@@ -521,7 +522,7 @@ def _items(texts: Iterable[str]) -> str:
 
 
 def _draw_open_hand(commands: Commands, stage: Stage, home: Array, picks: Picks) -> None:
-    """Fingers as they stand apart at home; the page shows them while no motion brings its own."""
+    """Draw the open fingers at home; the page shows them unless a motion with its own fingers is played."""
     for thing in picks.fingers.apart() if picks.fingers is not None else ():
         path = node_path(OPEN_HAND, thing.name)
         for number, surface in enumerate(surfaces_of(thing)):
@@ -530,13 +531,13 @@ def _draw_open_hand(commands: Commands, stage: Stage, home: Array, picks: Picks)
 
 
 def _root_from_tip(values: dict[str, Any], arm: Arm, scene: Scene, picks: Picks) -> Array | None:
-    """(4, 4) where a row grasps: of a good pick the grasp that was chosen, else the nominal one; None if untold."""
+    """(4, 4) the chosen grasp of a good pick, otherwise the nominal grasp of the row; None if the row has no pose."""
     if values.get("q_grasp") is not None:
         return matrix(arm.root_from_base * arm.forward_kinematics(np.array(values["q_grasp"])) * picks.tip)
     if "xyz" not in values or "rpy" not in values:
         return None
     try:
         root = root_from_frame(values.get("frame", ""), picks.frames, scene, arm)
-    except InputError:  # the row says which frame there is not
+    except InputError:  # the reason in the row names the unknown frame
         return None
     return matrix(root * pose(xyz=values["xyz"], rpy=values["rpy"]))

@@ -31,14 +31,14 @@ __all__ = ["COLUMNS", "CSV_COLUMNS", "SCHEMA", "SUFFIXES", "PickReport", "proble
 
 
 def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
-    """The certificates of a verdict, one for each part of its motion; none unless good."""
+    """The certificates of a verdict, one for each part of its motion; empty unless the pick is good."""
     return tuple(motion.certificate for motion in verdict.motions)
 
 
 def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
     """A verdict as plain values for JSON; lengths in metres, angles in radians, times in seconds.
 
-    A clearance of None beside ``pairs_proven`` is unbounded: nothing there can touch.
+    A clearance of None with a number under ``pairs_proven`` is unbounded: no pair of bodies can touch.
     """
     certificates, trajectory, pick = proofs(verdict), verdict.trajectory, verdict.pick
     placed = [float(value) + 0.0 for value in xyz_rpy(pick.pose)]  # + 0.0: no negative zeros
@@ -70,7 +70,7 @@ def verdict_row(verdict: PickVerdict) -> dict[str, Any]:
 
 
 def problem_row(problem: PickProblem) -> dict[str, Any]:
-    """A row of the file that could not be read."""
+    """A row of the picks file that could not be read, as plain values for JSON."""
     row = {"name": problem.name, "verdict": "unreadable", "failed_at": "input", "reason": problem.reason}
     return {**row, "row": problem.row}
 
@@ -81,7 +81,7 @@ def _stage(result: StageResult) -> dict[str, Any]:
 
 
 def _grip(grip: GripResult) -> dict[str, Any]:
-    """How a part is held; lengths in metres, areas in square metres."""
+    """How a part is held, as plain values; lengths in metres, areas in square metres."""
     contacts = [
         {
             "finger": each.finger,
@@ -109,7 +109,7 @@ def _motion(motion: PickMotion) -> dict[str, Any]:
 
 
 def _proven(certificates: tuple[Certificate, ...]) -> dict[str, Any]:
-    """What certificates prove together."""
+    """The combined values of certificates."""
     return {
         "clearance_proven": _least([each.clearance for each in certificates]),
         "clearance_observed": _least([each.observed for each in certificates]),
@@ -134,17 +134,17 @@ CSV_COLUMNS = (
     "name", "verdict", "failed_at", "clearance_proven", "duration", "grasp_time", "release_time", "frame",
     *POSE_COLUMNS, "member", *SCORE_COLUMNS, "motions", "reason", "remedy", "refuted",
 )  # fmt: skip
-"""Plain numbers in metres, seconds and radians; empty where there is none.
+"""The columns of the CSV, with plain numbers in metres, seconds and radians; cells without a value are empty.
 
-``motions`` are the names of the parts in order. Of ``refuted``, each configuration stands on a line of the cell.
+``motions`` has the names of the parts in order. ``refuted`` has one line for each configuration.
 """
 
 SUFFIXES = (".json", ".md", ".csv", ".html")
 
 SCHEMA = "pinproof/picks/2"
-"""The form of the JSON; ``schema.json`` beside this file is its JSON Schema. The number counts breaking changes.
+"""The version of the JSON format (JSON Schema: ``schema.json`` in this folder), raised by breaking changes.
 
-2: a pick also tells its ``member``, ``refuted``, ``release_time``, ``score`` and ``motions``.
+Version 2 adds ``member``, ``refuted``, ``release_time``, ``score`` and ``motions`` to each pick.
 """
 
 
@@ -155,17 +155,17 @@ class PickReport:
     Parameters
     ----------
     robot
-        The robot's name.
+        The name of the robot.
     verdicts
-        One a pick, in the order of the list.
+        One verdict per pick, in the order of the list.
     problems
         Rows of the picks file that could not be read.
     acceleration_source
-        Where the acceleration limits of the timing came from.
+        The source of the acceleration limits used in the timing.
     notes
         What the verdicts do not cover, in sentences.
     setup
-        What the picks were judged with, for the page; None if it is not known.
+        The setup that the picks were judged with, used for the HTML page; None if it is not known.
     """
 
     robot: str
@@ -182,12 +182,12 @@ class PickReport:
 
     @property
     def ok(self) -> bool:
-        """Whether every row is a good pick; without any there is nothing to say yes to."""
+        """Whether there is at least one row and every row is a good pick."""
         return 0 < len(self.good) == len(self.verdicts) and not self.problems
 
     @property
     def summary(self) -> str:
-        """One line: how many are good, and where the others fail."""
+        """One line: the number of good picks, and the stages at which the others fail."""
         total = len(self.verdicts) + len(self.problems)
         stages: dict[str, int] = {}
         for verdict in self.verdicts:
@@ -199,7 +199,7 @@ class PickReport:
         return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "")
 
     def rows(self) -> list[tuple[str, ...]]:
-        """The table, row by row, in the columns :data:`COLUMNS`; unreadable rows last."""
+        """The rows of the table with the columns :data:`COLUMNS`; unreadable rows are last."""
         table: list[tuple[str, ...]] = []
         for verdict in self.verdicts:
             clearances = [certificate.clearance for certificate in proofs(verdict)]
@@ -230,9 +230,9 @@ class PickReport:
         return text.getvalue()
 
     def to_dict(self) -> dict[str, Any]:
-        """All of it as plain values for JSON; lengths in metres, angles in radians, times in seconds.
+        """The complete report as plain values for JSON; lengths in metres, angles in radians, times in seconds.
 
-        A clearance of None beside a certificate's ``pairs_proven`` is unbounded: nothing there can touch.
+        A clearance of None with a number under ``pairs_proven`` is unbounded: no pair of bodies can touch.
         """
         return {
             "schema": SCHEMA,
@@ -262,19 +262,19 @@ class PickReport:
         Parameters
         ----------
         path
-            The file, which ends in ``.json``, ``.md``, ``.csv`` or ``.html``.
+            The file; its suffix must be ``.json``, ``.md``, ``.csv`` or ``.html``.
         arm, scene, picks
             Only for HTML: the arm, the scene, and the picks, whose tool and home are drawn. By default those that the
             picks were judged with; a report that was not made by :func:`pinproof.validate_picks` does not have them.
         title
-            Only for HTML; by default the robot's name.
+            Only for HTML: the title of the page; the default is the name of the robot.
 
         Raises
         ------
         InputError
             For another suffix, or if ``arm``, ``scene`` or ``picks`` is needed and missing.
         ViewerError
-            If the robot has nothing to draw.
+            If no link of the robot has geometry to draw.
         FileError
             If the file cannot be written.
         """
@@ -302,7 +302,7 @@ class PickReport:
 
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:
-    """A row as one value a column."""
+    """The values of a row by column."""
     placed = zip(POSE_COLUMNS, (*row.get("xyz", ()), *row.get("rpy", ())), strict=False)
     score = {name if name == "score" else f"{name}_part": value for name, value in row.get("score", {}).items()}
     motions = " ".join(motion["name"] for motion in row.get("motions", ()))

@@ -1,7 +1,7 @@
-"""The tables of docs/robots.md: the catalogue, and every URDF of example-robot-data with its verdict.
+"""Generate the tables of docs/robots.md: the catalogue, and each URDF of example-robot-data with its verdict.
 
-python scripts/robot_table.py            writes them into docs/robots.md
-python scripts/robot_table.py --check    exit code 1 if they are not what stands there
+python scripts/robot_table.py            writes the tables to docs/robots.md
+python scripts/robot_table.py --check    exit code 1 if the tables in docs/robots.md are not up to date
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def urdf_table() -> str:
 
 
 def page(text: str) -> str:
-    """The text of the page with fresh tables."""
+    """The text of the page with new tables."""
     for name, table in (("catalogue", catalogue_table()), ("urdfs", urdf_table())):
         begin, end = BEGIN.format(name), END.format(name)
         before, _, rest = text.partition(begin)
@@ -72,7 +72,7 @@ def page(text: str) -> str:
 
 
 def _remarks(robot: pp.Robot) -> list[str]:
-    """What a user of this file will miss."""
+    """Missing data of a URDF: meshes that are not found, and joints without limits."""
     said = [
         f"{len(lost)} {kind} meshes not found"
         for kind, geometries in (("collision", robot.urdf.collisions), ("visual", robot.urdf.visuals))

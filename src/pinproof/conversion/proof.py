@@ -20,32 +20,33 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 
 FK_TOLERANCE = 1e-12
-"""Metres and radians by which a frame may differ: some thousand roundings of a reach of a metre, and far below any
-wrong digit, sign or order."""
+"""Largest difference of a frame, in metres and radians: several thousand rounding errors at a reach of one metre, and
+far less than the effect of a wrong digit, sign or order."""
 RECOVERY_TOLERANCE = 1e-9
-"""Metres and radians by which a table recovered from a URDF may differ at the tool. Wider than :data:`FK_TOLERANCE`,
-since nearly parallel axes make long rows (rounded at 1e-11 m) or are taken as parallel; elsewhere 1e-14 is usual."""
+"""Largest difference at the tool, in metres and radians, of a table recovered from a URDF. It is larger than
+:data:`FK_TOLERANCE`, because nearly parallel axes give large offsets d (rounded to 1e-11 m) or are treated as parallel;
+for other arms differences of 1e-14 are usual."""
 CONFIGURATIONS = 16
-"""Random configurations compared, besides zero. Both sides are products of sines and cosines of q, so two tables that
-differ at all differ at almost every q; more than one only guards against chance."""
+"""Number of random configurations compared, in addition to zero. Forward kinematics is a polynomial in q and its sines
+and cosines, so two different tables differ at almost every q; several configurations exclude agreement by chance."""
 
 
 def prove_urdf_equals_table(table: DhTable, urdf: str, *, tcp: str) -> None:
     """Compare a URDF with its table at dh_0 ... dh_n and the tool, through Pinocchio, at zero and random q.
 
     Joint names, their order, limits and velocities are compared as well. Configurations are drawn from a fixed seed:
-    the whole turn for angles, the stroke for prismatic rows.
+    (-pi, pi) for angles, the limits for prismatic rows.
 
     Raises
     ------
     ConversionError
-        Naming the frame, the configuration and the difference, or that Pinocchio does not take the URDF at all.
+        If a frame or a joint differs (the message states which, and by how much), or if Pinocchio rejects the URDF.
     """
     try:
         _compare_all(table, load_robot_from_text(urdf, name=f"URDF of {table.name}").arm(tcp=tcp))
     except ConversionError:
         raise
-    except PinproofError as error:  # not read, or a frame that is not there
+    except PinproofError as error:  # the URDF is rejected or a frame is missing
         raise ConversionError(f"the URDF made from DH table {table.name!r} is not usable: {error}") from error
 
 
@@ -55,7 +56,7 @@ def prove_table_equals_arm(table: DhTable, arm: Arm) -> None:
     Raises
     ------
     ConversionError
-        Naming the configuration and the difference.
+        If they differ; the message states the configuration and the difference.
     """
     for q in _configurations(table):
         position, angle = _difference(table.forward_kinematics(q), arm.forward_kinematics(q).homogeneous)
@@ -75,7 +76,7 @@ def _compare_all(table: DhTable, arm: Arm) -> None:
 
 
 def _configurations(table: DhTable) -> Array:
-    """Zero and random q (1 + CONFIGURATIONS, n): the whole turn for angles, the stroke for prismatic rows."""
+    """Zero and random q (1 + CONFIGURATIONS, n): (-pi, pi) for angles, the limits for prismatic rows."""
     prismatic = np.array([row.is_prismatic for row in table.rows])
     low = np.where(prismatic, table.lower, -np.pi)
     high = np.where(prismatic, table.upper, np.pi)
@@ -97,7 +98,7 @@ def _compare_joints(table: DhTable, arm: Arm) -> None:
 
 def _compare(table: DhTable, frame: str, expected: Array, found: Array, q: Array) -> None:
     position, angle = _difference(expected, found)
-    if not (position <= FK_TOLERANCE and angle <= FK_TOLERANCE):  # NaN is refused too
+    if not (position <= FK_TOLERANCE and angle <= FK_TOLERANCE):  # also raises for NaN
         raise ConversionError(
             f"the URDF made from DH table {table.name!r} does not equal it: frame {frame} is off by {position:.3g} m "
             f"and {angle:.3g} rad (allowed: {FK_TOLERANCE:g}) at q = {q.tolist()}; nothing was written"
@@ -105,7 +106,7 @@ def _compare(table: DhTable, frame: str, expected: Array, found: Array, q: Array
 
 
 def _difference(expected: Array, found: Array) -> tuple[float, float]:
-    """How far apart two transforms (4, 4) are, in metres and radians."""
-    # The chord |R1 - R2| / sqrt(2) is the angle between them up to its cube; arccos would lose half of the digits.
+    """The distance (m) and the angle (rad) between two transforms (4, 4)."""
+    # |R1 - R2| / sqrt(2) equals the angle up to third order; arccos would lose half of the digits.
     angle = float(np.linalg.norm(expected[:3, :3] - found[:3, :3])) / np.sqrt(2)
     return float(np.linalg.norm(expected[:3, 3] - found[:3, 3])), angle

@@ -41,27 +41,28 @@ __all__ = ["COINCIDENT", "FARTHEST", "PARALLEL", "Axis", "frame_on", "frames_alo
 Array = npt.NDArray[np.float64]
 
 PARALLEL = 1e-10
-"""Radians. Axes whose directions differ by less are taken as parallel: it moves a tool 3 m away by 3e-10 m, less than
-the 1e-9 m that the table must hold, and files that mean parallel are off by their roundings (Kinova's by 2e-13)."""
+"""Radians. Axes whose directions differ by less are treated as parallel. This moves a tool at a distance of 3 m by
+3e-10 m, less than the tolerance of the table (1e-9 m). Rounding in URDF files causes such angles (Kinova: 2e-13)."""
 COINCIDENT = 1e-10
-"""Metres. Parallel axes nearer than this are taken as one line, by the same reasoning."""
+"""Metres. Parallel axes closer than this are treated as coincident, for the same reason."""
 FARTHEST = 1e5
-"""Metres. Nearly parallel axes have their common normal far away, at about (their distance) / (their angle): d runs off
-and theta becomes noise (Hayati and Mirmirani 1985, who add a fifth parameter for it). A double resolves 1.5e-11 m at
-this distance, so some rows together still hold 1e-9 m; farther out they are refused. Axes half a metre apart meet it at
-5e-6 rad; a calibrated arm (1e-3 to 1e-4 rad) stays well below."""
+"""Metres. The common normal of nearly parallel axes is at a distance of about (distance of the axes) / (angle), so d
+becomes large and theta inaccurate (Hayati and Mirmirani 1985, who add a fifth parameter). At this limit the resolution
+of a double is 1.5e-11 m, so several rows together still meet 1e-9 m; larger distances raise an error. Axes half a metre
+apart reach the limit at 5e-6 rad; calibrated arms (1e-3 to 1e-4 rad) are well below it."""
 END_TILT = 1e-2
-"""Radians. The base's or tool's own z is followed by a row only where it is tilted by more than this against its joint
-(or not at all); a small tilt stays in the table's base or tool, which can say it with small numbers."""
+"""Radians. A row uses the z axis of the base or tool only if that axis is parallel to the adjacent joint axis or tilted
+by more than this. A smaller tilt becomes part of the base or tool transform, which represents it with small numbers."""
 TIE = 1e-9
-"""Metres, and cosine of an angle: below, a quarter turn or a length of zero that was only rounded."""
+"""Metres, or the cosine of an angle. Smaller values are treated as rounding errors of zero (right angle)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
     """A directed line: the unit ``direction`` (3,) through ``point`` (3,), in the base frame at q = 0, in metres.
 
-    ``is_joint`` is False for the z axis of the base or the tool frame, which a table may follow but need not.
+    ``is_joint`` is False for the z axis of the base or the tool frame, which may be replaced by a
+    parallel to the adjacent joint axis.
     """
 
     name: str
@@ -71,10 +72,10 @@ class Axis:
 
 
 def frame_on(axis: Axis, like: Array) -> Array:
-    """A frame (4, 4) on an axis, as near as can be to the frame ``like`` (4, 4).
+    """A frame (4, 4) on an axis, as close as possible to the frame ``like`` (4, 4).
 
-    Its origin is the point of the axis nearest to that of ``like``, its x that of ``like`` made square to the axis (or
-    the y of ``like``, where the axis runs along its x).
+    Its origin is the point of the axis closest to the origin of ``like``. Its x axis is the x axis of ``like``,
+    orthogonalised to the axis (or the y axis of ``like`` if the axis is nearly parallel to its x axis).
     """
     z = axis.direction
     x = like[:3, 0] if abs(z @ like[:3, 0]) < 0.9 else like[:3, 1]
@@ -82,25 +83,25 @@ def frame_on(axis: Axis, like: Array) -> Array:
 
 
 def frames_along(first: Array, axes: Sequence[Axis], end: Array, *, backwards: bool = False) -> list[Array]:
-    """The frames (4, 4) of a walk along axes, one on each, with every x_k (k > 0) on the common normal before it.
+    """One frame (4, 4) on each axis of a sequence; x_k (k > 0) is on the common normal of the axes k-1 and k.
 
     Parameters
     ----------
     first
         The frame on the first axis.
     axes
-        The axes in the order of the walk. The last is the z axis of ``end``; where it is parallel to the joint before
-        it the frame stands at the origin of ``end``, and where it is coincident takes its x, so that nothing is left
-        over. Where it is tilted a little (:data:`END_TILT`) it is replaced by a parallel of that joint.
+        The axes in order. The last is the z axis of ``end``. If it is parallel to the axis before it, the last frame is
+        at the origin of ``end``; if it is coincident, the frame also has the x axis of ``end``, so that the remaining
+        transform is the identity. If it is tilted slightly (:data:`END_TILT`), a parallel to the joint axis is used.
     end
-        The frame (4, 4) behind the last joint.
+        The frame (4, 4) after the last joint.
     backwards
-        Whether the walk runs from tool to base (modified rows); it decides what "a > 0" means.
+        Whether the axes are ordered from tool to base (modified convention); this changes the sign of a.
 
     Raises
     ------
     ConversionError
-        Naming two axes that are too near parallel (:data:`FARTHEST`).
+        If two axes are too close to parallel (:data:`FARTHEST`); the message names them.
     """
     frames = [first]
     for k, (before, after) in enumerate(pairwise(axes)):
@@ -120,9 +121,9 @@ def frames_along(first: Array, axes: Sequence[Axis], end: Array, *, backwards: b
 
 
 def row_numbers(before: Array, after: Array, convention: str) -> tuple[float, float, float, float]:
-    """theta, d, a, alpha of the row that leads from one frame (4, 4) to the next."""
+    """theta, d, a, alpha of the row that transforms one frame (4, 4) to the next."""
     step = after[:3, 3] - before[:3, 3]
-    # Rz and Tz act about the z that the row starts (standard) or ends with (modified), Rx and Tx about the other's x.
+    # Rz and Tz use z of the first frame (standard) or the second (modified); Rx and Tx use x of the other frame.
     turning, normal = (before, after) if convention == "standard" else (after, before)
     z, x = turning[:3, 2], normal[:3, 0]
     theta = _angle(before[:3, 0], after[:3, 0], z)
@@ -133,9 +134,9 @@ def row_numbers(before: Array, after: Array, convention: str) -> tuple[float, fl
 def _next(
     frame: Array, before: Axis, after: Axis, *, at_own_point: bool, x_if_free: Array | None, sense: float
 ) -> Array:
-    """The frame on the axis ``after`` whose x lies on its common normal with ``before``, the axis of ``frame``."""
+    """The frame on the axis ``after`` whose x axis is on the common normal with ``before``, the axis of ``frame``."""
     origin, z = frame[:3, 3], before.direction
-    # z x z' is written as z x (z' -+ z): the difference of nearly equal vectors is exact, their cross product is not.
+    # z x z' is computed as z x (z' -+ z): the difference of nearly equal vectors is exact, their cross product is not.
     same = 1.0 if z @ after.direction >= 0 else -1.0
     normal = np.cross(z, after.direction - same * z)
     sine = float(np.linalg.norm(normal))
@@ -147,7 +148,7 @@ def _next(
         on_before = float(np.cross(apart, after.direction) @ normal) / sine**2
         on_after = float(np.cross(apart, z) @ normal) / sine**2
         away = max(abs(on_before), abs(on_after))
-        if not away <= FARTHEST:  # NaN is refused too
+        if not away <= FARTHEST:  # also raises for NaN
             first, second = (before.name, after.name) if sense > 0 else (after.name, before.name)
             raise ConversionError(
                 f"the axes of {first} and {second} are {sine:.2g} rad off parallel: too near for a Denavit-Hartenberg "
@@ -168,7 +169,7 @@ def _next(
 
 
 def _directed(normal: Array, frame: Array, z: Array, found: Array, sense: float) -> Array:
-    """``normal`` or its opposite, by the rule of the module's first lines."""
+    """Return ``normal`` or its opposite, by the rule in the module docstring."""
     cosine = float(normal @ frame[:3, 0])
     length = sense * float((found - frame[:3, 3]) @ normal)
     turn = sense * float(np.cross(frame[:3, 0], normal) @ z)
@@ -177,7 +178,7 @@ def _directed(normal: Array, frame: Array, z: Array, found: Array, sense: float)
 
 
 def _frame(origin: Array, x: Array, z: Array) -> Array:
-    """A right-handed frame at ``origin`` with the given z, and x made square to it."""
+    """A right-handed frame at ``origin`` with the given z axis; x is orthogonalised to it."""
     x = x - (x @ z) * z
     x = x / np.linalg.norm(x)
     frame = np.eye(4)
@@ -192,9 +193,9 @@ def _angle(start: Array, end: Array, about: Array) -> float:
 
 PLAIN_ANGLE = math.pi / 12
 PLAIN_ANGLE_NOISE = 1e-14
-"""Radians: an angle this near to a multiple of 15 degrees is that multiple, off by what the arithmetic added."""
+"""Radians. An angle this close to a multiple of 15 degrees is rounded to it, which removes rounding errors."""
 PLAIN_LENGTH_NOISE = 1e-14
-"""Metres: a length this near to 12 decimals has those decimals; 0.1 + 0.2 is 0.3."""
+"""Metres. A length this close to its value with 12 decimals is rounded to it, for example 0.1 + 0.2 to 0.3."""
 
 
 def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = None) -> DhTable:
@@ -257,7 +258,7 @@ def urdf_to_dh(arm: Arm, *, convention: str = "standard", name: str | None = Non
 
 
 def _axes(arm: Arm, links: list[str]) -> list[Axis]:
-    """The axis of each joint, whose child links are given, in the arm's base frame at q = 0."""
+    """The axis of each joint, whose child links are given, in the base frame of the arm at q = 0."""
     zero = np.zeros(arm.dof)
     twists = arm.jacobian(zero, reference="WORLD")
     axes = []
@@ -298,7 +299,7 @@ def _plain_angle(angle: float) -> float:
     plain = round(angle / PLAIN_ANGLE) * PLAIN_ANGLE
     if abs(angle - plain) > PLAIN_ANGLE_NOISE:
         return angle
-    return abs(plain) if abs(plain) == math.pi else plain + 0.0  # one name for the half turn, none for -0.0
+    return abs(plain) if abs(plain) == math.pi else plain + 0.0  # pi instead of -pi, 0.0 instead of -0.0
 
 
 def _plain_length(length: float) -> float:
@@ -307,7 +308,7 @@ def _plain_length(length: float) -> float:
 
 
 def _plain_transform(transform: Array) -> Array:
-    """A transform (4, 4) freed of the noise of arithmetic where a number is plain without it."""
+    """Remove rounding errors from a transform (4, 4): entries close to a round number are rounded to it."""
     plain: Array = transform.copy()
     near = np.round(plain[:3, :3])
     plain[:3, :3] = np.where(np.abs(plain[:3, :3] - near) <= PLAIN_LENGTH_NOISE, near, plain[:3, :3]) + 0.0

@@ -121,7 +121,7 @@ class JointInfo:
         ``arm``: one of the joints of q. ``follower``: a mimic joint that moves with one of them. ``held``: a joint
         outside the arm, held at ``held_at`` (rad or m; None for a floating or planar joint). ``fixed``: a fixed joint.
     lower, upper, velocity, acceleration
-        The limits in use, in rad or m, per s, per s^2; None where there is none.
+        The limits in use, in rad or m, per s, per s^2; None if unlimited or unknown.
     mimic
         ``"multiplier * leader + offset"`` of a mimic joint, else empty.
     """
@@ -188,7 +188,7 @@ class RobotInfo:
     missing: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """The same as nested dicts and lists of what JSON knows; no NaN and no infinity in it."""
+        """Return nested dicts and lists that JSON can represent, without NaN and infinity."""
         return {name: _plain(value) for name, value in asdict(self).items()}
 
 

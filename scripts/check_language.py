@@ -48,7 +48,7 @@ AVOIDED = {
 
 WORD = re.compile(r"[A-Za-z][A-Za-z'-]+")
 FENCE = re.compile(r"^```.*?^```$", re.MULTILINE | re.DOTALL)
-CODE = re.compile(r"`[^`\n]*`|\]\([^)]*\)|^\|[-: |]+\|$", re.MULTILINE)
+CODE = re.compile(r"`[^`\n]*`|\]\([^)]*\)|^\|[-: |]+\|$|(?<=\| )(?:yes|no)(?= \|)", re.MULTILINE)
 PATTERNS = {re.compile(rf"(?<![\w-])(?:{words})(?![\w-])", re.IGNORECASE): words for words in AVOIDED}
 
 

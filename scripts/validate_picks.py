@@ -3,7 +3,7 @@
 
 python scripts/validate_picks.py robots/panda/bin_picks.yaml out [PICK ...]
 
-Writes the report and the motions of the good picks to the folder ``out``, and pages of the motions of the named picks.
+Writes the report and the motions of the good picks to ``out``, and pages of the motions of the named picks.
 """
 
 from __future__ import annotations
@@ -27,9 +27,8 @@ def main(file: Path, folder: Path, shown: list[str]) -> int:
     report.save(folder / "report.json")
     report.save(folder / "report.html")
     print(report.to_markdown())
-    for verdict in report.good:
+    for verdict in report.good:  # with an object, a pick has several motions with a certificate each
         verdict.trajectory.save(folder / f"{verdict.pick.name}.csv")
-        # With an object there are several motions, each with its own certificate, since the attached bodies differ.
         for part in verdict.motions if verdict.pick.name in shown else ():
             page, around = folder / f"{verdict.pick.name}_{part.name}.html", (arm.with_held(part.held), part.scene)
             pp.write_html(page, *around, part.trajectory, certificate=part.certificate, attached=part.attached)

@@ -111,7 +111,7 @@ BALL = "obstacles:\n  - {name: ball, sphere: {radius: 0.1}"
     ("text", "wanted"),
     [
         ("", ["is empty", "obstacles"]),
-        ("[1, 2]", ["holds list", "obstacles"]),
+        ("[1, 2]", ["a list", "obstacles"]),
         ("obstacle: []", ["'obstacle'", "valid: obstacles"]),
         ("allowed_contacts: []", ["no obstacles"]),
         ("obstacles: 3", ["key obstacles", "not a list"]),
@@ -154,7 +154,7 @@ BALL = "obstacles:\n  - {name: ball, sphere: {radius: 0.1}"
         (BALL + "}\n  - {name: ball, box: [1, 1, 1]}", ["line 3", "second", "'ball'"]),
         (BALL + "}\nallowed_contacts: [[base_link, bal]]", ["allowed_contacts", "'bal'", "valid: ball"]),
         (BALL + "}\nallowed_contacts: [base_link]", ["allowed_contacts", "pair"]),
-        (BALL + ", name: again}", ["line 2", "'name' is given twice"]),
+        (BALL + ", name: again}", ["line 2", "duplicate key 'name'"]),
         ("obstacles:\n  - name: [", ["line", "YAML"]),
         ("obstacles: [!!python/object/apply:os.system [ls]]", ["YAML"]),
     ],

@@ -252,7 +252,7 @@ def test_pattern_of_more_picks_than_any_memory_holds(tmp_path, stated):
     row = f"{{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0], pattern: {pattern}}}"
     (tmp_path / "picks.yaml").write_text(f"picks:\n  - {row}\n", encoding="utf-8")
     (problem,) = pp.read_picks(tmp_path / "picks.yaml").problems
-    assert "make no list" in problem.reason
+    assert "at most 100000" in problem.reason
 
 
 def test_range_of_more_turns_than_anybody_tries(tmp_path):

@@ -55,7 +55,7 @@ def said_of(path: Path) -> str:
         ("dh.csv", f"{DH}a,0,0.1,0,0,-170,170\n", "row 1, column lower.*-170 degrees = -2.96"),
         ("r.urdf", ROBOT.format("", '<limit lower="-180" upper="180"/>'), "joint 'j': -180 rad is 29 full.*-3.14"),
         # millimetres
-        ("scene.yaml", SCENE.format("box: [1, 1, 1], xyz: [400, 0, 300]"), "'a' stands 400 m off; lengths are metres"),
+        ("scene.yaml", SCENE.format("box: [1, 1, 1], xyz: [400, 0, 300]"), "'a' is 400 m away; lengths are in metres"),
         ("picks.csv", f"{HEAD}a,460,150,35,pi,0,0\n", "460 mm = 0.46"),
         ("dh.csv", f"{DH}a,0,330,0,0,,\nb,0,0,425,0,,\n", "425 mm = 0.425"),
         # commas, tabs, encodings
@@ -76,7 +76,7 @@ def said_of(path: Path) -> str:
         ("scene.yaml", SCENE.format("sphere: 0.1"), "line 2.*write sphere: {radius: ...}"),
         ("scene.yaml", SCENE.format("box: {x: 1, y: 1, z: 1}"), r"line 2.*box: \[x, y, z\]"),
         ("scene.yaml", SCENE.format("mesh: {path: part.stl}"), "there is no file .*relative to the scene file"),
-        ("picks.yaml", PICK.format("xyz: [0.4, 0, 0]"), "line 2: states no orientation: give it rpy or quat_xyzw"),
+        ("picks.yaml", PICK.format("xyz: [0.4, 0, 0]"), "line 2: states no orientation.*rpy or quat_xyzw"),
         ("picks.yaml", PICK.replace("a,", "1,").format("xyz: [0, 0, 0]"), "in quotes if it is a number"),
         ("dh.csv", DH.replace("standard", "craig") + "a,0,0,0,0,,\n", "unknown DH convention 'craig'; valid: modified"),
         ("dh.csv", "name,theta,d,a,alpha\na,0,0,0,0\n", "add 'convention: standard' or 'convention: modified'"),

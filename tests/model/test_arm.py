@@ -146,7 +146,7 @@ def test_held_joint_stands_where_told_and_its_follower_with_it(zoo, zoo_text):
 @pytest.mark.parametrize(
     ("held", "message"),
     [
-        ({"wrist": 0.0}, "own"),
+        ({"wrist": 0.0}, "'wrist' belongs to the arm"),
         ({"thumb": 0.0}, "valid: .*finger"),
         ({"nope": 0.0}, "valid: .*finger"),
         ({"finger": float("nan")}, "nan"),

@@ -63,7 +63,7 @@ def test_default_base_gives_way_to_a_tcp_that_does_not_hang_on_it():
 
 def test_robots_of_others_are_asked_for_by_their_package(monkeypatch):
     monkeypatch.setattr("pinproof.description.catalogue.example_robot_data", lambda: None)
-    with pytest.raises(pp.InputError, match="'ur5' comes with example-robot-data, which is not installed"):
+    with pytest.raises(pp.InputError, match="'ur5' requires example-robot-data"):
         pp.load_robot("ur5")
 
 

@@ -157,7 +157,7 @@ def test_invalid_shared_settings_are_refused_with_line_and_key(write, shared: st
 def test_a_yaml_error_names_its_line(tmp_path: Path) -> None:
     path = tmp_path / "picks.yaml"
     path.write_text("robot: ur5\npicks:\n  - {name: a, xyz: [0, 0, 1}\n")
-    with pytest.raises(PicksError, match="line 3: valid YAML"):
+    with pytest.raises(PicksError, match=r"line 3: .*valid YAML"):
         pp.read_picks(path)
 
 

@@ -29,7 +29,9 @@ def report(reports) -> pp.PickReport:
     far = pp.Pick('far, "away"', pp.pose(xyz=(9, 0, 0)))
     stage = StageResult(Stage.REACH, False, "out of reach")
     verdict = pp.PickVerdict(far, PickStatus.NOT_FOUND, (stage,), 0)
-    return pp.PickReport(done.robot, (*done.verdicts, verdict), (PROBLEM,), done.acceleration_source, done.notes)
+    return pp.PickReport(
+        done.robot, (*done.verdicts, verdict), (PROBLEM,), done.acceleration_source, done.notes, done.setup
+    )
 
 
 def test_the_json_keeps_to_its_schema(report) -> None:

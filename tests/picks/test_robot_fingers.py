@@ -103,7 +103,7 @@ def test_without_leave_the_closed_fingers_would_touch_what_they_hold(good, arm) 
 @pytest.mark.parametrize(
     ("grip", "said"),
     [
-        ({"panda_finger_joint1": 0.05}, "cannot stand at 0.05 (grip); its limits are [0, 0.04]"),
+        ({"panda_finger_joint1": 0.05}, "0.05 (grip) is outside its limits [0, 0.04]"),
         ({"panda_finger_joint2": 0.02}, "unknown joint 'panda_finger_joint2'"),
         ({"panda_joint3": 0.02}, "unknown joint 'panda_joint3'"),
     ],

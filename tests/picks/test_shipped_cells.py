@@ -108,7 +108,7 @@ def test_a_report_is_saved_as_its_ending_says(reports, tmp_path) -> None:
     assert json.loads((tmp_path / "a.json").read_text()) == report.to_dict()
     assert (tmp_path / "a.MD").read_text() == report.to_markdown()
     with pytest.raises(pp.InputError, match=r"\.json, \.md, \.csv"):
-        report.save(tmp_path / "a.html")
+        report.save(tmp_path / "a.txt")
     with pytest.raises(pp.errors.FileError, match="cannot be written"):
         report.save(tmp_path / "no" / "a.json")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.MD", "a.json"]

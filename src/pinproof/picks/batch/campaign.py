@@ -266,7 +266,7 @@ class CampaignResult:
         picks: Picks | None = None,
         title: str | None = None,
     ) -> None:
-        """Write an HTML page with the table and a 3D view with every grasp; the rows themselves are in :attr:`path`.
+        """Write an HTML page with the table and a 3D view with every grasp; the rows themselves are in ``path``.
 
         The rows of a campaign contain no motions, so the page does not animate any.
 

@@ -68,7 +68,7 @@ class Kind:
 KINDS = {
     "good": Kind("#0b7a43", "Every stage is passed, and the motion is proven."),
     "impossible": Kind("#b3191f", "Every configuration was enumerated, and each is refuted."),
-    "not found": Kind("#c05a00", "No way was found within the budget; there may be one."),
+    "not found": Kind("#c05a00", "No solution was found within the budget; there may be one."),
     "unreadable": Kind("#5b6673", "The row could not be read."),
     "crashed": Kind("#7a2aa3", "The pick could not be judged."),
 }

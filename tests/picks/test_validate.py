@@ -49,6 +49,18 @@ def test_a_report_survives_pickling(reports) -> None:
     assert again.to_dict() == reports["panda"].to_dict()
 
 
+def test_a_plain_list_of_picks_is_accepted_and_anything_else_is_named(arm) -> None:
+    budget = pp.picks.PickBudget(remedies=0)
+    report = pp.validate_picks(arm, pp.Scene(), [part(arm)], budget=budget)
+    assert [verdict.pick.name for verdict in report.verdicts] == ["part"]
+    assert (
+        report.verdicts[0].status
+        == pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), budget=budget).verdicts[0].status
+    )
+    with pytest.raises(InputError, match=r"picks\[1\] is a str"):
+        pp.validate_picks(arm, pp.Scene(), [part(arm), "part"])
+
+
 def test_a_home_in_contact_is_refused_with_what_it_touches(arm) -> None:
     at = arm.forward_kinematics(arm.home).translation
     scene = pp.Scene([pp.Obstacle("rock", pp.Sphere(0.05), pp.pose(at))])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from pinproof.collision import Scene
 from pinproof.common.validation import Rng, seed_sequence
-from pinproof.errors import CampaignError
+from pinproof.errors import CampaignError, InputError
 from pinproof.model import Arm
 from pinproof.picks.batch.workers import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.input.pick import Pick, Picks
@@ -25,7 +25,7 @@ __all__ = ["validate_picks"]
 def validate_picks(
     arm: Arm,
     scene: Scene,
-    picks: Picks,
+    picks: Picks | Sequence[Pick],
     *,
     home: npt.ArrayLike | None = None,
     rng: Rng = 0,
@@ -46,7 +46,8 @@ def validate_picks(
     scene
         The obstacles around the arm.
     picks
-        The picks. Their tool is attached to the tcp, and their margin is kept.
+        The picks. The tool of a :class:`Picks` is attached to the tcp, and its margin is kept; a sequence of
+        :class:`Pick` has neither.
     home
         (n,) the configuration in which each transit starts. The default is the home of the picks if they define one,
         otherwise that of the arm.
@@ -68,10 +69,15 @@ def validate_picks(
     Raises
     ------
     InputError
-        For the same reasons as in :meth:`PickSetup.make`.
+        If ``picks`` contains anything but picks, and for the same reasons as in :meth:`PickSetup.make`.
     CampaignError
         If the workers cannot start, or a pick kills every worker that judges it.
     """
+    if not isinstance(picks, Picks):
+        for index, pick in enumerate(picks):
+            if not isinstance(pick, Pick):
+                raise InputError(f"picks[{index}] is a {type(pick).__name__}; expected pinproof.Pick")
+        picks = Picks(tuple(picks))
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
     seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams
     task = _VerdictTask(setup)

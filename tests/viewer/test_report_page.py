@@ -125,7 +125,9 @@ def test_the_first_good_pick_plays_at_once_and_is_captioned_by_its_proof(page: P
     assert page.text("#verdict") == "FREE"
     assert page.evaluate("getComputedStyle(document.getElementById('verdict')).backgroundColor") == "rgb(11, 107, 58)"
     assert "Proven clearance" in page.text("#figures")
-    assert "resampled for show, 30 poses a second" in page.evaluate("document.getElementById('notes').textContent")
+    assert "resampled for display at 30 poses per second" in page.evaluate(
+        "document.getElementById('notes').textContent"
+    )
 
 
 def test_a_click_on_a_row_changes_the_motion(page: Page) -> None:
@@ -328,7 +330,7 @@ def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
     monkeypatch.setattr(page_module, "MOST_DETAILS", 0)
     report.save(tmp_path / "full.html", arm=ARM, scene=SCENE, picks=SHARED)
     text = (tmp_path / "full.html").read_text(encoding="utf-8")
-    assert "Of 5 rows there is no room here for stages and parts" in text
+    assert "stages and parts of 5 rows are omitted" in text
     assert text.count('"stages":[]') == 5
     assert text.count('"reason":') == 5
 
@@ -371,7 +373,7 @@ def test_a_hundred_motions_stay_within_their_bytes() -> None:
         shown = sum(each is not None for each in reel.films)
         assert (frames * 28 * 4 / 3 + shown * BYTES_A_LINK) * len(stage.links) <= 1.01 * MOST_BYTES
         assert len(reel.films[0].times) - 1 <= 60 * RATE
-    assert "more good picks have motions that found no room" in reel.notes[1]
+    assert "more good picks are omitted" in reel.notes[1]
 
 
 def test_what_is_carried_stands_then_moves_with_the_tcp_then_stays() -> None:

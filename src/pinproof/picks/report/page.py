@@ -270,9 +270,11 @@ class Reel:
         bodies = tuple({thing.name: thing for phase in phases for thing in phase.attached} for phases in parts)
         notes = []
         if any(films):
-            notes.append(f"Motions are resampled for show, {rate:.0f} poses a second; the proofs are of the motions.")
+            notes.append(
+                f"Motions are resampled for display at {rate:.0f} poses per second; proofs cover the original motions."
+            )
         if left := sum(bool(phases) and not fit for phases, fit in zip(parts, fits, strict=True)):
-            notes.append(f"{left} more good picks have motions that found no room in this page.")
+            notes.append(f"The motions of {left} more good picks are omitted to limit the size of this page.")
         return cls(stage, scene, films, bodies, tuple(notes))
 
     @property
@@ -482,7 +484,7 @@ def _render(
     if bare:
         notes = [
             *notes,
-            f"Of {bare:,} rows there is no room here for stages and parts; reports of other kinds have them.",
+            f"The stages and parts of {bare:,} rows are omitted to limit the size of the page; JSON and CSV have them.",
         ]
     settings = {
         **view_settings(view),

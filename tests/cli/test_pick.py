@@ -74,6 +74,17 @@ def test_an_unreadable_row_is_1_and_the_others_are_judged(run: Run, write) -> No
     assert re.search(r"torn\s+UNREADABLE", out)
 
 
+@pytest.mark.parametrize("columns", ["60", "80", "120"])
+def test_the_table_loses_no_text_on_a_narrow_terminal(run: Run, write, monkeypatch, columns: str) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    picks = write(GOOD, FAR)
+    reasons = [pick["reason"] for pick in json.loads(run("pick", picks, "--json")[1])["picks"]]
+    out = run("pick", picks)[1].split()
+    assert len(reasons) == 2
+    for reason in reasons:
+        assert [word for word in reason.split() if word not in out] == []
+
+
 def test_stdout_contains_only_the_json_document(run: Run, write) -> None:
     code, out, err = run("pick", write(GOOD, FAR), "--json", "-o", "report.json")
     assert (code, err) == (1, "")

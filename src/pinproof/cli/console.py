@@ -116,20 +116,28 @@ def until_interrupted() -> Iterator[None]:
         raise Interrupted("the live view is closed", result_printed=True) from None
 
 
+ONE_LINE_WIDTH = 100
+"""Columns of a terminal from which the verdict of a pick has its stage and its figures on one line."""
+
+
 def print_report(report: PickReport) -> None:
     """Print the verdict of each pick as a table, and the summary, to stdout."""
     console = Console(highlight=False)
+    narrow = console.width < ONE_LINE_WIDTH  # then stage and figures share columns, so that no text is cropped
     table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    for column, width in (("pick", 8), ("verdict", 10), ("clearance", 9), ("duration", 8), ("reason", 40)):
-        table.add_column(column, overflow="fold", min_width=width)
+    figures = ("clearance\nduration",) if narrow else ("clearance", "duration")
+    for column in ("pick", "verdict", *figures, "reason"):
+        table.add_column(column, overflow="fold")
     suggestions = {verdict.pick.name: verdict.suggestions for verdict in report.verdicts}
     for name, verdict, stage, clearance, duration, reason, _ in report.rows():
         # Text objects, because Rich would interpret brackets in a string as markup.
-        outcome = Text.assemble((verdict.upper(), _STYLES.get(verdict, "")), f" at {stage}" if stage else "")
+        place = f"{chr(10) if narrow else ' '}at {stage}" if stage else ""
+        outcome = Text.assemble((verdict.upper(), _STYLES.get(verdict, "")), place)
         explanation = Text(reason)
         for suggestion in suggestions.get(name, ()):
             explanation.append(f"\nsuggestion: {suggestion}", "bold")
-        table.add_row(Text(name), outcome, Text(clearance), Text(duration), explanation)
+        shown = ("\n".join(filter(None, (clearance, duration))),) if narrow else (clearance, duration)
+        table.add_row(Text(name), outcome, *map(Text, shown), explanation)
     console.print(table)
     print_line(report.summary)
     for note in report.notes:

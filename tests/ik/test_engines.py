@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.ik import IterativeIk
-from pinproof.ik.task import IkGoal, drift, packed_goal
+from pinproof.ik.task import IkGoal, make_goal
 
 METHODS = [pp.Clik(), pp.DampedLeastSquares(), pp.PseudoInverse()]
 ROBOTS = ["ur5", "panda", "stanford", "so100"]
@@ -59,17 +59,10 @@ def test_both_engines_take_the_same_steps(arms, solver, name, seed, task):
 @settings(max_examples=20, deadline=None)
 @given(name=st.sampled_from(ROBOTS), seed=st.integers(0, 10**6))
 def test_both_engines_take_the_same_goal_steps(arms, goal, name, seed):
-    from pinproof.kernels.goals import drift_of
-    from pinproof.kernels.workspace import DRIFT, workspace
-
     arm = arms[name]
     q, q0 = np.random.default_rng(seed).uniform(*arm.limits.sampling_range(), (2, arm.dof))
-    packed = packed_goal(goal, arm, q0)
-    work = workspace(len(arm.packed) - 1, arm.dof)
-    work.start[:] = np.eye(4)[:3]
-    drift_of(packed, arm.packed, q.copy(), work.start, work.turns, work.axes, work.end, work.jacobian, work.square,
-             work.lower, work.joints)  # fmt: skip
-    assert work.joints[DRIFT] == pytest.approx(drift(packed, arm, q), abs=1e-5)
+    null_space = make_goal(goal, arm, q0)
+    assert null_space.compiled.step(arm.chain, q) == pytest.approx(null_space.step(arm, q), abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ROBOTS)

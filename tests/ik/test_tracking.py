@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
+from pinproof import _core
 from pinproof.model import load_robot_from_text
 
 REACHED = 1e-6
@@ -282,17 +283,6 @@ def _turn(pose, seen):
 ARMS = {name: pp.load_robot(name).arm() for name in ["ur5", "panda", "stanford", "kinova", "scara"]}
 
 
-def box_step(A, pull, shift, low, high):
-    from pinproof.kernels import box_step as room
-    from pinproof.kernels.workspace import HELD, PULL, STEP
-
-    n = A.shape[1]
-    joints, errors = np.zeros((9, n)), np.zeros((5, 6))
-    joints[room.DOWN], joints[room.UP], errors[PULL] = low, high, pull
-    gain = room.box_step(shift, A, np.empty((6, n)), np.empty((6, 6)), np.empty((6, 6)), joints, errors)
-    return joints[STEP], joints[HELD], gain
-
-
 @settings(max_examples=200, deadline=None)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 10), rank=st.integers(1, 6))
 def test_the_bounded_step_equals_scipy(seed, n, rank):
@@ -305,7 +295,7 @@ def test_the_bounded_step_equals_scipy(seed, n, rank):
     low[rng.random(n) < 0.1] = 0.0
     away = rng.normal(size=n) * (rng.random() < 0.3)  # 0 need not be in the box
     low, high = low + away, high + away
-    step, held, gain = box_step(A, pull, shift, low, high)
+    step, held, gain = _core.box_step(A, pull, shift, low.tolist(), high.tolist())
     stacked, right = np.vstack([A, np.sqrt(shift) * np.eye(n)]), np.concatenate([-pull, np.zeros(n)])
     oracle = lsq_linear(stacked, right, (low, high), method="bvls", tol=1e-14).x
 

@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
@@ -11,6 +12,7 @@
 #include <numeric>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace pinproof {
 
@@ -39,6 +41,13 @@ OwnedArray<Number> new_array(std::initializer_list<std::size_t> shape) {
     Number* data = memory.release();
     nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<Number*>(p); });
     return {data, nb::ndarray<nb::numpy, Number>(data, shape.size(), shape.begin(), owner)};
+}
+
+// A vector as an array.
+inline nb::object array_of(const std::vector<double>& values) {
+    auto array = new_array({values.size()});
+    std::copy(values.begin(), values.end(), array.data);
+    return nb::cast(array.array);
 }
 
 // Refuse an argument whose size differs from what the core is about to read or write.

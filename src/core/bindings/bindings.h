@@ -6,5 +6,7 @@
 namespace pinproof {
 
 void bind_kinematics(nanobind::module_& module);
+void bind_ik(nanobind::module_& module);
+void bind_tracking(nanobind::module_& module);
 
 }  // namespace pinproof

@@ -101,20 +101,7 @@ def _analytic_ik() -> None:
     solver.solve_all_batch(arm, target.homogeneous[None])
 
 
-def _iterative_ik() -> None:
-    arm = pp.load_robot(ROBOT).arm()
-    pp.Clik().solve(arm, arm.forward_kinematics(arm.home), rng=0)
-    arm.forward_kinematics_batch(arm.home[None])
-
-
-def _straight_lines() -> None:
-    arm = pp.load_robot(ROBOT).arm()
-    pp.track(arm, [arm.forward_kinematics(arm.home)] * 2, arm.home, dt=0.1)
-
-
 def _planning() -> None:
-    from pinproof.picks.judging.configurations import manipulability
-
     arm = pp.load_robot(ROBOT).arm()
     scene = pp.Scene([pp.Obstacle("box", pp.Box(0.1, 0.1, 0.1), pp.pose((0.9, 0.0, 0.9)))])
     checker = pp.CollisionChecker(arm, scene, margin=0.001)
@@ -123,7 +110,6 @@ def _planning() -> None:
     checker.check(arm.home)
     checker.is_free(arm.home)
     checker.is_free_batch(arm.home[None])
-    manipulability(arm, arm.home[None])
     path = pp.RrtConnect().plan(checker, arm.home, goal, rng=0).or_raise().path
     if path is not None:
         smooth = pp.simplify(path, checker, rng=0).path
@@ -132,8 +118,6 @@ def _planning() -> None:
 
 JOBS: dict[str, Callable[[], None]] = {
     "analytic IK": _analytic_ik,
-    "straight lines": _straight_lines,
-    "iterative IK": _iterative_ik,
     "planning and certificates": _planning,
 }
 """Functions that call all kernels of one topic; the longest compilation comes first."""

@@ -25,7 +25,6 @@ __all__ = [
     "IkStatus",
     "found",
     "judge",
-    "judge_many",
     "not_found",
     "refused",
     "sampled",
@@ -90,42 +89,29 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A configuration (n,), its errors in m and rad, and whether it satisfies the task within the limits."""
+    """A configuration (n,) of a search, its errors in m and rad, and whether it satisfies the task within the limits.
+
+    ``iterations`` and ``attempts`` are those of the search.
+    """
 
     q: Array
-    errors: tuple[float, float]
+    position_error: float
+    orientation_error: float
     fulfils: bool
+    iterations: int = 0
+    attempts: int = 0
 
 
-def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Candidate:
+def judge(
+    arm: Arm, target: Array, task: Task, q: Array, reference: Array, iterations: int = 0, attempts: int = 0
+) -> Candidate:
     """Shift q (n,) by 2 pi to be closest to ``reference`` (n,), and measure its errors for the target by Pinocchio."""
     q = nearest_winding(arm, q, reference)
     base_from_tcp, _ = arm.local_jacobian(q)  # skips the validation of q, which comes from the solver
-    errors = _measured(target[None], base_from_tcp.homogeneous[None], task)
+    errors = task.compiled.measure_batch(np.ascontiguousarray(target[None]), base_from_tcp.homogeneous[None].copy())
     fulfils = bool(task.fulfilled(errors)[0]) and arm.limits.contains(q)
-    return Candidate(q, (float(errors[0, 0]), float(errors[0, 1])), fulfils)
-
-
-def judge_many(
-    arm: Arm, targets: Array, task: Task, Q: Array, references: Array
-) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """:func:`judge` for targets (N, 4, 4) by the compiled chain: Q, errors (N, 2), and which satisfy the task."""
-    from pinproof.kernels.chain import forward_many
-
-    Q = np.ascontiguousarray(nearest_winding(arm, Q, references))
-    poses = np.empty((len(Q), 4, 4))
-    forward_many(arm.packed, Q, poses)
-    errors = _measured(targets, poses, task)
-    inside = ((arm.limits.lower <= Q) & (arm.limits.upper >= Q)).all(axis=1)
-    return Q, errors, task.fulfilled(errors) & inside
-
-
-def _measured(targets: Array, poses: Array, task: Task) -> Array:
-    from pinproof.kernels.task import measure_many
-
-    errors = np.empty((len(targets), 2))
-    measure_many(np.ascontiguousarray(targets), np.ascontiguousarray(poses), task.mask, errors)
-    return errors
+    position_error, orientation_error = errors[0].tolist()
+    return Candidate(q, position_error, orientation_error, fulfils, iterations, attempts)
 
 
 class IkStatus(Enum):
@@ -164,8 +150,8 @@ class IkResult:
         Attempts after the first.
     engine
         ``"compiled"``, ``"pinocchio"`` or ``"analytic"``.
-    message
-        Status, errors and reason as text, with a suggestion if there is no solution.
+    words
+        The message; by default it is composed from the other fields of a solution.
     """
 
     status: IkStatus
@@ -175,10 +161,17 @@ class IkResult:
     iterations: int
     restarts: int
     engine: str
-    message: str
+    words: str | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "q", _frozen(self.q))
+
+    @property
+    def message(self) -> str:
+        """Status, errors and reason as text, with a suggestion if there is no solution."""
+        if self.words is not None:
+            return self.words
+        return found((self.position_error, self.orientation_error), self.iterations, self.restarts)
 
     @property
     def ok(self) -> bool:

@@ -13,12 +13,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from pinproof.kernels.compiled import compiled, inlined
 from pinproof.kernels.trigonometry import sincos
 
-__all__ = ["LEADER", "MULTIPLIER", "OFFSET", "SLIDES", "forward_many", "jacobian_of", "walk", "whole_vectors"]
+__all__ = ["LEADER", "MULTIPLIER", "OFFSET", "SLIDES", "jacobian_of", "walk", "whole_vectors"]
 
 SLIDES, LEADER, MULTIPLIER, OFFSET = 12, 13, 14, 15
 
@@ -95,15 +93,3 @@ def jacobian_of(chain: Any, axes: Any, end: Any, jacobian: Any) -> None:
         jacobian[3, j] += w0
         jacobian[4, j] += w1
         jacobian[5, j] += w2
-
-
-@compiled
-def forward_many(chain: Any, Q: Any, out: Any) -> None:
-    """base_from_tcp at each row of Q (N, n) into ``out`` (N, 4, 4)."""
-    m = chain.shape[0] - 1
-    identity, turns, axes = np.zeros((3, 4)), np.zeros((3, whole_vectors(m))), np.empty((m, 6))
-    identity[0, 0] = identity[1, 1] = identity[2, 2] = 1.0
-    for i in range(Q.shape[0]):
-        walk(chain, identity, Q[i], turns, axes, out[i])
-        out[i, 3, 0] = out[i, 3, 1] = out[i, 3, 2] = 0.0
-        out[i, 3, 3] = 1.0

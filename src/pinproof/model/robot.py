@@ -1,4 +1,4 @@
-"""Robots and arms: loading a description, selecting the chain from a base to a tcp, FK and Jacobians by Pinocchio.
+"""Robots and arms: loading a description, selecting the chain from a base to a tcp, FK and Jacobians.
 
 :class:`Robot` and :class:`Arm` refer to each other, so they are in one module.
 """
@@ -36,11 +36,11 @@ from pinproof.errors import FileError, InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
     affine,
+    compiled_chain,
     find_chain,
     group_ends,
     held_values,
     link_path,
-    pack_chain,
     periodic,
     reduced_model,
 )
@@ -127,6 +127,8 @@ class Arm:
         mimic follower of multiplier 0.5).
     root_from_base
         Pose of the base link in the root link.
+    chain
+        The joints from base to tcp for the compiled core.
     """
 
     def __init__(
@@ -149,7 +151,7 @@ class Arm:
                 f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another"
             )
         self.root_from_base: pin.SE3 = frozen(base_frame.placement)
-        self.packed: Array = pack_chain(self.model, self._tcp_id, self.root_from_base, self.scale, self.offset)
+        self.chain = compiled_chain(self.model, self._tcp_id, self.root_from_base, self.scale, self.offset)
 
     @property
     def dof(self) -> int:
@@ -184,12 +186,11 @@ class Arm:
         return self._placement(self.configuration(q), self._tcp_id)
 
     def forward_kinematics_batch(self, Q: npt.ArrayLike) -> Array:
-        """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n)."""
-        many = finite("Q", Q, (None, self.dof))
-        out = np.empty((len(many), 4, 4))
-        for row, q in enumerate(many):
-            out[row] = self._placement(q, self._tcp_id).homogeneous
-        return out
+        """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n), by the compiled core.
+
+        It equals :meth:`forward_kinematics`, which uses Pinocchio, up to rounding.
+        """
+        return np.asarray(self.chain.forward_batch(finite("Q", Q, (None, self.dof))))
 
     def frame_placement(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
         """Compute ``base_from_frame`` for any link of the robot at the configuration q (n,)."""

@@ -199,7 +199,8 @@ class AnalyticIk:
 
         def result(status: IkStatus, q: Array, message: str) -> IkResult:
             candidate = judge(arm, found.target, resolved, q, reference)
-            return IkResult(status, candidate.q, *candidate.errors, 0, 0, self.engine, message)
+            errors = candidate.position_error, candidate.orientation_error
+            return IkResult(status, candidate.q, *errors, 0, 0, self.engine, message)
 
         nearest = [branch for family in found.families for branch in [family.nearest(reference)]]
         choice = nearest_winding(arm, np.array([*branches, *nearest]).reshape(-1, arm.dof), reference)

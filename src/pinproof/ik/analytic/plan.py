@@ -224,7 +224,9 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, t
     array[0, :7] = n, triple.first, triple.planar, reverse, turning, -1 if locked is None else locked, size
     array[0, 7], array[0, 8] = max(BORDER, 20.0 * deviation), 20.0 * deviation
     array[0, 13] = ROUNDING if deviation else max(ROUNDING, 4.0 * triple.deviation)
-    array[1 : n + 2] = arm.packed
+    chain = arm.chain
+    array[1 : n + 2, :12] = np.vstack([chain.before, chain.tool[None]])[:, :3].reshape(n + 1, 12)
+    array[1 : n + 1, 12:] = np.column_stack([chain.prismatic, chain.index, chain.multiplier, chain.offset])
     scaled = tool.copy()
     scaled[:3, 3] /= size
     array[n + 2, :12] = scaled[:3].ravel()

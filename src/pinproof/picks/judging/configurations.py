@@ -81,11 +81,7 @@ def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.N
 
 def manipulability(arm: Arm, Q: Array) -> Array:
     """(N,) Yoshikawa's measure at Q (N, n)."""
-    from pinproof.kernels.manipulability import manipulability_many
-
-    out = np.empty(len(Q))
-    manipulability_many(arm.packed, np.ascontiguousarray(Q), out)
-    return out
+    return np.asarray(arm.chain.manipulability_batch(np.ascontiguousarray(Q)))
 
 
 def limit_margins(arm: Arm, q: Array) -> Array:

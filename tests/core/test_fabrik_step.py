@@ -8,17 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.kernels.limits import TURN
-from pinproof.kernels.step_fabrik import _allowed, _angle, _fit, _invert, _move
+from pinproof import _core
+
+TURN = 2 * np.pi
 
 
 def random_hinge(rng):
     direction = rng.normal(size=3)
     return rng.normal(size=3), direction / np.linalg.norm(direction)
-
-
-def row(pose):
-    return np.concatenate([pose.rotation.ravel(), pose.translation])
 
 
 @settings(max_examples=60, deadline=None)
@@ -29,21 +26,17 @@ def test_the_chosen_angle_and_translation_are_optimal(seed):
     o, d = random_hinge(rng)
     x, e = random_hinge(rng)
     point, direction = rng.uniform(0.1, 2, 2)
-    moved = np.zeros((3, 12))
-    moved[0] = row(pp.pose(rng.normal(size=3), rng.normal(size=3)))
-    moved[1, [0, 4, 8]] = 1.0
-    wanted, shift = moved[0, :9].reshape(3, 3), moved[0, 9:]
+    wanted = pp.pose(rng.normal(size=3), rng.normal(size=3)).homogeneous
 
     def miss(angle, along):
-        _move(moved, 1, 2, *o, *d, angle, along)
-        turn, off = moved[2, :9].reshape(3, 3), moved[2, 9:]
-        there = turn @ x + off - wanted @ x - shift
-        return point * there @ there + direction * np.sum(((turn - wanted) @ e) ** 2)
+        motion = _core.hinge_motion(o, d, False, angle) @ _core.hinge_motion(o, d, True, along)
+        off = ((motion - wanted) @ [*x, 1.0])[:3]
+        return point * off @ off + direction * np.sum(((motion - wanted)[:3, :3] @ e) ** 2)
 
-    along, c, s = _fit(*o, *d, moved, 0, point, *x, direction, *e)
-    best = miss(_angle(s, c), 0.0)
-    assert all(best <= miss(angle, 0.0) + 1e-9 for angle in np.linspace(-np.pi, np.pi, 200))
-    best = miss(0.0, along / point)
+    angle, along = _core.hinge_fit(o, d, wanted, point, x, direction, e)
+    best = miss(angle, 0.0)
+    assert all(best <= miss(other, 0.0) + 1e-9 for other in np.linspace(-np.pi, np.pi, 200))
+    best = miss(0.0, along)
     assert all(best <= miss(0.0, slide) + 1e-9 for slide in np.linspace(-6, 6, 200))
 
 
@@ -55,9 +48,8 @@ def test_the_chosen_angle_and_translation_are_optimal(seed):
     change=st.floats(-np.pi, np.pi),
 )
 def test_the_allowed_change_is_within_limits_and_closest_on_the_circle(low, width, share, change):
-    box = np.array([[low], [low + width], [low], [low + width], [0.0]])
     value = low + share * width
-    got = _allowed(box, 0, value, change)
+    got = _core.JointRange(low, low + width, True, False).allowed_change(value, change)
     assert low - 1e-12 <= value + got <= low + width + 1e-12
 
     def away(other):
@@ -68,16 +60,16 @@ def test_the_allowed_change_is_within_limits_and_closest_on_the_circle(low, widt
 
 
 def test_a_joint_with_a_range_of_2_pi_is_not_stopped():
-    box = np.array([[-np.pi], [np.pi], [-np.inf], [np.inf], [1.0]])
-    assert _allowed(box, 0, 3.0, 2.0) == 2.0
+    assert _core.JointRange(-np.pi, np.pi, True, True).allowed_change(3.0, 2.0) == 2.0
 
 
 @settings(max_examples=30, deadline=None)
-@given(seed=st.integers(0, 10**6))
-def test_a_motion_times_its_inverse_is_the_identity(seed):
+@given(seed=st.integers(0, 10**6), prismatic=st.booleans(), value=st.floats(-7, 7))
+def test_a_hinge_moves_points_about_its_axis(seed, prismatic, value):
     rng = np.random.default_rng(seed)
-    moved = np.zeros((2, 12))
-    pose = pp.pose(rng.normal(size=3), rng.normal(size=3))
-    moved[0] = row(pose)
-    _invert(moved, 0, 1)
-    assert moved[1] == pytest.approx(row(pose.inverse()), abs=1e-12)
+    o, d = random_hinge(rng)
+    quaternion = [*(np.sin(value / 2) * d), np.cos(value / 2)]
+    there = pp.pose(value * d) if prismatic else pp.pose(o) * pp.pose(quat_xyzw=quaternion) * pp.pose(-o)
+    motion = _core.hinge_motion(o, d, prismatic, value)
+    assert motion == pytest.approx(there.homogeneous, abs=1e-12)
+    assert motion @ _core.hinge_motion(o, d, prismatic, -value) == pytest.approx(np.eye(4), abs=1e-12)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import pinproof as pp
-from pinproof.kernels.chain import forward_many, jacobian_of, walk
-from pinproof.kernels.trigonometry import sincos
+from pinproof import _core
 from pinproof.model import load_robot_from_text
 
 NAMES = ["ur5", "panda", "iiwa14", "xarm7", "kinova", "stanford", "scara", "puma560", "so100"]
@@ -17,11 +18,8 @@ NAMES = ["ur5", "panda", "iiwa14", "xarm7", "kinova", "stanford", "scara", "puma
 
 def evaluate(arm, q, start):
     """``start`` times base_from_tcp, and the Jacobian in the axes of ``start``."""
-    m = len(arm.packed) - 1
-    axes, end, jacobian = np.empty((m, 6)), np.empty((3, 4)), np.empty((6, arm.dof))
-    walk(arm.packed, np.ascontiguousarray(start[:3]), q, np.empty((3, m)), axes, end)
-    jacobian_of(arm.packed, axes, end, jacobian)
-    return end, jacobian
+    end, jacobian = arm.chain.evaluate(q, start)
+    return end[:3], jacobian
 
 
 @st.composite
@@ -88,12 +86,34 @@ def test_jacobian_is_the_finite_difference_of_the_pose():
 def test_batches_equal_single_rows():
     arm = pp.load_robot("stanford").arm()
     Q = np.random.default_rng(2).uniform(*arm.limits.sampling_range(), (7, arm.dof))
-    out = np.empty((7, 4, 4))
-    forward_many(arm.packed, Q, out)
-    assert out == pytest.approx(arm.forward_kinematics_batch(Q), abs=1e-12)
+    single = np.array([arm.forward_kinematics(q).homogeneous for q in Q])
+    assert arm.forward_kinematics_batch(Q) == pytest.approx(single, abs=1e-12)
+    volumes = [np.sqrt(np.linalg.det(J @ J.T)) for J in map(arm.jacobian, Q)]
+    assert arm.chain.manipulability_batch(Q) == pytest.approx(volumes, rel=1e-6)
 
 
 @settings(deadline=None)
 @given(st.floats(-7e5, 7e5))
 def test_sine_and_cosine_equal_the_c_library(angle):
-    assert sincos(angle) == pytest.approx((np.sin(angle), np.cos(angle)), rel=0, abs=2.3e-16)
+    assert _core.sincos(angle) == pytest.approx((np.sin(angle), np.cos(angle)), rel=0, abs=2.3e-16)
+
+
+def test_large_angles_are_as_accurate_as_small_ones():
+    arm = pp.load_robot("ur5").arm()
+    q = np.array([1e9, -3e7, 0.1, 1e6, -2.0, 5e5])
+    assert arm.forward_kinematics_batch(q[None])[0] == pytest.approx(arm.forward_kinematics(q).homogeneous, abs=1e-12)
+
+
+def test_a_pickled_chain_is_the_same():
+    arm = pp.load_robot("panda").arm()
+    copy = pickle.loads(pickle.dumps(arm.chain))
+    Q = np.random.default_rng(3).uniform(*arm.limits.sampling_range(), (5, arm.dof))
+    assert (copy.forward_batch(Q) == arm.chain.forward_batch(Q)).all()
+
+
+def test_arrays_of_a_wrong_size_are_refused():
+    chain = pp.load_robot("ur5").arm().chain
+    with pytest.raises(ValueError, match="has size 5, expected 6"):
+        chain.forward_batch(np.zeros((2, 5)))
+    with pytest.raises(ValueError, match="start"):
+        chain.evaluate(np.zeros(6), np.eye(3))

@@ -31,7 +31,7 @@ print(CACHE, sincos(0.5)[0])
 
 
 def test_importing_kernels_compiles_nothing():
-    done = run("import pinproof.kernels.branches, pinproof.kernels.chain\nimport pinproof.ik")
+    done = run("import pinproof.kernels.sweep, pinproof.kernels.gjk\nimport pinproof.ik")
     assert "compiling" not in done.stderr
 
 
@@ -82,5 +82,5 @@ def test_kernels_run_without_a_writable_folder_and_log_it(tmp_path):
 
 
 def test_user_kernels_keep_their_cache_folder(tmp_path):
-    code = "import numba; before = numba.config.CACHE_DIR\nimport pinproof.kernels.chain\n"
+    code = "import numba; before = numba.config.CACHE_DIR\nimport pinproof.kernels.gjk\n"
     assert run(code + "print(before == numba.config.CACHE_DIR)").stdout.strip() == "True"

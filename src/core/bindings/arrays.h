@@ -43,6 +43,21 @@ OwnedArray<Number> new_array(std::initializer_list<std::size_t> shape) {
     return {data, nb::ndarray<nb::numpy, Number>(data, shape.size(), shape.begin(), owner)};
 }
 
+// The same for an array that Python may not change.
+struct ReadOnlyArray {
+    double* data;
+    nb::ndarray<nb::numpy, const double> array;
+};
+
+inline ReadOnlyArray new_read_only_array(std::initializer_list<std::size_t> shape) {
+    std::size_t count = 1;
+    for (std::size_t side : shape) count *= side;
+    auto memory = std::make_unique<double[]>(count > 0 ? count : 1);
+    double* data = memory.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+    return {data, nb::ndarray<nb::numpy, const double>(data, shape.size(), shape.begin(), owner)};
+}
+
 // A vector as an array.
 inline nb::object array_of(const std::vector<double>& values) {
     auto array = new_array({values.size()});

@@ -5,6 +5,7 @@
 
 namespace pinproof {
 
+void bind_closed_form(nanobind::module_& module);
 void bind_kinematics(nanobind::module_& module);
 void bind_ik(nanobind::module_& module);
 void bind_tracking(nanobind::module_& module);

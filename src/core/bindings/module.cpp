@@ -23,6 +23,7 @@ NB_MODULE(_core, module) {
     require_processor();
     module.doc() = "The compiled core of pinproof. It is internal: use the package's public functions.";
     pinproof::bind_kinematics(module);
+    pinproof::bind_closed_form(module);
     pinproof::bind_ik(module);
     pinproof::bind_tracking(module);
 }

@@ -218,7 +218,7 @@ def test_values_of_the_redundant_joint_can_be_given():
     even = parts[0].q[:, :, joint]
     assert np.isin(even[np.isfinite(even)], values[::2]).all()
     for target, row, count in zip(targets, whole.q, whole.count, strict=True):
-        np.testing.assert_array_equal(row[:count], solver.solve_all(arm, target).rows[:, :7])
+        np.testing.assert_array_equal(row[:count], solver.solve_all(arm, target).branches)
 
 
 def test_redundant_values_require_an_arm_of_seven_joints(ur5):

@@ -6,7 +6,7 @@
 namespace pinproof {
 namespace {
 
-constexpr int kMostSweeps = 30;       // sweeps converge quadratically: six are the usual number
+constexpr int kMostSweeps = 30;        // sweeps converge quadratically: six are the usual number
 constexpr double kOrthogonal = 1e-15;  // rows count as orthogonal when their cosine is below this
 
 // (x, y) becomes (cosine x - sine y, sine x + cosine y).

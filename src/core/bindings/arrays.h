@@ -65,6 +65,16 @@ inline nb::object array_of(const std::vector<double>& values) {
     return nb::cast(array.array);
 }
 
+// A vector as an array that Python cannot change.
+inline nb::object read_only_array_of(const std::vector<double>& values) {
+    auto memory = std::make_unique<double[]>(values.size() + 1);
+    std::copy(values.begin(), values.end(), memory.get());
+    const std::size_t size = values.size();
+    const double* data = memory.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, const double>(data, 1, &size, owner));
+}
+
 // Refuse an argument whose size differs from what the core is about to read or write.
 inline void require_size(const char* name, std::size_t found, std::size_t expected) {
     if (found != expected)

@@ -128,9 +128,8 @@ nb::tuple residual_and_jacobian(const Task& task, const Matrix& target_from_tcp,
     Jacobian jacobian = read_jacobian(in_target_axes);
     task.apply(frame, jacobian);
     const Twist r = task.residual(frame);
-    return nb::make_tuple(
-        array_of({r.linear[0], r.linear[1], r.linear[2], r.angular[0], r.angular[1], r.angular[2]}),
-        jacobian_array(jacobian));
+    return nb::make_tuple(array_of({r.linear[0], r.linear[1], r.linear[2], r.angular[0], r.angular[1], r.angular[2]}),
+                          jacobian_array(jacobian));
 }
 
 nb::object goal_step_of(const Goal& goal, const Chain& chain, const Vector& q) {
@@ -250,14 +249,17 @@ void bind_ik(nb::module_& module) {
                const StepRule& rule, int max_iterations, double max_step, double progress, int patience) {
                 if (std::holds_alternative<FabrikStep>(rule) && chain.has_mimic_joints())
                     throw std::invalid_argument("FABRIK does not support mimic joints");
-                new (self) IkSolver{chain, make_ranges(lower, upper, periodic, wraps, chain.dof),
-                                    task,  rule,
-                                    max_iterations, max_step,
+                new (self) IkSolver{chain,
+                                    make_ranges(lower, upper, periodic, wraps, chain.dof),
+                                    task,
+                                    rule,
+                                    max_iterations,
+                                    max_step,
                                     {progress, patience}};
             },
-            nb::arg("chain"), nb::kw_only(), nb::arg("lower"), nb::arg("upper"), nb::arg("periodic"),
-            nb::arg("wraps"), nb::arg("task"), nb::arg("rule"), nb::arg("max_iterations"), nb::arg("max_step"),
-            nb::arg("progress"), nb::arg("patience"))
+            nb::arg("chain"), nb::kw_only(), nb::arg("lower"), nb::arg("upper"), nb::arg("periodic"), nb::arg("wraps"),
+            nb::arg("task"), nb::arg("rule"), nb::arg("max_iterations"), nb::arg("max_step"), nb::arg("progress"),
+            nb::arg("patience"))
         .def("solve_batch", &solve_batch_of, nb::arg("targets"), nb::arg("q0"), nb::arg("seeds"),
              nb::arg("goal").none(), nb::arg("count"), nb::arg("threads"),
              "q, position and orientation errors, whether each fulfils the task, iterations and attempts.")
@@ -267,7 +269,7 @@ void bind_ik(nb::module_& module) {
         .def_ro_static("GOAL_STEPS", &IkSolver::kGoalSteps);
 
     nb::class_<Candidate>(module, "Candidate", "The result of a series of attempts.")
-        .def_prop_ro("q", [](const Candidate& found) { return array_of(found.q); })
+        .def_prop_ro("q", [](const Candidate& found) { return read_only_array_of(found.q); })
         .def_prop_ro("position_error", [](const Candidate& found) { return found.error.position; })
         .def_prop_ro("orientation_error", [](const Candidate& found) { return found.error.orientation; })
         .def_ro("fulfils", &Candidate::fulfils)
@@ -275,8 +277,8 @@ void bind_ik(nb::module_& module) {
         .def_ro("attempts", &Candidate::attempts);
 
     nb::class_<Search>(module, "Search", "The attempts for one target.")
-        .def("__init__", &make_search, nb::arg("solver"), nb::arg("seeds"), nb::arg("goal").none(),
-             nb::arg("target"), nb::arg("q0"), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+        .def("__init__", &make_search, nb::arg("solver"), nb::arg("seeds"), nb::arg("goal").none(), nb::arg("target"),
+             nb::arg("q0"), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
         .def_prop_ro_static("POLISH_PROGRESS", [](nb::handle) { return Search::kPolish.progress; })
         .def_prop_ro_static("POLISH_PATIENCE", [](nb::handle) { return Search::kPolish.patience; })
         .def(

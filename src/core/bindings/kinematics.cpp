@@ -169,8 +169,7 @@ void bind_kinematics(nb::module_& module) {
         .def_prop_ro("prismatic",
                      [](const Chain& c) { return each_joint<bool>(c, [](const Joint& j) { return j.prismatic; }); })
         .def_prop_ro(
-            "index",
-            [](const Chain& c) { return each_joint<std::int64_t>(c, [](const Joint& j) { return j.index; }); },
+            "index", [](const Chain& c) { return each_joint<std::int64_t>(c, [](const Joint& j) { return j.index; }); },
             "(m,) the index in q of the value of each joint.")
         .def_prop_ro("multiplier",
                      [](const Chain& c) { return each_joint<double>(c, [](const Joint& j) { return j.multiplier; }); })

@@ -80,9 +80,10 @@ struct FabrikPasses::Pass {
     const std::vector<JointRange>& ranges;
     const Task& task;
     const double* q;
-    double weight, relax;   // of the hinges, and of the step
-    double position_share;  // 1 if the task selects a position, else 0
-    Vec3 axis;              // about which the tcp may rotate
+    double weight = FabrikStep::kReach;      // of the hinges
+    double relax = FabrikStep::kRelaxReach;  // the fraction of the pass that is applied
+    double position_share = 1.0;             // 1 if the task selects a position, else 0
+    Vec3 axis = {};                          // about which the tcp may rotate
 
     // The motion of joint k from a fit, within its limits; `sense` is -1 for the link below the joint.
     double change(std::size_t k, const Hinge& hinge, const HingeFit& fit, double total, double sense) const {
@@ -98,12 +99,13 @@ void FabrikPasses::step(const Chain& chain, const std::vector<JointRange>& range
         hinges_[k] = {narrowed(posture.axes()[k].origin), narrowed(posture.axes()[k].direction),
                       chain.joints[k].prismatic};
     tcp_ = transform_of(posture.tcp());
-    Pass pass{ranges, task, q, FabrikStep::kReach, FabrikStep::kRelaxReach, task.positions > 0 ? 1.0 : 0.0,
-              free_axis(task)};
+    Pass pass{ranges, task, q};
     if (iteration % 2 == 0) {
         pass.weight = task.angles == 0 ? FabrikStep::kHold : FabrikStep::kHoldPosed;
         pass.relax = FabrikStep::kRelaxHold;
     }
+    pass.position_share = task.positions > 0 ? 1.0 : 0.0;
+    pass.axis = free_axis(task);
     backward(pass);
     forward(pass, out);
     double largest = 0.0;

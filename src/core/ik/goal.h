@@ -23,8 +23,8 @@ struct Goal {
     bool exists() const { return kind != Kind::none; }
 };
 
-// The step (n,) of a goal at q (n,) before its projection into the null space. `posture`, `jacobian` and `moved` (n,) are
-// scratch; the posture is left at another configuration than q.
+// The step (n,) of a goal at q (n,) before its projection into the null space. `posture`, `jacobian` and `moved` (n,)
+// are scratch; the posture is left at another configuration than q.
 void goal_step(const Goal& goal, const Chain& chain, const double* q, Posture& posture, Jacobian& jacobian,
                std::vector<double>& moved, std::vector<double>& step);
 

@@ -4,6 +4,8 @@
 #include <cmath>
 #include <limits>
 
+#include "geometry/quaternion.h"
+
 namespace pinproof {
 namespace {
 
@@ -18,8 +20,19 @@ double mirrored(const JointRange& range, double value) {
     return range.finite() ? range.lower + range.upper - value : -value;
 }
 
+// The smallest of each of 16 interleaved parts in one loop that is vectorised, then the index of the smallest of all.
 std::size_t index_of_smallest(const std::vector<float>& distances) {
-    return static_cast<std::size_t>(std::min_element(distances.begin(), distances.end()) - distances.begin());
+    constexpr std::size_t parts = 16;
+    float smallest[parts];
+    std::fill(smallest, smallest + parts, std::numeric_limits<float>::infinity());
+    for (std::size_t first = 0; first + parts <= distances.size(); first += parts)
+        for (std::size_t i = 0; i < parts; ++i)
+            smallest[i] = distances[first + i] < smallest[i] ? distances[first + i] : smallest[i];
+    float least = *std::min_element(smallest, smallest + parts);
+    for (std::size_t i = distances.size() / parts * parts; i < distances.size(); ++i)
+        least = std::min(least, distances[i]);
+    const auto found = std::find(distances.begin(), distances.end(), least);
+    return found == distances.end() ? 0 : static_cast<std::size_t>(found - distances.begin());
 }
 
 }  // namespace
@@ -32,11 +45,10 @@ Seeds::Seeds(const Chain& chain, const double* configurations, std::size_t count
     for (std::size_t k = 0; k < count; ++k) {
         posture.evaluate(chain, Frame{}, configuration(k));
         const Transform pose = transform_of(posture.tcp());
-        for (int i = 0; i < 3; ++i) {
-            for (int j = 0; j < 3; ++j) poses_[4 * i + j][k] = static_cast<float>(pose.rotation.m[i][j]);
-            poses_[4 * i + 3][k] = static_cast<float>(pose.translation[i]);
-        }
         const Vec3& p = pose.translation;
+        const Quaternion r = quaternion_of(pose.rotation);
+        const double entries[] = {p.x, p.y, p.z, r.x, r.y, r.z, r.w};
+        for (int i = 0; i < 7; ++i) poses_[i][k] = static_cast<float>(entries[i]);
         total += p;
         total_of_squares += Vec3{p.x * p.x, p.y * p.y, p.z * p.z};
     }
@@ -52,22 +64,20 @@ Seeds::Weights Seeds::weights(const Task& task) const {
 
 void Seeds::measure(const Task& task, const Transform& base_from_target, std::vector<float>& out) const {
     const Weights weight = weights(task);
+    const Vec3& t = base_from_target.translation;
+    const Quaternion r = quaternion_of(base_from_target.rotation);
     const float distance = static_cast<float>(weight.distance), spin = static_cast<float>(weight.spin);
-    float r[3][3], p[3];
-    for (int i = 0; i < 3; ++i) {
-        for (int j = 0; j < 3; ++j) r[i][j] = static_cast<float>(base_from_target.rotation.m[i][j]);
-        p[i] = static_cast<float>(base_from_target.translation[i]);
-    }
-    const float* e[12];
-    for (int i = 0; i < 12; ++i) e[i] = poses_[i].data();
+    const float x = static_cast<float>(t.x), y = static_cast<float>(t.y), z = static_cast<float>(t.z);
+    const float a = static_cast<float>(r.x), b = static_cast<float>(r.y), c = static_cast<float>(r.z),
+                d = static_cast<float>(r.w);
+    const float *xs = poses_[0].data(), *ys = poses_[1].data(), *zs = poses_[2].data();
+    const float *as = poses_[3].data(), *bs = poses_[4].data(), *cs = poses_[5].data(), *ds = poses_[6].data();
     out.resize(size());
     float* __restrict__ to = out.data();
     for (std::size_t k = 0; k < out.size(); ++k) {
-        const float dx = e[3][k] - p[0], dy = e[7][k] - p[1], dz = e[11][k] - p[2];
-        const float trace = e[0][k] * r[0][0] + e[1][k] * r[0][1] + e[2][k] * r[0][2] + e[4][k] * r[1][0] +
-                            e[5][k] * r[1][1] + e[6][k] * r[1][2] + e[8][k] * r[2][0] + e[9][k] * r[2][1] +
-                            e[10][k] * r[2][2];
-        to[k] = distance * (dx * dx + dy * dy + dz * dz) - spin * trace;
+        const float dx = xs[k] - x, dy = ys[k] - y, dz = zs[k] - z;
+        const float cosine = as[k] * a + bs[k] * b + cs[k] * c + ds[k] * d;  // of half the angle between them
+        to[k] = distance * (dx * dx + dy * dy + dz * dz) - spin * (4.0f * cosine * cosine - 1.0f);
     }
 }
 

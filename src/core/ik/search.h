@@ -1,9 +1,9 @@
 // Starts and restarts of descents for any number of targets; the same search as in pinproof.ik.loop.
 //
-// The first attempt starts at the caller's configuration. Each other attempt starts at the configuration closest in pose
-// to the target that has not been tried: once among the seeds and the flips of the first result (one joint mirrored
-// about the middle of its range: the other elbow or wrist), then among the seeds alone. A Newton-like descent that
-// starts close to its target usually converges to it.
+// The first attempt starts at the caller's configuration. Each other attempt starts at the configuration closest in
+// pose to the target that has not been tried: once among the seeds and the flips of the first result (one joint
+// mirrored about the middle of its range: the other elbow or wrist), then among the seeds alone. A Newton-like descent
+// that starts close to its target usually converges to it.
 #pragma once
 
 #include <array>
@@ -29,7 +29,8 @@ class Seeds {
     // The weights of the squared distance and of the trace of the rotation for a task.
     Weights weights(const Task& task) const;
 
-    // The distance in pose of each seed from a target, into `out` (count,). Only comparisons of distances have a meaning.
+    // The distance in pose of each seed from a target, into `out` (count,). Only comparisons of distances have a
+    // meaning.
     void measure(const Task& task, const Transform& base_from_target, std::vector<float>& out) const;
 
     std::size_t size() const { return poses_[0].size(); }
@@ -39,7 +40,7 @@ class Seeds {
   private:
     std::size_t dof_;
     std::vector<double> configurations_;
-    std::array<std::vector<float>, 12> poses_;  // the entries of the (3, 4) matrices, row by row
+    std::array<std::vector<float>, 7> poses_;  // x, y, z and the quaternion (x, y, z, w)
     double spin_weight_;
 };
 
@@ -47,7 +48,7 @@ class Seeds {
 struct Candidate {
     std::vector<double> q;  // a solution, or the configuration with the smallest residual
     PoseError error;
-    bool fulfils;  // the task within the limits, by forward kinematics after the loop
+    bool fulfils;                    // the task within the limits, by forward kinematics after the loop
     long long iterations, attempts;  // for this target
 };
 
@@ -76,7 +77,7 @@ class Search {
     const Seeds& seeds_;
     Goal goal_;
     Descent descent_;
-    Transform target_;        // base_from_target
+    Transform target_;  // base_from_target
     Frame target_from_base_;
     std::vector<double> q0_, q_, best_, flipped_;
     std::vector<float> distances_;  // of the seeds from the target

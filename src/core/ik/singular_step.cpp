@@ -21,7 +21,8 @@ double smallest_within_rank(const Jacobian& jacobian, const SingularValues& deco
         columns += largest > SingularStep::kNothing;
     }
     int rank = 0;
-    for (int i = 0; i < 3; ++i) rank += (rows.linear[i] > SingularStep::kNothing) + (rows.angular[i] > SingularStep::kNothing);
+    for (int i = 0; i < 3; ++i)
+        rank += (rows.linear[i] > SingularStep::kNothing) + (rows.angular[i] > SingularStep::kNothing);
     rank = std::min(rank, columns);
     if (rank == 0) return 0.0;
     double values[6];

@@ -22,7 +22,7 @@ struct Task {
 
     // 1 for coordinates that count, else 0; x, y, z and rx, ry, rz in the axes of the target.
     Twist mask;
-    int positions, angles;                              // how many of them count
+    int positions, angles;                             // how many of them count
     double position_tolerance, orientation_tolerance;  // m and rad
 
     Twist residual(const Frame& target_from_tcp) const;

@@ -1,8 +1,8 @@
 // Tracking of a sequence of poses, cycle by cycle; each joint moves by at most what its speed limit allows.
 //
 // Each cycle minimises the squared residual |r|^2 in the box of all configurations that position and speed limits
-// allow, by Gauss-Newton steps in that box. The box keeps the motion regular near a singularity: the tcp deviates in the
-// singular direction, and returns as soon as the speeds suffice.
+// allow, by Gauss-Newton steps in that box. The box keeps the motion regular near a singularity: the tcp deviates in
+// the singular direction, and returns as soon as the speeds suffice.
 //
 // If several solutions meet at a singularity, the choice is as follows:
 //

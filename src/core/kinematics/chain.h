@@ -19,7 +19,8 @@ struct Joint {
     double value(const double* q) const { return multiplier * q[index] + offset; }
 };
 
-// base_from_tcp(q) = before_1 X_1(q) before_2 X_2(q) ... tool, where X_k is a rotation about z or a translation along z.
+// base_from_tcp(q) = before_1 X_1(q) before_2 X_2(q) ... tool, where X_k is a rotation about z or a translation along
+// z.
 struct Chain {
     std::vector<Joint> joints;
     Transform tool;

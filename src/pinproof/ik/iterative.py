@@ -357,14 +357,14 @@ def _accepts(accept: Accept | None, q: Array) -> bool:
 
 
 def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:
-    return arm.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+    return arm.home if q0 is None else arm.configuration(q0, "q0")
 
 
 def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> Array:
     """The starts (count, n): q0 (n,) for all targets, or q0 (count, n)."""
     if q0 is None or np.ndim(q0) <= 1:
         return np.tile(_start(arm, q0), (count, 1))
-    return arm.limits.snap(finite("q0", q0, (count, arm.dof)))
+    return finite("q0", q0, (count, arm.dof))
 
 
 def _same(arm: Arm, a: Array, b: Array) -> bool:

@@ -345,7 +345,7 @@ class PinocchioSearch:
     ) -> None:
         self._arm, self._task, self._goal, self._seeds = arm, task, goal, seeds
         self._matrix, self._target = target, rigid("target", target)
-        self._q0 = q0
+        self._q0 = q0 = arm.limits.snap(q0)
         self._q = q0 if arm.limits.contains(q0) else arm.limits.clip(nearest_winding(arm, q0, q0))
         self._rule, self._max_iterations, self._max_step = rule, max_iterations, max_step
         self._stall, self._on_step = stall, on_step

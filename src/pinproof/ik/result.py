@@ -164,7 +164,8 @@ class IkResult:
     words: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", _frozen(self.q))
+        if self.q.flags.writeable:
+            object.__setattr__(self, "q", _frozen(self.q))
 
     @property
     def message(self) -> str:

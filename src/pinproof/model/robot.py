@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from dataclasses import replace as replace_fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
@@ -161,6 +162,10 @@ class Arm:
     @property
     def home(self) -> Array:
         """(n,) home configuration of the robot, or the middle of the limits where none is defined (continuous: 0)."""
+        return self._home.copy()
+
+    @cached_property
+    def _home(self) -> Array:
         lower, upper = self.limits.sampling_range()
         middle = dict(zip(self.joint_names, (lower + upper) / 2, strict=True))
         return self.limits.clip(np.array([self.robot.home.get(name, middle[name]) for name in self.joint_names]))
@@ -256,6 +261,7 @@ class Arm:
             raise InputError(f"limits hold {len(limits)} joints; the arm has {self.dof}: {', '.join(self.joint_names)}")
         other = copy(self)
         other.limits = limits
+        other.__dict__.pop("_home", None)
         return other
 
     def with_held(self, held: Mapping[str, float]) -> Arm:

@@ -13,10 +13,10 @@ import pytest
 import pinproof as pp
 from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
 from pinproof.benchmarks.plan_methods import OURS, STEPS, PlanAnswer, PlanMethod
-from pinproof.benchmarks.plan_page import COLUMNS
 from pinproof.benchmarks.plan_peers import PEERS
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems
-from pinproof.benchmarks.plan_run import check_motion, curve_length
+from pinproof.benchmarks.plan_run import curve_length, motion_faults
+from pinproof.benchmarks.plan_table import COLUMNS
 from pinproof.errors import FileError, InputError
 from pinproof.motion import JointPath
 
@@ -141,20 +141,18 @@ def test_problems_with_a_colliding_goal_are_listed_and_not_solved(mbm: Path) -> 
 
 
 def test_the_check_finds_a_motion_through_a_wall(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
-    checked = check_motion(straight(problem), problem, exact)
-    assert any(" touches " in fault for fault in checked.faults)
-    assert checked.length == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
+    assert any(" touches " in fault for fault in motion_faults(straight(problem), problem, exact))
 
 
 def test_the_check_finds_wrong_ends_and_violated_limits(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
     elsewhere = JointPath([problem.start + 1e-3, problem.start], problem.arm.joint_names)
-    assert check_motion(elsewhere, problem, exact).faults[:2] == (
+    assert motion_faults(elsewhere, problem, exact)[:2] == (
         "does not begin at the start",
         "does not end at a goal",
     )
     far = problem.start.copy()
     far[0] = problem.arm.limits.upper[0] + 0.1
-    beyond = check_motion(straight(problem, far), problem, exact).faults
+    beyond = motion_faults(straight(problem, far), problem, exact)
     assert "joint_1 is 0.1 outside its limits" in beyond
 
 
@@ -162,6 +160,7 @@ def test_the_length_of_a_timed_motion_is_that_of_its_path(problem: PlanProblem) 
     path = straight(problem, problem.start + 0.3)
     timed = pp.time_parametrise(path, problem.arm.limits)
     assert curve_length(path) == path.length
+    assert curve_length(straight(problem)) == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
     assert curve_length(timed) == pytest.approx(path.length, rel=1e-9)
 
 

@@ -168,10 +168,19 @@ def test_an_unsafe_motion_of_our_planner_is_listed(monkeypatch: pytest.MonkeyPat
     def through(problem: PlanProblem, checker: pp.CollisionChecker):
         return lambda seed: PlanAnswer(straight(problem), {"plan": 1.0}, certified=True, clearance=0.1)
 
-    monkeypatch.setattr("pinproof.benchmarks.plan_run.OURS", PlanMethod(OURS.key, OURS.label, through))
+    monkeypatch.setattr("pinproof.benchmarks.plan_run.own_method", lambda name: PlanMethod(OURS, OURS, through))
     table = plan_benchmark(["generic_6dof"], sets=["narrow_slot"], problems=1, peers=False)
     assert [row.name for row in table.unsafe] == ["generic_6dof/narrow_slot/1"]
     assert "## Unsafe: pinproof" in plan_markdown(table)
+
+
+def test_another_planner_is_a_method_of_its_own() -> None:
+    pytest.importorskip("ompl")
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, planners=["rrt_connect", "ompl"], peers=False)
+    assert [(row.method, row.certified, row.faults) for row in table.rows] == [
+        ("pinproof", True, ()),
+        ("pinproof_ompl", True, ()),
+    ]
 
 
 # -- peers -------------------------------------------------------------------------------------------------------------
@@ -205,7 +214,7 @@ def test_an_error_of_a_peer_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch
     assert table.left_out == {"peer on generic_6dof/shelf/1": "ZeroDivisionError: theirs"}
 
 
-@pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}])
+@pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}, {"planners": ["poetry"]}])
 def test_invalid_settings_are_refused(wrong: dict) -> None:
     with pytest.raises(InputError):
         plan_benchmark(["generic_6dof"], **wrong)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.benchmarks.plan_methods import PLANNER
 from pinproof.benchmarks.plan_problems import (
     MARGIN,
     OWN_ROBOTS,
@@ -78,7 +77,7 @@ def test_a_plan_with_a_small_clearance_is_proven_after_timing() -> None:
     """The path is proven with 13 um of clearance; the trajectory is divided into other segments."""
     *_, problem = own_problems("generic_6dof", "cage", 4)
     checker = pp.CollisionChecker(problem.arm, problem.scene)
-    plan = PLANNER.plan(checker, problem.start, problem.goals, rng=0)
+    plan = pp.RrtConnect().plan(checker, problem.start, problem.goals, rng=0)
     simple = pp.simplify(plan.path, plan.checker or checker, rng=0, certificate=plan.certificate)
     trajectory = pp.time_parametrise(simple.path, problem.arm.limits)
     certificate = pp.certify(trajectory, plan.checker or checker)

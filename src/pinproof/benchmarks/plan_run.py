@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
-from pinproof.benchmarks.plan_methods import NANOSECONDS_PER_MS, OURS, PLANNER, PlanMethod, Solve
+from pinproof.benchmarks.plan_methods import NANOSECONDS_PER_MS, TIME_LIMIT, PlanMethod, Solve, own_method
 from pinproof.benchmarks.plan_peers import PEERS
 from pinproof.benchmarks.plan_problems import (
     OWN_ROBOTS,
@@ -27,6 +27,7 @@ from pinproof.collision import CollisionChecker
 from pinproof.collision.audit import STEP, audit
 from pinproof.errors import InputError
 from pinproof.motion import Curve
+from pinproof.planning import DEFAULT_PLANNER
 
 __all__ = ["OWN_PROBLEMS", "curve_length", "motion_faults", "plan_benchmark"]
 
@@ -102,6 +103,7 @@ def plan_benchmark(
     robot: str | None = None,
     sets: Sequence[str] = (),
     problems: int | None = None,
+    planners: Sequence[str] = (DEFAULT_PLANNER,),
     peers: bool = True,
     repeats: int = 1,
     seed: int = 0,
@@ -121,8 +123,10 @@ def plan_benchmark(
         Only these: ``"ur5/shelf"``, or a part of it such as ``"shelf"`` or ``"mbm"``; by default all.
     problems
         Largest number of problems per set; by default all of MotionBenchMaker, and :data:`OWN_PROBLEMS` of ours.
+    planners
+        Our planners, keys of :data:`pinproof.planning.PLANNERS`.
     peers
-        Whether to include other planners. Those that cannot be run are listed with the reason.
+        Whether to include planners of other libraries. Those that cannot be run are listed with the reason.
     repeats
         Runs per problem; the fastest counts, and the motions are compared.
     seed
@@ -133,14 +137,14 @@ def plan_benchmark(
     Raises
     ------
     InputError
-        If ``problems`` or ``repeats`` is below 1, or for an unknown set or robot.
+        If ``problems`` or ``repeats`` is below 1, or for an unknown set, planner or robot.
     FileError
         If problems cannot be read.
     """
     if repeats < 1 or (problems is not None and problems < 1):
         raise InputError(f"problems = {problems} and repeats = {repeats} must be at least 1")
     origin, sources = provenance(seed), _sources(robots, mbm, robot, problems, seed)
-    run = _Run((OURS, *(PEERS if peers else ())), seed, repeats)
+    run = _Run((*map(own_method, planners), *(PEERS if peers else ())), seed, repeats)
     for full_set in select_sets(list(sources), tuple(sets)):
         if on_progress is not None:
             on_progress(full_set)
@@ -152,7 +156,7 @@ def plan_benchmark(
         "problems": problems,
         "repeats": repeats,
         "audit_step": STEP,
-        "time_limit_s": PLANNER.time_limit,
+        "time_limit_s": TIME_LIMIT,
         "remarks": sorted(run.remarks),
         "peer_versions": {
             m.distribution: installed_version(m.distribution) for m in run.methods if m.distribution is not None

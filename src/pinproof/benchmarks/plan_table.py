@@ -190,8 +190,8 @@ class PlanTable(BenchmarkTable):
 
     @property
     def unsafe(self) -> tuple[PlanRow, ...]:
-        """Our motions with faults; expected to be empty."""
-        return tuple(row for row in self.rows if row.method == OURS.key and row.faults)
+        """Our motions with faults, whichever planner found them; expected to be empty."""
+        return tuple(row for row in self.rows if row.certified is not None and row.faults)
 
     def sets(self, collection: str) -> tuple[str, ...]:
         """Return the sets of a collection in the order of the run."""
@@ -218,7 +218,7 @@ class PlanTable(BenchmarkTable):
             length=_median([row.length for row in solved]),
             duration=_median([row.duration for row in solved]),
             clearance=min((row.clearance for row in solved if row.clearance is not None), default=None),
-            length_ratio=None if method == OURS.key else _length_ratio(group, method),
+            length_ratio=None if method == OURS else _length_ratio(group, method),
             rejected_edges=sum(rejected) if rejected else None,
         )
 
@@ -226,10 +226,10 @@ class PlanTable(BenchmarkTable):
 def _length_ratio(rows: Sequence[PlanRow], method: str) -> float | None:
     lengths = {
         key: {row.name: row.length for row in rows if row.method == key and row.length is not None}
-        for key in (OURS.key, method)
+        for key in (OURS, method)
     }
-    both = set(lengths[OURS.key]) & set(lengths[method])
-    ours, theirs = (_median([lengths[key][name] for name in both]) for key in (OURS.key, method))
+    both = set(lengths[OURS]) & set(lengths[method])
+    ours, theirs = (_median([lengths[key][name] for name in both]) for key in (OURS, method))
     return ours / theirs if ours is not None and theirs else None
 
 
@@ -301,7 +301,7 @@ def _introduction(table: PlanTable) -> list[str]:
         "during planning. Our planner uses the convex hulls of the links, the others use their meshes; all check the "
         "same pairs of links."
     )
-    changed = [row.name for row in table.rows if row.method == OURS.key and row.repeatable is False]
+    changed = [row.name for row in table.rows if row.method == OURS and row.repeatable is False]
     if repeats > 1:
         columns += " The same seed gave the same motion in every run"
         columns += f", except for {', '.join(changed)}." if changed else "."

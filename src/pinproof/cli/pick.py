@@ -43,9 +43,6 @@ __all__ = ["judge_file", "pick"]
 CONNECT_SECONDS = 20
 """Time to wait for the Dask scheduler."""
 
-PAGE_SUFFIX = ".html"
-REPORT_SUFFIXES = (".json", ".md", ".csv", PAGE_SUFFIX)
-
 
 def pick(
     file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
@@ -93,8 +90,8 @@ def pick(
         ok = _screen(file, robot, tcp, scene, output, seed, as_json=as_json)
     elif campaign is not None:
         if output is not None:
-            if output.suffix.lower() != PAGE_SUFFIX:
-                raise InputError(f"{output}: with --campaign, -o writes a page and must end in {PAGE_SUFFIX}")
+            if output.suffix.lower() != ".html":
+                raise InputError(f"{output}: with --campaign, -o writes a page and must end in .html")
             _check_output(output)
         arm, world, source = _load(file, robot, tcp, scene)
         if dask is None:
@@ -285,23 +282,22 @@ def _run_campaign(
 
 
 def _is_folder(output: Path) -> bool:
-    return output.is_dir() or output.suffix.lower() not in REPORT_SUFFIXES
+    return output.is_dir() or output.suffix.lower() not in pp.picks.REPORT_SUFFIXES
 
 
 def _check_output(output: Path) -> None:
     """Refuse an output that cannot be written before the picks are checked."""
     if _is_folder(output):
         if output.suffix and not output.is_dir():
-            raise InputError(
-                f"{output}: unknown report type; use {', '.join(REPORT_SUFFIXES)}, or the name of an existing folder"
-            )
+            known = ", ".join(pp.picks.REPORT_SUFFIXES)
+            raise InputError(f"{output}: unknown report type; use {known}, or the name of an existing folder")
         make_folder(output)
     elif not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
 
 
 def _write_report(output: Path, arm: pp.Arm, report: pp.PickReport) -> list[Path]:
-    written = [output] if not _is_folder(output) else [output / f"report{kind}" for kind in REPORT_SUFFIXES]
+    written = [output] if not _is_folder(output) else [output / f"report{kind}" for kind in pp.picks.REPORT_SUFFIXES]
     for path in written:
         report.save(path)
     if _is_folder(output):

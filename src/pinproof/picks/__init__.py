@@ -28,9 +28,10 @@ from pinproof.picks.judging.changes import apply_suggestion
 from pinproof.picks.judging.grip import FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.picks.report.report import PickReport
+from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
 __all__ = [
+    "REPORT_SUFFIXES",
     "Campaign",
     "CampaignResult",
     "FingerContact",

@@ -1,4 +1,4 @@
-"""Tab completion of robot names, robot files, planners, links and joint groups."""
+"""Tab completion of robot names, robot files, IK methods, planners, links and joint groups."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import typer
 import pinproof as pp
 from pinproof.errors import PinproofError
 
-__all__ = ["file_names", "group_names", "link_names", "planner_names", "robot_names"]
+__all__ = ["file_names", "group_names", "link_names", "method_names", "planner_names", "robot_names"]
 
 ROBOT_FILES = (".urdf", ".xacro", ".xml")
 
@@ -20,6 +20,11 @@ def robot_names(incomplete: str) -> list[str]:
     from pinproof.description import catalogue_names
 
     return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_FILES)(incomplete)]
+
+
+def method_names(incomplete: str) -> list[str]:
+    """The registered IK methods."""
+    return _starting_with(incomplete, pp.ik.IK_METHODS)
 
 
 def planner_names(incomplete: str) -> list[str]:

@@ -15,6 +15,7 @@ from pinproof.cli.options import (
     Configuration,
     Html,
     Json,
+    Limits,
     Robot,
     SceneOptions,
     Seed,
@@ -69,10 +70,7 @@ def plan(
     ] = True,
     html: Html = None,
     seed: Seed = 0,
-    limits: Annotated[
-        Path | None,
-        typer.Option("--limits", help="A file of joint limits in the format of MoveIt's joint_limits.yaml."),
-    ] = None,
+    limits: Limits = None,
     jerk: Annotated[
         str | None,
         typer.Option(

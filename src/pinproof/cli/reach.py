@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,7 +13,7 @@ from rich.progress import Progress
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line, print_note
-from pinproof.cli.options import ChainOptions, Json, Robot, SceneOptions, Seed, ToolOptions, numbers
+from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
 from pinproof.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,10 +54,7 @@ def reach(
             help='Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.'
         ),
     ] = None,
-    place: Annotated[
-        str,
-        typer.Option(help='Placement of the robot base: "x y z" in metres, and optionally a rotation about z (rad).'),
-    ] = "0 0 0 0",
+    place: Place = "0 0 0 0",
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -93,11 +89,10 @@ def reach(
     check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
-    world_from_root = _placement(place)
+    world_from_root = placement(place)
     arm = chain.arm(robot, tool=tool)
     world = scene_options.load()
-    # The checker needs the scene in the frame of the robot's root.
-    local = replace(world, obstacles=tuple(replace(o, pose=world_from_root.actInv(o.pose)) for o in world.obstacles))
+    local = world.transformed(world_from_root.inverse())  # the checker needs it in the frame of the robot's root
     checker = scene_options.checker(arm, local, tool)
     for k, measured in checker.still.touching:
         print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
@@ -154,13 +149,6 @@ def _points(
     return pp.viewer.ColouredPoints.of_values(
         local, values[shown], label="gained minus lost:", low=-1.0, high=1.0, colours="RdBu", size=size
     )
-
-
-def _placement(text: str) -> SE3:
-    values = numbers(text, "--place")
-    if len(values) not in (3, 4):
-        raise InputError(f'--place needs three or four numbers, "x y z" or "x y z rotation", not {len(values)}')
-    return pp.pose(values[:3], (0.0, 0.0, values[3] if len(values) == 4 else 0.0))
 
 
 def _region(text: str, step: float) -> pp.picks.ReachRegion:

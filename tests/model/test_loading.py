@@ -90,7 +90,7 @@ def test_a_saved_urdf_keeps_uris_that_are_still_found(tmp_path):
     robot = pp.load_robot("ur5")
     robot.save_urdf(tmp_path / "ur5.urdf")
     again = pp.load_robot(tmp_path / "ur5.urdf")
-    assert [g.mesh for g in again.urdf.visuals if g.mesh][0].uri.startswith("package://")
+    assert next(g.mesh for g in again.urdf.visuals if g.mesh).uri.startswith("package://")
     assert [g.mesh and (g.mesh.uri, g.mesh.path) for g in again.urdf.collisions] == [
         g.mesh and (g.mesh.uri, g.mesh.path) for g in robot.urdf.collisions
     ]

@@ -12,7 +12,7 @@ import pinproof as pp
 from pinproof.description import robots_folder
 from pinproof.errors import PicksError, UnknownNameError
 from pinproof.picks import open_picks
-from pinproof.picks.input.pick import NamedFrame
+from pinproof.picks.input.pick import NamedFrame, PlaceTarget
 
 GENERIC = robots_folder() / "generic_6dof"
 LIMITS = "joint_limits:\n  joint_1: {has_velocity_limits: true, max_velocity: 0.25}\n"
@@ -53,7 +53,7 @@ def test_xacro_arguments_and_package_folders_are_read(tmp_path):
     stated = ("robot: arm.urdf.xacro", "package_dirs: [ros]", "xacro_args: {length: 0.75}")
     arm = pp.read_picks(picks_file(tmp_path, *stated)).load_arm()
     np.testing.assert_allclose(arm.forward_kinematics([0.0]).translation, [0.75, 0, 0], atol=1e-15)
-    with pytest.raises(UnknownNameError, match="'lenght'.*length"):
+    with pytest.raises(UnknownNameError, match=r"'lenght'.*length"):
         pp.read_picks(picks_file(tmp_path, *stated[:2], "xacro_args: {lenght: 0.75}")).load_arm()
 
 
@@ -85,14 +85,16 @@ def test_a_transformed_scene_keeps_the_obstacles_relative_to_each_other():
     _, scene, _ = placed_cell()
     place = pp.pose((0.3, -0.2, 0.1), (0.1, 0.2, 0.3))
     moved = scene.transformed(place)
-    assert moved.names == scene.names and moved.allowed == scene.allowed
+    assert moved.names == scene.names
+    assert moved.allowed == scene.allowed
     for a, b in zip(scene.obstacles, moved.obstacles, strict=True):
-        assert b.pose.isApprox(place * a.pose, 1e-12) and b.shape == a.shape
+        assert b.pose.isApprox(place * a.pose, 1e-12)
+        assert b.shape == a.shape
 
 
 def test_transformed_picks_follow_their_cell():
     place = pp.pose((0.3, -0.2, 0.1), (0.1, 0.2, 0.3))
-    target = pp.PlaceTarget(pp.pose((0, 0.5, 0)))
+    target = PlaceTarget(pp.pose((0, 0.5, 0)))
     pick = pp.Pick("p", pp.pose((0.4, 0, 0.2)), carried="part", place=target)
     framed = pp.Pick("f", pp.pose((0.4, 0, 0.2)), frame="tray")
     picks = pp.Picks((pick, framed), frames={"tray": NamedFrame(pp.pose((1, 0, 0))), "in": NamedFrame(place, "tray")})
@@ -113,7 +115,8 @@ def test_a_table_of_picks_is_transformed_row_by_row(tmp_path):
     place = pp.pose((0, 0, 1))
     source = open_picks(table)
     moved = source.transformed(place)
-    assert len(moved) == 4 and moved.digest() != source.digest()
+    assert len(moved) == 4
+    assert moved.digest() != source.digest()
     heights = [pick.pose.translation[2] for pick in moved.load()]
     np.testing.assert_allclose(heights, 1.2)
 

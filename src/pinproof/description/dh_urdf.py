@@ -55,16 +55,19 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.description.dh import DhRow, DhTable, row_transform
+from pinproof.description.urdf import Urdf
 from pinproof.errors import InputError
 
 __all__ = [
     "DENSITY",
     "EFFORT",
+    "GENERATED_BODIES",
     "TCP",
     "Body",
     "Shape",
     "ahead",
     "behind",
+    "has_generated_bodies",
     "joint_origins",
     "link_bodies",
     "rpy_of",
@@ -359,6 +362,15 @@ def urdf_of_table(table: DhTable) -> str:
     _refuse_reserved_names(table)
     comment = f"made by pinproof from the DH table {table.name} ({table.convention} convention)"
     return urdf_text(_robot(table), comment=comment)
+
+
+def has_generated_bodies(urdf: Urdf) -> bool:
+    """Whether a URDF has the frames of a DH table and only the kinds of bodies that are generated from one."""
+    return {"dh_0", "dh_1"} <= set(urdf.links) and {each.kind for each in urdf.collisions} <= {"cylinder", "sphere"}
+
+
+GENERATED_BODIES = "the collision bodies of the links are generated from a DH table; the real links may be larger"
+"""Note on a robot with generated bodies."""
 
 
 def _refuse_reserved_names(table: DhTable) -> None:

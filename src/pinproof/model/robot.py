@@ -21,6 +21,7 @@ import pinocchio as pin
 
 from pinproof.common.files import write_text_whole
 from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.description.sources import notes
 from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
@@ -565,7 +566,9 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
     if robot.srdf.path is None and not robot.srdf.disabled:
         said.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
     if not robot.urdf.collisions:
-        said.append("no collision geometry: nothing of the robot can collide")
+        said.append("no collision geometry: contact of its links is not detected")
+    elif has_generated_bodies(robot.urdf):
+        said.append(GENERATED_BODIES)
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
         said.append(f"no velocity limit: {', '.join(slow)}")

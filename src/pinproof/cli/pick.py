@@ -10,6 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,27 +33,65 @@ from pinproof.cli.console import (
     progress_status,
     write_motion,
 )
-from pinproof.cli.options import Json, Seed
+from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, placement
 from pinproof.errors import CampaignError, InputError
 
 if TYPE_CHECKING:
     from pinproof.picks import PickSource
 
-__all__ = ["judge_file", "pick"]
+__all__ = ["CellOptions", "judge_file", "pick"]
 
 CONNECT_SECONDS = 20
 """Time to wait for the Dask scheduler."""
 
 
-def pick(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+@dataclass(frozen=True)
+class CellOptions(RobotFileOptions):
+    """Options that replace what the picks file states of the robot and its scene."""
+
     robot: Annotated[
-        str | None, typer.Option(help="A catalogue name or a robot file. Default: that of the picks file.")
-    ] = None,
+        str | None,
+        typer.Option(
+            help="A catalogue name, a robot file or a DH table, in place of the robot, srdf, package_dirs, xacro_args "
+            "and limits of the picks file."
+        ),
+    ] = None
+    limits: Limits = None
     tcp: Annotated[
         str | None, typer.Option(help="The tcp frame. Default: that of the picks file, else of the robot.")
-    ] = None,
-    scene: Annotated[Path | None, typer.Option(help="The scene file (YAML). Default: that of the picks file.")] = None,
+    ] = None
+    scene: Annotated[Path | None, typer.Option(help="The scene file (YAML). Default: that of the picks file.")] = None
+    place: Place = "0 0 0 0"
+
+    @property
+    def files(self) -> tuple[str | Path | None, ...]:
+        """The input files."""
+        return self.robot, self.srdf, self.limits, self.scene
+
+    def open(self, file: Path) -> tuple[pp.Arm, pp.Scene, PickSource]:
+        """The arm, the scene and the picks of a picks file."""
+        source = pp.picks.open_picks(file)
+        world_from_root = placement(self.place)
+        if not world_from_root.isIdentity():
+            source = source.transformed(world_from_root.inverse())
+        shared = source.shared
+        if self.robot is not None:
+            shared = replace(shared, robot=self.robot, srdf=None, package_dirs=(), xacro_args={}, limits=None)
+        arm = replace(
+            shared,
+            srdf=self.srdf or shared.srdf,
+            package_dirs=tuple(self.package_dir or shared.package_dirs),
+            xacro_args={**shared.xacro_args, **self.xacro_args},
+            limits=self.limits or shared.limits,
+            tcp=self.tcp or shared.tcp,
+        ).load_arm()
+        scene_file = self.scene or shared.scene
+        scene = pp.Scene() if scene_file is None else pp.Scene.load(scene_file)
+        return arm, scene.transformed(world_from_root.inverse()), source
+
+
+def pick(
+    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -76,6 +115,8 @@ def pick(
         str | None, typer.Option(help="Use the Dask cluster of this scheduler.", metavar="tcp://HOST:PORT")
     ] = None,
     seed: Seed = 0,
+    *,
+    cell: CellOptions,
     as_json: Json = False,
 ) -> None:
     """Check every pick of a file: reach, limits, grasp, grip, approach, retreat, transit, motion.
@@ -87,13 +128,13 @@ def pick(
     if screen:
         if campaign is not None or workers is not None or dask is not None:
             raise InputError("--screen cannot be combined with --campaign, --workers or --dask; remove them")
-        ok = _screen(file, robot, tcp, scene, output, seed, as_json=as_json)
+        ok = _screen(file, cell, output, seed, as_json=as_json)
     elif campaign is not None:
         if output is not None:
             if output.suffix.lower() != ".html":
                 raise InputError(f"{output}: with --campaign, -o writes a page and must end in .html")
             _check_output(output)
-        arm, world, source = _load(file, robot, tcp, scene)
+        arm, world, source = cell.open(file)
         if dask is None:
             compile_ahead()
         result = _run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
@@ -106,7 +147,7 @@ def pick(
         if output is not None:
             _check_output(output)
         with progress_status(f"checking {file}"), _executor_settings(workers, dask) as settings:
-            arm, _, _, report = judge_file(file, robot, tcp, scene, seed, **settings)
+            arm, _, _, report = judge_file(file, cell, seed, **settings)
         if as_json:
             print_json(report.to_dict())
         else:
@@ -122,33 +163,18 @@ def pick(
 
 def judge_file(
     file: Path,
-    robot: str | None = None,
-    tcp: str | None = None,
-    scene: Path | None = None,
+    cell: CellOptions | None = None,
     seed: int = 0,
     **settings: Any,
 ) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.PickReport]:
     """Check the picks of a file; return the arm, the scene, the picks and the report.
 
-    ``robot``, ``tcp`` and ``scene`` override those of the file; ``settings`` are those of
-    :func:`pinproof.validate_picks`.
+    ``cell`` overrides the file; ``settings`` are those of :func:`pinproof.validate_picks`.
     """
-    arm, world, source = _load(file, robot, tcp, scene)
+    arm, world, source = (cell or CellOptions()).open(file)
     picks = source.load()
     compile_ahead()
     return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **settings)
-
-
-def _load(file: Path, robot: str | None, tcp: str | None, scene: Path | None) -> tuple[pp.Arm, pp.Scene, PickSource]:
-    """The arm, the scene and the picks of a picks file."""
-    source = pp.picks.open_picks(file)
-    shared = source.shared
-    name = robot or shared.robot
-    if name is None:
-        raise InputError(f"{file} states no robot; add 'robot: ur5' to it or use --robot")
-    arm = pp.load_robot(name).arm(tcp or shared.tcp, held=shared.held)
-    scene_file = scene or shared.scene
-    return arm, pp.Scene() if scene_file is None else pp.Scene.load(scene_file), source
 
 
 @contextmanager
@@ -183,20 +209,18 @@ def _executor_settings(workers: int | None, dask: str | None) -> Iterator[dict[s
 
 def _screen(
     file: Path,
-    robot: str | None,
-    tcp: str | None,
-    scene: Path | None,
+    cell: CellOptions,
     output: Path | None,
     seed: int,
     *,
     as_json: bool,
 ) -> bool:
     """Check the grasps of a picks file, print the number of picks of each status; return whether all are free."""
-    arm, world, source = _load(file, robot, tcp, scene)
+    arm, world, source = cell.open(file)
     if output is not None:
         if output.suffix.lower() != ".csv":
             raise InputError(f"{output}: with --screen, -o writes a table and must end in .csv")
-        check_output_files([output], [file])
+        check_output_files([output], [file, *cell.files])
     start = time.perf_counter()
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("screening", total=len(source))

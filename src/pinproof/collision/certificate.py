@@ -22,6 +22,7 @@ from pinproof.collision.bodies import FileStamp
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion import Curve, MotionRecord
@@ -510,6 +511,8 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
     solid = {body.link for body in checker.bodies if body.owner == body.link}
     if not solid:
         notes.append("the robot has no collision geometry, so its links are not checked")
+    elif has_generated_bodies(arm.robot.urdf):
+        notes.append(GENERATED_BODIES)
     elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
         notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
     if changed := [file.path.name for file in changed_files(checker)]:

@@ -102,6 +102,17 @@ class Scene:
         moved = replace(self[name], pose=pose)
         return self._with(moved if o.name == name else o for o in self.obstacles)
 
+    def transformed(self, root_from_scene: pin.SE3 | npt.ArrayLike) -> Scene:
+        """Return the scene, stated in the frame of a cell, in the frame of a robot that is placed in it.
+
+        Parameters
+        ----------
+        root_from_scene
+            The pose of the cell in the root frame of the robot, SE3 or (4, 4).
+        """
+        placement = rigid("root_from_scene", root_from_scene)
+        return self._with(replace(each, pose=placement * each.pose) for each in self.obstacles)
+
     def _with(self, obstacles: Iterable[Obstacle]) -> Scene:
         things = tuple(obstacles)
         gone = set(self.names) - {obstacle.name for obstacle in things}

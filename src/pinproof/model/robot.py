@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from dataclasses import replace as replace_fields
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
@@ -20,19 +19,11 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.description import (
-    CatalogueEntry,
-    Srdf,
-    Urdf,
-    UrdfJoint,
-    find_robot,
-    read_description,
-    read_srdf,
-    read_urdf_text,
-)
+from pinproof.common.files import write_text_whole
+from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.description.sources import notes
-from pinproof.description.srdf import DisabledPair
-from pinproof.errors import FileError, InputError, UnknownNameError, UrdfError
+from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
     affine,
@@ -53,8 +44,8 @@ __all__ = [
     "Reference",
     "Robot",
     "Singularity",
+    "build_robot",
     "kinematic_class",
-    "load_robot",
     "load_robot_from_text",
 ]
 
@@ -65,7 +56,6 @@ REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
 
 
 DH_FRAME = re.compile(r"dh_\d+")
-SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -362,6 +352,18 @@ class Robot:
         """Name of the robot in the URDF."""
         return self.urdf.name
 
+    def save_urdf(self, path: str | Path) -> None:
+        """Write the URDF atomically; for a xacro file the expanded one, for a DH table or MJCF the generated one.
+
+        URIs of meshes that could not be found from the new file are replaced by the absolute paths of the meshes.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        write_text_whole(path, self.urdf.text_for(Path(path)))
+
     def info(self, arm: Arm | None = None) -> RobotInfo:
         """Return the properties of the robot and of one of its arms (default: :meth:`arm` without arguments).
 
@@ -564,7 +566,9 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
     if robot.srdf.path is None and not robot.srdf.disabled:
         said.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
     if not robot.urdf.collisions:
-        said.append("no collision geometry: nothing of the robot can collide")
+        said.append("no collision geometry: contact of its links is not detected")
+    elif has_generated_bodies(robot.urdf):
+        said.append(GENERATED_BODIES)
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
         said.append(f"no velocity limit: {', '.join(slow)}")
@@ -582,62 +586,13 @@ def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def load_robot(
-    source: str | Path,
-    *,
-    srdf: str | Path | None = None,
-    package_dirs: Sequence[str | Path] = (),
-    xacro_args: Mapping[str, str] | None = None,
-) -> Robot:
-    """Load a robot by catalogue name or from a URDF, xacro or MJCF file.
-
-    Parameters
-    ----------
-    source
-        A name such as ``"ur5"``, or a path that ends in ``.urdf``, ``.xacro``, ``.xml`` or ``.mjcf``.
-    srdf
-        An SRDF file. Default: that of the catalogue, none for a path.
-    package_dirs
-        Folders that contain ROS packages, searched first for ``package://`` meshes and ``$(find ...)`` in xacro.
-    xacro_args
-        Values for the ``<xacro:arg>`` elements of a xacro file.
-
-    Raises
-    ------
-    UnknownNameError
-        If the name is not in the catalogue.
-    UrdfError
-        If the file is invalid; the message states the line.
-    FileError
-        If one of ``package_dirs`` is not a folder.
-    InputError
-        If the file is a xacro file and the extra ``xacro`` is not installed.
-    """
-    entry: CatalogueEntry | None = None
-    if isinstance(source, str) and not source.endswith(SUFFIXES) and "/" not in source:
-        entry = find_robot(source)
-        source, srdf = entry.urdf, srdf or entry.srdf
-    path = Path(source)
-    if path.suffix not in SUFFIXES:
-        raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(SUFFIXES)}")
-    for folder in package_dirs:
-        if not Path(folder).is_dir():
-            raise FileError(folder, "is no folder; package_dirs holds folders with ROS packages in them")
-    urdf, words = read_description(path, package_dirs=package_dirs, xacro_args=xacro_args)
-    if srdf is not None:
-        words = read_srdf(srdf)
-    if entry is not None:
-        overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
-        words = replace_fields(words, disabled=(*words.disabled, *overlaps))
-    return _robot(urdf, words, entry)
-
-
 def load_robot_from_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Robot:
     """Load a robot from URDF text; ``name`` is used instead of a file in errors."""
-    return _robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf(), None)
+    return build_robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf())
 
 
-def _robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None) -> Robot:
+def build_robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None = None) -> Robot:
+    """Build the kinematic model of a description; ``entry`` states tcp, base and home of a robot of the catalogue."""
     try:
         model = pin.buildModelFromXML(urdf.kinematics)
     except (ValueError, RuntimeError) as error:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ import numpy.typing as npt
 from pinproof.collision import Obstacle, Scene
 from pinproof.description import Urdf
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointLimits, load_robot
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, pose, rigid
 
@@ -380,6 +381,11 @@ class Pick:
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
 
+    def transformed(self, root_from_pick: SE3) -> Pick:
+        """Return the pick transformed as by :meth:`Picks.transformed`."""
+        place = None if self.place is None else _transformed(self.place, root_from_pick)
+        return replace(_transformed(self, root_from_pick), place=place)
+
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` at the start of the approach."""
         return moved(self.pose, -self.approach, self.approach_direction, self.approach_frame)
@@ -387,6 +393,19 @@ class Pick:
     def retreat_pose(self) -> SE3:
         """``frame_from_tip`` at the end of the retreat."""
         return moved(self.pose, self.retreat, self.retreat_direction, self.retreat_frame)
+
+
+_Target = TypeVar("_Target", Pick, PlaceTarget)
+
+
+def _transformed(target: _Target, placement: SE3) -> _Target:
+    directions = {
+        f"{way}_direction": tuple((placement.rotation @ getattr(target, f"{way}_direction")).tolist())
+        for way in WAYS
+        if getattr(target, f"{way}_frame") == ROOT
+    }
+    pose = target.pose if target.frame else placement * target.pose
+    return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each
 
 
 def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
@@ -471,6 +490,9 @@ class Picks:
     robot, tcp, scene, home
         What the file states, if anything: a robot (name or path), its tcp frame, a scene file, and a home configuration
         by joint name (rad or m).
+    srdf, package_dirs, xacro_args, limits
+        More that the file may state of the robot: an SRDF file, folders of ROS packages, values for the arguments of a
+        xacro file, and a file of joint limits.
     source
         The file they were read from.
     """
@@ -490,10 +512,14 @@ class Picks:
     tcp: str | None = None
     scene: Path | None = None
     home: Mapping[str, float] = field(default_factory=dict)
+    srdf: Path | None = None
+    package_dirs: tuple[Path, ...] = ()
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    limits: Path | None = None
     source: Path | None = None
 
     def __post_init__(self) -> None:
-        for key in ("picks", "problems", "tool", "gripper"):
+        for key in ("picks", "problems", "tool", "gripper", "package_dirs"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
         names = Counter(pick.name for pick in self.picks)
         doubled = sorted(name for name, count in names.items() if count > 1)
@@ -511,6 +537,41 @@ class Picks:
     def open_tool(self) -> tuple[Obstacle, ...]:
         """The bodies attached to the tcp before the grasp: the tool and the open fingers."""
         return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
+
+    def load_arm(self) -> Arm:
+        """Load the arm that the file states, with its limits and held joints.
+
+        Raises
+        ------
+        InputError
+            If the file states no robot; also for the reasons of :func:`pinproof.load_robot` and
+            :meth:`pinproof.Robot.arm`.
+        """
+        if self.robot is None:
+            raise InputError(f"{self.source or 'picks'}: states no robot; add 'robot: ur5' or the path of a robot file")
+        robot = load_robot(
+            self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
+        )
+        limits = None if self.limits is None else JointLimits.load(self.limits)
+        return robot.arm(self.tcp, limits=limits, held=self.held)
+
+    def transformed(self, root_from_picks: SE3 | npt.ArrayLike) -> Picks:
+        """Return the picks, stated in the frame of a cell, in the frame of a robot that is placed in it.
+
+        Poses that name no frame, named frames without a parent, and directions in the root frame are transformed.
+        Poses in the frame of an obstacle follow their obstacle (:meth:`pinproof.Scene.transformed`); those in the frame
+        of a robot link are unchanged.
+
+        Parameters
+        ----------
+        root_from_picks
+            The pose of the cell in the root frame of the robot, SE3 or (4, 4).
+        """
+        placement = rigid("root_from_picks", root_from_picks)
+        frames = {
+            name: frame if frame.frame else NamedFrame(placement * frame.pose) for name, frame in self.frames.items()
+        }
+        return replace(self, picks=tuple(pick.transformed(placement) for pick in self.picks), frames=frames)
 
     def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
         """``base_from_tcp`` that places the tip at a pose in the root frame."""

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.content_hash import digest
 from pinproof.common.validation import Rng, seed_sequence
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Pick, Picks, moved_by
@@ -126,7 +127,9 @@ class PickSetup:
         notes = [carried, fingers if self.cell.fingers else tip]
         if not solid:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
-        elif visual_only:
+        elif has_generated_bodies(urdf):
+            notes.append(GENERATED_BODIES)
+        if solid and visual_only:
             notes.append(f"links with visual geometry but no collision geometry: {', '.join(visual_only)}")
         if not checker.scene.obstacles:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")

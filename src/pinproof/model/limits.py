@@ -29,6 +29,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import outline
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, UnknownNameError
 
@@ -89,6 +90,12 @@ class JointLimits:
     acceleration_source: str = ""
     jerk: Array | None = None
     jerk_source: str = ""
+
+    def __repr__(self) -> str:
+        kinds = ("lower", "upper", "velocity", "acceleration", "jerk")
+        known = [(kind, getattr(self, kind)) for kind in kinds if getattr(self, kind) is not None]
+        rows = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known)
+        return outline(f"JointLimits({len(self.lower)} joints, acceleration: {self.acceleration_source})", rows)
 
     def __post_init__(self) -> None:
         source = self.acceleration_source or "given by the caller"

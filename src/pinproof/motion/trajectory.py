@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plot, html_table
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
@@ -379,6 +380,18 @@ class Trajectory:
     def __repr__(self) -> str:
         points = f"{len(self.times)} points, {self.interpolant}"
         return f"Trajectory({self.duration:.6g} s, {points}, {len(self.joint_names)} joints)"
+
+    def _repr_html_(self) -> str:
+        low, high = self.range()
+        speeds, rates = self.max_velocity(), self.max_acceleration()
+        columns = ("joint", "start", "end", "lowest", "highest", "largest velocity", "largest acceleration")
+        rows = zip(self.joint_names, self.q[0], self.q[-1], low, high, speeds, rates, strict=True)
+        instants = np.linspace(0.0, self.duration, PLOT_POINTS)
+        lines = dict(zip(self.joint_names, np.asarray(self(instants)).T, strict=True))
+        source = html_list([f"Limits: {self.limits_note}"] if self.limits_note else [])
+        plot = html_plot(instants, lines, "rad or m")
+        title = f"Trajectory of {self.duration:.4g} s, {len(self.times)} points, {self.interpolant} (rad or m, s)"
+        return html_block(title, html_table(columns, rows, total=len(low)), plot, source)
 
 
 def _concatenated(parts: list[Array]) -> Array:

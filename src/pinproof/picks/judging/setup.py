@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.content_hash import digest
+from pinproof.common.display import outline
 from pinproof.common.validation import Rng, seed_sequence
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
@@ -91,6 +92,9 @@ class PickSetup:
             weights or PickWeights(),
             budget or PickBudget(),
         )
+
+    def __repr__(self) -> str:
+        return outline("PickSetup", (repr(self.checker), repr(self.shared)))
 
     @cached_property
     def cell(self) -> Cell:

@@ -11,12 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Obstacle, Scene
+from pinproof.collision.certificate import proven_millimetres
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError
 from pinproof.motion import MotionRecord, Trajectory
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.grip import GripResult
 
-__all__ = ["PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
+__all__ = ["VERDICT_COLOURS", "PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
 
 
 class Stage(Enum):
@@ -51,6 +53,16 @@ class PickStatus(Enum):
     """The pick could not be judged: the judge raised an error or its process died."""
 
 
+VERDICT_COLOURS = {
+    "good": "#0b7a43",
+    "impossible": "#b3191f",
+    "not found": "#c05a00",
+    "unreadable": "#5b6673",
+    "crashed": "#7a2aa3",
+}
+"""The CSS colour of each verdict, in pages and tables."""
+
+
 @dataclass(frozen=True)
 class StageResult:
     """One stage: whether it passed, the reason, and its figures by name (m, rad, s and counts)."""
@@ -59,6 +71,9 @@ class StageResult:
     ok: bool
     message: str
     figures: Mapping[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.stage.value}: {'passed' if self.ok else 'failed'}: {self.message}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +104,10 @@ class PickMotion:
     attached: tuple[Obstacle, ...]
     scene: Scene
     held: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        attached = f", attached: {', '.join(thing.name for thing in self.attached)}" if self.attached else ""
+        return f"PickMotion({self.name!r}, {self.trajectory.duration:.4g} s, {self.certificate.status.name}{attached})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,6 +172,24 @@ class PickVerdict:
             q = np.array(self.q_grasp)
             q.setflags(write=False)
             object.__setattr__(self, "q_grasp", q)
+
+    def __repr__(self) -> str:
+        return outline(f"PickVerdict({self._headline})", (*map(str, self.stages), *self._suggested()))
+
+    def _repr_html_(self) -> str:
+        rows = ([each.stage.value, "passed" if each.ok else "failed", each.message] for each in self.stages)
+        table = html_table(("stage", "result", "figures or reason"), rows, total=len(self.stages))
+        return html_block(self._headline, table, html_list(self._suggested()), html_list(self.refuted))
+
+    @property
+    def _headline(self) -> str:
+        at = "" if self.failed is None else f" at {self.failed.value}"
+        seconds = "" if self.trajectory is None else f", {self.trajectory.duration:.2f} s"
+        proven = f", {proven_millimetres(self.clearance)} clearance proven" if self.motions else ""
+        return f"{self.pick.name}: {self.status.value.upper()}{at}{seconds}{proven}"
+
+    def _suggested(self) -> tuple[str, ...]:
+        return tuple(f"suggestion: {each}" for each in self.suggestions)
 
     @property
     def ok(self) -> bool:

@@ -25,7 +25,7 @@ from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickVerdict
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
@@ -66,11 +66,11 @@ class Kind:
 
 
 KINDS = {
-    "good": Kind("#0b7a43", "Every stage is passed, and the motion is proven."),
-    "impossible": Kind("#b3191f", "Every configuration was enumerated, and each is refuted."),
-    "not found": Kind("#c05a00", "No solution was found within the budget; there may be one."),
-    "unreadable": Kind("#5b6673", "The row could not be read."),
-    "crashed": Kind("#7a2aa3", "The pick could not be judged."),
+    "good": Kind(VERDICT_COLOURS["good"], "Every stage is passed, and the motion is proven."),
+    "impossible": Kind(VERDICT_COLOURS["impossible"], "Every configuration was enumerated, and each is refuted."),
+    "not found": Kind(VERDICT_COLOURS["not found"], "No solution was found within the budget; there may be one."),
+    "unreadable": Kind(VERDICT_COLOURS["unreadable"], "The row could not be read."),
+    "crashed": Kind(VERDICT_COLOURS["crashed"], "The pick could not be judged."),
 }
 
 DETAILS = ("stages", "motions", "refuted")

@@ -15,13 +15,14 @@ import numpy as np
 
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificate import proven_millimetres
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import PickMotion, PickVerdict, StageResult
+from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickVerdict, StageResult
 from pinproof.spatial import xyz_rpy
 
 if TYPE_CHECKING:
@@ -174,6 +175,20 @@ class PickReport:
     acceleration_source: str
     notes: tuple[str, ...] = ()
     setup: PickSetup | None = field(default=None, repr=False)
+
+    def __repr__(self) -> str:
+        rows = (
+            ", ".join(filter(None, (f"{name}: {verdict}{stage and f' at {stage}'}", clearance, duration, reason)))
+            for name, verdict, stage, clearance, duration, reason, _ in self.rows()
+        )
+        return outline(f"PickReport({self.robot}: {self.summary})", rows)
+
+    def _repr_html_(self) -> str:
+        rows = self.rows()
+        colours = [VERDICT_COLOURS[row[1]] for row in rows]
+        notes = [f"not covered: {note}" for note in self.notes]
+        notes.append(f"Acceleration limits: {self.acceleration_source}")
+        return html_block(f"{self.robot}: {self.summary}", html_table(COLUMNS, rows, colours=colours), html_list(notes))
 
     @property
     def good(self) -> tuple[PickVerdict, ...]:

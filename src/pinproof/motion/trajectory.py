@@ -134,6 +134,35 @@ class Trajectory:
             accelerations=_concatenated(curvatures) if curvatures else None,
         )
 
+    def split(self, time: float) -> tuple[Trajectory, Trajectory]:
+        """The parts before and after a point at which the motion rests; :meth:`join` restores the trajectory exactly.
+
+        Raises
+        ------
+        InputError
+            If the trajectory has no inner point at this time, or moves there.
+        """
+        clock = whole_nanoseconds(self.times)
+        k = int(np.searchsorted(clock, round(time * trajectory_files.NANO)))
+        if not 0 < k < len(clock) - 1 or clock[k] != round(time * trajectory_files.NANO):
+            raise InputError(f"the trajectory has no point between its ends at {time} s")
+        if self.velocities[k].any():
+            raise InputError(f"the trajectory moves at {time} s; it can be split only where it rests")
+        parts = []
+        for rows in (slice(None, k + 1), slice(k, None)):
+            times, curvature = seconds(clock[rows] - clock[rows][0]), self.accelerations
+            parts.append(
+                Trajectory(
+                    times,
+                    self.q[rows],
+                    self.velocities[rows],
+                    self.joint_names,
+                    self.limits_note,
+                    accelerations=None if curvature is None else curvature[rows],
+                )
+            )
+        return parts[0], parts[1]
+
     def slowed(self, factor: float) -> Trajectory:
         """The same motion with ``factor`` times the duration; accelerations are divided by the square of the factor.
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,9 @@ from pinproof.collision import Certificate, Obstacle, Scene
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError
-from pinproof.motion import MotionRecord, Trajectory
+from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, Trajectory
+from pinproof.motion.motion_program import EventKind, certificate_id
+from pinproof.motion.trajectory_files import NANO
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.grip import GripResult
 
@@ -227,6 +230,58 @@ class PickVerdict:
             records.append(part.certificate.motion_record(name, start, start + part.trajectory.duration))
         self.trajectory.with_records(records).save(path)
 
+    def program(
+        self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, robot: str = "", tcp: str = ""
+    ) -> MotionProgram:
+        """All motions of a good pick as one program with the events grip and release.
+
+        Parameters
+        ----------
+        grip_dwell, release_dwell
+            Seconds that the arm rests while the gripper closes and while it opens.
+        robot, tcp
+            The names that the program states; :meth:`pinproof.PickReport.programs` fills them in.
+
+        Raises
+        ------
+        InputError
+            If the pick is not good and therefore has no motion, or a dwell time is negative.
+        """
+        if self.trajectory is None or self.grasp_time is None:
+            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
+        carried = self.pick.carried
+        name = (carried.name if isinstance(carried, Obstacle) else carried) or ""
+        pending = [("grip", _clock(self.grasp_time), grip_dwell)]
+        if self.release_time is not None:
+            pending.append(("release", _clock(self.release_time), release_dwell))
+        segments: list[ProgramSegment] = []
+        events: list[ProgramEvent] = []
+        records: dict[str, MotionRecord] = {}
+        moved, rested = 0, 0  # nanoseconds of motion and of dwell time so far
+        for number, motion in enumerate(self.motions):
+            duration = motion.trajectory.duration
+            record = motion.certificate.motion_record(motion.name, 0.0, duration)
+            key = certificate_id(record)
+            records[key] = record
+            parts = [(motion.name, motion.trajectory)]
+            inside = [time - moved for _, time, _ in pending[:1] if moved < time < moved + _clock(duration)]
+            for time in inside:  # one certificate covers the motions before and after the grasp
+                before, after = motion.trajectory.split(time / NANO)
+                parts = [(f"{motion.name} to grasp", before), (f"{motion.name} from grasp", after)]
+            for title, trajectory in parts:
+                segments.append(ProgramSegment(title, (moved + rested) / NANO, trajectory, key))
+                moved += _clock(trajectory.duration)
+                if pending and pending[0][1] == moved:
+                    kind, _, dwell = pending.pop(0)
+                    later = self.motions[min(number + 1, len(self.motions) - 1)].held
+                    joints = {joint: later[joint] for joint in later if later[joint] != motion.held.get(joint)}
+                    now = (moved + rested) / NANO
+                    events.append(ProgramEvent(cast(EventKind, kind), now, dwell, name, joints))
+                    rested += _clock(dwell)
+        return MotionProgram(
+            self.pick.name, tuple(segments), tuple(events), records, robot=robot, tcp=tcp, member=self.member
+        )
+
     @property
     def remedy(self) -> str:
         """All suggestions in one line; empty without suggestions."""
@@ -236,3 +291,7 @@ class PickVerdict:
     def clearance(self) -> float:
         """Metres: the smallest proven clearance of all motions; NaN unless GOOD."""
         return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))
+
+
+def _clock(seconds: float) -> int:
+    return round(seconds * NANO)

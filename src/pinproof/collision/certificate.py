@@ -22,6 +22,7 @@ from pinproof.collision.bodies import FileStamp
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
+from pinproof.common.display import html_block, html_list, outline
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm
@@ -381,6 +382,13 @@ class Certificate:
         if not self.free:
             raise NotProvenFree(self.message, self)
         return self
+
+    def __repr__(self) -> str:
+        return outline(f"Certificate({self.status.name}: {self.message})", self.notes)
+
+    def _repr_html_(self) -> str:
+        excluded = [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in self.excluded]
+        return html_block(f"{self.status.name}: {self.message}", html_list((*self.notes, *excluded)))
 
     def __str__(self) -> str:
         return "\n".join((f"{self.status.name}: {self.message}", *(f"note: {note}" for note in self.notes)))

@@ -74,6 +74,11 @@ class Srdf:
     end_effectors: tuple[EndEffector, ...] = ()
     disabled_links: tuple[str, ...] = ()
 
+    def __repr__(self) -> str:
+        path = "" if self.path is None else f"{self.path.name!r}, "
+        counts = f"{len(self.groups)} groups, {len(self.states)} states, {len(self.disabled)} disabled pairs"
+        return f"Srdf({path}{counts})"
+
 
 def read_srdf(path: str | Path) -> Srdf:
     """Read an SRDF.

@@ -355,6 +355,10 @@ class Urdf:
             element.set("filename", moved.get(uri, uri))
         return '<?xml version="1.0"?>\n' + str(etree.tostring(root, encoding="unicode")) + "\n"
 
+    def __repr__(self) -> str:
+        geometry = f"{len(self.collisions)} collision and {len(self.visuals)} visual geometries"
+        return f"Urdf({self.name!r}, {len(self.links)} links, {len(self.joints)} joints, {geometry})"
+
     def model_joint(self, joint: str) -> str:
         """The name of a joint in ``kinematics``; it differs where a link has the same name, which Pinocchio rejects."""
         return _model_joint(joint, self.links)

@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof.common.display import outline
 from pinproof.common.files import write_text_whole
 from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
@@ -331,6 +332,12 @@ class Robot:
     default_tcp: str | None = None
     home: Mapping[str, float] = field(default_factory=dict)
     default_base: str | None = None
+
+    def __repr__(self) -> str:
+        moving = [joint.name for joint in self.urdf.joints.values() if joint.type != "fixed"]
+        tcp = "" if self.default_tcp is None else f", tcp {self.default_tcp}"
+        head = f"Robot({self.name!r}, {len(self.urdf.links)} links, {len(moving)} moving joints{tcp})"
+        return outline(head, (f"joints: {', '.join(moving)}", *self.notes))
 
     @property
     def size(self) -> float:

@@ -10,7 +10,7 @@ from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, reach_map
 from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
 from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
-from pinproof.picks.batch.validate import validate_picks
+from pinproof.picks.batch.validate import PicksInterrupted, validate_picks
 from pinproof.picks.input.pick import (
     GraspSpin,
     GraspTolerance,
@@ -55,6 +55,7 @@ __all__ = [
     "PickVerdict",
     "PickWeights",
     "Picks",
+    "PicksInterrupted",
     "PlaceTarget",
     "ReachComparison",
     "ReachMap",

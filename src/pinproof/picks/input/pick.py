@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.description import Urdf
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, load_robot
@@ -386,6 +387,14 @@ class Pick:
         place = None if self.place is None else _transformed(self.place, root_from_pick)
         return replace(_transformed(self, root_from_pick), place=place)
 
+    def __repr__(self) -> str:
+        x, y, z = self.pose.translation
+        frame = f" in {self.frame}" if self.frame else ""
+        carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
+        what = "" if carried is None else f", object {carried}{'' if self.place is None else ', placed'}"
+        lines = f"approach {self.approach * 1e3:g} mm, retreat {self.retreat * 1e3:g} mm"
+        return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
+
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` at the start of the approach."""
         return moved(self.pose, -self.approach, self.approach_direction, self.approach_frame)
@@ -517,6 +526,22 @@ class Picks:
     xacro_args: Mapping[str, str] = field(default_factory=dict)
     limits: Path | None = None
     source: Path | None = None
+
+    def __repr__(self) -> str:
+        return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
+
+    def _repr_html_(self) -> str:
+        rows = ([each.name, *each.pose.translation, each.frame, each.approach, each.retreat] for each in self.picks)
+        columns = ("pick", "x", "y", "z", "frame", "approach", "retreat")
+        problems = html_list(f"unreadable: {each.name}: {each.reason}" for each in self.problems)
+        return html_block(f"{self._headline} (m)", html_table(columns, rows, total=len(self.picks)), problems)
+
+    @property
+    def _headline(self) -> str:
+        count = len(self.picks)
+        unreadable = f", {len(self.problems)} unreadable" if self.problems else ""
+        source = "" if self.source is None else f", from {self.source.name}"
+        return f"{count} pick{'' if count == 1 else 's'}{unreadable}{source}"
 
     def __post_init__(self) -> None:
         for key in ("picks", "problems", "tool", "gripper", "package_dirs"):

@@ -23,16 +23,17 @@ from pinproof.collision.certificate import proven_millimetres, setup_hash
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm
+from pinproof.model.limits import guess_note
 from pinproof.picks.input.pick import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickVerdict
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
 from pinproof.viewer.camera import View, choose_view
 from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
 from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.stage import DrawnLink, Stage, set_stage
+from pinproof.viewer.stage import DrawnLink, Stage, set_stage, simplified
 from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
@@ -66,11 +67,11 @@ class Kind:
 
 
 KINDS = {
-    "good": Kind("#0b7a43", "Every stage is passed, and the motion is proven."),
-    "impossible": Kind("#b3191f", "Every configuration was enumerated, and each is refuted."),
-    "not found": Kind("#c05a00", "No solution was found within the budget; there may be one."),
-    "unreadable": Kind("#5b6673", "The row could not be read."),
-    "crashed": Kind("#7a2aa3", "The pick could not be judged."),
+    "good": Kind(VERDICT_COLOURS["good"], "Every stage is passed, and the motion is proven."),
+    "impossible": Kind(VERDICT_COLOURS["impossible"], "Every configuration was enumerated, and each is refuted."),
+    "not found": Kind(VERDICT_COLOURS["not found"], "No solution was found within the budget; there may be one."),
+    "unreadable": Kind(VERDICT_COLOURS["unreadable"], "The row could not be read."),
+    "crashed": Kind(VERDICT_COLOURS["crashed"], "The pick could not be judged."),
 }
 
 DETAILS = ("stages", "motions", "refuted")
@@ -81,8 +82,10 @@ MOST_DETAILS = 2_000_000
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
 
-def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks) -> dict[str, Any]:
-    """The entry of a row for the table and the caption of the page."""
+def entry(
+    row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, guessed: bool = False
+) -> dict[str, Any]:
+    """The entry of a row for the table and the caption of the page; ``guessed`` are its acceleration limits."""
     kind = row["verdict"]
     headline, tone, said = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
     if kind == "good" and verdict is None:
@@ -97,7 +100,7 @@ def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Sce
     proven = _proven_text(row)
     figures = {
         "Proven clearance": proven,
-        "Duration": _seconds(duration),
+        "Duration": _seconds(duration) + (", with guessed accelerations" if guessed and duration is not None else ""),
         "Grasp at": _seconds(row.get("grasp_time")),
         "Let go at": _seconds(row.get("release_time")),
         "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
@@ -443,11 +446,12 @@ def write_page(
         )
     shown = list(islice(content.rows, MOST_ROWS))
     notes = [f"Not covered: {note}" for note in content.notes]
-    notes.append(f"Acceleration limits: {content.acceleration_source}")
+    guess = guess_note(content.acceleration_source)
+    notes.append(guess or f"Acceleration limits: {content.acceleration_source}")
     if len(shown) < content.total:
         notes.insert(0, f"This page shows the first {len(shown):,} of {content.total:,} rows.")
     words = {"title": title or f"Picks of {arm.robot.name}", "summary": content.summary}
-    write_text_whole(path, _render(shown, content.verdicts, arm, scene, picks, words, notes))
+    write_text_whole(path, _render(shown, content.verdicts, arm, scene, picks, words, notes, guessed=bool(guess)))
 
 
 def _render(
@@ -458,8 +462,10 @@ def _render(
     picks: Picks,
     words: dict[str, str],
     notes: list[str],
+    *,
+    guessed: bool,
 ) -> str:
-    stage = set_stage(arm, scene, picks.tool)
+    stage = simplified(set_stage(arm, scene, picks.tool))
     if not stage.links:
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
     verdicts = [row.verdict for row in rows]
@@ -479,7 +485,7 @@ def _render(
     names = list(KINDS)
     colour_of = [names.index(rows[k].values["verdict"]) if rows[k].values["verdict"] in KINDS else -1 for k in marked]
     markers = PoseMarkers(grasps, np.array(colour_of, dtype=np.int64), tuple(kind.rgb for kind in KINDS.values()))
-    told = (entry(row.values, row.verdict, arm, scene, picks) for row in rows)
+    told = (entry(row.values, row.verdict, arm, scene, picks, guessed=guessed) for row in rows)
     entries, bare = without_more_details(told)
     if bare:
         notes = [

@@ -420,11 +420,12 @@ def curve_hash(curve: Curve) -> str:
 def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
     """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, and a scene.
 
+    The pairs that the SRDF and the scene allow or disable are included.
     Meshes are hashed by name and by the present content of their files.
     """
     meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in arm.robot.urdf.collisions]
     digest = _hash_of(arm, tuple(map(_content_hash, meshes))).copy()
-    digest.update(repr(scene.allowed).encode())
+    digest.update(repr((scene.allowed, scene.disabled, arm.robot.srdf.disabled)).encode())
     for obstacle in (*attached, None, *scene.obstacles):
         if obstacle is None:  # separates the attached objects from the scene
             digest.update(b"scene")

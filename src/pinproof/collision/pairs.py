@@ -391,7 +391,8 @@ def _is_root_frame(robot: Robot, link: str) -> bool:
     """Whether a link frame is that of the root, such as ``base_link`` fixed to ``world`` without an offset."""
     if link not in robot.urdf.links:
         return False
-    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+    model = robot.model
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     return frame.parentJoint == 0 and bool(frame.placement.isIdentity(SAME_PLACE))
 
 

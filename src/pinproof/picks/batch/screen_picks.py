@@ -223,7 +223,7 @@ def screen_picks(
     check_held_joints(arm, shared)
     told = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
     checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
-    cell = Cell(checker, shared, arm.configuration(told, "home"))
+    cell = Cell(checker, shared, arm.limits.snap(arm.configuration(told, "home")))
     screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
     total = len(source)
 

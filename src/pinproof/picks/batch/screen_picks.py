@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
@@ -15,7 +14,7 @@ from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.picks.batch.screening import Looked, Screening, ScreenResult, ScreenStatus, code_of
+from pinproof.picks.batch.screening import Looked, Screening, ScreenResult, ScreenStatus, code_of, in_chunks
 from pinproof.picks.input.pick import TIP, GraspSpin, GraspTolerance, Pick, PickProblem, Picks, family
 from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.configurations import limit_margins
@@ -155,10 +154,6 @@ def _rings(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float,
     return tuple(ring for ring in (rings[0][:1], rings[0][1:], *rings[1:]) if len(ring))
 
 
-CHUNK = 4096
-"""Picks screened at a time, so that their results fit into the processor cache and progress can be reported."""
-
-
 def screen_picks(
     arm: Arm,
     scene: Scene,
@@ -227,19 +222,12 @@ def screen_picks(
     screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
     total = len(source)
 
-    def share(start: int) -> LookedPicks:
-        stop = min(start + CHUNK, total)
+    def share(start: int, stop: int) -> LookedPicks:
         if isinstance(source, _Poses):
             return LookedPicks((), screening.poses(source.poses[start:stop]), np.zeros(stop - start, dtype=np.int64))
         return screening.picks(source.part(start, stop))
 
-    parts = []
-    with ThreadPoolExecutor(threads) as pool:
-        for part in pool.map(share, range(0, total, CHUNK)):
-            parts.append(part)
-            if progress is not None:
-                progress(min(len(parts) * CHUNK, total), total)
-    found = LookedPicks.joined(parts, arm.dof)
+    found = LookedPicks.joined(in_chunks(share, total, threads, progress), arm.dof)
     looked, free = found.looked, found.looked.codes == code_of(ScreenStatus.FREE)
     margins = np.full(total, np.nan)
     margins[free] = np.clip(limit_margins(arm, looked.q[free]), 0.0, 1.0)

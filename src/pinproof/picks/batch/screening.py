@@ -5,9 +5,11 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,11 +22,31 @@ from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.verdict import Stage
 
-__all__ = ["CODES", "Looked", "ScreenResult", "ScreenStatus", "Screening", "code_of"]
+__all__ = ["CODES", "Looked", "ScreenResult", "ScreenStatus", "Screening", "code_of", "in_chunks"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+
+
+CHUNK = 4096
+"""Poses screened at a time, so that their results fit into the processor cache and progress can be reported."""
+
+Part = TypeVar("Part")
+
+
+def in_chunks(
+    work: Callable[[int, int], Part], total: int, threads: int, progress: Callable[[int, int], None] | None
+) -> list[Part]:
+    """Return ``work(start, stop)`` for chunks of ``range(total)``, in order; ``progress`` gets the number finished."""
+    stops = [min(start + CHUNK, total) for start in range(0, total, CHUNK)]
+    parts: list[Part] = []
+    with ThreadPoolExecutor(threads) as pool:
+        for stop, part in zip(stops, pool.map(work, range(0, total, CHUNK), stops), strict=True):
+            parts.append(part)
+            if progress is not None:
+                progress(stop, total)
+    return parts
 
 
 class ScreenStatus(Enum):

@@ -417,10 +417,10 @@ def reach_map(
         rows = np.arange(start, stop)
         targets = frames[rows % m]
         targets[:, :3, 3] = region.points[rows // m]
-        looked = screening.look(before @ targets @ after)
-        free[rows] = looked.codes == code_of(ScreenStatus.FREE)
-        reachable[rows] = looked.codes > code_of(ScreenStatus.LIMITS)
-        figures[rows] = np.column_stack([looked.manipulability, looked.clearance])
+        screened = screening.screen(before @ targets @ after)
+        free[rows] = screened.codes == code_of(ScreenStatus.FREE)
+        reachable[rows] = screened.codes > code_of(ScreenStatus.LIMITS)
+        figures[rows] = np.column_stack([screened.manipulability, screened.clearance])
 
     in_chunks(share, total, threads, progress)
     shape = points, m
@@ -439,11 +439,11 @@ def reach_map(
 def _title(checker: CollisionChecker, tcp_from_tip: Array, place: SE3) -> str:
     """The robot, tool and scene, as text."""
     arm, tool = checker.arm, ", ".join(body.name for body in checker.attached)
-    tip, stands = tcp_from_tip[:3, 3], place.translation
+    tip, base = tcp_from_tip[:3, 3], place.translation
     words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene.obstacles)} obstacles"]
     words += [f"with {tool}"] if tool else []
     words += [f"tip {_metres(tip)} m from the tcp"] if tip.any() else []
-    words += [f"the robot at {_metres(stands)} m"] if stands.any() else []
+    words += [f"the robot at {_metres(base)} m"] if base.any() else []
     return ", ".join(words)
 
 

@@ -99,7 +99,7 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
     now = {body.name: body for body in checker.attached}
     if absent := [name for name in first.attached if name not in now]:
         found.append(f"it was certified with {_listed(absent)} attached, which is missing now")
-    if other := [name for name, told in first.attached.items() if name in now and body_digest(now[name]) != told]:
+    if other := [name for name, known in first.attached.items() if name in now and body_digest(now[name]) != known]:
         found.append(f"{_listed(other)} had another shape or pose on the tcp when it was certified")
     held = checker.arm.held
     for name, value in first.held.items():

@@ -335,10 +335,10 @@ def choose_pairs(
     owned = {owner: [bodies[i] for i in own] for owner, own in members.items()}
     # Obstacles are not checked against each other. Most are in no rule, and are paired with all moving bodies at once.
     named = {owner for pair in (*reasons, *levels) for owner in pair}
-    standing = [owner for owner, own in members.items() if bodies[own[0]].link is None]
-    plain = [i for owner in standing if owner not in named for i in members[owner]]
+    fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
+    plain = [i for owner in fixed if owner not in named for i in members[owner]]
     pairs = Pairs([(i, j) for a in moving for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in standing if owner in named))):
+    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in fixed if owner in named))):
         key = frozenset((a, b))
         reason = reasons.get(key) or neighbours.reason(owned[a], owned[b])
         if reason:

@@ -448,13 +448,13 @@ class Robot:
         else:
             if isinstance(limits, LimitsFile):
                 new_limits = limits.over(chain.limits, chain.joint_names, list(self.urdf.joints))
-                told: Mapping[str, tuple[float, float]] = limits.position
+                position: Mapping[str, tuple[float, float]] = limits.position
             else:
-                told = limits or {}
-                new_limits = chain.limits.replace(chain.joint_names, told)
+                position = limits or {}
+                new_limits = chain.limits.replace(chain.joint_names, position)
             for name in chain.joint_names:
                 joint = self.urdf.joints[name]
-                if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in told:
+                if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
                     raise InputError(
                         f"{joint.type} joint {name!r} states no lower and upper limit; "
                         f"pass limits={{{name!r}: (lower, upper)}}"
@@ -584,24 +584,24 @@ def _joint(arm: Arm, name: str) -> JointInfo:
 
 
 def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
-    said = []
+    notes = []
     if robot.srdf.path is None and not robot.srdf.disabled:
-        said.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
+        notes.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
     if not robot.urdf.collisions:
-        said.append("no collision geometry: contact of its links is not detected")
+        notes.append("no collision geometry: contact of its links is not detected")
     elif has_generated_bodies(robot.urdf):
-        said.append(GENERATED_BODIES)
+        notes.append(GENERATED_BODIES)
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
-        said.append(f"no velocity limit: {', '.join(slow)}")
+        notes.append(f"no velocity limit: {', '.join(slow)}")
     if arm.limits.acceleration_source.startswith("default"):
-        said.append(f"no acceleration limits; {arm.limits.acceleration_source}")
+        notes.append(f"no acceleration limits; {arm.limits.acceleration_source}")
     endless = [n for n, low in zip(arm.joint_names, arm.limits.lower, strict=True) if np.isinf(low)]
     if endless:
-        said.append(f"no position limits (continuous): {', '.join(endless)}")
+        notes.append(f"no position limits (continuous): {', '.join(endless)}")
     if not robot.home:
-        said.append("no home: the middle of the limits stands for it")
-    return (*said, *robot.notes)
+        notes.append("no home: the middle of the limits stands for it")
+    return (*notes, *robot.notes)
 
 
 def _known(value: float) -> float | None:

@@ -276,9 +276,9 @@ Direction = tuple[float, float, float]
 TIP, ROOT = "tip", "root"
 """The frame of a direction: the tool's tip or the robot's root link."""
 
-WAYS = ("approach", "retreat")
+MOVES = ("approach", "retreat")
 
-LONGEST_WAY = 20.0
+LONGEST_MOVE = 20.0
 """Metres: the largest approach or retreat. Larger values are probably stated in millimetres."""
 
 
@@ -315,8 +315,8 @@ class PlaceTarget:
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, "place"))
-        for way in WAYS:
-            _check_way(self, way, "place")
+        for move in MOVES:
+            _check_move(self, move, "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -377,8 +377,8 @@ class Pick:
             raise InputError(f"a pick needs a name, not {self.name!r}")
         object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
-        for way in WAYS:
-            _check_way(self, way, f"pick {self.name!r}")
+        for move in MOVES:
+            _check_move(self, move, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
 
@@ -442,19 +442,21 @@ def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
     return names
 
 
-def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
+def _check_move(thing: Pick | PlaceTarget, move: str, of: str) -> None:
     """Validate an approach or retreat, and normalise its direction."""
-    value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
-    if not 0 <= value <= LONGEST_WAY:
-        raise InputError(f"{way} of {of} is {value:g} m; it must be from 0 to {LONGEST_WAY:g} (lengths are in metres)")
-    direction = finite(f"{way}_direction of {of}", getattr(thing, f"{way}_direction"), (3,))
+    value = float(finite(f"{move} of {of}", [getattr(thing, move)], (1,))[0])
+    if not 0 <= value <= LONGEST_MOVE:
+        raise InputError(
+            f"{move} of {of} is {value:g} m; it must be from 0 to {LONGEST_MOVE:g} (lengths are in metres)"
+        )
+    direction = finite(f"{move}_direction of {of}", getattr(thing, f"{move}_direction"), (3,))
     if (largest := float(np.abs(direction).max())) < 1e-9:
-        raise InputError(f"{way}_direction of {of} is zero")
+        raise InputError(f"{move}_direction of {of} is zero")
     direction /= largest  # so that no square overflows
-    if getattr(thing, f"{way}_frame") not in (TIP, ROOT):
-        raise UnknownNameError(f"{way}_frame", getattr(thing, f"{way}_frame"), (TIP, ROOT), of)
-    object.__setattr__(thing, way, value)
-    object.__setattr__(thing, f"{way}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
+    if getattr(thing, f"{move}_frame") not in (TIP, ROOT):
+        raise UnknownNameError(f"{move}_frame", getattr(thing, f"{move}_frame"), (TIP, ROOT), of)
+    object.__setattr__(thing, move, value)
+    object.__setattr__(thing, f"{move}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
 
 
 @dataclass(frozen=True)

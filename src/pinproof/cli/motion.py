@@ -24,6 +24,7 @@ from pinproof.cli.options import (
     parse_configuration,
 )
 from pinproof.collision.certificate import notes_of
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 
 __all__ = ["check", "plan"]
@@ -60,7 +61,7 @@ def check(
             print_line(f"{status}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs")
         else:
             print_line(f"{status}: no pair of bodies is checked")
-        for note in notes_of(checker):
+        for note in filter(None, [*notes_of(checker), overlap_hint(checker, configuration, result)]):
             print_line(f"note: {note}")
     if not ok:
         raise typer.Exit(1)

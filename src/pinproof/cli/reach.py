@@ -15,6 +15,7 @@ from rich.progress import Progress
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line, print_note
 from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 
 if TYPE_CHECKING:
@@ -113,6 +114,8 @@ def reach(
     checker = scene_options.checker(arm, local, tool)
     for k, measured in checker.still.touching:
         print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
+    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
+        print_note(hint)
     frames = orientation_options.frames()
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:

@@ -34,7 +34,7 @@ class CatalogueEntry:
     base
         Default base of ``robot.arm()`` if the tcp is a descendant of it; None for the root link.
     overlaps
-        Pairs of links whose collision geometry overlaps in every sampled configuration (scripts/catalogue_overlaps.py).
+        Pairs of links whose collision geometry overlaps in every sampled configuration (`pinproof info --overlaps`).
     """
 
     name: str

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Scene
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, seed_sequence
@@ -82,8 +83,10 @@ class PickSetup:
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
-        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
+        checked = checker.check(start)
+        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
         if trouble:
+            trouble += filter(None, [overlap_hint(checker, start, checked)])
             raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
         return cls(

@@ -30,10 +30,10 @@ from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickVerdict
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
-from pinproof.viewer.camera import View, choose_view
+from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
 from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
 from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.stage import DrawnLink, Stage, set_stage, simplified
+from pinproof.viewer.stage import DrawnLink, Stage, box_corners, set_stage, simplified
 from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
@@ -184,14 +184,18 @@ GROUPS, A_GROUP = 6, 30
 """Number of groups of adjacent grasps whose visibility counts like that of a link, and of grasps drawn per group."""
 
 
-def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array) -> View:
-    """The view of a stage with links at poses (F, L, 4, 4), points of tcp paths (N, 3), and grasps (G, 4, 4)."""
+def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array, tool: Array) -> View:
+    """The view of a stage with links at poses (F, L, 4, 4), points of tcp paths (N, 3), and grasps (G, 4, 4).
+
+    ``tool`` (M, 3) are points of the tool and of carried parts; they and the obstacles near them are in the picture.
+    """
     near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * _extent(stage, poses)]
     tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
     groups = _groups(near)
     at_rest = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
     seen = replace(stage, links=(*stage.links, *groups))
-    return choose_view(seen, np.concatenate([poses, at_rest], axis=1), np.concatenate([tcp, near[:, :3, 3], tails]))
+    points = np.concatenate([tcp, near[:, :3, 3], tails])
+    return choose_view(seen, np.concatenate([poses, at_rest], axis=1), points, tool=tool)
 
 
 def _extent(stage: Stage, poses: Array) -> float:
@@ -297,6 +301,20 @@ class PageMotions:
         carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
         points = np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
         return points[:: -(-len(points) // SHOWN_POINTS) or 1]
+
+    @property
+    def tool(self) -> Array:
+        """(N, 3) points around the tool and the carried bodies at all moments of the motions, for the camera."""
+        found = [np.empty((0, 3))]
+        for shown, bodies in zip(self.films, self.bodies, strict=True):
+            if shown is None:
+                continue
+            points = [tool_points(self.stage, shown.poses)]
+            for name, poses in shown.riders.items():
+                if surfaces := surfaces_of(bodies[name]):
+                    points.append(placed_points(box_corners(surfaces), poses))
+            found.append(extremes(np.concatenate(points)))
+        return np.concatenate(found)
 
     def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
         """The tracks of each motion. Carried bodies are drawn, but hidden until their pick is selected."""
@@ -480,7 +498,8 @@ def _render(
     placed = [_root_from_tip(row.values, arm, scene, picks) for row in rows]
     grasps = np.array([at for at in placed if at is not None]).reshape(-1, 4, 4)
     poses = np.concatenate([rest.poses, motions.shown_poses])
-    view = frame_picks(stage, poses, np.concatenate([rest.tcp, motions.shown_points]), grasps)
+    tool = np.concatenate([tool_points(stage, rest.poses), motions.tool])
+    view = frame_picks(stage, poses, np.concatenate([rest.tcp, motions.shown_points]), grasps, tool)
     commands = stage_commands(stage, rest, view)
     _draw_open_hand(commands, stage, home, picks)
     marked = [k for k, at in enumerate(placed) if at is not None]

@@ -41,6 +41,7 @@ from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3
 
 __all__ = [
+    "CupContact",
     "FingerContact",
     "GripResult",
     "HeldPart",
@@ -320,6 +321,26 @@ class FingerContact:
 
 
 @dataclass(frozen=True)
+class CupContact:
+    """How the face of a suction cup lies on the part.
+
+    Parameters
+    ----------
+    contact_area
+        m^2 of the face that are within the allowed gap of the surface.
+    gap
+        Metres between rim and surface along the axis of the cup where it is largest; negative if the rim is inside the
+        part there, inf if a part of the rim is not over the part.
+    tilt
+        rad between the face and the plane fitted to the surface at the rim; NaN if the gap is inf.
+    """
+
+    contact_area: float
+    gap: float
+    tilt: float
+
+
+@dataclass(frozen=True)
 class GripResult:
     """Whether a part is held, and the contacts that hold it.
 
@@ -332,17 +353,22 @@ class GripResult:
     contacts
         The contacts of the fingers that touch the part, the largest first; if it is not held, those of all fingers.
     tip_distance
-        Metres from the tip to the surface of the part, for a tool without fingers.
+        Metres from the tip to the surface of the part, for a tool without fingers and without a cup.
+    cup
+        The contact of the suction cup, if the tool has one.
     """
 
     held: bool
     message: str
     contacts: tuple[FingerContact, ...] = ()
     tip_distance: float | None = None
+    cup: CupContact | None = None
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures of the stage (m and m^2): smallest area and overlap, largest gap, closing direction."""
+        """The figures of the stage (m, m^2 and rad): smallest area and overlap, largest gap, closing direction."""
+        if self.cup is not None:
+            return {"contact_area": self.cup.contact_area, "gap": self.cup.gap, "tilt": self.cup.tilt}
         if self.tip_distance is not None:
             return {"tip_distance": self.tip_distance}
         if not self.contacts:
@@ -384,7 +410,7 @@ class _Patch:
 
 
 def grip_by_tip(tip: SE3, part: HeldPart, limits: GripLimits) -> GripResult:
-    """Whether the tip of a tool without fingers, such as a magnet or a suction cup, is close to the part."""
+    """Whether the tip of a tool without fingers and without a cup, such as a magnet, is close to the part."""
     distance = point_distance(part.surface, part.pose.actInv(tip.translation))
     words = f"the tip is {_mm(distance)} from the surface of {part.name}"
     if distance <= limits.tip:

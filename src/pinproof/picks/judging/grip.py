@@ -278,6 +278,11 @@ def _rate(arm: Arm, joint: UrdfJoint, grip: Mapping[str, float]) -> float:
 COARSE, FINE = 32, 48
 """Number of lines along each side of the overlap rectangle of finger and part, and of that around the patch."""
 
+SAMPLED = 0.02
+"""Share by which a sampled area or extent may exceed the true one. Against a sampling that is 30 times as fine, the
+largest excess was 0.8 % of the area and 1.6 % of the extent, on 300 patches of spheres, cylinders and boxes from 0.1
+mm^2. A part is held only if its contacts exceed the limits by this share."""
+
 ZOOMS, ZOOMED = 10, 9
 """Refinements of the place where a finger touches first, each to a third of the one before, and lines along each side
 of it: to 2e-6 of the overlap."""
@@ -449,19 +454,14 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
     touching = [each.patch(limits) for each in paths if each.contact.gap <= limits.gap]
     contacts = [patch.contact for patch in touching]
-    enough = [
-        patch
-        for patch in touching
-        if patch.contact.contact_area >= limits.area and patch.contact.overlap >= limits.overlap
-    ]
+    area, overlap = (1 + SAMPLED) * limits.area, (1 + SAMPLED) * limits.overlap
+    enough = [patch for patch in touching if patch.contact.contact_area >= area and patch.contact.overlap >= overlap]
     if len(enough) < 2:
         weak = min((patch.contact for patch in touching), key=lambda each: (each.contact_area, each.overlap))
         reason = (
             f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
         )
-        return GripResult(
-            False, f"{reason}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", tuple(contacts)
-        )
+        return GripResult(False, f"{reason}; at least {_mm2(area)} and {_mm(overlap)} are needed", tuple(contacts))
     if not balanced([(patch.points, patch.normal) for patch in enough], limits.angle):
         reason = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
@@ -470,9 +470,9 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
     direction = " ".join(f"{value + 0.0:.2f}" for value in np.round(held[0].closing_direction, 2))
-    area = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
+    extent = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
     message = (
-        f"{len(held)} fingers touch {part.name}, each over {area}; closing direction ({direction}) in the tcp frame"
+        f"{len(held)} fingers touch {part.name}, each over {extent}; closing direction ({direction}) in the tcp frame"
     )
     return GripResult(True, message, tuple(held))
 

@@ -29,6 +29,7 @@ __all__ = [
     "PickProblem",
     "Picks",
     "PlaceTarget",
+    "SuctionCup",
     "family",
     "moved",
     "moved_by",
@@ -271,6 +272,34 @@ class GripperFingers:
         return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SuctionCup:
+    """The face of a suction cup: a disc centred at the tip, perpendicular to the tip's z axis, along which it faces.
+
+    Parameters
+    ----------
+    radius
+        Metres: the radius of the face.
+    gap
+        Metres: largest distance of any point of its rim from the surface of the part along the axis, in front of the
+        face or behind it. The lip of the cup has to compensate it; 1 mm suits a flat cup, and bellows allow more.
+    tilt
+        rad: largest angle between the face and the surface at its rim.
+    """
+
+    radius: float
+    gap: float = 1e-3
+    tilt: float = 0.1
+
+    def __post_init__(self) -> None:
+        radius, gap, tilt = finite("radius, gap and tilt of the cup", [self.radius, self.gap, self.tilt], (3,)).tolist()
+        if not (radius > 0 and gap > 0 and 0 < tilt < np.pi / 2):
+            raise InputError(
+                f"the cup has the radius {radius} m, the gap {gap} m and the tilt {tilt} rad; radius and gap must be "
+                "above 0, and tilt between 0 and pi/2"
+            )
+
+
 Direction = tuple[float, float, float]
 
 TIP, ROOT = "tip", "root"
@@ -484,6 +513,8 @@ class Picks:
         Bodies that move with the tcp; their pose is ``tcp_from_body``.
     fingers
         The two fingers of a parallel gripper, which are open before the grasp and closed on the object after it.
+    cup
+        The suction cup at the tip, instead of fingers. Its body is one of ``tool``.
     gripper
         Links of the robot that may touch the object during and after the approach, as ``tool`` and ``fingers`` may.
     held
@@ -513,6 +544,7 @@ class Picks:
     tip: SE3 = field(default_factory=SE3.Identity)
     tool: tuple[Obstacle, ...] = ()
     fingers: GripperFingers | None = None
+    cup: SuctionCup | None = None
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)
@@ -553,6 +585,8 @@ class Picks:
         if doubled:
             raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
         object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
+        if self.cup is not None and (self.fingers is not None or self.grip):
+            raise InputError("picks state a cup and fingers; a part is held by one of them")
 
     def __len__(self) -> int:
         return len(self.picks)

@@ -160,6 +160,11 @@ class PickSetup:
             "the holding force of a tool without fingers; for picks with `object:`, only a distance of at most "
             f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
         )
+        if self.shared.cup is not None:
+            tip = (
+                "the holding force of the suction cup; for picks with `object:`, only that its rim lies on the surface "
+                "of the part is checked"
+            )
         notes = [carried] if False in with_object else []
         notes += [fingers if self.cell.fingers else tip] if True in with_object else []
         if not solid:
@@ -191,7 +196,15 @@ class PickSetup:
             "collision checks": self.checker.fingerprint()[:16],
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
-            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip, self.shared.grip_limits)),
+            "hand": digest(
+                (
+                    self.shared.fingers,
+                    self.shared.cup,
+                    self.shared.gripper,
+                    self.shared.grip,
+                    self.shared.grip_limits,
+                )
+            ),
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

@@ -8,7 +8,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -98,7 +98,8 @@ def _grip(grip: GripResult) -> dict[str, Any]:
         }
         for each in grip.contacts
     ]
-    return {"contacts": contacts, "tip_distance": grip.tip_distance}
+    cup = None if grip.cup is None else {key: _finite(value) for key, value in asdict(grip.cup).items()}
+    return {"contacts": contacts, "tip_distance": grip.tip_distance, "cup": cup}
 
 
 def _motion(motion: PickMotion) -> dict[str, Any]:

@@ -438,9 +438,9 @@ _Target = TypeVar("_Target", Pick, PlaceTarget)
 
 def _transformed(target: _Target, placement: SE3) -> _Target:
     directions = {
-        f"{way}_direction": tuple((placement.rotation @ getattr(target, f"{way}_direction")).tolist())
-        for way in WAYS
-        if getattr(target, f"{way}_frame") == ROOT
+        f"{move}_direction": tuple((placement.rotation @ getattr(target, f"{move}_direction")).tolist())
+        for move in MOVES
+        if getattr(target, f"{move}_frame") == ROOT
     }
     pose = target.pose if target.frame else placement * target.pose
     return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each

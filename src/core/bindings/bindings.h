@@ -6,5 +6,7 @@
 namespace pinproof {
 
 void bind_kinematics(nanobind::module_& module);
+void bind_collision(nanobind::module_& module);
+void bind_certificate(nanobind::module_& module);
 
 }  // namespace pinproof

@@ -23,4 +23,6 @@ NB_MODULE(_core, module) {
     require_processor();
     module.doc() = "The compiled core of pinproof. It is internal: use the package's public functions.";
     pinproof::bind_kinematics(module);
+    pinproof::bind_collision(module);
+    pinproof::bind_certificate(module);
 }

@@ -8,5 +8,6 @@ namespace pinproof {
 void bind_kinematics(nanobind::module_& module);
 void bind_collision(nanobind::module_& module);
 void bind_certificate(nanobind::module_& module);
+void bind_planning(nanobind::module_& module);
 
 }  // namespace pinproof

@@ -118,6 +118,16 @@ void bind_certificate(nb::module_& module) {
     module.def("prove", &prove, nb::arg("world"), nb::arg("knots"), nb::arg("control"), nb::arg("settings"),
                nb::arg("joint_tolerance"), nb::arg("exact"), nb::arg("known"),
                "The ProofState of a curve, from what is `known` of it. `exact` measures the pairs that only coal can.");
+    nb::class_<JointSwing>(module, "JointSwing", "The motion of a joint within a box.")
+        .def_ro("chord", &JointSwing::chord)
+        .def_ro("bend", &JointSwing::bend)
+        .def_ro("angle", &JointSwing::angle);
+    module.def(
+        "joint_swing",
+        [](bool prismatic, double multiplier, double delta) {
+            return swing_of({{}, prismatic, 0, multiplier, 0.0, kRoot}, delta, 0.0);
+        },
+        nb::arg("prismatic"), nb::arg("multiplier"), nb::arg("delta"), "The motion of a joint, for tests.");
     nb::class_<Approach>(module, "Approach", "How much closer two bodies can come.")
         .def_ro("distance", &Approach::distance)
         .def_ro("growth", &Approach::growth)

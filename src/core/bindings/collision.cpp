@@ -147,6 +147,7 @@ void bind_shapes(nb::module_& module) {
         .def_static(
             "exact", [](const Matrix& box) { return make_without_support(ShapeKind::kExact, box); }, nb::arg("box"),
             "A shape without a support function, whose distances the caller measures.")
+        .def_prop_ro("centre", [](const Shape& shape) { return vector3(shape.centre); }, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
     // For tests of the bounds of a distance.
     module.def(
@@ -174,6 +175,11 @@ void bind_shapes(nb::module_& module) {
 }
 
 void bind_world(nb::module_& module) {
+    nb::class_<TreeJoint>(module, "TreeJoint", "A joint whose value is multiplier * q[index] + offset.")
+        .def_ro("prismatic", &TreeJoint::prismatic)
+        .def_ro("index", &TreeJoint::index)
+        .def_ro("multiplier", &TreeJoint::multiplier)
+        .def_ro("offset", &TreeJoint::offset);
     nb::class_<JointTree>(module, "JointTree", "The joints of a robot, each after its parent.")
         .def(
             "__init__",
@@ -183,12 +189,7 @@ void bind_world(nb::module_& module) {
                 new (self) JointTree(make_tree(placements, prismatic, index, multiplier, offset, parent, dof));
             },
             nb::arg("placements"), nb::arg("prismatic"), nb::arg("index"), nb::arg("multiplier"), nb::arg("offset"),
-            nb::arg("parent"), nb::arg("dof"))
-        .def_prop_ro("index", [](const JointTree& tree) {
-            std::vector<int> all;
-            for (const TreeJoint& joint : tree.joints) all.push_back(joint.index);
-            return indices(all);
-        });
+            nb::arg("parent"), nb::arg("dof"));
     nb::class_<Geometry>(module, "Geometry", "The bodies of a checker: those of the robot, then the obstacles.")
         .def(nb::new_(&make_geometry), nb::arg("tree"), nb::arg("shapes"), nb::arg("joints"), nb::arg("placements"),
              nb::arg("robot_bodies"), nb::arg("rounding"));
@@ -318,13 +319,29 @@ void bind_workspace(nb::module_& module) {
                 return homogeneous(self.bodies()[body].root_from_body);
             },
             nb::arg("body"))
-        .def(
-            "root_from_joint",
-            [](const Workspace& self, std::size_t joint) {
-                if (joint >= self.joints().size()) throw std::invalid_argument("no such joint");
-                return homogeneous(self.joints()[joint]);
+        .def_prop_ro(
+            "root_from_joints",
+            [](const Workspace& self) {
+                auto out = new_array({self.joints().size(), 4, 4});
+                for (std::size_t k = 0; k < self.joints().size(); ++k)
+                    write_homogeneous(self.joints()[k], out.data + 16 * k);
+                return nb::cast(out.array);
             },
-            nb::arg("joint"));
+            "(m, 4, 4) the placements of the joints, whose axis is z.")
+        .def(
+            "joint",
+            [](const Workspace& self, std::size_t joint) { return self.world().space().tree.joints.at(joint); },
+            nb::arg("joint"))
+        .def(
+            "joints_of_body",
+            [](const Workspace& self, std::size_t body) {
+                const Geometry& space = self.world().space();
+                std::vector<int> chain;
+                for (int k = space.bodies.at(body).joint; k != kRoot; k = space.tree.joints[k].parent)
+                    chain.insert(chain.begin(), k);
+                return chain;
+            },
+            nb::arg("body"), "The joints that carry a body, from the root outwards.");
     module.attr("CONTACT") = kContact;
     module.attr("NOT_FINITE") = kNotFinite;
     static_assert(kFree == 0);

@@ -25,4 +25,5 @@ NB_MODULE(_core, module) {
     pinproof::bind_kinematics(module);
     pinproof::bind_collision(module);
     pinproof::bind_certificate(module);
+    pinproof::bind_planning(module);
 }

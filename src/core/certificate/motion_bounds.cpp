@@ -7,25 +7,6 @@
 namespace pinproof {
 namespace {
 
-JointSwing swing_of(const TreeJoint& joint, double delta, double extra) {
-    JointSwing swing;
-    swing.share = std::abs(joint.multiplier);
-    swing.angle = swing.share * (delta + extra);
-    const double bare = swing.share * delta;
-    if (joint.prismatic) {
-        swing.chord = swing.angle;
-        swing.bend = 0.0;
-        swing.bare_chord = bare;
-        return swing;
-    }
-    const auto [sine, cosine] = sincos(0.5 * std::min(swing.angle, std::numbers::pi));
-    const double sine_of_angle = swing.angle <= std::numbers::pi ? 2.0 * sine * cosine : std::sin(swing.angle);
-    swing.chord = 2.0 * sine;
-    swing.bend = swing.angle - sine_of_angle + 2.0 * sine * sine;  // 1 - cos x = 2 sin^2(x / 2)
-    swing.bare_chord = extra == 0.0 ? swing.chord : 2.0 * std::sin(0.5 * std::min(bare, std::numbers::pi));
-    return swing;
-}
-
 // The largest g . x over the points x of a body about its centre, by its box or by its ball.
 double extent(const PlacedBody& body, const Shape& shape, const Vec3& g) {
     const Vec3 local = transposed_times(body.root_from_body.rotation, g);
@@ -45,6 +26,25 @@ double speed_along(const TreeJoint& joint, const Transform& axis, const PlacedBo
 }
 
 }  // namespace
+
+JointSwing swing_of(const TreeJoint& joint, double delta, double extra) {
+    JointSwing swing;
+    swing.share = std::abs(joint.multiplier);
+    swing.angle = swing.share * (delta + extra);
+    const double bare = swing.share * delta;
+    if (joint.prismatic) {
+        swing.chord = swing.angle;
+        swing.bend = 0.0;
+        swing.bare_chord = bare;
+        return swing;
+    }
+    const auto [sine, cosine] = sincos(0.5 * std::min(swing.angle, std::numbers::pi));
+    const double sine_of_angle = swing.angle <= std::numbers::pi ? 2.0 * sine * cosine : std::sin(swing.angle);
+    swing.chord = 2.0 * sine;
+    swing.bend = swing.angle - sine_of_angle + 2.0 * sine * sine;  // 1 - cos x = 2 sin^2(x / 2)
+    swing.bare_chord = extra == 0.0 ? swing.chord : 2.0 * std::sin(0.5 * std::min(bare, std::numbers::pi));
+    return swing;
+}
 
 double radius_about(const TreeJoint& joint, const Transform& axis, const PlacedBody& body, const Shape& shape) {
     if (joint.prismatic) return 1.0;

@@ -49,6 +49,9 @@ struct JointSwing {
     double share;       // |multiplier|: motion of the joint per motion of its entry of q
 };
 
+// The motion of a joint while its entry of q stays within delta + extra of its value.
+JointSwing swing_of(const TreeJoint& joint, double delta, double extra);
+
 // How much closer two bodies can come.
 struct Approach {
     double distance;  // m

@@ -16,7 +16,7 @@
 namespace pinproof {
 
 // A lower bound (m) of the distance of two placed bodies, from their balls and boxes; a larger bound is not searched for
-// once it exceeds `enough`. `b_in_a` is computed if it was needed.
+// once it exceeds `enough`. `a_from_b` is set if it was computed.
 double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
                             double enough, std::optional<Transform>& a_from_b);
 

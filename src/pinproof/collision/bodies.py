@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof import _core
 from pinproof.collision.convex_pieces import SAMPLES, convex_pieces
 from pinproof.collision.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
 from pinproof.collision.shapes import (
@@ -164,6 +165,18 @@ class Body:
     def __post_init__(self) -> None:
         object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
         self.box.setflags(write=False)
+
+    @cached_property
+    def core_shape(self) -> _core.Shape:
+        """The shape as the compiled core uses it."""
+        if self.support is not None:
+            s = self.support
+            points, discs, semi_axes = (np.ascontiguousarray(x, float) for x in (s.points, s.disc_radii, s.semi_axes))
+            return _core.Shape.convex(points, discs, s.radius, semi_axes, self.box)
+        return (_core.Shape.half_space if isinstance(self.geometry, coal.Halfspace) else _core.Shape.exact)(self.box)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core_shape"}
 
     @property
     def witnesses(self) -> Array:

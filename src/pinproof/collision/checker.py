@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof import _core
 from pinproof.collision.assembly import (
     Assembly,
     CheckedBodies,
@@ -29,16 +30,9 @@ from pinproof.collision.assembly import (
 from pinproof.collision.bodies import Body
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
+from pinproof.collision.packed import pack_geometry, pack_world
 from pinproof.collision.pairs import HOUSING_SHARE, Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
-from pinproof.collision.placed_bodies import (
-    EVERY,
-    FIRST_ONLY,
-    NEAREST,
-    NOT_FINITE,
-    FixedPairs,
-    PlacedBodies,
-    check_fixed_pairs,
-)
+from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
 from pinproof.errors import InputError
@@ -199,17 +193,20 @@ class CollisionChecker(CheckedBodies):
         left = space.judge(q)
         if left == 0:
             return not (self._still or self.still).touching
-        if left == NOT_FINITE:
+        if left == _core.NOT_FINITE:
             self.arm.configuration(q)  # raises
         if left < 0:
             return False
-        return not self.still.touching and not any(space.touches(k) for k in space.left_to_coal(left))
+        return not self.still.touching and not space.any_left_touches()
 
     def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
         """Return (N,) :meth:`is_free` for each row of Q (N, n); the result does not depend on ``threads``."""
-        many, rows = self._batch(Q, FIRST_ONLY, threads)
-        free = (rows[:, 0] == 0) & (not self.still.touching)
-        for i in np.flatnonzero(free & (rows[:, 1] > 0)):
+        many = finite("Q", Q, (None, self.arm.dof))
+        if self.still.touching:
+            return np.zeros(len(many), dtype=bool)
+        left = self._batch(lambda part: self.workspace.judge_many(part), many, threads)
+        free = left == 0
+        for i in np.flatnonzero(left > 0):
             free[i] = self.is_free_unchecked(many[i])
         return np.asarray(free)
 
@@ -227,15 +224,16 @@ class CollisionChecker(CheckedBodies):
         bodies it is minus the penetration depth as computed by coal.
         """
         space = self.workspace
-        near = space.near(self.arm.configuration(q), NEAREST)
+        near = space.nearest(self.arm.configuration(q))
         judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
         return min((near.lower, self.still.lower, *judged))
 
     def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
         """Return (N,) :meth:`clearance` for each row of Q (N, n); the result does not depend on ``threads``."""
-        many, rows = self._batch(Q, NEAREST, threads)
-        out = np.minimum(rows[:, 2], self.still.lower)
-        for i in np.flatnonzero(rows[:, :2].any(axis=1)):
+        many = finite("Q", Q, (None, self.arm.dof))
+        lower = self._batch(lambda part: self.workspace.clearances(part), many, threads)
+        out = np.minimum(lower, self.still.lower)
+        for i in np.flatnonzero(np.isnan(lower)):
             out[i] = self.clearance(many[i])
         return np.asarray(out)
 
@@ -389,10 +387,7 @@ class CollisionChecker(CheckedBodies):
     def still(self) -> FixedPairs:
         """The result for pairs that no joint moves relative to each other; computed on first access."""
         if self._still is None:
-            from pinproof.kernels.world import flatten
-
-            world = self._margined
-            space = PlacedBodies(self, *flatten(world._replace(own=self.still_pairs, tree=world.tree[:0])))
+            space = PlacedBodies(self, self.world.of_still_pairs())
             self._still = check_fixed_pairs(space, np.zeros(self.arm.dof))
         return self._still
 
@@ -423,9 +418,8 @@ class CollisionChecker(CheckedBodies):
     def _in_contact(self, q: Array) -> list[int]:
         """Return the pairs in contact at q (n,)."""
         space = self.workspace
-        near = space.near(q, EVERY)
         still = [k for k, _ in self.still.touching]
-        return [*still, *near.contacts, *(k for k in near.left_to_coal if space.touches(k))]
+        return [*still, *space.contacts(q)]
 
     # -- assembly -----------------------------------------------------------------------------------------------
 
@@ -443,30 +437,25 @@ class CollisionChecker(CheckedBodies):
         self._scene, self._attached, self._allowed = scene, attached, allowed
         self.bodies, self.pairs, self.rounding = made.bodies, tuple(made.pairs.checked), made.rounding
         self.excluded, self.finer = tuple(made.pairs.excluded), tuple(made.pairs.finer)
-        self._world, self.at, self.still_pairs, self.convex = made.world, made.at, made.still, made.convex
+        self._geometry, self.world = made.geometry, made.world
+        self.still_pairs, self.convex = made.world.still, made.world.convex
         self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
 
     @property
     def _assembly(self) -> Assembly:
         pairs = Pairs(list(self.pairs), list(self.excluded), list(self.finer))
-        return Assembly(
-            self.bodies, pairs, self.rounding, self._world, self.at, self.still_pairs, self.convex, self._known
-        )
+        return Assembly(self.bodies, pairs, self.rounding, self._geometry, self.world, self._known)
 
     def _set_margins(self, margins: Margins) -> None:
         """Set the margins of all pairs, increased where obstacles may be displaced."""
-        from pinproof.collision.packed import with_margins
-        from pinproof.kernels.world import flatten
-
         self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
         self.margins = margins.of(owners, len(self.pairs), self.obstacles_and_links)
         if self._moved:
             self.margins += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
         self.margins.setflags(write=False)
-        self._margined = with_margins(self._world, self.margins)
-        self.numbers, self.indices = flatten(self._margined)
+        self.world = self.world.with_margins(self.margins)
         self._still = None
         self._threads = threading.local()
 
@@ -476,26 +465,18 @@ class CollisionChecker(CheckedBodies):
         try:
             return self._threads.space
         except AttributeError:
-            space = self._threads.space = PlacedBodies(self, self.numbers, self.indices)
+            space = self._threads.space = PlacedBodies(self, self.world)
             return space
 
-    def _batch(self, Q: npt.ArrayLike, question: int, threads: int) -> tuple[Array, Array]:
-        """Q (N, n) checked, and the answers (N, 5) of :func:`pinproof.kernels.near.near`."""
-        many = finite("Q", Q, (None, self.arm.dof))
+    def _batch(self, judge: Callable[[Array], npt.NDArray[Any]], many: Array, threads: int) -> npt.NDArray[Any]:
+        """Return (N,) the results of ``judge`` for parts of the configurations ``many`` (N, n)."""
         if threads < 1:
             raise InputError(f"threads = {threads}; it must be 1 or more")
-        rows = np.empty((len(many), 5))
-        starts = range(0, len(many), CHUNK)
         if threads == 1:
-            self.workspace.judge_many(many, question, rows)
-            return many, rows
+            return judge(many)
         with ThreadPoolExecutor(threads) as pool:
-            for done in [
-                pool.submit(lambda i: self.workspace.judge_many(many[i : i + CHUNK], question, rows[i : i + CHUNK]), i)
-                for i in starts
-            ]:
-                done.result()
-        return many, rows
+            parts = [many[i : i + CHUNK] for i in range(0, len(many), CHUNK)] or [many]
+            return np.concatenate(list(pool.map(judge, parts)))
 
     def __copy__(self) -> CollisionChecker:
         """Copy including the cached obstacle bodies, which a pickle omits."""
@@ -504,9 +485,11 @@ class CollisionChecker(CheckedBodies):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_known")
+        left_out = ("_threads", "_known", "_geometry", "world")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._known, self._threads = {}, threading.local()
+        self._geometry = pack_geometry(self.arm, self.bodies, self.rounding)
+        self.world = pack_world(self._geometry, self.pairs).with_margins(self.margins)

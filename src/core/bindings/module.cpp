@@ -26,4 +26,5 @@ NB_MODULE(_core, module) {
     pinproof::bind_collision(module);
     pinproof::bind_certificate(module);
     pinproof::bind_planning(module);
+    pinproof::bind_timing(module);
 }

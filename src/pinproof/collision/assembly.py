@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof import _core
+from pinproof._core import Geometry, World
 from pinproof.collision.bodies import Body, shape_bodies
 from pinproof.collision.links import DECOMPOSED, EXACT
 from pinproof.collision.packed import pack_geometry, pack_world
@@ -170,7 +170,7 @@ class CheckedBodies:
     """The checked pairs, as indices of :attr:`bodies`."""
     margins: Array
     """(P,) the margin (m) of each pair."""
-    world: _core.World
+    world: World
     """The bodies, pairs and margins in the compiled core."""
     convex: npt.NDArray[np.bool_]
     """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
@@ -213,9 +213,9 @@ class Assembly(NamedTuple):
     """The checked and excluded pairs."""
     rounding: float
     """The allowance (m) for floating-point error."""
-    geometry: _core.Geometry
+    geometry: Geometry
     """The bodies and joints in the compiled core."""
-    world: _core.World
+    world: World
     """The pairs in the compiled core, without margins."""
     known: Known
     """The cached bodies of the obstacles, for derived checkers."""

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof import _core
+from pinproof._core import Shape as CoreShape
 from pinproof.collision.convex_pieces import SAMPLES, convex_pieces
 from pinproof.collision.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
 from pinproof.collision.shapes import (
@@ -167,13 +167,13 @@ class Body:
         self.box.setflags(write=False)
 
     @cached_property
-    def core_shape(self) -> _core.Shape:
+    def core_shape(self) -> CoreShape:
         """The shape as the compiled core uses it."""
         if self.support is not None:
             s = self.support
             points, discs, semi_axes = (np.ascontiguousarray(x, float) for x in (s.points, s.disc_radii, s.semi_axes))
-            return _core.Shape.convex(points, discs, s.radius, semi_axes, self.box)
-        return (_core.Shape.half_space if isinstance(self.geometry, coal.Halfspace) else _core.Shape.exact)(self.box)
+            return CoreShape.convex(points, discs, s.radius, semi_axes, self.box)
+        return (CoreShape.half_space if isinstance(self.geometry, coal.Halfspace) else CoreShape.exact)(self.box)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "core_shape"}

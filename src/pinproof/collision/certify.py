@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof import _core
+from pinproof._core import ProofSettings, ProofState, prove
 from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
@@ -57,7 +57,7 @@ TOLERANCES = (TOLERANCE, 1e-5, 1e-6)
 small clearance may need it after timing, because its pieces are then bisected at other parameters. The cost is a few
 bisections of each open span; below 1e-6 m the tolerance of coal's distances, 2e-6 m, dominates."""
 
-KNOWN_NOTHING = _core.ProofState()
+KNOWN_NOTHING = ProofState()
 
 QUICK_INTERVALS = 2000
 """Number of intervals after which a quick proof fails: about 100 times those of a short edge in free space."""
@@ -163,8 +163,8 @@ def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
     if checker.still.touching:
         return False
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
-    settings = _core.ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
-    proof = _core.prove(
+    settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
+    proof = prove(
         checker.world, knots, control, settings, np.zeros(checker.arm.dof), CoalJudge(checker.workspace), KNOWN_NOTHING
     )
     return bool(proof.free)
@@ -187,7 +187,7 @@ class _Proof:
         self._judge = checker.moved_obstacles(obstacles) if obstacles > 0 else checker
         self._joints, self._obstacles = joints, obstacles
         self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
-        self._settings = _core.ProofSettings(
+        self._settings = ProofSettings(
             tolerance=tolerance,
             max_intervals=max_intervals,
             obstacle_tolerance=obstacles,
@@ -196,7 +196,7 @@ class _Proof:
             wants_tubes=True,
             record=record,
         )
-        self._state, self._record = _core.ProofState(), record
+        self._state, self._record = ProofState(), record
 
     def run(self) -> Certificate:
         first, last = float(self._knots[0]), float(self._knots[-1])
@@ -208,7 +208,7 @@ class _Proof:
         if (undecided := self._check_fixed_pairs()) is not None:
             return self._undecided(undecided) if at_end is None else self._colliding(last, end, at_end, first)
         judge = self._judge
-        self._state = _core.prove(
+        self._state = prove(
             judge.world,
             self._knots,
             self._control,

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof import _core
+from pinproof._core import NOT_FINITE
 from pinproof.collision.assembly import (
     Assembly,
     CheckedBodies,
@@ -193,7 +193,7 @@ class CollisionChecker(CheckedBodies):
         left = space.judge(q)
         if left == 0:
             return not (self._still or self.still).touching
-        if left == _core.NOT_FINITE:
+        if left == NOT_FINITE:
             self.arm.configuration(q)  # raises
         if left < 0:
             return False

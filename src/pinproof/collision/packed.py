@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof import _core
+from pinproof._core import Geometry, JointTree, World
 from pinproof.collision.bodies import Body
 from pinproof.model import Arm
 
@@ -20,7 +20,7 @@ ROOT = -1
 """In place of a joint: the body does not move."""
 
 
-def pack_geometry(arm: Arm, bodies: Sequence[Body], rounding: float) -> _core.Geometry:
+def pack_geometry(arm: Arm, bodies: Sequence[Body], rounding: float) -> Geometry:
     """Return the joints of an arm's robot, and the bodies on them.
 
     Parameters
@@ -45,15 +45,15 @@ def pack_geometry(arm: Arm, bodies: Sequence[Body], rounding: float) -> _core.Ge
         joints.append(joint)
         placements[i] = place.homogeneous
     robot = sum(body.link is not None for body in bodies)
-    return _core.Geometry(tree, [body.core_shape for body in bodies], joints, placements, robot, rounding)
+    return Geometry(tree, [body.core_shape for body in bodies], joints, placements, robot, rounding)
 
 
-def pack_world(geometry: _core.Geometry, pairs: Sequence[tuple[int, int]]) -> _core.World:
+def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
     """Return the world of these pairs of bodies, of which the first is the robot's, with margins of 0."""
-    return _core.World(geometry, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.zeros(len(pairs)))
+    return World(geometry, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.zeros(len(pairs)))
 
 
-def _joints(arm: Arm) -> tuple[_core.JointTree, list[pin.SE3]]:
+def _joints(arm: Arm) -> tuple[JointTree, list[pin.SE3]]:
     """Return the joints, and for each the rotation that takes z to its axis."""
     model, data = arm.model, arm.model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
@@ -71,5 +71,5 @@ def _joints(arm: Arm) -> tuple[_core.JointTree, list[pin.SE3]]:
         placements[k] = (above * model.jointPlacements[k + 1] * turned).homogeneous
     multipliers = np.ascontiguousarray(arm.scale[np.arange(count), leaders])
     offsets = np.ascontiguousarray(arm.offset, dtype=float)
-    tree = _core.JointTree(placements, prismatic, leaders.tolist(), multipliers, offsets, parents, arm.dof)
+    tree = JointTree(placements, prismatic, leaders.tolist(), multipliers, offsets, parents, arm.dof)
     return tree, aligned

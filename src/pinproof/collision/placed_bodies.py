@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from pinproof import _core
+from pinproof._core import Workspace, World
 from pinproof.collision.assembly import CheckedBodies
 from pinproof.collision.coal_checks import CoalWorkspace, Distance, MeasureConvex
 
@@ -47,8 +47,8 @@ class PlacedBodies:
         Its world, or a part of it.
     """
 
-    def __init__(self, checker: CheckedBodies, world: _core.World) -> None:
-        self._checker, self._core = checker, _core.Workspace(world)
+    def __init__(self, checker: CheckedBodies, world: World) -> None:
+        self._checker, self._core = checker, Workspace(world)
         self._q = np.zeros(checker.arm.dof)
         self._moves = 0
         self._coal: CoalWorkspace | None = None

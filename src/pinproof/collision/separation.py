@@ -40,7 +40,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof import _core
+from pinproof._core import Workspace
 from pinproof.collision.bodies import Body
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.coal_checks import MeasureConvex
@@ -96,7 +96,7 @@ class MovingBody:
     """
 
     def __init__(self, checker: CollisionChecker, body: int) -> None:
-        self._space, self._index = _core.Workspace(checker.world), body
+        self._space, self._index = Workspace(checker.world), body
         self.rounding = checker.rounding
         self.shape = BodySupport.of(checker.bodies[body])
         self._chain = self._space.joints_of_body(body)

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import fastest_speeds
 from pinproof.errors import TimingError
 from pinproof.motion import bezier
 from pinproof.motion.curve import Array, Curve
@@ -310,8 +311,6 @@ class _Phases:
     def __init__(
         self, path: PreparedPath, grid: Grid, bounds: Bounds, ends: tuple[float, float], window: Array | None
     ) -> None:
-        from pinproof.kernels.path_speed import path_speed
-
         s, piece, step = grid.s, grid.piece, np.diff(grid.s)
         bent = ~path.straight[piece]
         slope, curvature = grid.slope, grid.curvature
@@ -338,9 +337,8 @@ class _Phases:
         stop = np.isin(s, path.knots[path.stops])
         ceiling[stop] = 0.0
         ceiling[[0, -1]] = np.square(ends)
-        x = np.empty(len(s))
-        stuck = path_speed(slope, curvature, step, ceiling, soft, ceiling[0], ceiling[-1], x)
-        if stuck >= 0:
+        x, stuck = fastest_speeds(slope, curvature, step, ceiling, soft, ceiling[0], ceiling[-1])
+        if stuck is not None:
             raise _timing_error(stuck, len(step), ends)
         speed = np.sqrt(x)
         stop[[0, -1]] = True

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from pinproof import _core
+from pinproof._core import EdgeChecker
 from pinproof.collision import CollisionChecker
 from pinproof.collision.placed_bodies import CoalJudge
 from pinproof.errors import InputError
@@ -49,7 +49,7 @@ class Edges:
         if not resolution > 0:
             raise InputError(f"resolution = {resolution}; it must be a distance above 0 m")
         self._checker, self._resolution, self._finest = checker, resolution, resolution / MAX_REFINEMENT
-        self.core = _core.EdgeChecker(checker.world, CoalJudge(checker.workspace), resolution)
+        self.core = EdgeChecker(checker.world, CoalJudge(checker.workspace), resolution)
         spare = min((checker.clearance(q) for q in ends), default=np.inf) - checker.margin
         self._steer(min(pad, max(spare, 0.0) / 2))
 

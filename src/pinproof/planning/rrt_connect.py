@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from pinproof import _core
+from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -166,7 +166,7 @@ class Search:
         self._progress = progress
         both = np.vstack([ends.start, ends.goals])
         self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD)
-        self._core = _core.RrtSearch(
+        self._core = RrtSearch(
             self._edges.core,
             np.ascontiguousarray(ends.start),
             np.ascontiguousarray(ends.goals),
@@ -180,7 +180,7 @@ class Search:
 
     def run(self) -> PlanResult:
         """Search until a path is certified, a budget is exhausted or the callback requests to stop."""
-        search, settings, happened = self._core, self._settings, _core.RrtSearch.Event
+        search, settings, happened = self._core, self._settings, RrtSearch.Event
         if self._stop_requested():
             return self._cancelled()
         if (result := self._try_direct_edges()) is not None:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pinproof import _core
+from pinproof._core import shortcut as shorten
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath
@@ -197,4 +197,4 @@ def shortcut(
         raise InputError(f"attempts = {attempts}; it must be 0 or more")
     edges = Edges(checker, resolution, path.q[[0, -1]])
     draws = np.random.default_rng(rng).random((attempts, 2))
-    return JointPath(_core.shortcut(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)
+    return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)

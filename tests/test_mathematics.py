@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pinproof import _core
 from pinproof.collision.assembly import ROUNDING
 from pinproof.collision.certify import GOAL_SHARE, TOLERANCE
 from pinproof.collision.coal_checks import GJK_SLACK
 from pinproof.collision.parting import DEEPEST
-from pinproof.kernels import approach
-from pinproof.kernels.world import JOINT_COLUMNS, LEADER, MULTIPLIER, SLIDES
 
 from .pages import ROOT, run_page
 
@@ -40,14 +39,12 @@ def test_every_block_runs_as_printed(names: dict[str, Any]) -> None:
 @pytest.mark.parametrize("delta", [0.0, 1e-3, 0.3, 1.5, 3.0, 4.0, 7.0])
 @pytest.mark.parametrize("share", [1.0, -0.5])
 def test_chord_and_bend_are_those_of_the_code(names: dict[str, Any], delta: float, share: float) -> None:
-    joints, turns = np.zeros((2, JOINT_COLUMNS)), np.empty((2, approach.TURN_COLUMNS))
-    joints[:, LEADER], joints[:, MULTIPLIER], joints[1, SLIDES] = 0, share, 1.0
-    approach.swings(joints, np.array([delta]), np.zeros(1), turns)
+    revolute, prismatic = (_core.joint_swing(kind, share, delta) for kind in (False, True))
     angle = abs(share) * delta
-    assert turns[0, approach.CHORD] == pytest.approx(names["chord"](angle), abs=1e-15)
-    assert turns[0, approach.BEND] == pytest.approx(names["bend"](angle), abs=1e-15)
-    assert turns[1, approach.CHORD] == pytest.approx(angle)
-    assert turns[1, approach.BEND] == 0.0
+    assert revolute.chord == pytest.approx(names["chord"](angle), abs=1e-15)
+    assert revolute.bend == pytest.approx(names["bend"](angle), abs=1e-15)
+    assert prismatic.chord == pytest.approx(angle)
+    assert prismatic.bend == 0.0
 
 
 @pytest.mark.slow
@@ -67,7 +64,7 @@ def test_numbers_in_the_text_are_those_of_the_code() -> None:
         ("half of the clearance observed so far is proven", GOAL_SHARE, 0.5),
         ("(0.1 mm by default)", TOLERANCE, 1e-4),
         ("At the start, $g_n \\ge -1$ mm", DEEPEST, 1e-3),
-        ("up to 0.05 rad", approach.MORE, 0.05),
+        ("up to 0.05 rad", _core.GROWTH_RANGE, 0.05),
     ):
         assert phrase in text
         assert value == stated

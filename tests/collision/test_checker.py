@@ -12,7 +12,6 @@ import pytest
 
 from pinproof import Box, CollisionChecker, InputError, Obstacle, Scene, Sphere, UnknownNameError, load_robot, pose
 from pinproof.collision.coal_checks import GJK_SLACK
-from pinproof.kernels.world import BEGIN, world_of
 
 
 def reasons(checker) -> dict[frozenset[str], str]:
@@ -350,9 +349,9 @@ def test_a_pair_is_begun_where_its_bodies_are_apart_and_not_where_they_were_last
     checker = CollisionChecker(panda)
     owners = [tuple(checker.bodies[i].owner for i in pair) for pair in checker.pairs]
     k = owners.index(("panda_link6", "panda_hand"))
-    begin = world_of(checker.numbers, checker.indices).pairs[k, BEGIN:]
+    begin = checker.world.first_directions
     space = checker.placed(np.zeros(7))
     i = checker.pairs[k][0]
-    np.testing.assert_allclose(space.at[i, :9].reshape(3, 3) @ begin, space.measure(k).normal, atol=1e-9)
-    begun = [any(row) for row in world_of(checker.numbers, checker.indices).pairs[:, BEGIN:]]
+    np.testing.assert_allclose(space.root_from_body(i)[:3, :3] @ begin[k], space.measure(k).normal, atol=1e-9)
+    begun = [any(row) for row in begin]
     assert 0 < sum(begun) < len(checker.pairs)

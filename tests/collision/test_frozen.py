@@ -44,10 +44,10 @@ def test_what_a_checker_was_made_of_cannot_be_changed_behind_it(panda):
     for array in (checker.margins, checker.bodies[0].box, checker.bodies[0].support.points, panda.scale, panda.offset):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
-    for array in (checker.at, checker.convex, checker.still_pairs):
+    for array in (checker.convex, checker.still_pairs):
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0
-    for name in ("arm", "scene", "attached", "margin", "bodies", "pairs", "margins", "numbers", "rounding", "excluded"):
+    for name in ("arm", "scene", "attached", "margin", "bodies", "pairs", "margins", "world", "rounding", "excluded"):
         with pytest.raises(AttributeError):
             setattr(checker, name, None)
     for listed in (checker.pairs, checker.excluded, checker.finer, checker.bodies):
@@ -110,14 +110,9 @@ def test_an_arm_and_its_robot_are_read_only(panda):
         narrow.limits = panda.limits
 
 
-def test_certify_refuses_a_checker_whose_arrays_were_modified(panda):
+def test_certify_refuses_a_checker_whose_mesh_was_modified(panda):
     move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
     checker = CollisionChecker(panda, link_meshes="mesh")
-    assert certify(move, checker).free
-    other = checker.with_margin(0.001)
-    other.numbers[5] += 0.1
-    with pytest.raises(InputError, match="modified"):
-        certify(move, other)
     assert certify(move, checker).free
     mesh = next(body for body in checker.bodies if body.solid is not None)
     mesh.geometry.vertices()[0] += 1.0

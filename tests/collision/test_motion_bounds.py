@@ -15,50 +15,28 @@ from pinproof import (
     Obstacle,
     Scene,
     Sphere,
+    _core,
     certify,
     load_robot,
     pose,
 )
-from pinproof.kernels.approach import MORE, TURN_COLUMNS, closely, roughly, speeds, swings, way
-from pinproof.kernels.placing import place
-from pinproof.kernels.world import JOINT, world_of
 
 FREE, COLLIDING = CertificateStatus.FREE, CertificateStatus.COLLIDING
 
 
 class Bounds:
-    """Calls the compiled bounds of a checker's pairs on a piece about q: by default straight, from -delta to delta."""
+    """The core's bounds of a checker's pairs on a piece about q: by default straight, from -delta to delta."""
 
     def __init__(self, checker, q, delta, extra=None, piece=None):
-        self.world, self.at = world_of(checker.numbers, checker.indices), checker.at.copy()
-        m, robot = len(self.world.joints), len(self.world.outer)
-        self.axes, self.turns, self.rho = np.empty((m, 12)), np.empty((m, TURN_COLUMNS)), np.empty((robot, m))
-        self.extra = np.zeros(len(q)) if extra is None else extra
-        self.piece, self.q = np.array([q - delta, q + delta]) if piece is None else piece, q
-        place(self.world, q, self.axes, self.at)
-        swings(self.world.joints, np.abs(self.piece - q).max(axis=0), self.extra, self.turns)
-        speeds(self.world.joints, self.world.bodies, self.at, self.axes, self.rho)
-        self.path = np.empty(m, dtype=np.int64)
-
-    def _way(self, k):
-        a, b = self.world.pairs[k, :2].astype(int)
-        joints = self.world.bodies[[a, b], JOINT].astype(int)
-        return a, b, *way(self.world.joints, *joints, self.path)
-
-    def roughly(self, k):
-        a, b, count, _ = self._way(k)
-        return roughly(self.rho, self.turns, self.path, count, a, b)
+        extra = np.zeros(len(q)) if extra is None else extra
+        self.piece = np.array([q - delta, q + delta]) if piece is None else piece
+        self._core = _core.MotionBounds(checker.world, q, np.abs(self.piece - q).max(axis=0), extra)
+        self.roughly, self.joints_between = self._core.rough, self._core.joints_between
 
     def closely(self, k, u, split=None):
-        a, b, count, up = self._way(k)
-        split = self.roughly(k)[3] if split is None else split
-        return closely(
-            self.world.joints, self.world.bodies, self.at, self.axes, self.rho, self.turns, self.extra,
-            self.path, count, up, split, a, b, u, self.piece, self.q,
-        )  # fmt: skip
-
-    def joints_between(self, k):
-        return self._way(k)[2]
+        split = self.roughly(k).split if split is None else split
+        bound = self._core.tight(k, u, split, self.piece)
+        return bound.distance, bound.growth
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "stanford", "planar_2r"])
@@ -73,7 +51,7 @@ def test_no_pair_comes_nearer_than_its_rough_bound_allows(request, oracle, name)
         delta, extra = rng.uniform(0, rng.choice([0.01, 0.1, 0.5]), arm.dof), rng.uniform(0, 0.05, arm.dof)
         bounds = Bounds(checker, q, delta, extra)
         said = [bounds.roughly(k) for k in range(len(checker.pairs))]
-        allowed = np.array([near + more * growth for near, growth, _, _ in said])
+        allowed = np.array([bound.distance + more * bound.growth for bound in said])
         before = np.maximum(independent.distances(q), 0)
         for corner in rng.choice([-1.0, 1.0], size=(12, arm.dof)):
             after = np.maximum(independent.distances(q + corner * (delta + extra + more)), 0)
@@ -95,7 +73,7 @@ def test_no_support_gap_shrinks_by_more_than_its_close_bound_allows(request, nam
         start = rng.uniform(-size, size, arm.dof)
         bent = np.array([q + start, q - (start + delta) / 2, q + delta])  # a parabola whose middle is q
         bounds = Bounds(checker, q, delta, extra, None if straight else bent)
-        more = float(rng.choice([0.0, MORE]))
+        more = float(rng.choice([0.0, _core.GROWTH_RANGE]))
         shares = rng.uniform(0, 1, 12)
         points = [_on(bounds.piece, s) + rng.choice([-1, 1], arm.dof) * (extra + more) for s in (0.0, 1.0, *shares)]
         for k in rng.choice(len(checker.pairs), size=min(12, len(checker.pairs)), replace=False).tolist():
@@ -106,7 +84,7 @@ def test_no_support_gap_shrinks_by_more_than_its_close_bound_allows(request, nam
                 near, growth = bounds.closely(k, measured.normal, split)
                 least = min(checker.placed(p).measure(k).proven for p in points)
                 assert least >= measured.proven - near - more * growth - 1e-9
-            rough = bounds.roughly(k)[0]
+            rough = bounds.roughly(k).distance
             if not extra.any() and rough > 0:
                 tight.append(bounds.closely(k, measured.normal)[0] / rough)
     if name != "planar_2r" and straight:
@@ -135,7 +113,7 @@ def test_a_folded_planar_arm_is_not_judged_by_the_least_radius_or_by_exchanged_r
     assert certificate.status is COLLIDING
     assert "peg" in certificate.first_contact.bodies
     names = [tuple(checker.bodies[i].owner for i in pair) for pair in checker.pairs]
-    bound = Bounds(checker, folded, np.array([0.35, 0.0])).roughly(names.index(("fore", "peg")))[0]
+    bound = Bounds(checker, folded, np.array([0.35, 0.0])).roughly(names.index(("fore", "peg"))).distance
     by_hand = 2 * np.sin(0.35 / 2) * np.hypot(0.5, 0.01)  # the farthest corner of the folded link from the first axis
     assert by_hand <= bound <= 1.05 * by_hand
 

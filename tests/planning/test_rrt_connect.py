@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.kernels import rrt, rrt_edge, sweep
-from pinproof.planning import rrt_connect
 from pinproof.planning.edges import Edges
 
 from .arms import assert_free, ball_arm
@@ -205,46 +202,6 @@ def test_an_exhausted_budget_is_reported(gantry: pp.Arm, planner: pp.RrtConnect,
     assert plan.goal is None
     assert spent in plan.message
     assert plan.nodes >= 2
-
-
-class _Clock:
-    """A clock that only the kernels advance."""
-
-    def __init__(self) -> None:
-        self.seconds = 0.0
-
-    def monotonic(self) -> float:
-        return self.seconds
-
-    def slow_first_call(self, kernel: Callable[..., object]) -> Callable[..., object]:
-        """The kernel, whose first call takes 1000 s on this clock, as if it were compiled."""
-        calls = 0
-
-        def call(*arguments: object) -> object:
-            nonlocal calls
-            calls += 1
-            self.seconds += 1000.0 if calls == 1 else 0.0
-            return kernel(*arguments)
-
-        return call
-
-
-def test_the_time_limit_does_not_include_the_first_call_of_a_kernel(
-    gantry: pp.Arm, slotted: pp.Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    checker = pp.CollisionChecker(gantry, slotted)
-    start, goal = np.array([-0.8, -0.8]), np.array([0.8, -0.8])
-    before = pp.RrtConnect(time_limit=600.0).plan(checker, start, goal, rng=2)
-    clock = _Clock()
-    monkeypatch.setattr(rrt_connect, "time", clock)
-    for module, name in ((rrt, "grow"), (rrt_edge, "look"), (sweep, "sweep")):
-        monkeypatch.setattr(module, name, clock.slow_first_call(getattr(module, name)))
-    plan = pp.RrtConnect(time_limit=20.0).plan(checker, start, goal, rng=2)
-    assert clock.seconds == 3000.0
-    assert plan.status is pp.PlanStatus.FOUND
-    assert plan.seconds == 0.0
-    assert plan.samples > 0  # the direct edge is blocked: all three kernels are used by the search
-    assert plan.path.q.tobytes() == before.path.q.tobytes()
 
 
 def test_trees_that_cannot_grow_end_too(gantry: pp.Arm) -> None:

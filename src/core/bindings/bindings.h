@@ -9,5 +9,9 @@ void bind_closed_form(nanobind::module_& module);
 void bind_kinematics(nanobind::module_& module);
 void bind_ik(nanobind::module_& module);
 void bind_tracking(nanobind::module_& module);
+void bind_collision(nanobind::module_& module);
+void bind_certificate(nanobind::module_& module);
+void bind_planning(nanobind::module_& module);
+void bind_timing(nanobind::module_& module);
 
 }  // namespace pinproof

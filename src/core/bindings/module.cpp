@@ -26,4 +26,8 @@ NB_MODULE(_core, module) {
     pinproof::bind_closed_form(module);
     pinproof::bind_ik(module);
     pinproof::bind_tracking(module);
+    pinproof::bind_collision(module);
+    pinproof::bind_certificate(module);
+    pinproof::bind_planning(module);
+    pinproof::bind_timing(module);
 }

@@ -40,6 +40,15 @@ inline Vec3 transposed_times(const Mat3& a, const Vec3& v) {
     return {dot(a.column(0), v), dot(a.column(1), v), dot(a.column(2), v)};
 }
 
+// a^T b.
+inline Mat3 transposed_times(const Mat3& a, const Mat3& b) {
+    Mat3 product;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            product.m[i][j] = a.m[0][i] * b.m[0][j] + a.m[1][i] * b.m[1][j] + a.m[2][i] * b.m[2][j];
+    return product;
+}
+
 inline Mat3 operator*(const Mat3& a, const Mat3& b) {
     Mat3 product;
     for (int i = 0; i < 3; ++i)
@@ -65,6 +74,12 @@ inline Transform inverse(const Transform& a) {
         for (int j = 0; j < 3; ++j) out.rotation.m[i][j] = a.rotation.m[j][i];
     out.translation = -transposed_times(a.rotation, a.translation);
     return out;
+}
+
+// b_from_c for a_from_b and a_from_c.
+inline Transform relative(const Transform& a_from_b, const Transform& a_from_c) {
+    return {transposed_times(a_from_b.rotation, a_from_c.rotation),
+            transposed_times(a_from_b.rotation, a_from_c.translation - a_from_b.translation)};
 }
 
 // The rotation about a unit vector by an angle of the given sine and cosine (Rodrigues).

@@ -1,25 +1,24 @@
-"""The parts of a checker: its bodies, checked pairs and margins, and the arrays for the compiled loops."""
+"""The parts of a checker: its bodies, checked pairs and margins."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof._core import Geometry, World
 from pinproof.collision.bodies import Body, shape_bodies
 from pinproof.collision.links import DECOMPOSED, EXACT
+from pinproof.collision.packed import pack_geometry, pack_world
 from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair, PairRules, Pairs, choose_pairs
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
-
-if TYPE_CHECKING:
-    from pinproof.kernels.world import World
 
 __all__ = [
     "ROUNDING",
@@ -170,8 +169,8 @@ class CheckedBodies:
     """The checked pairs, as indices of :attr:`bodies`."""
     margins: Array
     """(P,) the margin (m) of each pair."""
-    at: Array
-    """(B, 15) placements; only those of bodies that never move are valid."""
+    world: World
+    """The bodies, pairs and margins in the compiled core."""
     convex: npt.NDArray[np.bool_]
     """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
     rounding: float
@@ -182,10 +181,6 @@ class CheckedBodies:
     """The pairs of owners that are checked with finer bodies."""
     still_pairs: Indices
     """The pairs that no joint moves relative to each other."""
-    numbers: Array
-    """All numbers of the checker for the compiled loops, see :mod:`pinproof.kernels.world`."""
-    indices: Indices
-    """All indices of the checker for the compiled loops."""
 
     @property
     def arm(self) -> Arm:
@@ -221,7 +216,7 @@ def geometry_model(model: Any, bodies: Sequence[Body], pairs: Sequence[tuple[int
 
 
 class Assembly(NamedTuple):
-    """The bodies of a checker, its pairs, and the arrays for compiled loops."""
+    """The bodies of a checker and its pairs."""
 
     bodies: tuple[Body, ...]
     """Links, attached objects, obstacles."""
@@ -229,14 +224,10 @@ class Assembly(NamedTuple):
     """The checked and excluded pairs."""
     rounding: float
     """The allowance (m) for floating-point error."""
+    geometry: Geometry
+    """The bodies and joints in the compiled core."""
     world: World
-    """The arrays, without margins."""
-    at: Array
-    """(B, 15) placements; only those of bodies that never move are filled in."""
-    still: Indices
-    """Indices of the pairs that no joint moves relative to each other."""
-    convex: npt.NDArray[np.bool_]
-    """(P,) whether both bodies of the pair have a support function."""
+    """The pairs in the compiled core, without margins."""
     known: Known
     """The cached bodies of the obstacles, for derived checkers."""
 
@@ -259,8 +250,6 @@ def assemble(
     InputError, MeshError, UnknownNameError
         As :class:`pinproof.CollisionChecker` does.
     """
-    from pinproof.collision.packed import convex_pairs, pack_world
-
     made: Known = {}
     added: list[Body] = []
     for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
@@ -273,8 +262,8 @@ def assemble(
     _check_names(bodies, arm.robot.urdf.links)
     pairs = choose_pairs(bodies, arm, scene, rules, levels=levels, allowed=allowed)
     rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
-    world, at, still = pack_world(arm, bodies, pairs.checked, rounding)
-    return Assembly(bodies, pairs, rounding, world, at, still, convex_pairs(world), made)
+    geometry = pack_geometry(arm, bodies, rounding)
+    return Assembly(bodies, pairs, rounding, geometry, pack_world(geometry, pairs.checked), made)
 
 
 def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:
@@ -301,33 +290,23 @@ def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembl
 
 def keep_pairs(assembly: Assembly, kept: Indices) -> Assembly:
     """Return the same bodies with only the pairs of these indices, in increasing order."""
-    checked = assembly.pairs.checked
-    now = np.full(len(checked), -1)
-    now[kept] = np.arange(len(kept))
-    own, still = now[assembly.world.own], now[assembly.still]
-    outer = np.where(assembly.world.outer >= 0, now[assembly.world.outer], -1) if len(now) else assembly.world.outer
-    around = np.flatnonzero((outer >= 0).any(axis=1))[::-1]
-    world = assembly.world._replace(pairs=assembly.world.pairs[kept], own=own[own >= 0], around=around, outer=outer)
-    pairs = assembly.pairs._replace(checked=[checked[k] for k in kept.tolist()])
-    return assembly._replace(pairs=pairs, world=world, still=still[still >= 0], convex=assembly.convex[kept])
+    checked = [assembly.pairs.checked[k] for k in kept.tolist()]
+    pairs = assembly.pairs._replace(checked=checked)
+    return assembly._replace(pairs=pairs, world=pack_world(assembly.geometry, checked))
 
 
 def add_obstacle_bodies(
     arm: Arm, assembly: Assembly, bodies: Sequence[Body], pairs: Sequence[tuple[int, int]]
 ) -> Assembly:
     """Return the assembly with more bodies of obstacles, appended to the others, and more checked pairs."""
-    from pinproof.collision.packed import convex_pairs, pack_world
-
     every = (*assembly.bodies, *bodies)
     checked = sorted({*assembly.pairs.checked, *pairs})
-    world, at, still = pack_world(arm, every, checked, assembly.rounding)
+    geometry = pack_geometry(arm, every, assembly.rounding)
     return assembly._replace(
         bodies=every,
         pairs=assembly.pairs._replace(checked=checked),
-        world=world,
-        at=at,
-        still=still,
-        convex=convex_pairs(world),
+        geometry=geometry,
+        world=pack_world(geometry, checked),
     )
 
 

@@ -10,7 +10,7 @@ import math
 import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,6 +19,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof._core import Shape as CoreShape
 from pinproof.collision.convex_pieces import SAMPLES, convex_pieces
 from pinproof.collision.hulls import Inside, Solid, bvh, convex_hull, hull_of_any
 from pinproof.collision.shapes import (
@@ -167,6 +168,18 @@ class Body:
         object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
         object.__setattr__(self, "_read", self._checksum())
         self.box.setflags(write=False)
+
+    @cached_property
+    def core_shape(self) -> CoreShape:
+        """The shape as the compiled core uses it."""
+        if self.support is not None:
+            s = self.support
+            points, discs, semi_axes = (np.ascontiguousarray(x, float) for x in (s.points, s.disc_radii, s.semi_axes))
+            return CoreShape.convex(points, discs, s.radius, semi_axes, self.box)
+        return (CoreShape.half_space if isinstance(self.geometry, coal.Halfspace) else CoreShape.exact)(self.box)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "core_shape"}
 
     @property
     def witnesses(self) -> Array:

@@ -1,11 +1,11 @@
 """Certification of a whole curve: proven collision-free between samples too, not sampled.
 
 The curve is bisected into intervals in path order. In each interval, the distance of every pair at the middle is
-compared with an upper bound of the approach of the pair within the interval (:mod:`pinproof.kernels.approach`).
+compared with an upper bound of the approach of the pair within the interval (``src/core/certificate/motion_bounds.h``).
 Pairs that are proven apart are dropped; the others are passed to both halves. A contact at a middle ends the search to
 its right; the search to its left continues until everything before the contact is proven collision-free or the
-tolerance is reached. The loop is compiled (:mod:`pinproof.kernels.sweep`); for bodies without a support function it
-returns to Python and calls coal.
+tolerance is reached. The loop is compiled (``src/core/certificate/curve_proof.h``); for bodies without a support
+function it calls coal.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import ProofSettings, ProofState, prove
 from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
@@ -32,7 +33,7 @@ from pinproof.collision.certificate import (
 from pinproof.collision.checker import CollisionChecker, Contact
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.parting import prove_parting
-from pinproof.collision.placed_bodies import NEAREST
+from pinproof.collision.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.motion import Curve
 from pinproof.motion.curve import read_only
@@ -56,14 +57,10 @@ TOLERANCES = (TOLERANCE, 1e-5, 1e-6)
 small clearance may need it after timing, because its pieces are then bisected at other parameters. The cost is a few
 bisections of each open span; below 1e-6 m the tolerance of coal's distances, 2e-6 m, dominates."""
 
+KNOWN_NOTHING = ProofState()
+
 QUICK_INTERVALS = 2000
 """Number of intervals after which a quick proof fails: about 100 times those of a short edge in free space."""
-
-DEPTH = 192
-"""Entries of the stack of intervals: 60 bisections reach the resolution of a double."""
-
-LISTS = 16
-"""Initial capacity of the lists of open pairs, as a multiple of the number of pairs; they grow if needed."""
 
 
 def certify(
@@ -165,8 +162,14 @@ def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
 
     Faster than :func:`certify`: it proves the margin and no clearance beyond it, and returns no reason.
     """
-    proof = _Proof(curve, checker, TOLERANCE, QUICK_INTERVALS, np.zeros(checker.arm.dof), 0.0, False)
-    return proof.succeeds()
+    if checker.still.touching:
+        return False
+    knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
+    settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
+    proof = prove(
+        checker.world, knots, control, settings, np.zeros(checker.arm.dof), CoalJudge(checker.workspace), KNOWN_NOTHING
+    )
+    return bool(proof.free)
 
 
 class _Proof:
@@ -182,18 +185,20 @@ class _Proof:
         obstacles: float,
         record: bool,
     ) -> None:
-        from pinproof.kernels import sweep
-
-        self._kernel = sweep
         self._curve, self._checker = curve, checker
         self._judge = checker.moved_obstacles(obstacles) if obstacles > 0 else checker
         self._joints, self._obstacles = joints, obstacles
-        self._knots, self._control = (np.array(part) for part in curve.bezier())
-        self._settings = np.array([tolerance, max_intervals, obstacles, GOAL_SHARE, LOOK_AHEAD])
-        self._state = np.zeros(sweep.STATE_SIZE)
-        self._state[[sweep.OBSERVED, sweep.SPARE, sweep.PROVEN, sweep.JOINT_TUBE, sweep.OBSTACLE_TUBE]] = np.inf
-        self._log = np.empty((64 if record else 0, sweep.LOG_COLUMNS))
-        self._record = record
+        self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
+        self._settings = ProofSettings(
+            tolerance=tolerance,
+            max_intervals=max_intervals,
+            obstacle_tolerance=obstacles,
+            goal_share=GOAL_SHARE,
+            look_ahead=LOOK_AHEAD,
+            wants_tubes=True,
+            record=record,
+        )
+        self._state, self._record = ProofState(), record
 
     def run(self) -> Certificate:
         first, last = float(self._knots[0]), float(self._knots[-1])
@@ -204,33 +209,34 @@ class _Proof:
         at_end = self._look(end)
         if (undecided := self._check_fixed_pairs()) is not None:
             return self._undecided(undecided) if at_end is None else self._colliding(last, end, at_end, first)
-        found = self._sweep()
-        k, state = self._kernel, self._state
-        open_from = float(state[k.OPEN_START]) if state[k.OPEN] else None
+        judge = self._judge
+        self._state = prove(
+            judge.world,
+            self._knots,
+            self._control,
+            self._settings,
+            self._joints,
+            CoalJudge(judge.workspace),
+            self._state,
+        )
+        span, found = self._state.open, self._state.contact
         if found is not None:
-            time = float(state[k.FOUND_TIME])
-            pair = int(state[k.FOUND_PAIR])
-            contact = self._deepest(found) or self._contact(pair, self._judge.placed(found).measure(pair))
-            return self._colliding(time, found, contact, time if open_from is None else open_from)
+            at = np.array(found.q)
+            contact = self._deepest(at) or self._contact(found.pair, judge.placed(at).measure(found.pair))
+            return self._colliding(found.time, at, contact, found.time if span is None else span.start)
         if at_end is not None:
-            return self._colliding(last, end, at_end, last if open_from is None else open_from)
-        if open_from is not None:
-            pair, until, distance = int(state[k.OPEN_PAIR]), float(state[k.OPEN_END]), float(state[k.OPEN_DISTANCE])
+            return self._colliding(last, end, at_end, last if span is None else span.start)
+        if span is not None:
+            distance = span.distance
             if distance == np.inf:  # not measured here: a longer interval had shown that the pair is close
-                distance = self._judge.placed(self._curve((open_from + until) / 2)).measure(pair).attained
-            return self._undecided(UndecidedSpan(open_from, until, self._names(pair), distance))
+                distance = judge.placed(self._curve((span.start + span.end) / 2)).measure(span.pair).attained
+            return self._undecided(UndecidedSpan(span.start, span.end, self._names(span.pair), distance))
         return self._free()
-
-    def succeeds(self) -> bool:
-        """Whether the curve is proven to keep the margins."""
-        k = self._kernel
-        self._settings[k.GOAL_SHARE] = self._settings[k.LOOK_AHEAD] = 0.0
-        return self._check_fixed_pairs() is None and self._sweep() is None and not self._state[k.OPEN]
 
     def _look(self, q: Array) -> Contact | None:
         """Return the deepest contact at q (n,) and update the smallest observed distance."""
         space = self._judge.workspace
-        near = space.near(q, NEAREST)
+        near = space.nearest(q)
         self._saw(near.nearest, near.upper)
         for pair in near.left_to_coal:
             self._saw(pair, space.measure(pair).attained)
@@ -239,9 +245,9 @@ class _Proof:
     def _saw(self, pair: int, attained: float) -> None:
         if pair < 0:
             return
-        k, state = self._kernel, self._state
-        state[k.OBSERVED] = min(state[k.OBSERVED], attained)
-        state[k.SPARE] = min(state[k.SPARE], attained - self._judge.margins[pair])
+        state = self._state
+        state.observed = min(state.observed, attained)
+        state.spare = min(state.spare, attained - float(self._judge.margins[pair]))
 
     def _deepest(self, q: Array) -> Contact | None:
         """Return the deepest contact at q (n,) whose measured distance is attained, so that it is evidence."""
@@ -262,50 +268,16 @@ class _Proof:
 
     def _check_fixed_pairs(self) -> UndecidedSpan | None:
         """Check once the pairs that no joint moves relative to each other; their contacts were found at the start."""
-        judge, k, state = self._judge, self._kernel, self._state
+        judge, state = self._judge, self._state
         for pair, measured in judge.still.touching:
             return UndecidedSpan(float(self._knots[0]), float(self._knots[-1]), self._names(pair), measured.distance)
         if len(judge.still_pairs):
             proven = judge.still.lower - judge.rounding
-            state[k.OBSERVED] = min(state[k.OBSERVED], judge.still.upper)
-            state[k.PROVEN] = min(state[k.PROVEN], proven - self._obstacles)
+            state.observed = min(state.observed, judge.still.upper)
+            state.proven = min(state.proven, proven - self._obstacles)
             room = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
-            state[k.OBSTACLE_TUBE] = min(state[k.OBSTACLE_TUBE], room)
+            state.obstacle_tube = min(state.obstacle_tube, room)
         return None
-
-    def _sweep(self) -> Array | None:
-        """Bisect the curve; return the configuration (n,) of the first contact, if one was found."""
-        k, judge, control = self._kernel, self._judge, self._control
-        pieces, points, n = control.shape
-        spans, ranges = np.empty((DEPTH, 2)), np.empty((DEPTH, 4), dtype=np.int64)
-        stack = np.empty((DEPTH, points, n))
-        lists = np.empty(LISTS * len(judge.pairs) + 64, dtype=np.int64)
-        spans[0], ranges[0], stack[0] = self._knots[[0, -1]], (0, pieces, 0, k.EVERYTHING), control[0]
-        if self._record:  # every pair is listed, none is skipped by the tree of obstacles
-            everything = np.setdiff1d(np.arange(len(judge.pairs)), judge.still_pairs)
-            lists[: len(everything)], ranges[0, 3] = everything, len(everything)
-        self._state[k.TOP] = 1
-        directions, measured_by_coal = np.zeros((len(judge.pairs), 3)), np.zeros((len(judge.pairs), 3))
-        seen = np.full(len(judge.pairs), np.inf)
-        asked, found = np.empty(len(judge.pairs), dtype=np.int64), np.empty((2, n))
-        space = judge.workspace
-        while True:
-            ended = k.sweep(
-                judge.numbers, judge.indices, self._knots, control, self._joints, self._settings, space.at,
-                spans, ranges, stack, lists, directions, seen, asked, measured_by_coal, self._state, found, self._log,
-            )  # fmt: skip
-            if ended == k.DONE:
-                break
-            if ended == k.GROW:
-                lists = np.concatenate([lists, np.empty_like(lists)])
-                if self._record:
-                    self._log = np.concatenate([self._log, np.empty((len(lists) + len(self._log), k.LOG_COLUMNS))])
-                continue
-            space.move(found[1])
-            for pair in asked[: int(self._state[k.ASKED])].tolist():
-                measured = space.measure(pair)
-                measured_by_coal[pair] = self._state[k.INTERVALS] + 1, measured.attained, measured.proven
-        return found[0] if self._state[k.FOUND] else None
 
     def _names(self, pair: int) -> tuple[str, str]:
         i, j = self._checker.pairs[pair]
@@ -313,7 +285,7 @@ class _Proof:
 
     def _free(self) -> Certificate:
         count = len(self._checker.pairs)
-        proven = float(self._state[self._kernel.PROVEN])
+        proven = float(self._state.proven)
         message = free_sentence(proven, count, len(self._checker.excluded))
         if self._tolerances:
             message += f"; {self._tolerances}"
@@ -340,9 +312,9 @@ class _Proof:
         return self._certificate(CertificateStatus.COLLIDING, message, first_contact=first)
 
     def _undecided(self, span: UndecidedSpan) -> Certificate:
-        intervals, budget = self._state[self._kernel.INTERVALS], self._settings[self._kernel.MAX_INTERVALS]
-        spent = intervals >= budget
-        limit = f"limit of {budget:.0f} intervals" if spent else f"tolerance of {self._settings[0] * 1e3:g} mm"
+        budget = self._settings.max_intervals
+        spent = self._state.intervals >= budget
+        limit = f"limit of {budget} intervals" if spent else f"tolerance of {self._settings.tolerance * 1e3:g} mm"
         message = (
             f"neither proven collision-free nor in collision on [{span.start:.6g}, {span.end:.6g}]: "
             f"{' and '.join(span.bodies)} are {span.distance * 1e3:.3f} mm apart there, and the {limit} was reached; "
@@ -361,7 +333,7 @@ class _Proof:
         first_contact: FirstContact | None = None,
         undecided: UndecidedSpan | None = None,
     ) -> Certificate:
-        checker, k, state = self._checker, self._kernel, self._state
+        checker, state = self._checker, self._state
         free = status is CertificateStatus.FREE
         curve, setup = curve_hash(self._curve), checked_hash(checker)
         records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
@@ -370,24 +342,24 @@ class _Proof:
             status=status,
             margin=checker.margin,
             clearance=clearance,
-            observed=float(state[k.OBSERVED]),
+            observed=state.observed,
             first_contact=first_contact,
             undecided=undecided,
             message=message,
             pairs=len(checker.pairs),
-            intervals=int(state[k.INTERVALS]),
+            intervals=state.intervals,
             excluded=tuple(checker.excluded),
-            tolerance=float(self._settings[k.TOLERANCE]),
+            tolerance=self._settings.tolerance,
             curve=curve,
             setup=setup,
             notes=(*notes_of(checker), *changes),
             tube=MotionTube(
                 read_only(self._joints),
                 self._obstacles,
-                max(float(state[k.JOINT_TUBE]), 0.0) if free else np.nan,
-                max(float(state[k.OBSTACLE_TUBE]), 0.0) if free else np.nan,
+                max(state.joint_tube, 0.0) if free else np.nan,
+                max(state.obstacle_tube, 0.0) if free else np.nan,
             ),
-            evidence=read_only(self._log[: int(state[k.LOGGED])].copy()) if self._record else None,
+            evidence=read_only(state.evidence) if self._record else None,
             subject=(self._curve, self._checker) if self._record else None,
             attached=checker.attached,
             held=dict(checker.arm.held),

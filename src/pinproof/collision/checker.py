@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
-import zlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import NOT_FINITE
 from pinproof.collision.assembly import (
     Assembly,
     CheckedBodies,
@@ -30,16 +30,9 @@ from pinproof.collision.assembly import (
 from pinproof.collision.bodies import Body
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
+from pinproof.collision.packed import pack_geometry, pack_world
 from pinproof.collision.pairs import HOUSING_SHARE, Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
-from pinproof.collision.placed_bodies import (
-    EVERY,
-    FIRST_ONLY,
-    NEAREST,
-    NOT_FINITE,
-    FixedPairs,
-    PlacedBodies,
-    check_fixed_pairs,
-)
+from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
 from pinproof.common.display import outline
@@ -211,13 +204,16 @@ class CollisionChecker(CheckedBodies):
             self.arm.configuration(q)  # raises
         if left < 0:
             return False
-        return not self.still.touching and not any(space.touches(k) for k in space.left_to_coal(left))
+        return not self.still.touching and not space.any_left_touches()
 
     def is_free_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> npt.NDArray[np.bool_]:
         """Return (N,) :meth:`is_free` for each row of Q (N, n); the result does not depend on ``threads``."""
-        many, rows = self._batch(Q, FIRST_ONLY, threads)
-        free = (rows[:, 0] == 0) & (not self.still.touching)
-        for i in np.flatnonzero(free & (rows[:, 1] > 0)):
+        many = finite("Q", Q, (None, self.arm.dof))
+        if self.still.touching:
+            return np.zeros(len(many), dtype=bool)
+        left = self._batch(lambda part: self.workspace.judge_many(part), many, threads)
+        free = left == 0
+        for i in np.flatnonzero(left > 0):
             free[i] = self.is_free_unchecked(many[i])
         return np.asarray(free)
 
@@ -235,15 +231,16 @@ class CollisionChecker(CheckedBodies):
         bodies it is minus the penetration depth as computed by coal.
         """
         space = self.workspace
-        near = space.near(self.arm.configuration(q), NEAREST)
+        near = space.nearest(self.arm.configuration(q))
         judged = (space.measure(k).distance for k in (*near.contacts, *near.left_to_coal))
         return min((near.lower, self.still.lower, *judged))
 
     def clearance_batch(self, Q: npt.ArrayLike, *, threads: int = 1) -> Array:
         """Return (N,) :meth:`clearance` for each row of Q (N, n); the result does not depend on ``threads``."""
-        many, rows = self._batch(Q, NEAREST, threads)
-        out = np.minimum(rows[:, 2], self.still.lower)
-        for i in np.flatnonzero(rows[:, :2].any(axis=1)):
+        many = finite("Q", Q, (None, self.arm.dof))
+        lower = self._batch(lambda part: self.workspace.clearances(part), many, threads)
+        out = np.minimum(lower, self.still.lower)
+        for i in np.flatnonzero(np.isnan(lower)):
             out[i] = self.clearance(many[i])
         return np.asarray(out)
 
@@ -397,10 +394,7 @@ class CollisionChecker(CheckedBodies):
     def still(self) -> FixedPairs:
         """The result for pairs that no joint moves relative to each other; computed on first access."""
         if self._still is None:
-            from pinproof.kernels.world import flatten
-
-            world = self._margined
-            space = PlacedBodies(self, *flatten(world._replace(own=self.still_pairs, tree=world.tree[:0])))
+            space = PlacedBodies(self, self.world.of_still_pairs())
             self._still = check_fixed_pairs(space, np.zeros(self.arm.dof))
         return self._still
 
@@ -415,16 +409,14 @@ class CollisionChecker(CheckedBodies):
         return digest.hexdigest()
 
     def refuse_changes(self) -> None:
-        """Raise an exception if an array of this checker was modified in place.
+        """Raise an exception if the geometry of a body was modified in place.
 
         Raises
         ------
         InputError
-            If the packed arrays or the geometry of an exact mesh differ from those when the checker was created.
+            If the geometry of an exact mesh differs from that when the checker was created.
         """
         found = [f"the geometry of {body.name}" for body in self.bodies if not body.unchanged]
-        if self._checksum != (zlib.crc32(self.numbers.tobytes()), zlib.crc32(self.indices.tobytes())):
-            found.append("its packed arrays")
         if found:
             raise InputError(f"the checker was modified in place ({', '.join(found)}); create a new checker")
 
@@ -453,9 +445,8 @@ class CollisionChecker(CheckedBodies):
     def _in_contact(self, q: Array) -> list[int]:
         """Return the pairs in contact at q (n,)."""
         space = self.workspace
-        near = space.near(q, EVERY)
         still = [k for k, _ in self.still.touching]
-        return [*still, *near.contacts, *(k for k in near.left_to_coal if space.touches(k))]
+        return [*still, *space.contacts(q)]
 
     # -- assembly -----------------------------------------------------------------------------------------------
 
@@ -471,7 +462,8 @@ class CollisionChecker(CheckedBodies):
         self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
     ) -> None:
         self._scene, self._attached, self._allowed = scene, attached, allowed
-        for array in (made.at, made.still, made.convex):
+        still, convex = made.world.still, made.world.convex
+        for array in (still, convex):
             array.setflags(write=False)
         self.__dict__.update(
             bodies=made.bodies,
@@ -479,36 +471,28 @@ class CollisionChecker(CheckedBodies):
             rounding=made.rounding,
             excluded=tuple(made.pairs.excluded),
             finer=tuple(made.pairs.finer),
-            at=made.at,
-            still_pairs=made.still,
-            convex=made.convex,
+            world=made.world,
+            still_pairs=still,
+            convex=convex,
         )
-        self._world = made.world
+        self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
 
     @property
     def _assembly(self) -> Assembly:
         pairs = Pairs(list(self.pairs), list(self.excluded), list(self.finer))
-        return Assembly(
-            self.bodies, pairs, self.rounding, self._world, self.at, self.still_pairs, self.convex, self._known
-        )
+        return Assembly(self.bodies, pairs, self.rounding, self._geometry, self.world, self._known)
 
     def _set_margins(self, margins: Margins) -> None:
         """Set the margins of all pairs, increased where obstacles may be displaced."""
-        from pinproof.collision.packed import with_margins
-        from pinproof.kernels.world import flatten
-
         self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
         each = margins.of(owners, len(self.pairs), self.obstacles_and_links)
         if self._moved:
             each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
         each.setflags(write=False)
-        self._margined = with_margins(self._world, each)
-        numbers, indices = flatten(self._margined)
-        self.__dict__.update(margins=each, numbers=numbers, indices=indices)
-        self._checksum = zlib.crc32(numbers.tobytes()), zlib.crc32(indices.tobytes())
+        self.__dict__.update(margins=each, world=self.world.with_margins(each))
         self._still = None
         self._threads = threading.local()
 
@@ -518,26 +502,18 @@ class CollisionChecker(CheckedBodies):
         try:
             return self._threads.space
         except AttributeError:
-            space = self._threads.space = PlacedBodies(self, self.numbers, self.indices)
+            space = self._threads.space = PlacedBodies(self, self.world)
             return space
 
-    def _batch(self, Q: npt.ArrayLike, question: int, threads: int) -> tuple[Array, Array]:
-        """Q (N, n) checked, and the answers (N, 5) of :func:`pinproof.kernels.near.near`."""
-        many = finite("Q", Q, (None, self.arm.dof))
+    def _batch(self, judge: Callable[[Array], npt.NDArray[Any]], many: Array, threads: int) -> npt.NDArray[Any]:
+        """Return (N,) the results of ``judge`` for parts of the configurations ``many`` (N, n)."""
         if threads < 1:
             raise InputError(f"threads = {threads}; it must be 1 or more")
-        rows = np.empty((len(many), 5))
-        starts = range(0, len(many), CHUNK)
         if threads == 1:
-            self.workspace.judge_many(many, question, rows)
-            return many, rows
+            return judge(many)
         with ThreadPoolExecutor(threads) as pool:
-            for done in [
-                pool.submit(lambda i: self.workspace.judge_many(many[i : i + CHUNK], question, rows[i : i + CHUNK]), i)
-                for i in starts
-            ]:
-                done.result()
-        return many, rows
+            parts = [many[i : i + CHUNK] for i in range(0, len(many), CHUNK)] or [many]
+            return np.concatenate(list(pool.map(judge, parts)))
 
     def __copy__(self) -> CollisionChecker:
         """Copy including the cached obstacle bodies, which a pickle omits."""
@@ -546,9 +522,11 @@ class CollisionChecker(CheckedBodies):
         return other
 
     def __getstate__(self) -> dict[str, Any]:
-        left_out = ("_threads", "_known")
+        left_out = ("_threads", "_known", "_geometry", "world")
         return {name: value for name, value in self.__dict__.items() if name not in left_out}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self._known, self._threads = {}, threading.local()
+        self._geometry = pack_geometry(self.arm, self.bodies, self.rounding)
+        self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)

@@ -74,12 +74,12 @@ class MeasureConvex:
         _configure(self._request)
 
     def __call__(self, one: Body, at: Array, other: Body, other_at: Array) -> Distance:
-        """Return their distance at the placements ``at`` and ``other_at``: rotation row by row, translation."""
+        """Return their distance at the placements ``at`` and ``other_at`` (4, 4)."""
         return self.of(one.geometry, at, other.geometry, other_at)
 
     def of(self, one: Any, at: Array, other: Any, other_at: Array) -> Distance:
         """Return the distance of two convex coal shapes."""
-        first, second = (coal.Transform3s(place[:9].reshape(3, 3), place[9:12]) for place in (at, other_at))
+        first, second = (coal.Transform3s(place[:3, :3], place[:3, 3]) for place in (at, other_at))
         result = self._result
         result.clear()
         distance = float(coal.distance(one, first, other, second, self._request, result))

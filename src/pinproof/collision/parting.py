@@ -43,6 +43,7 @@ from pinproof.collision.separation import (
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import Curve, bezier
 from pinproof.motion.curve import read_only
+from pinproof.spatial import matrix
 
 __all__ = ["prove_parting"]
 
@@ -237,7 +238,7 @@ def _departures(
         moving.move(motion.start)
         enough = float(checker.margins[pair]) + motion.obstacle_tolerance + 2 * checker.rounding
         measured = checker.placed(motion.start).measure(pair)
-        tried = _directions(body, checker.at[b], -measured.normal)
+        tried = _directions(body, matrix(body.link_from_body), -measured.normal)
         if body.support is None and not isinstance(body.geometry, coal.Halfspace):
             split = _split(checker, pair, moving, tried, enough, motion)
             if split.groups:
@@ -245,7 +246,7 @@ def _departures(
             elif (start_contact := _find_start_contact(checker, pair, measured, motion, split.deepest)) is not None:
                 return [], _WithFacets(checker, {}, {}), start_contact
             continue
-        gaps = -moving.reach(-tried) - (levels := BodySupport.of(body).reach(checker.at[b], tried))
+        gaps = -moving.reach(-tried) - (levels := BodySupport.of(body).reach(matrix(body.link_from_body), tried))
         if gaps.max() - motion.obstacle_tolerance < -DEEPEST:
             if (start_contact := _find_start_contact(checker, pair, measured, motion, float(gaps.max()))) is not None:
                 return [], _WithFacets(checker, {}, {}), start_contact
@@ -313,8 +314,8 @@ def _best(
 def _directions(body: Body, at: Array, measured: Array) -> Array:
     """Return (d, 3) unit directions to try: the root's z, the obstacle's axes, and that of the nearest points."""
     if isinstance(body.geometry, coal.Halfspace):
-        return np.array([at[[2, 5, 8]]])
-    own = at[:9].reshape(3, 3).T
+        return np.array([at[:3, 2]])
+    own = at[:3, :3].T
     return np.array([[0.0, 0.0, 1.0], *own, *-own, *unit_vectors(measured[None])])
 
 
@@ -325,8 +326,8 @@ def _split(
     a, b = checker.pairs[pair]
     body = checker.bodies[b]
     vertices, triangles = facets_of(body)
-    at = checker.at[b]
-    corners = (vertices @ at[:9].reshape(3, 3).T + at[9:12])[triangles]
+    at = matrix(body.link_from_body)
+    corners = (vertices @ at[:3, :3].T + at[:3, 3])[triangles]
     groups, deepest = leave_facets(
         moving,
         checker.bodies[a],

@@ -10,7 +10,7 @@ joints that carry it and :math:`f_i = n \cdot (w_i \times (y - p_i))`, or :math:
 
 On an interval every joint j stays within delta_j of its value in the middle. Move there joint by joint, starting with
 the one closest to the root. Joints up to i rotate :math:`w_i \times (y - p_i)` as a whole, and joints beyond i move y
-by their chords, at radii that are those of the middle (:mod:`pinproof.kernels.approach`). So f_i stays within
+by their chords, at radii that are those of the middle (``src/core/certificate/motion_bounds.h``). So f_i stays within
 
 .. math:: \varepsilon_i = \rho_i \sum_{j \le i} 2 \sin(\delta_j / 2) + \sum_{j > i} 2 \rho_j \sin(\delta_j / 2)
 
@@ -40,11 +40,13 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Workspace
 from pinproof.collision.bodies import Body
 from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.coal_checks import MeasureConvex
 from pinproof.collision.hulls import Solid, bvh
 from pinproof.motion import bezier
+from pinproof.spatial import matrix
 
 if TYPE_CHECKING:
     from pinproof.collision.checker import CollisionChecker
@@ -94,24 +96,24 @@ class MovingBody:
     """
 
     def __init__(self, checker: CollisionChecker, body: int) -> None:
-        from pinproof.kernels.approach import way as joints_between
-        from pinproof.kernels.placing import place
-        from pinproof.kernels.world import BALL, JOINT, world_of
-
-        self._place = place
-        self.world = world_of(checker.numbers, checker.indices)
+        self._space, self._index = Workspace(checker.world), body
         self.rounding = checker.rounding
-        self._every, self.axes = checker.at.copy(), np.empty((len(self.world.joints), 12))
-        self.at = self._every[body]
         self.shape = BodySupport.of(checker.bodies[body])
-        path = np.empty(len(self.world.joints), dtype=np.int64)
-        joint = int(self.world.bodies[body, JOINT])
-        self.chain = path[: joints_between(self.world.joints, joint, -1, path)[0]][::-1]  # from the root outwards
-        self.ball = float(self.world.bodies[body, BALL])
+        self._chain = self._space.joints_of_body(body)
+        joints = [self._space.joint(k) for k in self._chain]
+        self.leader = np.array([joint.index for joint in joints], dtype=np.int64)
+        self.multiplier = np.array([joint.multiplier for joint in joints])
+        self.prismatic = np.array([joint.prismatic for joint in joints], dtype=bool)
+        core_shape = checker.bodies[body].core_shape
+        self.ball, self._centre = core_shape.ball, core_shape.centre
+        self.move(np.zeros(checker.arm.dof))
 
     def move(self, q: Array) -> None:
         """Place it at q (n,)."""
-        self._place(self.world, np.ascontiguousarray(q), self.axes, self._every)
+        self._space.place(np.ascontiguousarray(q))
+        self.at = self._space.root_from_body(self._index)
+        self.axes = self._space.root_from_joints[self._chain]
+        self.middle = self.at[:3, :3] @ self._centre + self.at[:3, 3]
 
     def reach(self, directions: Array) -> Array:
         """Return (d,) the largest ``direction . y`` over its points y, for directions (d, 3) in the root frame."""
@@ -185,16 +187,13 @@ class DepartureDirection:
 
     def _falls(self, part: Array) -> tuple[float, float]:
         """Return upper bounds of the decrease (m) of the gap over a piece (degree + 1, n), and of the motion (m)."""
-        from pinproof.kernels.world import LEADER, MIDDLE, MULTIPLIER, SLIDES
-
         moving, middle = self._mover, bezier.split(part)[0][-1]
         moving.move(middle)
-        joints, axes = moving.world.joints[moving.chain], moving.axes[moving.chain]
-        leader, share, slides = joints[:, LEADER].astype(int), joints[:, MULTIPLIER], joints[:, SLIDES] != 0.0
+        leader, share, slides = moving.leader, moving.multiplier, moving.prismatic
         rates = share * np.diff(part, axis=0)[:, leader]  # (degree, k)
         delta = np.abs(share * np.abs(part - middle).max(axis=0)[leader])
-        directions, points = axes[:, [2, 5, 8]], axes[:, 9:12]
-        arms = _cross(directions, moving.at[MIDDLE : MIDDLE + 3] - points)
+        directions, points = moving.axes[:, :3, 2], moving.axes[:, :3, 3]
+        arms = _cross(directions, moving.middle - points)
         rho = np.where(slides, 1.0, np.sqrt((arms * arms).sum(axis=1)) + moving.ball)
         turns = np.where(slides, 0.0, 2.0 * np.sin(0.5 * np.minimum(delta, np.pi)))
         shifts = np.where(slides, delta, rho * turns)
@@ -221,11 +220,11 @@ class BodySupport(NamedTuple):
         return cls(np.array(body.geometry.vertices()) if exact else None, body)
 
     def reach(self, at: Array, directions: Array) -> Array:
-        """Return (d,) the largest ``direction . x`` over the body at ``at`` (12 or more), for directions (d, 3)."""
-        origin = directions @ at[9:12]
+        """Return (d,) the largest ``direction . x`` over the body at ``at`` (4, 4), for directions (d, 3)."""
+        origin = directions @ at[:3, 3]
         if isinstance(self.body.geometry, coal.Halfspace):
             return np.asarray(origin)
-        local = directions @ at[:9].reshape(3, 3)
+        local = directions @ at[:3, :3]
         if self.points is None and self.body.support is not None:
             return np.asarray(origin + self.body.support.reach(local))
         return np.asarray(origin + (local @ np.asarray(self.points).T).max(axis=1))
@@ -393,14 +392,14 @@ def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: 
     is farther away, and for an obstacle that has no facets.
     """
     a, b = checker.pairs[pair]
-    body, at = checker.bodies[b], checker.at[b]
+    body, at = checker.bodies[b], matrix(checker.bodies[b].link_from_body)
     if body.support is not None or body.link is not None or isinstance(body.geometry, coal.Halfspace):
         return np.empty((0, 3))
     moving = MovingBody(checker, a)
     moving.move(q)
     vertices, triangles = facets_of(body)
-    corners = (vertices @ at[:9].reshape(3, 3).T + at[9:12])[triangles]
-    own = at[:9].reshape(3, 3).T
+    corners = (vertices @ at[:3, :3].T + at[:3, 3])[triangles]
+    own = at[:3, :3].T
     directions = np.array([[0.0, 0.0, 1.0], *own, *-own])
     near = corners[_near(moving, corners, directions, reach)]
     normals = _commonest(_normals(near)) if len(near) else np.empty((0, 3))
@@ -411,7 +410,7 @@ def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: 
 
 def _near(moving: MovingBody, corners: Array, directions: Array, reach: float) -> npt.NDArray[np.bool_]:
     """(F,) the triangles that no direction tried shows farther than ``reach`` from the body."""
-    own = moving.at[:9].reshape(3, 3).T
+    own = moving.at[:3, :3].T
     _, gaps = _gaps(moving, corners, np.concatenate([directions, own, -own]))
     near = gaps.max(axis=0) <= reach
     left = np.flatnonzero(near)
@@ -454,7 +453,7 @@ def _distinct(directions: Array) -> Array:
 
 def _measured(moving: MovingBody, body: Body, facets: Array) -> Array:
     """Return (m, 3) the directions from facets to a close or penetrating convex body, computed by coal."""
-    measure, still = MeasureConvex(), np.concatenate([np.eye(3).ravel(), np.zeros(3)])
+    measure, still = MeasureConvex(), np.eye(4)
     found = []
     for facet in facets:
         found.append(-measure.of(body.geometry, moving.at, bvh(facet, ONE_TRIANGLE), still).normal)

@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import fastest_speeds
 from pinproof.errors import TimingError
 from pinproof.motion import bezier
 from pinproof.motion.curve import Array, Curve
@@ -320,8 +321,6 @@ class _Phases:
     def __init__(
         self, path: PreparedPath, grid: Grid, bounds: Bounds, ends: tuple[float, float], window: Array | None
     ) -> None:
-        from pinproof.kernels.path_speed import path_speed
-
         s, piece, step, slope = grid.s, grid.piece, np.diff(grid.s), grid.slope
         bent = ~path.straight[piece]
         velocity = bounds.velocity / grid.slowdown[:, None]
@@ -338,9 +337,8 @@ class _Phases:
             fastest = self._limited_by_jerk(path, grid, fastest, velocity, acceleration, jerk)
         stop = np.isin(s, path.knots[path.stops])
         ceiling = _squared_ceiling(fastest, stop, ends)
-        x = np.empty(len(s))
-        stuck = path_speed(slope, grid.curvature, step, ceiling, soft, ceiling[0], ceiling[-1], x)
-        if stuck >= 0:
+        x, stuck = fastest_speeds(slope, grid.curvature, step, ceiling, soft, ceiling[0], ceiling[-1])
+        if stuck is not None:
             raise _timing_error(stuck, len(step), ends)
         speed = np.sqrt(x)
         stop[[0, -1]] = True

@@ -1,6 +1,6 @@
 """Planning: RRT-Connect, OMPL, simplification of paths, and Cartesian moves; every path has a certificate."""
 
-from pinproof.planning.blend import blend
+from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
 from pinproof.planning.planners import DEFAULT_PLANNER, PLANNERS, Planner, make_planner
@@ -13,7 +13,7 @@ from pinproof.planning.result import (
     PosesPlanResult,
 )
 from pinproof.planning.rrt_connect import RrtConnect
-from pinproof.planning.simplify import SimplifyResult, shortcut, simplify
+from pinproof.planning.simplification import SimplifyResult, shortcut, simplify
 
 __all__ = [
     "DEFAULT_PLANNER",

@@ -175,7 +175,6 @@ class _Validity:
     def __init__(self, settings: OmplPlanner, ends: Ends) -> None:
         both = np.vstack([ends.start, ends.goals])
         self._edges, self._checker = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD), ends.checker
-        self._edges.load_kernels(ends.start)
         self._max_edges, self._dof = settings.max_edges, len(ends.start)
         self.until: Any = None
         self.edges = 0

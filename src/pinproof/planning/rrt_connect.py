@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.errors import InputError
 from pinproof.model import Arm
@@ -25,12 +26,9 @@ from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends, with_turns
 from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus, Progress
 
-__all__ = ["SEARCH_PAD", "RrtConnect", "Search", "Trees", "sampling_box"]
+__all__ = ["SEARCH_PAD", "RrtConnect", "Search", "sampling_box"]
 
 Array = npt.NDArray[np.float64]
-
-INITIAL_CAPACITY = 256
-"""Number of nodes for which each tree initially has space."""
 
 SEARCH_PAD = 2e-3
 """Distance (m) in addition to the margin that the edges of the trees initially keep. With a quarter of it, the proofs
@@ -76,8 +74,7 @@ class RrtConnect:
         not end their search. In 400 searches of a TIAGo (8 joints) in narrow shelves, the median was 900 samples and
         the maximum 45,000; the default is well above that.
     time_limit
-        Time (s) after which the search ends. Loading or compiling the kernels does not count. The path that a search
-        finds within the limit does not depend on it.
+        Time (s) after which the search ends. The path that a search finds within the limit does not depend on it.
 
     Raises
     ------
@@ -170,26 +167,25 @@ class Search:
     """
 
     def __init__(self, settings: RrtConnect, ends: Ends, rng: np.random.Generator, progress: Progress | None) -> None:
-        from pinproof.kernels import rrt
-
-        self._kernel = rrt
         self._settings, self._given, self._checker, self._rng = settings, ends, ends.checker, rng
         self._progress = progress
         both = np.vstack([ends.start, ends.goals])
         self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD)
-        self._state = np.zeros(rrt.STATE_SIZE, dtype=np.int64)
-        self._state[[rrt.TOLD, rrt.MOST_NODES, rrt.MOST_SAMPLES]] = rrt.ASK, settings.max_nodes, settings.max_samples
-        self._trees = Trees(ends.start, ends.goals, self._state[rrt.SIZE : rrt.SIZE + 2])
-        self._box = sampling_box(ends.checker.arm, both)
-        self._draws, self._ends = np.empty((0, len(ends.start) + 2)), np.empty((2, len(ends.start)))
-        self._gap = np.array([np.inf])
+        self._core = RrtSearch(
+            self._edges.core,
+            np.ascontiguousarray(ends.start),
+            np.ascontiguousarray(ends.goals),
+            sampling_box(ends.checker.arm, both),
+            step=settings.step,
+            max_nodes=settings.max_nodes,
+            max_samples=settings.max_samples,
+        )
         self._cut, self._last_cut, self._reduce_pad_at = 0, "", REDUCE_PAD_AFTER
-        self._load_kernels()
         self._began = time.monotonic()
 
     def run(self) -> PlanResult:
         """Search until a path is certified, a budget is exhausted or the callback requests to stop."""
-        k, state, settings = self._kernel, self._state, self._settings
+        search, settings, happened = self._core, self._settings, RrtSearch.Event
         if self._stop_requested():
             return self._cancelled()
         if (result := self._try_direct_edges()) is not None:
@@ -200,18 +196,14 @@ class Search:
                 self._reduce_pad_at *= 4
                 if (result := self._try_direct_edges()) is not None:
                     return result
-            ended = self._grow(self._edges.samples + SAMPLES_PER_CALL)
-            if ended == k.MET:
-                if (result := self._join(int(state[k.AT_START]), int(state[k.AT_GOAL]))) is not None:
+            event = search.grow(self._edges.samples + SAMPLES_PER_CALL)
+            if event is happened.MET:
+                if (result := self._join(search.meeting(0), search.meeting(1))) is not None:
                     return result
-            elif ended == k.COAL:
-                state[k.TOLD] = k.FREE if self._edges.deferred_free() else k.BLOCKED
-            elif ended == k.DRAWS:
-                self._draws, state[k.DRAWN] = self._rng.random((DRAWS, self._draws.shape[1])), 0
-            elif ended == k.NODES:
-                self._trees.enlarge()
-            elif ended == k.SPENT:
-                full = len(self._trees) >= settings.max_nodes
+            elif event is happened.NEEDS_DRAWS:
+                search.add_draws(self._rng.random((DRAWS, len(self._given.start) + 2)))
+            elif event is happened.SPENT:
+                full = self._nodes >= settings.max_nodes
                 return self._out_of_budget("max_nodes" if full else "max_samples")
             if self._stop_requested():
                 return self._cancelled()
@@ -222,16 +214,16 @@ class Search:
     def _seconds(self) -> float:
         return time.monotonic() - self._began
 
+    @property
+    def _nodes(self) -> int:
+        """The number of nodes that were added to both trees, including those that were removed."""
+        return int(self._core.size(0) + self._core.size(1))
+
     def _stop_requested(self) -> bool:
         if self._progress is None:
             return False
-        samples = int(self._state[self._kernel.SAMPLES])
-        return self._progress(PlanProgress(len(self._trees), samples, self._seconds, float(self._gap[0]))) is False
-
-    def _load_kernels(self) -> None:
-        """Call each compiled loop once without effect on the search, so that the clock does not include compilation."""
-        self._edges.load_kernels(self._given.start)
-        self._grow(0)  # returns at once: no samples are allowed
+        search = self._core
+        return self._progress(PlanProgress(self._nodes, search.samples, self._seconds, search.gap)) is False
 
     def _try_direct_edges(self) -> PlanResult | None:
         """The straight segment to a goal if one is proven free; the goals are tried in the order of their distance."""
@@ -245,30 +237,18 @@ class Search:
                 return result
         return None
 
-    def _grow(self, max_samples: int) -> int:
-        """Grow the trees until the total number of edge samples is reached or the caller must act; why it stopped."""
-        state, trees, edges = self._state, self._trees, self._edges
-        steering = edges.steering
-        state[self._kernel.UNTIL] = max_samples
-        ended: int = self._kernel.grow(
-            steering.numbers, steering.indices, steering.workspace.at, self._settings.step, edges.resolution, self._box,
-            self._draws, trees.q, trees.parents, state, self._ends, edges.deferred, edges.counts, self._gap,
-        )  # fmt: skip
-        return ended
-
     def _join(self, at_start: int, at_goal: int) -> PlanResult | None:
         """The certified path through two coincident nodes, or None after the removal of the edge that failed."""
-        trees = self._trees
-        forward, backward = trees.branch(0, at_start)[::-1], trees.branch(1, at_goal)
-        q = np.concatenate([trees.q[0, forward], trees.q[1, backward[1:]]])
+        search = self._core
+        forward, backward = search.branch(0, at_start)[::-1], search.branch(1, at_goal)
+        q = np.concatenate([search.configurations(0, forward), search.configurations(1, backward[1:])])
         result, failed = self._prove(q, backward[-1])
         if result is None:
             # Edge i connects the waypoints i and i + 1. A tree stores an edge with its child node.
             if failed < len(forward) - 1:
-                trees.cut(0, forward[failed + 1])
+                search.cut(0, forward[failed + 1])
             else:
-                trees.cut(1, backward[failed - (len(forward) - 1)])
-            self._gap[0] = np.inf  # the nearest nodes may have been removed
+                search.cut(1, backward[failed - (len(forward) - 1)])
         return result
 
     def _prove(self, q: Array, row: int) -> tuple[PlanResult | None, int]:
@@ -295,12 +275,12 @@ class Search:
 
     def _without_path(self, status: PlanStatus, why: str, advice: str) -> PlanResult:
         failed = f", {self._cut} edges failed the proof, the last one: {self._last_cut}" if self._cut else ""
-        trees = (self._trees.nodes(0), self._trees.nodes(1))
+        trees = (self._core.nodes(0), self._core.nodes(1))
         gap = _gap_between(*trees)
         separation = _describe_gap(
             self._checker.arm, *trees, gap, turns=self._given.turns or not self._has_other_turns()
         )
-        work = f"{len(self._trees)} nodes, {self._state[self._kernel.SAMPLES]} samples{failed}"
+        work = f"{self._nodes} nodes, {self._core.samples} samples{failed}"
         return self._result(status, f"{why} ({work}); {separation}. {advice}", gap=gap)
 
     def _has_other_turns(self) -> bool:
@@ -316,9 +296,9 @@ class Search:
             None,
             None,
             message,
-            nodes=len(self._trees),
+            nodes=self._nodes,
             cut=self._cut,
-            samples=int(self._state[self._kernel.SAMPLES]),
+            samples=self._core.samples,
             seconds=self._seconds,
             gap=gap,
             checker=self._checker,
@@ -342,65 +322,6 @@ def sampling_box(arm: Arm, ends: Array) -> Array:
     low = np.where(unbounded, np.maximum(ends.min(axis=0) - np.pi, arm.limits.lower), arm.limits.lower)
     high = np.where(unbounded, np.minimum(ends.max(axis=0) + np.pi, arm.limits.upper), arm.limits.upper)
     return np.array([low, high])
-
-
-class Trees:
-    """The tree of the start (index 0) and the tree of the goals (index 1), in arrays that the compiled loop extends.
-
-    Parameters
-    ----------
-    start
-        (n,) the root of the first tree.
-    goals
-        (g, n) the roots of the second tree.
-    sizes
-        (2,) the number of nodes of each tree. The compiled loop updates it.
-
-    Attributes
-    ----------
-    q
-        (2, N, n) the nodes of each tree in the order in which they were added. Removed nodes are set to infinity.
-    parents
-        (2, N) the index of the parent of each node. A root is its own parent.
-    """
-
-    def __init__(self, start: Array, goals: Array, sizes: npt.NDArray[np.int64]) -> None:
-        capacity = max(INITIAL_CAPACITY, len(goals) + 1)
-        self.q = np.empty((2, capacity, len(start)))
-        self.parents = np.zeros((2, capacity), dtype=np.int64)
-        self._sizes = sizes
-        self.q[0, 0], self.q[1, : len(goals)] = start, goals
-        self.parents[1, : len(goals)] = np.arange(len(goals))
-        sizes[:] = 1, len(goals)
-
-    def __len__(self) -> int:
-        """The number of nodes that were added to both trees, including those that were removed."""
-        return int(self._sizes.sum())
-
-    def enlarge(self) -> None:
-        """Double the capacity of both trees."""
-        self.q = np.concatenate([self.q, np.empty_like(self.q)], axis=1)
-        self.parents = np.concatenate([self.parents, np.empty_like(self.parents)], axis=1)
-
-    def branch(self, tree: int, index: int) -> list[int]:
-        """The indices of the nodes from ``index`` to its root."""
-        branch = [index]
-        while (parent := int(self.parents[tree, branch[-1]])) != branch[-1]:
-            branch.append(parent)
-        return branch
-
-    def cut(self, tree: int, index: int) -> None:
-        """Remove a node that is not a root, and its subtree."""
-        removed = np.zeros(self._sizes[tree], dtype=bool)
-        removed[index] = True
-        for child in range(index + 1, len(removed)):  # a child has a larger index than its parent
-            removed[child] = removed[self.parents[tree, child]]
-        self.q[tree, : len(removed)][removed] = np.inf
-
-    def nodes(self, tree: int) -> Array:
-        """(m, n) the nodes of a tree that were not removed."""
-        q = self.q[tree, : self._sizes[tree]]
-        return q[np.isfinite(q[:, 0])]
 
 
 def _gap_between(from_start: Array, from_goal: Array) -> float:

@@ -13,33 +13,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from pinproof._core import shortcut as shorten
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath
-from pinproof.planning.blend import blend as round_corners
-from pinproof.planning.blend import without_repeats
+from pinproof.planning.blending import blend as round_corners
 from pinproof.planning.edges import Edges
 
 __all__ = ["SimplifyResult", "shortcut", "simplify"]
-
-Array = npt.NDArray[np.float64]
-
-MIN_GAIN = 1e-3
-"""Fraction of the path length (Euclidean). A change that saves less does not justify its proof."""
-
-PATIENCE = 12
-"""Number of consecutive random shortcuts without gain after which no more are tried."""
-
-MAX_PASSES = 5
-"""Maximum number of passes in which waypoints are moved."""
-
-END_DISTANCE = 0.1
-"""Minimum distance of a moved waypoint from its neighbours, as a fraction of their distance; it avoids tiny edges."""
-
-MIN_SHARE = 0.2
-"""A waypoint is left in place if it cannot be moved by this fraction of its distance to the straight line."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,87 +195,6 @@ def shortcut(
         raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.arm.joint_names}")
     if attempts < 0:
         raise InputError(f"attempts = {attempts}; it must be 0 or more")
-    shortener = _Shortener(Edges(checker, resolution, path.q[[0, -1]]), np.random.default_rng(rng))
-    q = shortener.connect_farthest(without_repeats(np.array(path.q)))
-    if attempts:
-        q = shortener.straighten(shortener.remove_waypoints(shortener.random_shortcuts(q, attempts)))
-        q = shortener.remove_waypoints(q)
-    return JointPath(without_repeats(q), path.joint_names)
-
-
-class _Shortener:
-    """The operations on a path q (m, n). Each returns a path with the same ends that is not longer."""
-
-    def __init__(self, edges: Edges, rng: np.random.Generator) -> None:
-        self._free, self._rng = edges.proven_free, rng
-
-    def connect_farthest(self, q: Array) -> Array:
-        """Connect each kept waypoint to the farthest later waypoint that a free edge reaches."""
-        kept, first, last = [q[0]], 0, len(q) - 1
-        while first < last:
-            first = next((k for k in range(last, first + 1, -1) if self._free(q[first], q[k])), first + 1)
-            kept.append(q[first])
-        return np.array(kept)
-
-    def remove_waypoints(self, q: Array) -> Array:
-        """Remove each waypoint for which the edge between its neighbours is free."""
-        i = 1
-        while i < len(q) - 1:
-            if self._free(q[i - 1], q[i + 1]):
-                q = np.delete(q, i, axis=0)
-                i = max(i - 1, 1)  # the previous waypoint has a new neighbour
-            else:
-                i += 1
-        return q
-
-    def random_shortcuts(self, q: Array, attempts: int) -> Array:
-        """Connect random points of different edges, until PATIENCE attempts in a row have no gain."""
-        failures = 0
-        for _ in range(attempts):
-            if len(q) < 3 or failures == PATIENCE:
-                break
-            shorter = self._random_shortcut(q)
-            failures = failures + 1 if shorter is q else 0
-            q = shorter
-        return q
-
-    def _random_shortcut(self, q: Array) -> Array:
-        lengths = np.linalg.norm(np.diff(q, axis=0), axis=1)
-        at = np.concatenate([[0.0], np.cumsum(lengths)])
-        first, last = np.sort(self._rng.uniform(0.0, at[-1], 2))
-        i, k = (min(int(np.searchsorted(at, s, side="right")) - 1, len(lengths) - 1) for s in (first, last))
-        if i == k:
-            return q
-        a = q[i] + (q[i + 1] - q[i]) * ((first - at[i]) / lengths[i])
-        b = q[k] + (q[k + 1] - q[k]) * ((last - at[k]) / lengths[k])
-        gain = (last - first) - float(np.linalg.norm(b - a))
-        if gain <= MIN_GAIN * at[-1] or not self._free(a, b):
-            return q
-        return np.vstack([q[: i + 1], a, b, q[k + 1 :]])
-
-    def straighten(self, q: Array) -> Array:
-        """Move each waypoint towards the straight line between its neighbours, by a share that is halved on failure."""
-        q = q.copy()
-        share = np.ones(len(q))
-        min_gain = MIN_GAIN * float(np.linalg.norm(np.diff(q, axis=0), axis=1).sum())
-        for _ in range(MAX_PASSES):
-            changed = False
-            for i in range(1, len(q) - 1):
-                before, here, after = q[i - 1 : i + 2]
-                chord = after - before
-                along = float((here - before) @ chord / max(chord @ chord, np.finfo(float).tiny))
-                foot = before + chord * min(max(along, END_DISTANCE), 1.0 - END_DISTANCE)
-                moved = here + (foot - here) * share[i]
-                lengths = [
-                    float(np.linalg.norm(step)) for step in (here - before, after - here, moved - before, after - moved)
-                ]
-                if share[i] < MIN_SHARE or lengths[0] + lengths[1] - lengths[2] - lengths[3] <= min_gain:
-                    continue
-                if self._free(before, moved) and self._free(moved, after):
-                    q[i], changed = moved, True
-                else:
-                    share[i] /= 2
-                    changed = changed or share[i] >= MIN_SHARE
-            if not changed:
-                break
-        return q
+    edges = Edges(checker, resolution, path.q[[0, -1]])
+    draws = np.random.default_rng(rng).random((attempts, 2))
+    return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)

@@ -1,0 +1,203 @@
+// Edges, searches and shortcuts in joint space.
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/unique_ptr.h>
+#include <nanobind/stl/vector.h>
+
+#include <memory>
+#include <stdexcept>
+
+#include "bindings/arrays.h"
+#include "bindings/bindings.h"
+#include "bindings/exact_judge.h"
+#include "planning/edge_checker.h"
+#include "planning/rrt_connect.h"
+#include "planning/shortcut.h"
+
+namespace pinproof {
+namespace {
+
+std::unique_ptr<ExactJudge> judge(nb::object exact, const World& world) {
+    return std::make_unique<PythonJudge>(std::move(exact), world.space().tree.dof);
+}
+
+void require_rows(const char* name, const Matrix& rows, std::size_t length) {
+    require_size(name, rows.shape(1), length);
+    if (rows.shape(0) == 0) throw std::invalid_argument(std::string(name) + ": there are no rows");
+}
+
+const Tree& tree_of(const RrtSearch& search, int tree) {
+    if (tree != 0 && tree != 1) throw std::invalid_argument("tree must be 0 or 1");
+    return search.tree(tree);
+}
+
+int node_of(const Tree& tree, int node) {
+    if (node < 0 || node >= tree.size()) throw std::invalid_argument("no such node");
+    return node;
+}
+
+// The nodes of a tree with these numbers, (N, dof).
+nb::object rows_of(const Tree& tree, const std::vector<int>& nodes, std::size_t dof) {
+    auto out = new_array({nodes.size(), dof});
+    for (std::size_t i = 0; i < nodes.size(); ++i)
+        std::copy_n(tree.node(node_of(tree, nodes[i])), dof, out.data + i * dof);
+    return nb::cast(out.array);
+}
+
+void bind_edges(nb::module_& module) {
+    nb::class_<EdgeChecker>(module, "EdgeChecker", "Checks straight edges in joint space by samples and by proofs.")
+        .def(
+            "__init__",
+            [](EdgeChecker* self, std::shared_ptr<World> world, nb::object exact, double resolution) {
+                auto by_exact = judge(std::move(exact), *world);
+                new (self) EdgeChecker(std::move(world), std::move(by_exact), resolution);
+            },
+            nb::arg("world"), nb::arg("exact"), nb::arg("resolution"))
+        .def(
+            "set_steering",
+            [](EdgeChecker& self, std::shared_ptr<World> world, nb::object exact, bool blocked) {
+                require_size("a configuration of the world", world->space().tree.dof, self.dof());
+                auto by_exact = judge(std::move(exact), *world);
+                self.set_steering(std::move(world), std::move(by_exact), blocked);
+            },
+            nb::arg("world"), nb::arg("exact"), nb::arg("blocked"),
+            "Take samples in another world; `blocked`: none is free.")
+        .def("set_resolution", &EdgeChecker::set_resolution, nb::arg("resolution"))
+        .def(
+            "samples_free",
+            [](EdgeChecker& self, const Vector& a, const Vector& b) {
+                require_size("a", a.shape(0), self.dof());
+                require_size("b", b.shape(0), self.dof());
+                nb::gil_scoped_release release;
+                return self.samples_free(a.data(), b.data());
+            },
+            nb::arg("a"), nb::arg("b"))
+        .def(
+            "proven_free",
+            [](EdgeChecker& self, const Vector& a, const Vector& b) {
+                require_size("a", a.shape(0), self.dof());
+                require_size("b", b.shape(0), self.dof());
+                nb::gil_scoped_release release;
+                return self.proven_free(a.data(), b.data());
+            },
+            nb::arg("a"), nb::arg("b"))
+        .def_prop_ro("samples", &EdgeChecker::samples, "Total number of samples so far.");
+}
+
+void bind_search(nb::module_& module) {
+    nb::class_<RrtSearch> search(module, "RrtSearch", "Two trees that grow towards each other.");
+    nb::enum_<RrtSearch::Event>(search, "Event", "Why a search stopped.")
+        .value("MET", RrtSearch::Event::kMet)
+        .value("NEEDS_DRAWS", RrtSearch::Event::kNeedsDraws)
+        .value("SPENT", RrtSearch::Event::kSpent)
+        .value("PAUSED", RrtSearch::Event::kPaused);
+    search
+        .def(
+            "__init__",
+            [](RrtSearch* self, EdgeChecker& edges, const Vector& start, const Matrix& goals, const Matrix& box,
+               double step, std::int64_t max_nodes, std::int64_t max_samples) {
+                require_size("start", start.shape(0), edges.dof());
+                require_rows("goals", goals, edges.dof());
+                require_size("box", box.size(), 2 * edges.dof());
+                new (self) RrtSearch(edges, {start.data(), start.size()}, {goals.data(), goals.size()},
+                                     {box.data(), box.size()}, {step, max_nodes, max_samples});
+            },
+            nb::arg("edges"), nb::arg("start"), nb::arg("goals"), nb::arg("box"), nb::kw_only(), nb::arg("step"),
+            nb::arg("max_nodes"), nb::arg("max_samples"), nb::keep_alive<1, 2>())
+        .def("grow", &RrtSearch::grow, nb::arg("until"), nb::call_guard<nb::gil_scoped_release>(),
+             "Continue until something happens, or the edges have taken this many samples.")
+        .def(
+            "add_draws",
+            [](RrtSearch& self, const Matrix& draws) {
+                self.add_draws({draws.data(), draws.size()});
+            },
+            nb::arg("draws"), "Provide random numbers (N, n + 2) in [0, 1).")
+        .def(
+            "size", [](const RrtSearch& self, int tree) { return tree_of(self, tree).size(); }, nb::arg("tree"))
+        .def(
+            "branch",
+            [](const RrtSearch& self, int tree, int node) {
+                return tree_of(self, tree).branch(node_of(tree_of(self, tree), node));
+            },
+            nb::arg("tree"), nb::arg("node"), "The nodes from this one to its root.")
+        .def(
+            "cut",
+            [](RrtSearch& self, int tree, int node) {
+                node_of(tree_of(self, tree), node);
+                self.tree(tree).cut(node);
+                self.forget_gap();  // The nearest nodes may have been removed.
+            },
+            nb::arg("tree"), nb::arg("node"), "Remove a node that is not a root, and its subtree.")
+        .def(
+            "configurations",
+            [](const RrtSearch& self, int tree, const std::vector<int>& nodes) {
+                const Tree& all = tree_of(self, tree);
+                return rows_of(all, nodes, self.dof());
+            },
+            nb::arg("tree"), nb::arg("nodes"))
+        .def(
+            "nodes",
+            [](const RrtSearch& self, int tree) {
+                const Tree& all = tree_of(self, tree);
+                std::vector<int> kept;
+                for (int i = 0; i < all.size(); ++i)
+                    if (!all.removed(i)) kept.push_back(i);
+                return rows_of(all, kept, self.dof());
+            },
+            nb::arg("tree"), "(m, n) the nodes of a tree that were not removed.")
+        .def(
+            "add",
+            [](RrtSearch& self, int tree, const Vector& q, int parent) {
+                require_size("q", q.shape(0), self.dof());
+                return self.tree(tree).add(q.data(), node_of(tree_of(self, tree), parent));
+            },
+            nb::arg("tree"), nb::arg("q"), nb::arg("parent"), "Add a node, for tests.")
+        .def(
+            "nearest",
+            [](const RrtSearch& self, int tree, const Vector& q) {
+                require_size("q", q.shape(0), self.dof());
+                return tree_of(self, tree).nearest(q.data());
+            },
+            nb::arg("tree"), nb::arg("q"))
+        .def(
+            "meeting",
+            [](const RrtSearch& self, int tree) {
+                tree_of(self, tree);
+                return self.meeting(tree);
+            },
+            nb::arg("tree"), "The node at which a tree met the other.")
+        .def_prop_ro("samples", &RrtSearch::samples, "Total number of random samples.")
+        .def_prop_ro("gap", &RrtSearch::gap, "The smallest distance found between the nodes of both trees.");
+}
+
+}  // namespace
+
+void bind_planning(nb::module_& module) {
+    bind_edges(module);
+    bind_search(module);
+    module.def(
+        "shortcut",
+        [](EdgeChecker& edges, const Matrix& path, const Matrix& draws) {
+            require_rows("path", path, edges.dof());
+            require_size("a row of draws", draws.shape(1), 2);
+            std::vector<double> shorter;
+            {
+                nb::gil_scoped_release release;
+                PathShortener shortener(edges, {path.data(), path.size()});
+                shortener.connect_farthest();
+                if (draws.shape(0) > 0) {
+                    shortener.random_shortcuts({draws.data(), draws.size()});
+                    shortener.remove_waypoints();
+                    shortener.straighten();
+                    shortener.remove_waypoints();
+                }
+                shorter = shortener.path();
+            }
+            auto out = new_array({shorter.size() / edges.dof(), edges.dof()});
+            std::copy(shorter.begin(), shorter.end(), out.data);
+            return nb::cast(out.array);
+        },
+        nb::arg("edges"), nb::arg("path"), nb::arg("draws"),
+        "A shorter path (k, n) with the same ends, from random numbers (attempts, 2) in [0, 1).");
+}
+
+}  // namespace pinproof

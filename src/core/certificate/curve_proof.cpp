@@ -1,0 +1,313 @@
+#include "certificate/curve_proof.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pinproof {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// Times their distance: the motion is not bounded closely if two bodies may approach each other by more.
+constexpr double kHopeless = 4.0;
+
+// Fraction of the clearance to prove: no pair is measured more accurately.
+constexpr double kCoarse = 0.02;
+
+// Fraction of a pair's clearance to which it is measured where only FREE or not is asked.
+constexpr double kQuickShare = 0.1;
+
+// Entries of the stack of intervals: 60 bisections reach the resolution of a double.
+constexpr std::size_t kDepth = 192;
+
+// Bisect a piece (points, dof) into two (de Casteljau).
+void halve(const double* control, std::size_t points, std::size_t dof, double* left, double* right) {
+    std::copy_n(control, points * dof, right);
+    for (std::size_t r = 0; r < points; ++r) {
+        std::copy_n(right, dof, left + r * dof);
+        for (std::size_t i = 0; i + 1 < points - r; ++i)
+            for (std::size_t j = 0; j < dof; ++j)
+                right[i * dof + j] = 0.5 * (right[i * dof + j] + right[(i + 1) * dof + j]);
+    }
+}
+
+// Extend delta from the middle to all control points, and so to their curve.
+void widen(const double* control, std::size_t points, const std::vector<double>& middle, std::vector<double>& delta) {
+    const std::size_t dof = middle.size();
+    for (std::size_t r = 0; r < points; ++r)
+        for (std::size_t j = 0; j < dof; ++j) delta[j] = std::max(delta[j], std::abs(control[r * dof + j] - middle[j]));
+}
+
+}  // namespace
+
+struct CurveProof::Summary {
+    // Of the pairs that are proven.
+    double proven, joint_tube, obstacle_tube;
+    // Of the pairs that stay open.
+    std::size_t list = 0, open = 0;  // where they are in lists_
+    double step = 0.0;               // the largest approach that is due to the curve, not to tolerances
+    double open_proven = kInfinity, open_joint_tube = kInfinity, open_obstacle_tube = kInfinity;
+    double weakest = kInfinity;  // the smallest proven clearance beyond the margin
+    int weakest_pair = -1;
+    double weakest_distance = kInfinity;
+    // The deepest contact at the middle.
+    double depth = kInfinity;
+    int contact = -1;
+};
+
+CurveProof::CurveProof(const World& world)
+    : world_(world),
+      joints_(world.space().tree.joints.size()),
+      bodies_(world.space().at_rest),
+      bounds_(world),
+      middle_(world.space().tree.dof),
+      delta_(world.space().tree.dof),
+      memory_(world.pairs.size()) {
+    stack_.reserve(kDepth);
+}
+
+ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings, const double* joint_tolerance,
+                           ExactJudge& exact, const ProofState& known) {
+    curve_ = curve;
+    settings_ = settings;
+    joint_tolerance_ = joint_tolerance;
+    state_ = known;
+    last_interval_ = 0;
+    for (PairMemory& memory : memory_) {
+        memory.separation.direction = {};
+        memory.separation.simplex.size = 0;
+        memory.distance = kInfinity;
+    }
+    const std::size_t size = curve.points * curve.dof;
+    parts_.resize(kDepth * size);
+    part_.resize(size);
+    halves_.resize(2 * size);
+    stack_.clear();
+    push({curve.knots.front(), curve.knots.back(), 0, curve.pieces(), 0, 0, true}, curve.piece(0));
+    while (!stack_.empty()) {
+        Interval interval = stack_.back();
+        std::copy_n(part(stack_.size() - 1), size, part_.data());
+        stack_.pop_back();
+        const double* control = part_.data();
+        const Middle middle = place_middle(interval, control);
+        Summary sum;
+        sum.proven = state_.proven;
+        sum.joint_tube = state_.joint_tube;
+        sum.obstacle_tube = state_.obstacle_tube;
+        if (interval.all_pairs) list_pairs(interval, sum);
+        judge_pairs(interval, control, sum, exact);
+        ++state_.intervals;
+        state_.proven = sum.proven;
+        state_.joint_tube = sum.joint_tube;
+        state_.obstacle_tube = sum.obstacle_tube;
+        if (sum.contact >= 0) {
+            state_.contact = FoundContact{middle.time, sum.contact, middle_};
+            stack_.clear();
+        }
+        if (sum.open == 0) continue;
+        const bool spent = state_.intervals >= settings_.max_intervals;
+        if (sum.step < settings_.tolerance || spent || stack_.size() + 2 > kDepth) {
+            if (!settle(interval, sum)) break;
+        } else {
+            bisect(interval, middle, sum);
+        }
+    }
+    return std::move(state_);
+}
+
+// The distance (m) at which a pair with this margin is dropped.
+double CurveProof::goal(double margin) const {
+    return std::isfinite(state_.spare) ? margin + settings_.goal_share * std::max(state_.spare, 0.0) : margin;
+}
+
+void CurveProof::push(const Interval& interval, const double* control) {
+    std::copy_n(control, curve_.points * curve_.dof, part(stack_.size()));
+    stack_.push_back(interval);
+}
+
+// Place the bodies at the middle of an interval, and bound their motion in it.
+CurveProof::Middle CurveProof::place_middle(const Interval& interval, const double* control) {
+    Middle middle;
+    std::ranges::fill(delta_, 0.0);
+    if (is_single_piece(interval)) {
+        middle = {0.5 * (interval.start + interval.end), interval.first_piece};
+        double* left = halves_.data();
+        double* right = left + curve_.points * curve_.dof;
+        halve(control, curve_.points, curve_.dof, left, right);
+        std::copy_n(right, curve_.dof, middle_.data());
+        widen(control, curve_.points, middle_, delta_);
+    } else {
+        middle.piece = (interval.first_piece + interval.end_piece) / 2;
+        middle.time = curve_.knots[middle.piece];
+        std::copy_n(curve_.piece(middle.piece), curve_.dof, middle_.data());
+        for (std::size_t i = interval.first_piece; i < interval.end_piece; ++i)
+            widen(curve_.piece(i), curve_.points, middle_, delta_);
+    }
+    place(world_.space(), middle_.data(), joints_, bodies_);
+    bounds_.set(joints_, bodies_, delta_.data(), joint_tolerance_);
+    return middle;
+}
+
+// List all moving pairs, except obstacles that are proven to be far by the tree of their boxes. With evidence, each pair
+// is listed.
+void CurveProof::list_pairs(Interval& interval, Summary& sum) {
+    const Geometry& space = world_.space();
+    lists_.resize(interval.list);
+    lists_.insert(lists_.end(), world_.own.begin(), world_.own.end());
+    const double level = goal(world_.widest_margin);
+    for (int body : world_.around) {
+        const Approach& approach = bounds_.rough_to_obstacles(body);
+        const double ball = space.shape(body).ball;
+        bool left_out = false;
+        for (int row = 0; row < static_cast<int>(space.obstacles.size());) {
+            const ObstacleNode& node = space.obstacles[row];
+            const double gap = ball_to_node(bodies_[body].centre, ball, node) - approach.distance - space.rounding;
+            if (gap > level && !settings_.record) {
+                row = node.skip;
+                left_out = true;
+                continue;
+            }
+            ++row;
+            if (node.body < 0) continue;
+            const int pair = world_.pair_with_obstacle(body, node.body);
+            if (pair >= 0) lists_.push_back(pair);
+        }
+        if (left_out) {
+            const double room = level - world_.widest_margin;
+            sum.proven = std::min(sum.proven, level - settings_.obstacle_tolerance);
+            sum.obstacle_tube = std::min(sum.obstacle_tube, room);
+            if (approach.growth > 0.0) sum.joint_tube = std::min(sum.joint_tube, room / approach.growth);
+        }
+    }
+    interval.pairs = lists_.size() - interval.list;
+}
+
+// Judge each pair of an interval; those that stay open follow its list.
+void CurveProof::judge_pairs(const Interval& interval, const double* control, Summary& sum, ExactJudge& exact) {
+    sum.list = interval.list + interval.pairs;
+    if (lists_.size() < sum.list + interval.pairs) lists_.resize(sum.list + interval.pairs);
+    left_.clear();
+    for (std::size_t i = interval.list; i < sum.list; ++i) judge(lists_[i], interval, control, nullptr, sum);
+    if (left_.empty()) return;
+    exact_.resize(left_.size());
+    exact.measure(middle_.data(), left_, exact_);
+    for (std::size_t i = 0; i < left_.size(); ++i) judge(left_[i], interval, control, &exact_[i], sum);
+}
+
+// Judge a pair in an interval. `exact` is its distance if the caller measured it.
+void CurveProof::judge(int k, const Interval& interval, const double* control, const ExactDistance* exact,
+                       Summary& sum) {
+    const Geometry& space = world_.space();
+    const Pair& pair = world_.pairs[k];
+    const double margin = pair.margin, goal = this->goal(margin);
+    Approach approach = bounds_.rough(pair);
+    double growth_range = kInfinity;
+    const double enough = goal + approach.distance + space.rounding;
+    std::optional<Transform> a_from_b;
+    double lower = separation_of_bounds(bodies_[pair.a], space.shape(pair.a), bodies_[pair.b], space.shape(pair.b),
+                                        enough, a_from_b);
+    double distance = kInfinity;
+    Vec3 direction;
+    if (!(lower > enough)) {
+        if (exact != nullptr) {
+            distance = exact->attained;
+            lower = std::max(lower, exact->proven);
+        } else if (!pair.convex) {
+            left_.push_back(k);
+            return;
+        } else {
+            PairMemory& memory = memory_[k];
+            // If bodies may move by far more than their distance, nothing can be decided for the interval; only contact
+            // at this configuration is checked.
+            const bool hopeless = !is_single_piece(interval) ||
+                                  approach.distance > kHopeless * std::max(memory.distance, goal);
+            const bool quick = settings_.goal_share == 0.0;
+            const DistanceQuery query{.above = hopeless ? margin : enough,
+                                      .below = margin,
+                                      .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
+                                      .share = quick ? kQuickShare : 0.0};
+            const DistanceBounds bounds = bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b, query,
+                                                         memory.separation);
+            lower = bounds.lower;
+            distance = bounds.upper;
+            if (distance < kInfinity) memory.distance = distance;
+            if (!hopeless && !(lower > enough) && distance > margin) {
+                direction = bodies_[pair.a].root_from_body.rotation * memory.separation.direction;
+                const int points = static_cast<int>(curve_.points);
+                const Approach tight =
+                    settings_.wants_tubes
+                        ? bounds_.tight<true>(pair, approach.split, direction, control, points, middle_.data())
+                        : bounds_.tight<false>(pair, approach.split, direction, control, points, middle_.data());
+                if (tight.distance < approach.distance) {
+                    approach.distance = tight.distance;
+                    approach.growth = tight.growth;
+                    growth_range = kGrowthRange;
+                }
+            }
+        }
+        state_.observed = std::min(state_.observed, distance);
+        state_.spare = std::min(state_.spare, distance - margin);
+    }
+    const double moved = pair.with_obstacle ? settings_.obstacle_tolerance : 0.0;
+    const double certain = lower - approach.distance - space.rounding;
+    const double room = certain - margin;
+    const double tube = approach.growth > 0.0 ? std::min(growth_range, room / approach.growth) : kInfinity;
+    if (settings_.record && room > 0.0)
+        state_.evidence.push_back({interval.start, interval.end, k, certain, direction});
+    if (certain > goal) {
+        sum.proven = std::min(sum.proven, certain - moved);
+        sum.joint_tube = std::min(sum.joint_tube, tube);
+        if (pair.with_obstacle) sum.obstacle_tube = std::min(sum.obstacle_tube, room);
+        return;
+    }
+    lists_[sum.list + sum.open++] = k;
+    sum.step = std::max(sum.step, approach.bare);
+    if (distance - margin <= 0.0 && distance - margin < sum.depth) {
+        sum.depth = distance - margin;
+        sum.contact = k;
+    }
+    sum.open_proven = std::min(sum.open_proven, certain - moved);
+    sum.open_joint_tube = std::min(sum.open_joint_tube, tube);
+    if (pair.with_obstacle) sum.open_obstacle_tube = std::min(sum.open_obstacle_tube, room);
+    if (!(room >= sum.weakest)) {
+        sum.weakest = std::isnan(room) ? -kInfinity : room;  // NaN proves nothing, whichever pair comes after it.
+        sum.weakest_pair = k;
+        sum.weakest_distance = distance;
+    }
+}
+
+// End the work on an interval with open pairs that is not bisected. False: the proof ends.
+bool CurveProof::settle(const Interval& interval, const Summary& sum) {
+    if (sum.weakest > 0.0) {  // Less than the fraction that was requested, but proven.
+        state_.proven = std::min(state_.proven, sum.open_proven);
+        state_.joint_tube = std::min(state_.joint_tube, sum.open_joint_tube);
+        state_.obstacle_tube = std::min(state_.obstacle_tube, sum.open_obstacle_tube);
+        return true;
+    }
+    if (!state_.open) {
+        state_.open = OpenSpan{interval.start, interval.end, sum.weakest_pair, sum.weakest_distance};
+        last_interval_ = state_.intervals + settings_.look_ahead;
+    }
+    if (state_.contact || state_.intervals >= std::min(last_interval_, settings_.max_intervals)) return false;
+    if (interval.start < interval.end) {
+        // A contact that begins here is found at the end of the interval, or shortly after it.
+        const std::size_t last = interval.end_piece - 1, dof = curve_.dof;
+        const double* end = (is_single_piece(interval) ? part_.data() : curve_.piece(last)) + (curve_.points - 1) * dof;
+        for (std::size_t r = 0; r < curve_.points; ++r) std::copy_n(end, dof, halves_.data() + r * dof);
+        push({interval.end, interval.end, last, last + 1, sum.list, sum.open, false}, halves_.data());
+    }
+    return true;
+}
+
+// Pass the open pairs of an interval to its halves; only what comes before a contact matters.
+void CurveProof::bisect(const Interval& interval, const Middle& middle, const Summary& sum) {
+    const std::size_t size = curve_.points * curve_.dof;
+    const bool single = is_single_piece(interval);
+    Interval left{interval.start, middle.time, interval.first_piece, single ? interval.end_piece : middle.piece,
+                  sum.list, sum.open, false};
+    Interval right{middle.time, interval.end, middle.piece, interval.end_piece, sum.list, sum.open, false};
+    if (sum.contact < 0) push(right, single ? halves_.data() + size : curve_.piece(right.first_piece));
+    push(left, single ? halves_.data() : curve_.piece(left.first_piece));
+}
+
+}  // namespace pinproof

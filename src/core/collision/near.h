@@ -1,0 +1,92 @@
+// The bodies that are in contact, or closest, at one configuration.
+//
+// Far pairs are decided by balls and boxes, obstacles many at once by a tree of boxes, and the others by bounds of their
+// distance (gjk.h). Pairs with a body without a support function are left to the caller.
+#pragma once
+
+#include <array>
+#include <cmath>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "collision/world.h"
+
+namespace pinproof {
+
+// A lower bound (m) of the distance of two placed bodies, from their balls and boxes; a larger bound is not searched for
+// once it exceeds `enough`. `a_from_b` is set if it was computed.
+double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
+                            double enough, std::optional<Transform>& a_from_b);
+
+// The distance (m) of a ball and the box of a node; 0 or less if they intersect.
+inline double ball_to_node(const Vec3& centre, double radius, const ObstacleNode& node) {
+    double total = 0.0;
+    for (int i = 0; i < 3; ++i) {
+        const double x = centre[i];
+        const double out = std::max(std::max(node.low[i] - x, x - node.high[i]), 0.0);
+        total += out * out;
+    }
+    return std::sqrt(total) - radius;
+}
+
+// The result for one configuration.
+struct Nearest {
+    // Bounds (m) of the smallest distance over the pairs that do not overlap and are not left to the caller.
+    double lower = std::numeric_limits<double>::infinity();
+    double upper = std::numeric_limits<double>::infinity();
+    int pair = -1;  // the pair of `upper`
+};
+
+// Distances of a placed pair, with the points and the direction that prove them.
+struct Measured {
+    DistanceBounds bounds;
+    Witnesses points;  // in the root frame
+    Vec3 normal;       // the unit vector from a to b along which their supports are `bounds.lower` apart
+};
+
+// The bodies of a world at one configuration. Each thread needs its own.
+class Workspace {
+public:
+    explicit Workspace(std::shared_ptr<const World> world);
+
+    // Place the bodies at q; false if q is not finite.
+    bool place_at(const double* q) { return place(world_->space(), q, joints_, bodies_); }
+
+    // The questions about the placed bodies. A pair is in contact unless it is proven farther apart than its margin. The
+    // pairs that are left to the caller are in left().
+
+    // Whether a pair is in contact. Stops at the first one.
+    bool any_contact();
+    // All pairs in contact are in contacts().
+    void find_contacts();
+    // The pair with the smallest distance; those that are not proven apart are in contacts().
+    Nearest find_nearest();
+
+    Measured measure(int pair) const;
+
+    const std::vector<int>& contacts() const { return contacts_; }
+    const std::vector<int>& left() const { return left_; }
+    const World& world() const { return *world_; }
+    const std::vector<Transform>& joints() const { return joints_; }
+    const std::vector<PlacedBody>& bodies() const { return bodies_; }
+
+private:
+    template <class Question>
+    bool ask(Question& question);
+    template <class Question>
+    bool judge(int pair, std::optional<Transform>& a_from_b, Question& question);
+
+    // Pairs that were in contact recently and are checked first, because they are often in contact again. The results do
+    // not depend on the order.
+    static constexpr std::size_t kLikely = 8;
+
+    std::shared_ptr<const World> world_;
+    std::vector<Transform> joints_;
+    std::vector<PlacedBody> bodies_;
+    std::vector<int> contacts_, left_;
+    std::array<int, kLikely> likely_;
+};
+
+}  // namespace pinproof

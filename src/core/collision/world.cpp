@@ -1,0 +1,195 @@
+#include "collision/world.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+
+#include "collision/near.h"
+
+namespace pinproof {
+namespace {
+
+struct Bounds {
+    Vec3 low, high, centre;
+};
+
+double& coordinate(Vec3& v, int i) { return i == 0 ? v.x : i == 1 ? v.y : v.z; }
+
+// The box in the root frame around the box of an obstacle.
+Bounds bounds_of(const PlacedBody& placed, const Vec3& half) {
+    Bounds bounds{placed.centre, placed.centre, placed.centre};
+    for (int i = 0; i < 3; ++i) {
+        double reach = 0.0;
+        for (int j = 0; j < 3; ++j) reach += std::abs(placed.root_from_body.rotation.m[i][j]) * half[j];
+        if (std::isnan(reach)) reach = std::numeric_limits<double>::infinity();  // 0 times a side without end
+        coordinate(bounds.low, i) -= reach;
+        coordinate(bounds.high, i) += reach;
+    }
+    return bounds;
+}
+
+// Append the node of some obstacles and all nodes within it. They are halved along the longest side of their centres.
+void add_nodes(std::vector<ObstacleNode>& nodes, std::span<int> members, const std::vector<Bounds>& bounds,
+               std::size_t first_obstacle) {
+    const std::size_t here = nodes.size();
+    ObstacleNode node{bounds[members[0]].low, bounds[members[0]].high, 0, -1};
+    Vec3 low = bounds[members[0]].centre, high = low;
+    for (int member : members) {
+        const Bounds& each = bounds[member];
+        for (int i = 0; i < 3; ++i) {
+            coordinate(node.low, i) = std::min(node.low[i], each.low[i]);
+            coordinate(node.high, i) = std::max(node.high[i], each.high[i]);
+            coordinate(low, i) = std::min(low[i], each.centre[i]);
+            coordinate(high, i) = std::max(high[i], each.centre[i]);
+        }
+    }
+    if (members.size() == 1) node.body = static_cast<int>(first_obstacle) + members[0];
+    nodes.push_back(node);
+    if (members.size() > 1) {
+        const Vec3 width = high - low;
+        const int longest = width.x >= width.y && width.x >= width.z ? 0 : width.y >= width.z ? 1 : 2;
+        std::ranges::stable_sort(members, {}, [&](int member) { return bounds[member].centre[longest]; });
+        const std::size_t half = members.size() / 2;
+        add_nodes(nodes, members.first(half), bounds, first_obstacle);
+        add_nodes(nodes, members.subspan(half), bounds, first_obstacle);
+    }
+    nodes[here].skip = static_cast<int>(nodes.size());
+}
+
+// The joints between the bodies on joints a and b, from a to b; how many of them carry a.
+std::uint32_t append_between(const JointTree& tree, int a, int b, std::vector<int>& path) {
+    const std::size_t begin = path.size();
+    std::vector<int> down;
+    while (a != b) {  // Parents have smaller numbers.
+        int& last = a > b ? a : b;
+        (a > b ? path : down).push_back(last);
+        last = tree.joints[last].parent;
+    }
+    const auto up = static_cast<std::uint32_t>(path.size() - begin);
+    path.insert(path.end(), down.rbegin(), down.rend());
+    return up;
+}
+
+// Whether joint k has an influence: a mimic joint with multiplier 0 has none.
+bool has_influence(const JointTree& tree, int k) { return tree.joints[k].multiplier != 0.0; }
+
+}  // namespace
+
+Geometry::Geometry(JointTree tree_, std::vector<Body> bodies_, std::size_t robot_bodies_, double rounding_)
+    : tree(std::move(tree_)),
+      bodies(std::move(bodies_)),
+      robot_bodies(robot_bodies_),
+      at_rest(bodies.size()),
+      rounding(rounding_) {
+    for (std::size_t i = 0; i < bodies.size(); ++i)
+        if (bodies[i].joint == kRoot) at_rest[i] = placed(bodies[i].joint_from_body, *bodies[i].shape);
+    std::vector<Bounds> bounds;
+    for (std::size_t i = robot_bodies; i < bodies.size(); ++i)
+        bounds.push_back(bounds_of(at_rest[i], bodies[i].shape->half));
+    std::vector<int> members(bounds.size());
+    std::iota(members.begin(), members.end(), 0);
+    if (!members.empty()) add_nodes(obstacles, members, bounds, robot_bodies);
+}
+
+World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int64_t> bodies,
+             std::span<const double> margins)
+    : geometry(std::move(geometry_)) {
+    const Geometry& space = *geometry;
+    const std::size_t obstacles = space.bodies.size() - space.robot_bodies;
+    obstacle_pairs.assign(space.robot_bodies * obstacles, -1);
+    pairs.reserve(margins.size());
+    std::vector<int> adjacent;
+    for (std::size_t k = 0; k < margins.size(); ++k) {
+        Pair pair{};
+        pair.a = static_cast<int>(bodies[2 * k]);
+        pair.b = static_cast<int>(bodies[2 * k + 1]);
+        pair.with_obstacle = static_cast<std::size_t>(pair.b) >= space.robot_bodies;
+        const Body &a = space.bodies[pair.a], &b = space.bodies[pair.b];
+        pair.convex = a.shape->kind != ShapeKind::kExact && b.shape->kind != ShapeKind::kExact;
+        // All pairs of a body with obstacles have the same joints between them.
+        const bool repeated = pair.with_obstacle && !pairs.empty() && pairs.back().with_obstacle &&
+                              pairs.back().a == pair.a;
+        if (repeated) {
+            const Pair& last = pairs.back();
+            pair.first = last.first;
+            pair.joints = last.joints;
+            pair.up = last.up;
+        } else {
+            pair.first = static_cast<std::uint32_t>(between.size());
+            pair.up = append_between(space.tree, a.joint, b.joint, between);
+            pair.joints = static_cast<std::uint32_t>(between.size()) - pair.first;
+        }
+        const auto path = joints_between(pair);
+        const auto count = std::ranges::count_if(path, [&](int j) { return has_influence(space.tree, j); });
+        pair.moving = count > 0;
+        const int index = static_cast<int>(k);
+        if (!pair.moving) {
+            still.push_back(index);
+        } else if (pair.with_obstacle) {
+            obstacle_pairs[pair.a * obstacles + pair.b - space.robot_bodies] = index;
+            around.push_back(pair.a);
+        } else {
+            own.push_back(index);
+            if (count == 1 && pair.convex) adjacent.push_back(index);
+        }
+        pairs.push_back(pair);
+    }
+    std::ranges::sort(around, std::greater<>());
+    around.erase(std::unique(around.begin(), around.end()), around.end());
+    if (!adjacent.empty()) {
+        std::vector<Transform> joints(space.tree.joints.size());
+        std::vector<PlacedBody> at = space.at_rest;
+        const std::vector<double> zeros(space.tree.dof, 0.0);
+        place(space, zeros.data(), joints, at);
+        for (int k : adjacent) {
+            Pair& pair = pairs[k];
+            Separation separation;
+            bound_distance(shape(pair.a), shape(pair.b),
+                           relative(at[pair.a].root_from_body, at[pair.b].root_from_body), {}, separation);
+            pair.first_direction = separation.direction;
+        }
+    }
+    *this = with_margins(margins);
+}
+
+World World::with_margins(std::span<const double> margins) const {
+    World other = *this;
+    other.widest_margin = 0.0;
+    for (std::size_t k = 0; k < pairs.size(); ++k) {
+        other.pairs[k].margin = margins[k];
+        if (pairs[k].with_obstacle) other.widest_margin = std::max(other.widest_margin, margins[k]);
+    }
+    return other;
+}
+
+World World::of_still_pairs() const {
+    World other = *this;
+    other.own = still;
+    other.uses_obstacles = false;
+    return other;
+}
+
+bool place(const Geometry& geometry, const double* q, std::span<Transform> joints, std::span<PlacedBody> bodies) {
+    double sum = 0.0;
+    for (std::size_t j = 0; j < geometry.tree.dof; ++j) sum += 0.0 * q[j];
+    if (!(sum == 0.0)) {
+        constexpr double nan = std::numeric_limits<double>::quiet_NaN();
+        const Vec3 nowhere{nan, nan, nan};
+        const Transform unknown{{{{nan, nan, nan}, {nan, nan, nan}, {nan, nan, nan}}}, nowhere};
+        std::ranges::fill(joints, unknown);
+        for (std::size_t i = 0; i < geometry.robot_bodies; ++i)
+            if (geometry.bodies[i].joint != kRoot) bodies[i] = {unknown, nowhere};
+        return false;
+    }
+    place_joints(geometry.tree, q, joints);
+    for (std::size_t i = 0; i < geometry.robot_bodies; ++i) {
+        const Body& body = geometry.bodies[i];
+        if (body.joint != kRoot) bodies[i] = placed(joints[body.joint] * body.joint_from_body, *body.shape);
+    }
+    return true;
+}
+
+}  // namespace pinproof

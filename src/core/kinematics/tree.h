@@ -1,0 +1,48 @@
+// The joints of a robot as a tree, for the placements of all links and not only of those between base and tcp.
+#pragma once
+
+#include <cstddef>
+#include <span>
+#include <vector>
+
+#include "geometry/sincos.h"
+#include "geometry/vectors.h"
+
+namespace pinproof {
+
+inline constexpr int kRoot = -1;
+
+// A joint that rotates about, or moves along, the z axis of its own frame. A mimic joint follows the value of another.
+struct TreeJoint {
+    Transform parent_from_joint;  // at value 0
+    bool prismatic;
+    int index;                  // of its value in q
+    double multiplier, offset;  // value = multiplier * q[index] + offset
+    int parent;                 // a joint with a smaller number, or kRoot
+
+    double value(const double* q) const { return multiplier * q[index] + offset; }
+};
+
+struct JointTree {
+    std::vector<TreeJoint> joints;
+    std::size_t dof = 0;  // the length of q
+};
+
+// root_from_joint of every joint at q (dof), which must be finite.
+inline void place_joints(const JointTree& tree, const double* q, std::span<Transform> root_from_joint) {
+    for (std::size_t k = 0; k < tree.joints.size(); ++k) {
+        const TreeJoint& joint = tree.joints[k];
+        Transform& place = root_from_joint[k];
+        place = joint.parent == kRoot ? joint.parent_from_joint
+                                      : root_from_joint[joint.parent] * joint.parent_from_joint;
+        const double value = joint.value(q);
+        if (joint.prismatic) {
+            place.translation += value * place.rotation.column(2);
+        } else {
+            const auto [sine, cosine] = sincos_of_any(value);
+            rotate_about_z(place.rotation, sine, cosine);
+        }
+    }
+}
+
+}  // namespace pinproof

@@ -1,0 +1,87 @@
+#include "planning/edge_checker.h"
+
+#include <algorithm>
+#include <cmath>
+
+namespace pinproof {
+namespace {
+
+// Maximum number of samples of an edge; longer edges are sampled more coarsely, and left to the proof.
+constexpr int kMostSamples = 1024;
+
+constexpr double kUnitKnots[] = {0.0, 1.0};
+
+}  // namespace
+
+EdgeChecker::EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, double resolution)
+    : world_(std::move(world)),
+      exact_(std::move(exact)),
+      proof_(*world_),
+      sampler_(world_),
+      resolution_(resolution),
+      q_(dof()),
+      control_(2 * dof()),
+      no_tolerance_(dof(), 0.0) {}
+
+void EdgeChecker::set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked) {
+    sampler_.emplace(std::move(world));
+    steering_exact_ = std::move(exact);
+    blocked_ = blocked;
+}
+
+bool EdgeChecker::samples_free(const double* a, const double* b) {
+    if (blocked_) return false;
+    deferred_.clear();
+    if (!is_sample_free(b)) return false;
+    const double wanted = motion(a, b) / resolution_;
+    const int steps = wanted < kMostSamples ? std::max(static_cast<int>(std::ceil(wanted)), 1) : kMostSamples;
+    int stride = 1;
+    while (stride < steps) stride *= 2;
+    for (stride /= 2; stride >= 1; stride /= 2)
+        for (int index = stride; index < steps; index += 2 * stride) {
+            const double share = static_cast<double>(index) / steps;
+            for (std::size_t j = 0; j < q_.size(); ++j) q_[j] = a[j] + (b[j] - a[j]) * share;
+            if (!is_sample_free(q_.data())) return false;
+        }
+    ExactJudge& exact = steering_exact_ ? *steering_exact_ : *exact_;
+    return std::ranges::none_of(deferred_, [&](const Deferred& sample) {
+        return exact.any_contact(sample.q.data(), sample.pairs);
+    });
+}
+
+bool EdgeChecker::proven_free(const double* a, const double* b) {
+    if (!samples_free(a, b)) return false;
+    std::copy_n(a, dof(), control_.data());
+    std::copy_n(b, dof(), control_.data() + dof());
+    return curve_proven_free({kUnitKnots, control_, 2, dof()});
+}
+
+bool EdgeChecker::curve_proven_free(const CurveView& curve) {
+    return !blocked_ && proof_.run(curve, {}, no_tolerance_.data(), *exact_).free();
+}
+
+bool EdgeChecker::is_sample_free(const double* q) {
+    ++samples_;
+    if (!sampler_->place_at(q) || sampler_->any_contact()) return false;
+    if (!sampler_->left().empty()) deferred_.push_back({{q, q + dof()}, sampler_->left()});
+    return true;
+}
+
+// The largest motion (m) of a point of a body between a and b, with the bodies placed at b. It uses the speeds at b: a good
+// estimate for the whole edge, but not a bound.
+double EdgeChecker::motion(const double* a, const double* b) const {
+    const Geometry& space = world_->space();
+    double most = 0.0;
+    for (std::size_t body = 0; body < space.robot_bodies; ++body) {
+        double length = 0.0;
+        for (int k = space.bodies[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
+            const TreeJoint& joint = space.tree.joints[k];
+            length += std::abs(joint.multiplier * (b[joint.index] - a[joint.index])) *
+                      radius_about(joint, sampler_->joints()[k], sampler_->bodies()[body], *space.bodies[body].shape);
+        }
+        most = std::max(most, length);
+    }
+    return most;
+}
+
+}  // namespace pinproof

@@ -1,0 +1,57 @@
+// Checks of straight edges in joint space: by samples, which guide a search and prove nothing, and by proof.
+//
+// The distance between samples depends on the motion of the bodies and not of the joints: a wrist may rotate far between
+// two samples. The end is checked first, then the middle, the quarters, and so on, so that contacts are found early.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "certificate/curve_proof.h"
+#include "collision/near.h"
+
+namespace pinproof {
+
+class EdgeChecker {
+public:
+    // Proofs are in `world`; samples, too, until set_steering. `resolution`: metres that bodies move between two samples.
+    EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, double resolution);
+
+    // Take samples in another world, usually one with larger margins. `blocked`: its pairs that no joint moves are in
+    // contact, so that no edge is free.
+    void set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked);
+    void set_resolution(double resolution) { resolution_ = resolution; }
+
+    // Whether the samples after a (dof) up to and including b are free.
+    bool samples_free(const double* a, const double* b);
+    // Whether the edge is proven free; the proof is attempted if its samples are free.
+    bool proven_free(const double* a, const double* b);
+    bool curve_proven_free(const CurveView& curve);
+
+    std::int64_t samples() const { return samples_; }
+    std::size_t dof() const { return world_->space().tree.dof; }
+
+private:
+    // A sample that only the caller can judge, and the pairs concerned.
+    struct Deferred {
+        std::vector<double> q;
+        std::vector<int> pairs;
+    };
+
+    bool is_sample_free(const double* q);
+    double motion(const double* a, const double* b) const;
+
+    std::shared_ptr<const World> world_;
+    std::unique_ptr<ExactJudge> exact_, steering_exact_;
+    CurveProof proof_;
+    std::optional<Workspace> sampler_;
+    bool blocked_ = false;
+    double resolution_;
+    std::int64_t samples_ = 0;
+    std::vector<double> q_, control_, no_tolerance_;
+    std::vector<Deferred> deferred_;
+};
+
+}  // namespace pinproof

@@ -1,0 +1,140 @@
+#include "planning/shortcut.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace pinproof {
+namespace {
+
+// Fraction of the path length (Euclidean). A change that saves less does not justify its proof.
+constexpr double kMinGain = 1e-3;
+
+// Number of consecutive random shortcuts without gain after which no more are tried.
+constexpr int kPatience = 12;
+
+// Maximum number of passes in which waypoints are moved.
+constexpr int kMaxPasses = 5;
+
+// Minimum distance of a moved waypoint from its neighbours, as a fraction of their distance; it avoids tiny edges.
+constexpr double kEndDistance = 0.1;
+
+// A waypoint is left in place if it cannot be moved by this fraction of its distance to the straight line.
+constexpr double kMinShare = 0.2;
+
+double distance(const std::vector<double>& a, const std::vector<double>& b) {
+    double sum = 0.0;
+    for (std::size_t j = 0; j < a.size(); ++j) sum += (b[j] - a[j]) * (b[j] - a[j]);
+    return std::sqrt(sum);
+}
+
+// a + share (b - a)
+std::vector<double> between(const std::vector<double>& a, const std::vector<double>& b, double share) {
+    std::vector<double> q(a.size());
+    for (std::size_t j = 0; j < a.size(); ++j) q[j] = a[j] + (b[j] - a[j]) * share;
+    return q;
+}
+
+// The lengths of a path up to each waypoint.
+std::vector<double> lengths_along(const std::vector<std::vector<double>>& path) {
+    std::vector<double> at{0.0};
+    for (std::size_t i = 0; i + 1 < path.size(); ++i) at.push_back(at.back() + distance(path[i], path[i + 1]));
+    return at;
+}
+
+}  // namespace
+
+PathShortener::PathShortener(EdgeChecker& edges, std::span<const double> path) : edges_(edges) {
+    for (std::size_t i = 0; i < path.size(); i += edges.dof()) {
+        Waypoint q(path.begin() + static_cast<std::ptrdiff_t>(i), path.begin() + static_cast<std::ptrdiff_t>(i + edges.dof()));
+        if (path_.empty() || q != path_.back()) path_.push_back(std::move(q));
+    }
+}
+
+std::vector<double> PathShortener::path() const {
+    std::vector<double> all;
+    for (std::size_t i = 0; i < path_.size(); ++i)
+        if (i == 0 || path_[i] != path_[i - 1]) all.insert(all.end(), path_[i].begin(), path_[i].end());
+    return all;
+}
+
+void PathShortener::connect_farthest() {
+    for (std::size_t first = 0; first + 2 < path_.size(); ++first)
+        for (std::size_t last = path_.size() - 1; last > first + 1; --last)
+            if (free(path_[first], path_[last])) {
+                path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(first + 1),
+                            path_.begin() + static_cast<std::ptrdiff_t>(last));
+                break;
+            }
+}
+
+void PathShortener::remove_waypoints() {
+    for (std::size_t i = 1; i + 1 < path_.size();) {
+        if (free(path_[i - 1], path_[i + 1])) {
+            path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i));
+            i = std::max<std::size_t>(i - 1, 1);  // The previous waypoint has a new neighbour.
+        } else {
+            ++i;
+        }
+    }
+}
+
+void PathShortener::random_shortcuts(std::span<const double> draws) {
+    int failures = 0;
+    for (std::size_t i = 0; i + 1 < draws.size() && path_.size() > 2 && failures < kPatience; i += 2)
+        failures = random_shortcut(draws[i], draws[i + 1]) ? 0 : failures + 1;
+}
+
+bool PathShortener::random_shortcut(double first_draw, double last_draw) {
+    const std::vector<double> at = lengths_along(path_);
+    const double first = std::min(first_draw, last_draw) * at.back(), last = std::max(first_draw, last_draw) * at.back();
+    const auto edge_of = [&](double length) {
+        const auto next = std::upper_bound(at.begin(), at.end() - 1, length);
+        return static_cast<std::size_t>(next - at.begin()) - 1;
+    };
+    const std::size_t i = edge_of(first), k = edge_of(last);
+    if (i == k) return false;
+    const Waypoint a = between(path_[i], path_[i + 1], (first - at[i]) / (at[i + 1] - at[i]));
+    const Waypoint b = between(path_[k], path_[k + 1], (last - at[k]) / (at[k + 1] - at[k]));
+    const double gain = (last - first) - distance(a, b);
+    if (gain <= kMinGain * at.back() || !free(a, b)) return false;
+    path_.erase(path_.begin() + static_cast<std::ptrdiff_t>(i + 1), path_.begin() + static_cast<std::ptrdiff_t>(k + 1));
+    path_.insert(path_.begin() + static_cast<std::ptrdiff_t>(i + 1), {a, b});
+    return true;
+}
+
+void PathShortener::straighten() {
+    std::vector<double> shares(path_.size(), 1.0);
+    const double min_gain = kMinGain * lengths_along(path_).back();
+    for (int pass = 0; pass < kMaxPasses; ++pass) {
+        bool changed = false;
+        for (std::size_t i = 1; i + 1 < path_.size(); ++i) {
+            if (shares[i] < kMinShare) continue;
+            changed = move_waypoint(i, shares[i], min_gain) || changed;
+        }
+        if (!changed) break;
+    }
+}
+
+// Whether the waypoint was moved, or can be tried again with a smaller share.
+bool PathShortener::move_waypoint(std::size_t i, double& share, double min_gain) {
+    const Waypoint &before = path_[i - 1], &here = path_[i], &after = path_[i + 1];
+    double product = 0.0, square = 0.0;
+    for (std::size_t j = 0; j < here.size(); ++j) {
+        product += (here[j] - before[j]) * (after[j] - before[j]);
+        square += (after[j] - before[j]) * (after[j] - before[j]);
+    }
+    const double along = product / std::max(square, std::numeric_limits<double>::min());
+    const Waypoint foot = between(before, after, std::clamp(along, kEndDistance, 1.0 - kEndDistance));
+    const Waypoint moved = between(here, foot, share);
+    const double gain = distance(before, here) + distance(here, after) - distance(before, moved) - distance(moved, after);
+    if (gain <= min_gain) return false;
+    if (free(before, moved) && free(moved, after)) {
+        path_[i] = moved;
+        return true;
+    }
+    share /= 2.0;
+    return share >= kMinShare;
+}
+
+}  // namespace pinproof

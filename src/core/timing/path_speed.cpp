@@ -1,0 +1,104 @@
+#include "timing/path_speed.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <vector>
+
+namespace pinproof {
+namespace {
+
+// Relative to x: a Newton step that is at most this has converged.
+constexpr double kRounding = 1e-12;
+
+// A bound of u (1/s^2, with s approximately in seconds) beyond all practical values; it keeps quotients finite.
+constexpr double kFar = 1e30;
+
+// Maximum number of Newton steps; it exceeds the number of limits on one step.
+constexpr int kRounds = 200;
+
+constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
+
+// An interval [low, high] of u, and the derivatives of its ends in x.
+struct Interval {
+    double low, high, low_slope, high_slope;
+};
+
+// A range of x at the node after a step.
+struct Range {
+    double least, most;
+};
+
+// The interval of u that the limits on step i permit at x.
+Interval permitted(const SpeedProblem& problem, std::size_t i, double x, const Range& next) {
+    const double twice = 2.0 * problem.step[i];
+    Interval u{(next.least - x) / twice, (next.most - x) / twice, -1.0 / twice, -1.0 / twice};
+    for (std::size_t side = 0; side < 2; ++side)
+        for (std::size_t j = 0; j < problem.dof; ++j) {
+            // |p u + r x| <= a at this node; at the next one x has grown by 2 h u.
+            const std::size_t entry = (2 * i + side) * problem.dof + j;
+            const double r = problem.curvature[entry];
+            const double p = problem.slope[entry] + static_cast<double>(side) * twice * r;
+            const double a = problem.acceleration[i * problem.dof + j];
+            if (std::abs(p) * kFar <= a) {  // This joint does not restrict any practical u.
+                // The interval is empty by an amount proportional to the excess of x.
+                if (std::abs(r) * x > a) return {std::abs(r) * x, a, std::abs(r), 0.0};
+                continue;
+            }
+            const double middle = -r * x / p, half = a / std::abs(p);
+            if (middle + half < u.high) {
+                u.high = middle + half;
+                u.high_slope = -r / p;
+            }
+            if (middle - half > u.low) {
+                u.low = middle - half;
+                u.low_slope = -r / p;
+            }
+        }
+    return u;
+}
+
+// The first x from the given one down (or up) at which some u leads to the range; NaN without one.
+double first_feasible(const SpeedProblem& problem, std::size_t i, double x, const Range& next, bool down) {
+    for (int round = 0; round < kRounds; ++round) {
+        const Interval u = permitted(problem, i, x, next);
+        const double width = u.high - u.low, tilt = u.high_slope - u.low_slope;
+        if (width >= 0.0) return std::max(x, 0.0);
+        if (!(down ? tilt < 0.0 : tilt > 0.0)) return kNan;  // Farther along, the interval is even smaller.
+        const double before = x;
+        x -= width / tilt;
+        if (std::abs(x - before) <= kRounding * std::abs(before)) return std::max(x, 0.0);
+    }
+    return kNan;
+}
+
+}  // namespace
+
+std::optional<std::size_t> fastest_speeds(const SpeedProblem& problem, std::span<double> x) {
+    const std::size_t last = problem.steps();
+    if (!(problem.end <= problem.ceiling[last] * (1.0 + kRounding))) return last;
+    // Backwards: the range [lowest, x] at each node from which the rest of the path is feasible.
+    std::vector<double> lowest(last + 1);
+    lowest[last] = x[last] = problem.end;
+    for (std::size_t i = last; i-- > 0;) {
+        const Range next{lowest[i + 1], x[i + 1]};
+        x[i] = first_feasible(problem, i, problem.ceiling[i], next, true);
+        if (!(x[i] >= 0.0)) return i;
+        lowest[i] = 0.0;
+        if (lowest[i + 1] > 0.0) {
+            lowest[i] = first_feasible(problem, i, 0.0, next, false);
+            if (!(lowest[i] <= x[i])) return i;
+        }
+    }
+    if (!(lowest[0] * (1.0 - kRounding) <= problem.start && problem.start <= x[0] * (1.0 + kRounding))) return 0;
+    // Forwards: the largest u on each step.
+    x[0] = problem.start;
+    for (std::size_t i = 0; i < last; ++i) {
+        const Interval u = permitted(problem, i, x[i], {lowest[i + 1], x[i + 1]});
+        const double chosen = u.high >= u.low ? u.high : 0.5 * (u.low + u.high);
+        x[i + 1] = std::min(std::max(x[i] + 2.0 * problem.step[i] * chosen, lowest[i + 1]), x[i + 1]);
+    }
+    return std::nullopt;
+}
+
+}  // namespace pinproof

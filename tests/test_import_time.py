@@ -12,7 +12,6 @@ SLOW = {
     "distributed",
     "matplotlib",
     "meshcat",
-    "numba",
     "pinocchio",
     "scipy",
     "toppra",

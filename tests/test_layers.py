@@ -21,7 +21,6 @@ PACKAGES = (
     "_core",
     "spatial",
     "common",
-    "kernels",
     "description",
     "model",
     "conversion",
@@ -37,8 +36,8 @@ PACKAGES = (
 SIBLINGS = ({"ik", "collision"},)
 BEHIND_THE_MODEL = {"pinocchio", "coal", "hppfcl"}
 MAY_TOUCH_THEM = {"spatial", "model", "collision", "viewer"}
-HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "numba", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
-HEAVY_ALLOWED = {"cli": {"typer"}, "kernels": {"numba"}}
+HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
+HEAVY_ALLOWED = {"cli": {"typer"}}
 VERIFIER_NEEDS = {"numpy", *sys.stdlib_module_names}
 
 

@@ -35,7 +35,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.Com
 def test_the_demo_prints_its_verdicts_and_writes_page_and_motion(demo) -> None:
     folder, ran = demo
     # A machine that never ran it says once that it compiles.
-    assert (ran.returncode, [line for line in ran.stderr.splitlines() if "compiling" not in line]) == (0, [])
+    assert (ran.returncode, ran.stderr.splitlines()) == (0, [])
     assert all(f"bolt_{k}" in ran.stdout for k in range(1, 8))
     assert "4 of 7 picks good; failed: 2 at grasp, 1 at reach" in ran.stdout
     assert "bolt_1: FREE: collision-free: at least " in ran.stdout

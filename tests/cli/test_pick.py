@@ -201,8 +201,7 @@ def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
         text=True,
         check=False,
     )
-    said = [line for line in ran.stderr.splitlines() if not line.startswith("pinproof: compiling ")]
-    assert (ran.returncode, said) == (1, [])
+    assert (ran.returncode, ran.stderr) == (1, "")
     assert "**generic_6dof**: 2 of 4 picks good" in ran.stdout
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "report.json",

@@ -88,7 +88,7 @@ def test_an_internal_error_asks_for_a_report(run: Run, monkeypatch: pytest.Monke
     assert (code, out) == (3, "")
     assert err.startswith("Traceback")
     assert "pinproof 0." in err
-    assert "numba" in err
+    assert "coal" in err
 
 
 def test_ctrl_c_is_130_and_gives_no_result(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

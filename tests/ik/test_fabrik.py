@@ -33,7 +33,7 @@ def middle(arm):
 
 
 def test_one_link_reaches_its_target_in_one_full_pass(planar):
-    """The kernel scales steps by alternating factors; the angle of a pass is exact."""
+    """The compiled rule scales steps by alternating factors; the angle of a pass is exact."""
     steps = []
     pp.Fabrik(restarts=0).solve(planar("-3 3"), pp.pose((0.0, 1.0, 0.0)), [0.0], task="position", on_step=steps.append)
     assert steps[0].step == pytest.approx([_core.FabrikStep.RELAX_HOLD * np.pi / 2], abs=1e-12)

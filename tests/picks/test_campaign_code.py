@@ -45,7 +45,7 @@ def test_it_names_the_version_and_the_libraries() -> None:
 
 def test_any_change_of_what_judges_is_told(copy_of_the_package: Path) -> None:
     before = told_anew()
-    kernel = copy_of_the_package / "kernels" / "gjk.py"
+    kernel = copy_of_the_package / "collision" / "certify.py"
     kernel.write_text(kernel.read_text() + "\n# mended\n")
     mended = told_anew()
     assert mended != before

@@ -35,7 +35,7 @@ __all__ = [
 WIDTH = 120
 """Characters per line of Markdown text."""
 
-PACKAGES = ("pinproof", "pin", "numba", "numpy")
+PACKAGES = ("pinproof", "pin", "numpy")
 """Packages whose versions are part of the provenance."""
 
 AnyTable = TypeVar("AnyTable", bound="BenchmarkTable")

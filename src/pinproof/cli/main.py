@@ -22,7 +22,6 @@ import typer
 from pinproof import __version__
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
-from pinproof.cli.compiling import compile_kernels, limit_compile_messages
 from pinproof.cli.console import Interrupted, print_error, print_json
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
@@ -41,7 +40,7 @@ __all__ = ["COMMANDS", "app", "main"]
 _UsageError = typer.BadParameter.__mro__[1]
 _ParserError = _UsageError.__mro__[1]
 
-REPORTED_LIBRARIES = ("pin", "coal", "numba", "numpy", "typer")
+REPORTED_LIBRARIES = ("pin", "coal", "numpy", "typer")
 """Libraries whose versions an internal error lists."""
 
 SUCCESS, NEGATIVE, USAGE, INTERNAL, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 3, 130, 141
@@ -72,7 +71,6 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "urdf2dh": urdf2dh,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
-    "compile": compile_kernels,
 }
 """The commands by name; ``bench`` is a group of commands."""
 
@@ -113,7 +111,6 @@ def common(
 
 def main() -> None:
     """Run the command line and end the process with one of the exit codes above."""
-    limit_compile_messages()
     try:
         code = _run()
         sys.stdout.flush()

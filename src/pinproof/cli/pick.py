@@ -21,7 +21,6 @@ from rich.text import Text
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
-from pinproof.cli.compiling import compile_ahead
 from pinproof.cli.console import (
     Interrupted,
     check_output_files,
@@ -159,8 +158,6 @@ def pick(
                 raise InputError(f"{output}: with --campaign, -o writes a page and must end in .html")
             _check_output(output)
         arm, world, source = cell.open(file)
-        if dask is None:
-            compile_ahead()
         result = _run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
         if output is not None:
             result.save(output)
@@ -247,7 +244,6 @@ def judge_file(
     """
     arm, world, source = (cell or CellOptions()).open(file)
     picks = source.load()
-    compile_ahead()
     return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **settings)
 
 

@@ -313,7 +313,7 @@ class AnalyticIk:
 
 
 def _poses(targets: npt.ArrayLike | Sequence[SE3]) -> Array:
-    """The targets as an array (N, 4, 4) for a kernel, which checks itself whether they are rigid."""
+    """The targets as an array (N, 4, 4) for the compiled core, which checks itself whether they are rigid."""
     plain = isinstance(targets, np.ndarray) and targets.dtype is DOUBLE and targets.flags.carray
     if plain and targets.ndim == 3 and targets.shape[1:] == SHAPE:  # type: ignore[union-attr]  # plain is an array
         return targets  # type: ignore[return-value]

@@ -182,7 +182,7 @@ def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array) ->
     For targets with free joints that have no branch within the limits at their values in ``reference``. Tries SCAN
     values of one joint, then FINE_SCAN; COARSE_SCAN values of each of two. At targets that are singular in several
     ways, such as a stretched elbow with parallel wrist axes, branches may exist at single values only; these are then
-    taken from a solution of :class:`pinproof.Clik`, and the kernel computes and verifies the branches.
+    taken from a solution of :class:`pinproof.Clik`, and the closed form computes and verifies the branches.
     """
     found = plan.solve(target, reference)
     joints = _members(found.all_free_joints)[:2]

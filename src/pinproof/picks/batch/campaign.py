@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from pinproof import _core
 from pinproof.collision import Scene
 from pinproof.common.content_hash import LENGTH, digest
 from pinproof.common.validation import require_integer
@@ -64,7 +65,7 @@ PACKAGE = Path(__file__).parents[2]
 BESIDE_IT = ("benchmarks", "cli", "viewer")
 """Packages that do not affect verdicts. They are not hashed, so editing them does not invalidate rows."""
 
-LIBRARIES = ("pin", "coal", "numpy", "numba")
+LIBRARIES = ("pin", "coal", "numpy")
 """The libraries whose results enter the verdicts."""
 
 
@@ -74,7 +75,7 @@ def code_here() -> str:
 
     The version alone is not sufficient, because it does not change while a checkout is being edited.
     """
-    into = hashlib.sha256()
+    into = hashlib.sha256(_core.SOURCE_HASH.encode())
     for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
         name = path.relative_to(PACKAGE)
         if name.parts[0] not in BESIDE_IT:

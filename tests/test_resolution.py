@@ -18,9 +18,6 @@ else:
 PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = ("dask", "ompl", "xacro")
 
-# They share one query of the package index, so they run on one worker.
-pytestmark = pytest.mark.xdist_group("resolution")
-
 only_in_ci = pytest.mark.skipif(
     not os.environ.get("CI"), reason="takes half a minute; outside CI only the oldest and newest Python are tested"
 )

@@ -14,9 +14,6 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-# Both tests share one wheel, so they run on one worker.
-pytestmark = pytest.mark.xdist_group("wheel")
-
 SMOKE = """
 import pathlib, sys
 import pinproof as pp

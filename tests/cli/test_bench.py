@@ -8,23 +8,8 @@ from pathlib import Path
 import pytest
 
 from pinproof.benchmarks.plan_run import CheckedMotion
-from pinproof.cli.main import main
 
 SMALL = ("bench", "ik", "ur5", "--points", "3", "--no-peers", "--methods", "clik, fabrik")
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Run a command line in this process: exit code, stdout, stderr."""
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
 
 
 def test_the_table_is_markdown_with_the_selected_methods(run) -> None:

@@ -58,6 +58,7 @@ def test_where_it_gains_nothing_it_is_left(runs: list[int], reason: str, monkeyp
     assert runs == []
 
 
+@pytest.mark.slow
 def test_a_failed_job_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compiling, "JOBS", {"no such job": compiling.compile_ahead})
     assert compiling._run_jobs(1) == ["no such job"]

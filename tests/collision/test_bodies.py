@@ -208,7 +208,6 @@ def test_the_bounds_of_a_body_hold_it(kind):
 @given(
     st.tuples(*[st.floats(1e-3, 2)] * 3), st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda u: np.linalg.norm(u) > 0.1)
 )
-@settings(deadline=None)
 def test_supports_of_cones_and_ellipsoids_are_reached_and_never_passed(sizes, direction):
     u = np.array(direction) / np.linalg.norm(direction)
     angles = np.linspace(0, 2 * np.pi, 721)
@@ -336,7 +335,7 @@ def test_cavities_and_what_stands_in_them():
 
 
 @given(st.floats(-0.5, 0.5), st.floats(-0.4, 0.4), st.floats(-0.2, 0.3))
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 def test_the_ground_contains_what_its_closed_surface_winds_about(x, y, z):
     vertices, triangles = ground_surface(GROUND)
     surface = Solid(vertices, triangles)

@@ -86,7 +86,7 @@ def test_what_is_convex_stays_one():
 
 @pytest.mark.slow
 @given(st.integers(0, 10_000), st.integers(1, 8))
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 def test_any_bunch_of_triangles_is_held(seed, pieces):
     """Triangles that enclose nothing, thin and flat ones among them, large ones across many cells."""
     rng = np.random.default_rng(seed)

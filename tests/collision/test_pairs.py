@@ -241,6 +241,7 @@ def test_free_is_never_said_of_pairs_that_are_excluded(panda, slider):
 # -- hulls that are too coarse ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pr2_left", "baxter_left", "romeo_left"])
 def test_a_pair_is_left_out_only_if_it_touches_in_nearly_all_configurations(name):
     """The pairs that an SRDF or the catalogue names, against shares counted here by coal with other samples."""

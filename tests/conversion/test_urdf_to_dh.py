@@ -55,7 +55,8 @@ def difference(table: DhTable, arm: Arm, seed: int = 0, configurations: int = 20
     )
 
 
-@settings(max_examples=80, deadline=None)
+@pytest.mark.slow
+@settings(max_examples=80)
 @given(table=tables(), convention=st.sampled_from(["standard", "modified"]), seed=st.integers(0, 2**32 - 1))
 def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed):
     there = arm_of(table)
@@ -73,7 +74,7 @@ def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed)
             assert getattr(row, column) == getattr(original, column)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(data=st.data(), convention=st.sampled_from(["standard", "modified"]))
 def test_a_table_without_free_choices_comes_back_number_by_number(data, convention):
     """No axes parallel, every |theta| < pi/2, neither base nor tool: then DH leaves nothing to choose."""

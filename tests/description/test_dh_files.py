@@ -199,7 +199,7 @@ def test_a_bad_csv_names_file_row_and_column(old, new, place, reason, tmp_path):
         ("  - {", "  - oops\n  - {", "row 1", "'oops' is not a mapping"),
         (YAML[YAML.index("rows") :], "rows: []", "key rows", "key rows"),
         (YAML, "just words", "", "contains a str"),
-        (YAML, "rows: {]", "line 1", "valid YAML"),
+        (YAML, "rows: {]", "line 1", "is not valid YAML"),
         ("rows", "tool: {xyz: [0, 0]}\nrows", "key tool.xyz", r"must have the shape \(3,\)"),
         ("rows", "tool: {xyz: [0, 0, up]}\nrows", "key tool.xyz", "'up' is not a number"),
         ("rows", "tool: &t {xyz: &x [*x, 0, 0]}\nrows", "line 2", "refers to its own parent"),
@@ -219,7 +219,7 @@ def test_a_bad_yaml_names_file_and_place(old, new, place, reason, tmp_path):
 
 def test_yaml_cannot_run_code(tmp_path):
     path = write(tmp_path, "arm.yaml", "rows: !!python/object/apply:os.getcwd []\n")
-    with pytest.raises(DhTableError, match="valid YAML"):
+    with pytest.raises(DhTableError, match="is not valid YAML"):
         DhTable.load(path)
 
 

@@ -11,6 +11,8 @@ from pinproof.description.xacro_files import expand_xacro
 
 from ..processes import PATIENCE
 
+pytestmark = pytest.mark.slow
+
 XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="length" default="0.3"/>
   <xacro:property name="l" value="$(arg length)"/>

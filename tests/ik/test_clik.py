@@ -123,8 +123,7 @@ def test_failed_search_respects_limits_and_names_the_joint(planar):
     result = pp.Clik().solve(arm, pp.pose((np.cos(2), np.sin(2), 0)), task="position")
     assert not result.ok
     assert result.q == pytest.approx([1.0])
-    assert "j1" in result.message
-    assert "limit" in result.message
+    assert "joint j1 is at its upper limit" in result.message
 
 
 def test_target_that_needs_a_joint_exactly_at_its_limit(planar):
@@ -180,8 +179,8 @@ def test_rejected_solutions_have_the_status_refused(ur5):
     assert result.status is IkStatus.REFUSED
     assert not result.ok
     assert np.array_equal(result.q, seen[0])  # what accept does to its copy stays with it
-    assert "accept" in result.message
-    with pytest.raises(pp.errors.IkFailed, match="accept") as caught:
+    assert "rejected: accept returned False" in result.message
+    with pytest.raises(pp.errors.IkFailed, match="rejected: accept returned False") as caught:
         result.or_raise()
     assert caught.value.result is result
 

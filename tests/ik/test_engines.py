@@ -32,7 +32,7 @@ def random_targets(arm, count, seed):
 
 
 @pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     name=st.sampled_from(ROBOTS),
     seed=st.integers(0, 10**6),
@@ -56,7 +56,7 @@ def test_both_engines_take_the_same_steps(arms, solver, name, seed, task):
 
 
 @pytest.mark.parametrize("goal", ["centre", "near", "manipulability"])
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(name=st.sampled_from(ROBOTS), seed=st.integers(0, 10**6))
 def test_both_engines_take_the_same_goal_steps(arms, goal, name, seed):
     from pinproof.kernels.goals import drift_of

@@ -87,7 +87,7 @@ def test_positions_are_found_from_the_middle_without_restarts(arms, name):
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     name=st.sampled_from(ARMS),
     task=st.sampled_from(TASKS),
@@ -115,7 +115,7 @@ def test_every_iterate_is_within_limits_and_solutions_are_verified(arms, name, t
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(name=st.sampled_from(ARMS), task=st.sampled_from(TASKS), seed=st.integers(0, 10**6), polish=st.booleans())
 def test_both_engines_take_the_same_steps(arms, name, task, seed, polish):
     arm = arms[name]

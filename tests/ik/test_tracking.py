@@ -250,7 +250,7 @@ def test_cycles_equal_the_sequence_bit_for_bit_also_when_repeated(panda, goal):
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "stanford", "kinova", "scara"])
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(seed=st.integers(0, 10**6), dt=st.sampled_from([1e-3, 1e-2, 0.3]), singular=st.booleans())
 def test_limits_hold_and_ok_is_verified_for_any_targets(name, seed, dt, singular):
     """Targets that move, jump and leave the workspace; errors are measured by Pinocchio for each sample."""
@@ -293,7 +293,7 @@ def box_step(A, pull, shift, low, high):
     return joints[STEP], joints[HELD], gain
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 10), rank=st.integers(1, 6))
 def test_the_bounded_step_equals_scipy(seed, n, rank):
     from scipy.optimize import lsq_linear

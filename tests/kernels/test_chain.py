@@ -56,7 +56,7 @@ def test_equals_pinocchio_on_real_arms(name):
         assert jacobian == pytest.approx(arm.jacobian(q), abs=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(urdf=chains(), seed=st.integers(0, 10**6))
 def test_equals_pinocchio_on_any_chain(urdf, seed):
     try:
@@ -93,7 +93,6 @@ def test_batches_equal_single_rows():
     assert out == pytest.approx(arm.forward_kinematics_batch(Q), abs=1e-12)
 
 
-@settings(deadline=None)
 @given(st.floats(-7e5, 7e5))
 def test_sine_and_cosine_equal_the_c_library(angle):
     assert sincos(angle) == pytest.approx((np.sin(angle), np.cos(angle)), rel=0, abs=2.3e-16)

@@ -30,6 +30,7 @@ print(CACHE, sincos(0.5)[0])
 """
 
 
+@pytest.mark.slow
 def test_importing_kernels_compiles_nothing():
     done = run("import pinproof.kernels.search, pinproof.kernels.chain\nimport pinproof.ik")
     assert "compiling" not in done.stderr
@@ -51,6 +52,7 @@ def test_concurrent_processes_wait_for_the_one_that_compiles(tmp_path):
     assert len({one.stdout for one in done}) == 1
 
 
+@pytest.mark.slow
 def test_kernels_are_cached_in_numba_cache_dir(tmp_path):
     folder = Path(run(USE, NUMBA_CACHE_DIR=str(tmp_path)).stdout.split()[0])
     assert folder.is_relative_to(tmp_path)
@@ -71,6 +73,7 @@ def test_an_edit_of_any_kernel_starts_a_new_cache_folder(tmp_path):
     assert "compiling" in after.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="a folder that cannot be made is made of a file here")
 def test_kernels_run_without_a_writable_folder_and_log_it(tmp_path):
     blocked = tmp_path / "file"
@@ -81,6 +84,7 @@ def test_kernels_run_without_a_writable_folder_and_log_it(tmp_path):
     assert "for this process only" in done.stderr
 
 
+@pytest.mark.slow
 def test_user_kernels_keep_their_cache_folder(tmp_path):
     code = "import numba; before = numba.config.CACHE_DIR\nimport pinproof.kernels.chain\n"
     assert run(code + "print(before == numba.config.CACHE_DIR)").stdout.strip() == "True"

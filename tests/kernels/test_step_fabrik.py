@@ -21,7 +21,7 @@ def row(pose):
     return np.concatenate([pose.rotation.ravel(), pose.translation])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 10**6))
 def test_the_chosen_angle_and_translation_are_optimal(seed):
     """No other angle, or translation, brings the point and the direction closer to their desired places."""
@@ -47,7 +47,7 @@ def test_the_chosen_angle_and_translation_are_optimal(seed):
     assert all(best <= miss(0.0, slide) + 1e-9 for slide in np.linspace(-6, 6, 200))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     low=st.floats(-4, 3.9),
     width=st.floats(0.01, 6.2),
@@ -72,7 +72,7 @@ def test_a_joint_with_a_range_of_2_pi_is_not_stopped():
     assert _allowed(box, 0, 3.0, 2.0) == 2.0
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(seed=st.integers(0, 10**6))
 def test_a_motion_times_its_inverse_is_the_identity(seed):
     rng = np.random.default_rng(seed)

@@ -20,6 +20,7 @@ def test_the_promised_names_are_there():
     assert set(catalogue_names()) >= NAMED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalogue_names())
 def test_robot_is_whole_and_its_home_is_safe(name):
     entry, robot = find_robot(name), pp.load_robot(name)
@@ -63,7 +64,7 @@ def test_default_base_gives_way_to_a_tcp_that_does_not_hang_on_it():
 
 def test_robots_of_others_are_asked_for_by_their_package(monkeypatch):
     monkeypatch.setattr("pinproof.description.catalogue.example_robot_data", lambda: None)
-    with pytest.raises(pp.InputError, match="'ur5' requires example-robot-data"):
+    with pytest.raises(pp.InputError, match="'ur5' requires example-robot-data: pip install example-robot-data"):
         pp.load_robot("ur5")
 
 
@@ -72,6 +73,7 @@ def test_meshes_named_with_three_slashes_are_found():
     assert pp.load_robot(file).notes == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in catalogue_names() if find_robot(name).overlaps])
 def test_overlaps_are_contacts_that_the_srdf_does_not_disable(name):
     entry = find_robot(name)

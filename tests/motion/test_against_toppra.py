@@ -49,7 +49,7 @@ smooth = smooth_problems()
 rounded = rounded_problems().map(lambda problem: problem[1:]).filter(lambda problem: not problem[0].corners)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.one_of(smooth, rounded))
 def test_motions_are_within_three_percent_of_toppras_optimum(problem):
     path, limits = problem

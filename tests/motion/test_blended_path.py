@@ -39,7 +39,7 @@ def polylines(draw: st.DrawFn) -> tuple[pp.JointPath, np.ndarray]:
     return pp.JointPath(q, NAMES), reach
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(polylines())
 def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.JointPath, np.ndarray]) -> None:
     path, reach = drawn
@@ -58,7 +58,7 @@ def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.J
     assert smooth.length <= path.length * (1 + 1e-9)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.floats(0.0, 0.95 * np.pi), st.floats(0.01, 1.0))
 def test_a_corner_is_missed_by_what_is_said(turn: float, reach: float) -> None:
     q = np.array([(-1.0, 0, 0), (0, 0, 0), (np.cos(turn), np.sin(turn), 0)])

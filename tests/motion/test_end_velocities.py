@@ -61,7 +61,8 @@ def test_motions_that_meet_while_moving_are_joined():
         assert joined.duration >= time_parametrise(full, LIMITS, jerk=jerk).duration - 1e-6
 
 
-@settings(deadline=None, max_examples=40)
+@pytest.mark.slow
+@settings(max_examples=40)
 @given(st.one_of(smooth_problems(), rounded_problems().map(lambda p: p[1:])), shares, shares, st.booleans())
 def test_any_path_begins_and_ends_at_velocities_or_says_that_it_cannot(problem, start, end, with_jerk):
     path, limits = problem

@@ -26,7 +26,8 @@ def at_rest(trajectory):
     return not (trajectory.velocities[[0, -1]].any() or trajectory.accelerations[[0, -1]].any())
 
 
-@settings(deadline=None, max_examples=60)
+@pytest.mark.slow
+@settings(max_examples=60)
 @given(problems(size=st.just(1.0)), rise_times)
 def test_straight_paths_keep_their_jerk_limits(problem, rise):
     path, limits = problem
@@ -39,7 +40,8 @@ def test_straight_paths_keep_their_jerk_limits(problem, rise):
     assert_on_path(trajectory, path, 1e-12)
 
 
-@settings(deadline=None, max_examples=25)
+@pytest.mark.slow
+@settings(max_examples=25)
 @given(rounded_problems(), rise_times)
 def test_rounded_paths_keep_their_jerk_limits(problem, rise):
     _, path, limits = problem
@@ -50,7 +52,8 @@ def test_rounded_paths_keep_their_jerk_limits(problem, rise):
     assert_on_path(trajectory, path, IMAGE_TOLERANCE)
 
 
-@settings(deadline=None, max_examples=15)
+@pytest.mark.slow
+@settings(max_examples=15)
 @given(smooth_problems(), st.sampled_from([0.02, 0.3]))
 def test_smooth_paths_keep_their_jerk_limits(problem, rise):
     path, limits = problem

@@ -2,7 +2,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -108,7 +108,6 @@ def test_is_close_sees_joints_shape_and_values():
     assert not CORNER.is_close(JointPath(CORNER.q[:2], NAMES))
 
 
-@settings(deadline=None)
 @given(arrays(float, (5, 2), elements=st.floats(-3, 3)))
 def test_a_cubic_path_has_the_points_and_tangents_it_was_given(values):
     knots = np.array([0.0, 0.4, 1.0, 1.5, 2.5])

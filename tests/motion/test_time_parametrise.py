@@ -20,7 +20,7 @@ from .timing_problems import (
 )
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(problems())
 def test_timing_keeps_the_image_and_the_limits_of_straight_paths(problem):
     path, limits = problem
@@ -35,7 +35,6 @@ def test_timing_keeps_the_image_and_the_limits_of_straight_paths(problem):
         assert distance_to_polyline(path.q, trajectory.q).max() <= 1e-12 * max(1, np.abs(path.q).max())
 
 
-@settings(deadline=None)
 @given(problems(points=st.just(2), size=st.just(1.0)))
 def test_a_straight_motion_is_as_fast_as_can_be(problem):
     path, limits = problem
@@ -107,7 +106,8 @@ def test_start_is_goal_takes_no_time(path):
     assert trajectory.q.tolist() == [[1, 2]]
 
 
-@settings(deadline=None, max_examples=40)
+@pytest.mark.slow
+@settings(max_examples=40)
 @given(smooth_problems())
 def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
     path, limits = problem
@@ -119,7 +119,8 @@ def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
     assert_on_path(trajectory, path, IMAGE_TOLERANCE)
 
 
-@settings(deadline=None, max_examples=40)
+@pytest.mark.slow
+@settings(max_examples=40)
 @given(rounded_problems())
 def test_rounded_corners_are_run_through_within_limits_and_corners_that_are_left_are_stops(problem):
     straight, path, limits = problem

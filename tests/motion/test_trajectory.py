@@ -21,7 +21,6 @@ def trajectories(draw):
     return Trajectory(np.concatenate([[0.0], np.cumsum(steps)]), q, draw(arrays(float, (m, 2), elements=value)), NAMES)
 
 
-@settings(deadline=None)
 @given(trajectories())
 def test_a_trajectory_is_the_cubic_hermite_curve_through_its_points(trajectory):
     from scipy.interpolate import CubicHermiteSpline
@@ -36,7 +35,6 @@ def test_a_trajectory_is_the_cubic_hermite_curve_through_its_points(trajectory):
     np.testing.assert_array_equal(trajectory(t), bezier.evaluate(*trajectory.bezier(), t))
 
 
-@settings(deadline=None)
 @given(trajectories())
 def test_extremes_hold_for_dense_samples_and_are_reached(trajectory):
     t = np.linspace(0, trajectory.duration, 4001)
@@ -75,7 +73,7 @@ def rebuilt(trajectory, t):
     return [np.array(row(t - times[i], k)) @ coefficients for k in range(3)]
 
 
-@settings(deadline=None)
+@pytest.mark.slow
 @given(trajectories(), st.booleans(), st.data())
 def test_a_controller_rebuilds_the_same_curve_from_the_points(cubic, quintic, data):
     accelerations = data.draw(arrays(float, cubic.q.shape, elements=value)) if quintic else None
@@ -95,7 +93,7 @@ def quintics(draw):
     return Trajectory(cubic.times, cubic.q, cubic.velocities, NAMES, accelerations=accelerations)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(quintics())
 def test_extremes_of_quintics_hold_for_dense_samples_and_are_reached(trajectory):
     t = np.linspace(0, trajectory.duration, 4001)
@@ -132,7 +130,6 @@ def test_times_are_whole_nanoseconds_from_the_start():
     np.testing.assert_array_equal(trajectory.times, [0, 0.1, 0.333333333])
 
 
-@settings(deadline=None)
 @given(st.integers(1, 2**50))
 def test_every_count_of_nanoseconds_survives_as_seconds(count):
     times = Trajectory([0, count / 10**9], np.zeros((2, 1)), np.zeros((2, 1)), ["j"]).times
@@ -177,7 +174,6 @@ def test_what_is_no_motion_is_refused(times, q, velocities, message):
         Trajectory(times, q, velocities, NAMES)
 
 
-@settings(deadline=None)
 @given(trajectories(), trajectories())
 def test_joined_motions_run_one_after_the_other(first, second):
     second = Trajectory(
@@ -202,7 +198,7 @@ def test_times_do_not_drift_however_many_motions_are_joined():
     assert Trajectory.join(*[part] * 1000).duration == 100.0
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.one_of(trajectories(), quintics()), st.sampled_from([1.0, 1.1, 1.5, np.pi, 20.0]))
 def test_a_motion_slowed_down_keeps_its_image_and_lowers_its_rates(trajectory, factor):
     slow = trajectory.slowed(factor)

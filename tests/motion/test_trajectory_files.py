@@ -24,7 +24,7 @@ def points_of(trajectory):
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv"])
-@settings(deadline=None, max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), quintic=st.booleans())
 def test_a_saved_trajectory_comes_back_bit_for_bit(tmp_path, ending, data, quintic):
     m = data.draw(st.integers(1, 4))

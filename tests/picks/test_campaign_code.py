@@ -76,7 +76,10 @@ def test_a_worker_of_other_code_takes_no_task(stick, many, monkeypatch) -> None:
     package = pickle.dumps(RowTask(setup, judge_row))
     assert isinstance(pickle.loads(package), RowTask)
     monkeypatch.setattr("pinproof.picks.batch.campaign.code_here", lambda: "0.1.0 otherwise")
-    with pytest.raises(CampaignError, match=r"a worker .* 0.1.0 otherwise, "):
+    with pytest.raises(
+        CampaignError,
+        match=rf"a worker runs pinproof 0\.1\.0 otherwise, the campaign runs {pp.__version__} .*install the same version",
+    ):
         pickle.loads(package)
 
 

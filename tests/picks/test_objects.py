@@ -105,6 +105,7 @@ def test_what_is_carried_is_swept_not_only_the_tool(arm) -> None:
     assert "lintel" in verdict.reason
 
 
+@pytest.mark.slow
 def test_dragging_an_object_over_its_support_is_no_way(arm) -> None:
     verdict = judge(arm, replace(PICK, retreat_direction=(1, 0, 0)))
     assert verdict.failed is Stage.RETREAT
@@ -237,4 +238,5 @@ def test_frames_hang_on_each_other_and_not_in_circles(arm) -> None:
     there = replace(PICK, frame="tray", pose=pp.pose((0, 0, 0), DOWN))
     np.testing.assert_allclose(judge(arm, there, frames=frames).q_grasp, judge(arm, PICK).q_grasp, atol=1e-9)
     circle = {"tray": pp.picks.NamedFrame(pp.pose(), "rack"), "rack": pp.picks.NamedFrame(pp.pose(), "tray")}
-    assert "cycle" in judge(arm, there, frames=circle).reason
+    reason = judge(arm, there, frames=circle).reason
+    assert all(word in reason for word in ("cycle", "tray", "rack"))

@@ -183,7 +183,7 @@ def test_a_region_that_makes_no_sense_is_refused(
 
 
 @given(st.integers(1, 60), st.floats(0.01, np.pi), st.integers(1, 12), st.integers(0, 1000))
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 def test_orientations_are_rotations_inside_their_cone(count: int, angle: float, spins: int, seed: int) -> None:
     axis = np.random.default_rng(seed).normal(size=3)
     directions = pp.picks.approach_directions(axis, angle, count)

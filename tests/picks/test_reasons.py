@@ -107,6 +107,7 @@ def test_a_retreat_that_drags_tells_what_is_touched_and_the_way_out(cell) -> Non
     assert judge(cell, apply_suggestion(dragged, verdict.suggestions[0])).ok
 
 
+@pytest.mark.slow
 def test_a_place_out_of_reach_tells_the_residual_and_a_shift_that_reaches(cell) -> None:
     far = bolt(cell, "too_far")
     verdict = judge(cell, far)
@@ -117,6 +118,7 @@ def test_a_place_out_of_reach_tells_the_residual_and_a_shift_that_reaches(cell) 
     assert judge(cell, there, budget=pp.picks.PickBudget(remedies=0)).ok
 
 
+@pytest.mark.slow
 def test_a_place_that_is_taken_tells_by_what(cell) -> None:
     _, scene, _ = cell
     stone = pp.Obstacle("stone", pp.Box(0.06, 0.06, 0.06), pp.pose((0.42, -0.35, 0.03)))

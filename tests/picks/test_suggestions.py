@@ -163,7 +163,7 @@ def test_a_vector_is_in_the_frame_of_the_pick(arm) -> None:
 numbers = st.integers(-200_000, 200_000).map(lambda value: value / 100)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(st.tuples(numbers, numbers, numbers).filter(any))
 def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
     text = move_words(PICK, np.array(by))
@@ -172,7 +172,7 @@ def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
     np.testing.assert_allclose(moved * 1e3, by, atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     st.integers(-180, 180).filter(bool),
     st.tuples(numbers, numbers, numbers).filter(lambda axis: max(map(abs, axis)) > 1),

@@ -23,7 +23,7 @@ def as_pose(matrix: np.ndarray) -> SE3:
     return SE3(matrix[:3, :3], matrix[:3, 3])
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(some_pose, some_pose)
 def test_a_leg_is_the_interpolation_of_its_ends(first: SE3, last: SE3) -> None:
     shares = np.linspace(0, 1, 7)
@@ -31,7 +31,7 @@ def test_a_leg_is_the_interpolation_of_its_ends(first: SE3, last: SE3) -> None:
         assert max(twist_size(interpolate(first, last, s), as_pose(matrix))) < MET
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(some_pose, min_size=2, max_size=5))
 def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> None:
     routes = routes_through(poses, 0.0, 0.1)
@@ -42,7 +42,7 @@ def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> N
         assert route.passes == (1.0,)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(some_pose, min_size=3, max_size=5), st.floats(1e-3, 0.2))
 def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float) -> None:
     seen = 1
@@ -56,7 +56,7 @@ def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float)
     assert seen == len(poses)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(some_pose, min_size=3, max_size=4), st.floats(0.02, 0.2))
 def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], rounding: float) -> None:
     for route in routes_through(poses, rounding, 0.5):

@@ -248,7 +248,7 @@ def at(document, way):
     return document
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof, rehashed, oracle, data):
     """Whoever changes numbers and hashes alike may get another proof, but never an untrue one."""
@@ -266,7 +266,7 @@ def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof,
         assert oracle(document).least(25) > min(verdict.clearance, MARGIN) - 1e-6
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(x=st.floats(-0.5, 0.5), y=st.floats(-0.9, 0.3), z=st.floats(-0.3, 0.3), s=st.floats(0, 1))
 def test_an_obstacle_moved_with_the_evidence_kept_is_refused_or_truly_free(proof, rehashed, oracle, x, y, z, s):
     document = copy.deepcopy(proof)

@@ -66,6 +66,7 @@ def assert_claims_hold(arm, q):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_completeness_claims_at_special_angles_are_true(name):
     arm = arm_named(name)
@@ -73,6 +74,7 @@ def test_completeness_claims_at_special_angles_are_true(name):
     assert found.ok.mean() > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "fixed"), [("stanford", {1: 0.0, 4: 0.0}), ("generic_6dof", {1: np.pi / 2, 2: 0.0, 4: 0.0})]
 )
@@ -81,14 +83,14 @@ def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
     whole = arm_named(name)
     arm = arm_named(name, limits={whole.joint_names[3]: (-1.0, 1.0)})
     rng = np.random.default_rng(0)
-    q = rng.uniform(*arm.limits.sampling_range(), (300, 6))
+    q = rng.uniform(*arm.limits.sampling_range(), (150, 6))  # finds an error in 2 % with a probability of 95 %
     q[:, list(fixed)] = list(fixed.values())
     targets = arm.forward_kinematics_batch(q)
     found = pp.AnalyticIk().solve_batch(arm, targets)
     assert found.ok.all()
     for target, one in zip(targets, found.q, strict=True):
         assert_reaches(arm, one, target)
-    assert_claims_hold(arm, q[:60])
+    assert_claims_hold(arm, q[:30])
 
 
 @pytest.mark.parametrize("name", ["stanford", "generic_6dof"])

@@ -59,5 +59,5 @@ def test_using_a_name_loads_only_what_it_needs() -> None:
     assert loaded_by("import pinproof; pinproof.pose()") <= FOUNDATION
 
 
-def test_the_probe_sees_a_slow_library() -> None:
+def test_the_probe_detects_a_slow_library() -> None:
     assert "scipy" in loaded_by("import scipy")

@@ -113,7 +113,7 @@ def test_the_page_lists_failures_and_faults(table: PlanTable) -> None:
     assert "- x: why" in page
 
 
-def test_files_hold_the_table(table: PlanTable, tmp_path: Path) -> None:
+def test_the_table_is_saved_to_files(table: PlanTable, tmp_path: Path) -> None:
     data, page, picture = write_plan_table(table, tmp_path)
     assert PlanTable.load(data) == table
     assert page.read_text(encoding="utf-8").endswith(plan_markdown(table))

@@ -21,7 +21,7 @@ def test_the_table_is_markdown_with_the_selected_methods(run) -> None:
 
 
 @pytest.mark.slow
-def test_json_and_files_hold_the_same_run(run, tmp_path: Path) -> None:
+def test_json_and_files_contain_the_same_run(run, tmp_path: Path) -> None:
     code, out, _ = run(*SMALL, "--json", "--output", str(tmp_path / "new"))
     assert code == 0
     assert json.loads(out) == json.loads((tmp_path / "new" / "ik.json").read_text(encoding="utf-8"))

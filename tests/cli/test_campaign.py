@@ -48,7 +48,7 @@ def test_rows_stream_to_the_folder_and_all_good_is_0(run: Run) -> None:
 
 
 @pytest.mark.slow
-def test_the_rows_become_a_page_beside_them(run: Run) -> None:
+def test_rows_of_a_campaign_are_written_as_a_page(run: Run) -> None:
     code, out, _ = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "-o", "page.html")
     assert code == 0
     assert out.endswith("wrote page.html\n")
@@ -58,7 +58,7 @@ def test_the_rows_become_a_page_beside_them(run: Run) -> None:
 
 
 @pytest.mark.slow
-def test_one_that_is_not_good_is_1_and_another_campaign_in_the_folder_2(run: Run) -> None:
+def test_a_failed_pick_is_1_and_another_campaign_in_the_folder_is_2(run: Run) -> None:
     table(1, "far,2,0,0", "torn,nan,0,0")
     first = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "--json")
     again = run("pick", "picks.yaml", "--campaign", "out", "--json")
@@ -74,7 +74,7 @@ def test_one_that_is_not_good_is_1_and_another_campaign_in_the_folder_2(run: Run
 
 
 @pytest.mark.slow
-def test_workers_change_no_report(run: Run) -> None:
+def test_the_report_does_not_depend_on_workers(run: Run) -> None:
     table(2, "far,2,0,0")
     code, here, _ = run("pick", "picks.yaml", "--json")
     assert (code, here) == run("pick", "picks.yaml", "--json", "--workers", "1")[:2]
@@ -97,7 +97,7 @@ def test_wrong_usage_is_2(run: Run, monkeypatch: pytest.MonkeyPatch, words: tupl
     assert not Path("out/rows.jsonl").exists()
 
 
-def test_a_folder_that_cannot_be_is_2(run: Run) -> None:
+def test_a_folder_that_cannot_be_created_is_2(run: Run) -> None:
     code, out, err = run("pick", "picks.yaml", "--campaign", "scene.yaml/out")
     assert (code, out) == (2, "")
     assert "scene.yaml/out: cannot be created: Not a directory" in err

@@ -40,7 +40,7 @@ def test_compilation_runs_once_and_prints_one_line(runs: list[int], capsys: pyte
     assert "3 processes: about 33 s" in err
 
 
-def test_what_failed_is_not_taken_for_done(runs: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_job_is_run_again(runs: list[int], monkeypatch: pytest.MonkeyPatch) -> None:
     run_jobs = compiling._run_jobs
     monkeypatch.setattr(compiling, "_run_jobs", lambda at_a_time: [*run_jobs(at_a_time), "lines"])
     compiling.compile_ahead()
@@ -49,7 +49,9 @@ def test_what_failed_is_not_taken_for_done(runs: list[int], monkeypatch: pytest.
 
 
 @pytest.mark.parametrize("reason", ["one core", "nothing can be kept"])
-def test_where_it_gains_nothing_it_is_left(runs: list[int], reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_compilation_ahead_is_skipped_without_a_benefit(
+    runs: list[int], reason: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     if reason == "one core":
         monkeypatch.setattr(compiling, "_cores", lambda: 1)
     else:

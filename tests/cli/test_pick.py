@@ -146,7 +146,7 @@ def test_wrong_usage_is_2(run: Run, words: tuple[str, ...]) -> None:
     assert err.count("\n") == 1
 
 
-def test_an_internal_error_is_3_and_its_traceback_is_shown_when_asked_for(run: Run, write, monkeypatch) -> None:
+def test_an_internal_error_is_3_and_verbose_shows_its_traceback(run: Run, write, monkeypatch) -> None:
     def broken(*args: object, **settings: object) -> None:
         raise ZeroDivisionError("oops")
 

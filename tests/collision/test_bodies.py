@@ -192,7 +192,7 @@ def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS])
-def test_the_bounds_of_a_body_hold_it(kind):
+def test_the_bounds_of_a_body_contain_it(kind):
     """No point nearer than the box, nor farther out than the support function, is at distance 0."""
     shape, distance = KINDS[kind]
     body = shape_body("thing", "thing", None, shape, HERE)
@@ -249,7 +249,7 @@ def test_every_kind_survives_pickle(slider):
     assert [copy.clearance([x]) for x in (-1.0, 0.0, 0.7)] == [checker.clearance([x]) for x in (-1.0, 0.0, 0.7)]
 
 
-def test_the_fingerprint_sees_every_number():
+def test_the_fingerprint_depends_on_every_number():
     def content(shape):
         return shape_body("thing", "thing", None, shape, HERE).content()
 
@@ -307,7 +307,7 @@ def overlapping(turned: bool) -> trimesh.Trimesh:
 
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("inverted", [False, True])
-def test_overlapping_parts_are_solid_whichever_way_they_turn(slider, turned, inverted):
+def test_overlapping_parts_are_solid_in_any_orientation(slider, turned, inverted):
     mesh = overlapping(turned)
     if inverted:
         mesh.invert()
@@ -319,7 +319,7 @@ def test_overlapping_parts_are_solid_whichever_way_they_turn(slider, turned, inv
     assert checker.is_free([0.37])
 
 
-def test_cavities_and_what_stands_in_them():
+def test_bodies_inside_cavities():
     """A box in the cavity of a box is solid; the cavity about it is not, whichever way the whole file turns."""
     sides = (1.0, 0.8, 0.6, 0.4, 0.2)
     for flip in (False, True):
@@ -345,7 +345,7 @@ def test_the_ground_contains_what_its_closed_surface_winds_about(x, y, z):
         assert Ground(GROUND).contains(point[None]) == surface.contains(point[None])
 
 
-def test_the_ground_covers_both_ways_of_cutting_its_cells():
+def test_the_ground_covers_both_triangulations_of_its_cells():
     heights = np.array([[0.0, 0.2], [0.2, 0.0]])
     ground = Ground(HeightMap(heights, 1, 1))
     assert ground.contains(np.array([[0.0, 0.0, 0.199]]))  # over the middle: between the two high corners

@@ -26,7 +26,7 @@ def overlap(a, at_a, b, at_b) -> bool:
     return bool(coal.collide(a, places[0], b, places[1], coal.CollisionRequest(), coal.CollisionResult()))
 
 
-def test_build_convex_representation_is_no_hull_but_ours_is(mesh_file):
+def test_build_convex_representation_is_not_a_hull_but_ours_is(mesh_file):
     """A torus as an STL has it, each triangle with its own corners; its hull fills the hole."""
     torus = trimesh.creation.torus(0.2, 0.05)
     torus.unmerge_vertices()
@@ -57,7 +57,7 @@ def test_a_ball_wholly_inside_a_closed_mesh_touches_it(slider, mesh_file, hull):
     assert checker.clearance([0.3]) == pytest.approx(0.09, abs=1e-6)
 
 
-def test_a_mesh_wholly_inside_a_body_and_the_other_way_round(slider, mesh_file):
+def test_a_mesh_inside_a_body_and_a_body_inside_a_mesh_collide(slider, mesh_file):
     small = Mesh(mesh_file(trimesh.creation.box((0.02, 0.02, 0.02))), hull=False)
     big = Mesh(mesh_file(trimesh.creation.icosphere(radius=0.3)), hull=False)
     for tool, thing in ((small, big), (big, small)):
@@ -177,7 +177,7 @@ def test_the_margin_is_honoured_on_both_sides(slider, mesh_file, margin, obstacl
         assert checker.clearance([outside]) > margin
 
 
-def test_gjk_is_as_near_as_its_slack_says():
+def test_gjk_distances_are_within_the_slack():
     """A cylinder against triangles: the distance of a point to a cylinder is known, and convex over the triangle."""
     rng = np.random.default_rng(3)
     request = coal.DistanceRequest()

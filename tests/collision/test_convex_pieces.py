@@ -104,7 +104,7 @@ def held(points, parts):
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_the_pieces_hold_every_point_and_reach_no_farther_than_stated(name):
+def test_the_pieces_contain_every_point_within_the_stated_excess(name):
     mesh = SHAPES[name]
     assert mesh.is_watertight
     bodies = shape_bodies(name, None, mesh_of(mesh), HERE)
@@ -200,7 +200,7 @@ def test_nothing_that_touches_the_triangles_is_called_free(slider, name):
     assert seen == {True, False}
 
 
-def test_what_no_few_pieces_fit_is_used_as_its_triangles_and_the_certificate_says_so(slider, path, mesh_file):
+def test_a_mesh_without_few_convex_pieces_is_used_as_triangles_with_a_note(slider, path, mesh_file):
     checker = CollisionChecker(slider, Scene([Obstacle("bowl", Mesh(mesh_file(bowl())), pose((0, 0, 0.05)))]))
     (body,) = [body for body in checker.bodies if body.owner == "bowl"]
     assert body.support is None
@@ -261,7 +261,7 @@ def test_a_proof_beside_a_bin_can_be_saved_and_verified(slider, path, tmp_path):
     assert verify(json.loads((tmp_path / "proof.json").read_text())).ok
 
 
-def test_a_scene_file_keeps_what_was_said_about_a_mesh(tmp_path):
+def test_a_scene_file_keeps_the_settings_of_a_mesh(tmp_path):
     STRAIGHT.export(tmp_path / "bin.stl")
     said = {"own": {}, "hull": {"hull": True}, "exact": {"hull": False}, "bare": {"hollow": True}}
     scene = Scene([Obstacle(name, Mesh(tmp_path / "bin.stl", **how)) for name, how in said.items()])

@@ -60,7 +60,7 @@ SHAPES = {
 
 
 @pytest.mark.parametrize("name", SHAPES)
-def test_every_point_of_surface_and_inside_is_held(name):
+def test_every_point_of_surface_and_inside_is_contained(name):
     mesh = SHAPES[name]()
     assert mesh.is_watertight
     parts = cover(mesh)
@@ -87,7 +87,7 @@ def test_what_is_convex_stays_one():
 @pytest.mark.slow
 @given(st.integers(0, 10_000), st.integers(1, 8))
 @settings(max_examples=25)
-def test_any_bunch_of_triangles_is_held(seed, pieces):
+def test_random_triangles_are_inside_their_decomposition(seed, pieces):
     """Triangles that enclose nothing, thin and flat ones among them, large ones across many cells."""
     rng = np.random.default_rng(seed)
     corners = rng.normal(size=(12, 1, 3)) + rng.normal(size=(12, 3, 3)) * rng.choice([0.01, 0.5, 3.0], (12, 1, 1))

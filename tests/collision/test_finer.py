@@ -110,7 +110,7 @@ def test_whatever_is_derived_keeps_it(ring):
     assert fine.fingerprint() != coarse.fingerprint()
 
 
-def test_the_certificate_names_the_owners_and_says_what_was_judged_how(ring, path):
+def test_the_certificate_names_owners_and_their_geometry(ring, path):
     coarse = CollisionChecker(ring, Scene([rod(0.05), BALL]))
     fine = coarse.finer_at([0.0])
     free = certify(path(ring, [-0.5], [0.5]), fine)
@@ -122,7 +122,7 @@ def test_the_certificate_names_the_owners_and_says_what_was_judged_how(ring, pat
 
 
 @pytest.mark.parametrize("side", [0.05, HOLE * np.sqrt(2) * 0.985])
-def test_free_by_closer_bodies_is_free_under_a_dense_look_at_the_meshes(ring, path, side):
+def test_free_with_finer_bodies_is_free_in_dense_samples_of_the_meshes(ring, path, side):
     """Several hulls, and the exact mesh that coal judges."""
     fine = CollisionChecker(ring, Scene([rod(side)])).finer_at([0.0])
     curve = path(ring, [-0.2], [0.2])

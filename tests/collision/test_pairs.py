@@ -49,7 +49,7 @@ def boxes_apart(arm, q):
     return coal.distance(box, at[0], box, at[1], coal.DistanceRequest(), coal.DistanceResult())
 
 
-def test_many_short_steps_between_joints_are_no_housing(chain):
+def test_many_short_offsets_between_joints_are_not_a_link(chain):
     arm = chain(8, 0.05)
     curled = np.full(8, 0.864)
     assert boxes_apart(arm, curled) < -0.005
@@ -229,7 +229,7 @@ def test_a_motion_of_the_panda_into_its_own_hand_is_not_free(panda, panda_meshes
     assert certificate.status.name == "COLLIDING"
 
 
-def test_free_is_never_said_of_pairs_that_are_excluded(panda, slider):
+def test_excluded_pairs_are_never_reported_as_free(panda, slider):
     stay = certify(JointPath(np.array([panda.home, panda.home]), panda.joint_names), CollisionChecker(panda))
     assert stay.free
     assert f"{len(stay.excluded)} pairs are excluded" in stay.message

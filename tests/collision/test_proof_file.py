@@ -175,12 +175,12 @@ def test_a_copy_of_the_verifier_runs_without_the_rest(tmp_path, generic_6dof):
 # -- what is refused -----------------------------------------------------------------------------------------------
 
 
-def test_a_certificate_without_evidence_says_how_to_get_it(tmp_path, slider, path):
+def test_a_certificate_without_evidence_names_the_setting_that_records_it(tmp_path, slider, path):
     with pytest.raises(InputError, match="record=True"):
         certify(path(slider, [0.0], [0.1]), CollisionChecker(slider)).save(tmp_path / "proof.json")
 
 
-def test_a_contact_is_no_proof(tmp_path, slider, path):
+def test_a_contact_is_not_a_proof(tmp_path, slider, path):
     wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.3, 0, 0)))])
     certificate = certify(path(slider, [0.0], [0.4]), CollisionChecker(slider, wall), record=True)
     with pytest.raises(InputError, match="COLLIDING"):
@@ -205,7 +205,7 @@ def test_another_ending_is_refused(tmp_path, slider, path, name):
 
 
 @pytest.mark.parametrize("data", [b"", b"{", b"\x1f\x8b broken", b'{"a": 1, "a": 2}', b"\xff\xfe", b"[" * 100_000])
-def test_a_file_that_holds_no_json_is_an_error_and_no_verdict(tmp_path, data):
+def test_a_file_without_json_is_an_error(tmp_path, data):
     (tmp_path / "proof.json").write_bytes(data)
     with pytest.raises(FileError, match=r"proof\.json"):
         verify_proof(tmp_path / "proof.json")
@@ -225,7 +225,7 @@ def known(tmp_path_factory, generic_6dof):
     return file, checker, curve
 
 
-def test_what_was_not_compared_is_said(known):
+def test_omitted_comparisons_are_reported(known):
     file, checker, curve = known
     assert verify_proof(file).not_compared == ("the robot", "the scene", "the motion")
     assert verify_proof(file, curve=curve).not_compared == ("the robot", "the scene")
@@ -247,14 +247,14 @@ def test_what_was_not_compared_is_said(known):
         (lambda c: c.with_attached(Obstacle("tool", Sphere(0.001), pose((0, 0, 0.05)))), "your tool"),
     ],
 )
-def test_another_robot_or_scene_is_told_from_that_of_the_proof(known, other, place):
+def test_another_robot_or_scene_does_not_match_the_proof(known, other, place):
     file, checker, curve = known
     verdict = verify_proof(file, other(checker), curve)
     assert not verdict.ok
     assert place in str(verdict)
 
 
-def test_pairs_left_out_by_the_makers_word_are_asked_for(tmp_path, known):
+def test_pairs_disabled_by_the_srdf_are_listed(tmp_path, known):
     _, checker, curve = known
     allowed = checker.allowing(("link_6", "egg"))
     _, file = saved(tmp_path, curve, allowed)
@@ -262,7 +262,7 @@ def test_pairs_left_out_by_the_makers_word_are_asked_for(tmp_path, known):
     assert "your checker requires link_6_0 and egg" in str(verify_proof(file, checker, curve))
 
 
-def test_another_motion_is_told_from_that_of_the_proof(known):
+def test_another_motion_does_not_match_the_proof(known):
     file, checker, curve = known
     nearly = JointPath(curve.q + 1e-6, curve.joint_names)
     assert "curve.control[0]" in str(verify_proof(file, checker, nearly))
@@ -311,7 +311,7 @@ def test_a_motion_too_fast_for_its_parameter_is_not_saved(tmp_path, slider):
 
 
 @pytest.mark.parametrize("value", [["hand"], {}, 7, None])
-def test_a_body_whose_name_is_no_text_is_refused(tmp_path, known, value):
+def test_a_body_name_must_be_text(tmp_path, known, value):
     file, checker, curve = known
     document = load(file)
     document["bodies"][0]["name"] = value

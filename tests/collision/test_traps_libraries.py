@@ -99,7 +99,7 @@ def test_the_base_is_checked_against_the_scene():
     assert not checker.is_free([0.0])
 
 
-def test_a_mimic_joint_is_no_free_joint():
+def test_a_mimic_joint_is_not_a_free_joint():
     """Pinocchio takes a follower for a joint of its own unless told otherwise: it stands while its leader moves."""
     ball = '<collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>'
     follower = (
@@ -156,7 +156,7 @@ def test_sides_are_full_sides_and_lengths_full_lengths(slider):
     assert checker.clearance([0.5]) == pytest.approx(1 - 0.1 - 0.01 - 0.5, abs=1e-9)
 
 
-def test_needles_of_a_hollow_mesh_are_seen(slider):
+def test_needle_triangles_of_a_hollow_mesh_are_detected(slider):
     """Triangles without area: coal's collide lets some pass through another mesh, though their distance is 0."""
     sheet = np.array([[-1.0, -1, 0], [1.0, -1, 0], [0, 1.5, 0]])
     passed, rng = 0, np.random.default_rng(0)

@@ -109,7 +109,7 @@ def test_an_obstacle_behind_a_wrap_of_the_angle(planar_2r, path):
 
 
 @pytest.mark.parametrize("turns", [1, 2, -3])
-def test_a_continuous_joint_that_turns_the_long_way(planar_2r, path, turns):
+def test_a_continuous_joint_that_rotates_by_more_than_pi(planar_2r, path, turns):
     """Both ends are the same configuration, and so is the middle of an even number of turns; a post stands opposite."""
     checker = CollisionChecker(planar_2r, Scene([Obstacle("post", Sphere(0.05), pose((-0.8, 0, 0)))]))
     long_way = path(planar_2r, [0, 0], [2 * np.pi * turns, 0])

@@ -39,7 +39,7 @@ def test_obstacles_may_be_moved_by_what_is_left_beyond_the_margin(slider, path, 
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.01])
-def test_an_obstacle_that_may_come_to_touch_is_a_contact_and_the_distance_says_how(slider, path, margin):
+def test_a_displaced_obstacle_in_contact_is_reported_with_its_distance(slider, path, margin):
     moved = GAP - margin + 1e-3
     certificate = certify(path(slider, [0.0], [0.4]), beside(slider, margin=margin), obstacle_tolerance=moved)
     assert certificate.status is COLLIDING
@@ -114,7 +114,7 @@ def test_a_tube_that_makes_no_sense_is_refused(slider, path, settings):
         certify(path(slider, [0.0], [0.4]), beside(slider), **settings)
 
 
-def test_evidence_tells_of_every_pair_on_the_whole_curve(ur5, path):
+def test_evidence_covers_every_pair_on_the_complete_curve(ur5, path):
     """Each pair's intervals cover the curve without a gap, and what they say of its middle is true."""
     scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.7, 0.3, 0.4)))])
     checker, curve = CollisionChecker(ur5, scene), path(ur5, [0, -1.5, 1, 0, 0, 0], [0.5, -1.2, 1, 0.3, 0, 0])

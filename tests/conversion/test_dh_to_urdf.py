@@ -83,7 +83,7 @@ def test_origins_whose_pitch_is_a_quarter_turn_are_exact():
             np.testing.assert_allclose(found, table.forward_kinematics([0.0]), rtol=0, atol=1e-14)
 
 
-def test_the_generic_arm_by_name_stands_where_the_textbook_says(generic):
+def test_the_generic_arm_has_the_textbook_position(generic):
     arm = load_robot("generic_6dof").arm(tcp="tool0")
     np.testing.assert_allclose(arm.forward_kinematics(np.zeros(6)).translation, [0.65, -0.30, 0.33], atol=1e-15)
     np.testing.assert_array_equal(arm.limits.lower, generic.lower)
@@ -109,7 +109,7 @@ def test_a_prismatic_rows_theta_lies_behind_its_joint():
     np.testing.assert_allclose(model.jointPlacements[2].homogeneous, expected.homogeneous, atol=1e-15)
 
 
-def test_modified_rows_hold_a_and_alpha_before_their_joint_and_the_column_behind_it():
+def test_modified_rows_have_a_and_alpha_of_the_preceding_joint():
     rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4), DhRow("j2", 0.6, 0.1, 0.7, 0.9)]
     model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="modified")))
     columns = [pose(), pose((0, 0, rows[0].d))]  # what the row before leaves behind its joint
@@ -183,7 +183,7 @@ def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic
 @pytest.mark.parametrize(
     "name", ["dh_0", "dh_1", "link_1", "base_link", "tool0", "tool_joint", "dh_1_joint", "universe"]
 )
-def test_a_row_may_not_bear_the_name_of_a_frame(name):
+def test_a_row_may_not_have_the_name_of_a_frame(name):
     with pytest.raises(InputError, match=f"'{name}' bears a name"):
         dh_to_urdf(DhTable([DhRow(name, 0, 0, 1, 0)], convention="standard"))
 

@@ -96,7 +96,7 @@ def test_published_tables_come_back_as_they_were_published(name):
 
 
 @pytest.mark.parametrize("name", ["stanford", "ur3", "ur5", "ur10"])
-def test_where_a_published_x_axis_points_the_other_way_only_signs_differ(name):
+def test_with_an_opposite_published_x_axis_only_signs_differ(name):
     table = DhTable.load(ROBOTS / name / "dh.yaml")
     arm = load_robot(ROBOTS / name / f"{name}.urdf").arm(tcp="tool0")
     back = urdf_to_dh(arm)
@@ -148,7 +148,7 @@ def test_axes_too_near_parallel_are_refused_and_named(tilt, convention):
 
 @BOTH
 @pytest.mark.parametrize("tilt", [6e-6, 1e-4, 1e-3, -1e-3, math.pi - 1e-4])
-def test_calibrated_axes_a_hair_off_parallel_are_exact_with_long_rows(tilt, convention):
+def test_nearly_parallel_calibrated_axes_are_exact_with_long_rows(tilt, convention):
     """What a calibrated arm brings: 1e-3 rad between axes half a metre apart put their normal 500 m away."""
     arm = two(tilt)
     table = urdf_to_dh(arm, convention=convention)
@@ -160,7 +160,7 @@ def test_calibrated_axes_a_hair_off_parallel_are_exact_with_long_rows(tilt, conv
 
 @BOTH
 @pytest.mark.parametrize("tilt", [1e-7, 1e-5])
-def test_axes_a_hair_off_parallel_whose_normal_is_near_are_no_trouble(tilt, convention):
+def test_nearly_parallel_axes_with_a_close_common_normal_are_converted(tilt, convention):
     arm = two(tilt, y=0.0)
     table = urdf_to_dh(arm, convention=convention)
     assert max(abs(row.d) for row in table.rows) < 1
@@ -176,7 +176,7 @@ def test_parallel_axes_that_nearly_coincide_hold_the_tolerance(x, convention):
 
 
 @BOTH
-def test_a_tool_a_hair_off_its_joint_stays_in_the_tool(convention):
+def test_a_tool_slightly_off_its_joint_remains_in_the_tool(convention):
     """Its tilt is no joint's, so the table's tool and base say it; rows are short."""
     text = TWO.format(tilt=HALF, y=0.5, kind="revolute", extra="").replace("0.3 0.2 0.1", "1e-7 0 0")
     arm = load_robot_from_text(text).arm(tcp="tip")
@@ -206,7 +206,7 @@ def test_a_joint_that_follows_another_is_refused_by_name():
         urdf_to_dh(arm)
 
 
-def test_a_follower_beside_the_chain_is_no_hindrance():
+def test_a_mimic_joint_outside_the_chain_is_allowed():
     arm = load_robot("panda").arm(tcp="panda_hand_tcp")
     assert difference(urdf_to_dh(arm, convention="modified"), arm) < 1e-14
 

@@ -45,7 +45,7 @@ def test_geometry_is_kept(text, kind, size):
     assert (body.kind, body.size, body.link) == (kind, size, "tip")
 
 
-def test_origin_turns_about_fixed_axes():
+def test_the_origin_rotates_about_fixed_axes():
     text = '<collision><origin xyz="1 2 3" rpy="0.3 -0.7 1.1"/><geometry><sphere radius="1"/></geometry></collision>'
     (body,) = read_urdf_text(urdf(link=text)).collisions
     assert body.origin == pytest.approx(pp.pose((1, 2, 3), (0.3, -0.7, 1.1)).homogeneous, abs=1e-15)
@@ -113,7 +113,7 @@ def test_what_makes_no_sense_is_refused_with_its_line(parts, message):
 
 
 @pytest.mark.parametrize("limit", ["", '<limit velocity="1" effort="1"/>', '<limit lower="-1" velocity="1"/>'])
-def test_limits_that_are_not_stated_are_asked_for_and_never_zero(limit):
+def test_missing_limits_are_an_error_and_never_zero(limit):
     robot = load_robot_from_text(urdf(limit=limit))
     with pytest.raises(pp.InputError, match=r"'j' states no lower and upper limit"):
         robot.arm(tcp="tip")
@@ -176,7 +176,7 @@ def test_missing_file_is_named(tmp_path):
         read_urdf(tmp_path / "nowhere.urdf")
 
 
-def test_other_xml_is_no_urdf():
+def test_other_xml_is_not_urdf():
     with pytest.raises(pp.errors.UrdfError, match="<sdf>, not <robot>"):
         read_urdf_text("<sdf/>")
 
@@ -192,7 +192,7 @@ def test_axis_of_any_length_is_a_direction():
     assert twist == pytest.approx([0, 0, 0, 0.6, 0, 0.8], abs=1e-15)
 
 
-def test_limit_beyond_all_use_is_none():
+def test_an_unusably_large_limit_is_no_limit():
     joint = read_urdf_text(urdf(limit='<limit lower="-1e16" upper="1e16" velocity="1e308"/>')).joints["j"]
     assert (joint.lower, joint.upper, joint.velocity) == (None, None, None)
 

@@ -174,7 +174,7 @@ def _refused_or_a_verdict(path: Path) -> None:
     [gzip.compress(b"{}" * 99, mtime=0)[:-9], b"\x1f\x8b" + b"\0" * 99, b"\x1f\x8b\x08\0" + b"\xff" * 99],
     ids=["cut off", "no method", "no data"],
 )
-def test_packed_proof_that_is_no_whole_gzip_file(tmp_path, content):
+def test_a_truncated_gzip_proof_is_refused(tmp_path, content):
     (tmp_path / "proof.json").write_bytes(content)
     assert "cannot be read as a proof" in said_of(tmp_path / "proof.json")
 
@@ -232,7 +232,7 @@ def test_materials_are_not_fetched(tmp_path, monkeypatch):
     assert len(read_mesh(tmp_path / "part.obj").triangles) == 1
 
 
-def test_mesh_of_a_kind_nobody_knows_names_the_kinds(tmp_path):
+def test_an_unknown_mesh_format_is_refused_with_the_known_formats(tmp_path):
     (tmp_path / "part.step").touch()
     with pytest.raises(pp.errors.MeshError, match=r"valid: \.stl, \.obj, \.dae, \.ply, \.glb, \.gltf"):
         read_mesh(tmp_path / "part.step")
@@ -247,7 +247,7 @@ def test_two_hundred_thousand_triangles_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("stated", ["counts: [4294967296, 4294967296, 1]", "counts: [1000000000000, 1, 1]"])
-def test_pattern_of_more_picks_than_any_memory_holds(tmp_path, stated):
+def test_a_pattern_too_large_for_memory_is_refused(tmp_path, stated):
     pattern = f"{{grid: {{{stated}, step: [1, 1, 1]}}}}"
     row = f"{{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0], pattern: {pattern}}}"
     (tmp_path / "picks.yaml").write_text(f"picks:\n  - {row}\n", encoding="utf-8")
@@ -255,7 +255,7 @@ def test_pattern_of_more_picks_than_any_memory_holds(tmp_path, stated):
     assert "at most 100000" in problem.reason
 
 
-def test_range_of_more_turns_than_anybody_tries(tmp_path):
+def test_a_range_of_very_many_rotations(tmp_path):
     row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0], spin: {range: [0, 1], steps: 1000000000000}}"
     (tmp_path / "picks.yaml").write_text(f"picks:\n  - {row}\n", encoding="utf-8")
     (problem,) = pp.read_picks(tmp_path / "picks.yaml").problems

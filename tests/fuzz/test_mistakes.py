@@ -132,7 +132,7 @@ def test_ground_as_wide_as_a_hall_is_a_box(tmp_path):
     assert said_of(tmp_path / "scene.yaml") == ""
 
 
-def test_joints_too_few_and_frames_nobody_knows():
+def test_too_few_joints_and_unknown_frames_are_refused():
     robot = pp.load_robot("scara")
     with pytest.raises(pp.InputError, match=r"shape \(4,\).*\(3,\).*the arm's joints are "):
         robot.arm().forward_kinematics([0.0] * 3)

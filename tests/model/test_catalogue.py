@@ -22,7 +22,7 @@ def test_the_promised_names_are_there():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", catalogue_names())
-def test_robot_is_whole_and_its_home_is_safe(name):
+def test_the_robot_is_complete_and_its_home_is_collision_free(name):
     entry, robot = find_robot(name), pp.load_robot(name)
     arm = robot.arm()
     assert arm.tcp == entry.tcp
@@ -55,14 +55,14 @@ def test_arms_of_a_dual_arm_robot_hold_each_other(family):
     assert left.frame_placement(left.home, left.tcp).isApprox(moved.forward_kinematics(left.home), 1e-12)
 
 
-def test_default_base_gives_way_to_a_tcp_that_does_not_hang_on_it():
+def test_a_tcp_outside_the_default_base_replaces_the_default():
     robot = pp.load_robot("tiago")
     assert robot.arm().base == "torso_lift_link"
     assert robot.arm("torso_lift_link").base == "base_footprint"
     assert robot.arm(base="base_link").dof == 8
 
 
-def test_robots_of_others_are_asked_for_by_their_package(monkeypatch):
+def test_a_robot_of_a_missing_package_names_the_package(monkeypatch):
     monkeypatch.setattr("pinproof.description.catalogue.example_robot_data", lambda: None)
     with pytest.raises(pp.InputError, match="'ur5' requires example-robot-data: pip install example-robot-data"):
         pp.load_robot("ur5")

@@ -10,7 +10,7 @@ import pinproof as pp
 ONE = np.ones(2)
 
 
-def test_acceleration_default_says_so():
+def test_default_acceleration_is_stated():
     limits = pp.JointLimits(-ONE, ONE, 2 * ONE)
     assert limits.acceleration.tolist() == [4.0, 4.0]
     assert "0.5 s" in limits.acceleration_source
@@ -33,7 +33,7 @@ def test_limits_without_sense_are_refused(arguments):
         pp.JointLimits(*arguments)
 
 
-def test_arrays_are_copies_that_nobody_can_write():
+def test_arrays_are_read_only_copies():
     lower = -ONE
     limits = pp.JointLimits(lower, ONE, ONE)
     lower[0] = -9

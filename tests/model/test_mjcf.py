@@ -72,7 +72,7 @@ def pinocchio_placement(model, arm, q, frame):
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_bodies_stand_where_pinocchio_reads_them(file, arm, seed):
+def test_bodies_have_the_poses_of_pinocchio(file, arm, seed):
     model = pin.buildModelFromMJCF(str(file))
     q = np.random.default_rng(seed).uniform(arm.limits.lower, arm.limits.upper)
     # Pinocchio sets the first body on the origin, whatever its pose: compared is what stands on that body. And it does

@@ -122,7 +122,7 @@ def _samples(coefficients):
 
 
 @given(arrays(float, (3, 4, 2), elements=coordinate), st.floats(0.1, 3), st.booleans())
-def test_hermite_pieces_and_their_slope_are_those_asked_for(derivatives, width, quintic):
+def test_hermite_pieces_have_the_requested_points_and_slopes(derivatives, width, quintic):
     knots = np.array([0.0, width, 2.5 * width])
     asked = derivatives[:, : 3 if quintic else 2].swapaxes(0, 1)
     curve = bezier.hermite(knots, *asked)

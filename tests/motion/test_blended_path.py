@@ -60,7 +60,7 @@ def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.J
 
 @settings(max_examples=60)
 @given(st.floats(0.0, 0.95 * np.pi), st.floats(0.01, 1.0))
-def test_a_corner_is_missed_by_what_is_said(turn: float, reach: float) -> None:
+def test_the_stated_corner_deviation_is_exact(turn: float, reach: float) -> None:
     q = np.array([(-1.0, 0, 0), (0, 0, 0), (np.cos(turn), np.sin(turn), 0)])
     way = np.diff(q, axis=0)
     smooth = pp.motion.BlendedPath.rounded(pp.JointPath(q, NAMES), [0, reach, 0])
@@ -106,7 +106,7 @@ def test_length_is_that_of_a_dense_sample() -> None:
     assert smooth.length < path.length
 
 
-def test_roundings_may_touch_and_fill_a_whole_segment() -> None:
+def test_roundings_may_fill_a_complete_segment() -> None:
     path = pp.JointPath([(0, 0, 0), (0.3, 0, 0), (0.3, 0.3, 0), (0.6, 0.3, 0)], NAMES)
     smooth = pp.motion.BlendedPath.rounded(path, [0, 0.15, 0.15, 0])
     assert len(smooth) == 4
@@ -130,7 +130,7 @@ def test_values_are_frozen_pickled_and_turned_round_exactly() -> None:
     assert not back.is_close(smooth)
 
 
-def test_join_goes_on_where_the_derivatives_agree_and_stops_where_not() -> None:
+def test_joined_curves_stop_only_where_derivatives_differ() -> None:
     curve = pp.motion.CubicPath.through([(0, 0, 0), (1, 0.5, 0), (2, 0, 1)], NAMES)
     straight = pp.JointPath([(2, 0, 1), (2, 0, 1), (3, 1, 1)], NAMES)
     both = pp.motion.BlendedPath.join(curve, straight)
@@ -150,7 +150,7 @@ def test_join_goes_on_where_the_derivatives_agree_and_stops_where_not() -> None:
         pp.motion.BlendedPath.join(straight, curve)
 
 
-def test_a_path_that_stands_still() -> None:
+def test_a_path_without_motion() -> None:
     still = pp.motion.BlendedPath.rounded(pp.JointPath([(1, 2, 3)], NAMES), [0])
     assert still.domain == (0.0, 0.0)
     assert still(0.0).tolist() == [1, 2, 3]
@@ -168,7 +168,7 @@ def test_a_reach_that_makes_no_sense(reach: list[float], word: str) -> None:
         pp.motion.BlendedPath.rounded(path, reach)
 
 
-def test_what_is_no_path() -> None:
+def test_invalid_paths_are_refused() -> None:
     with pytest.raises(pp.InputError, match="waypoint 1"):
         pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (1, 0, 0), (0, 0, 0)], NAMES), [0, 0.1, 0])
     with pytest.raises(pp.InputError, match="equal"):

@@ -32,7 +32,7 @@ def slope(path, at):
 
 @pytest.mark.parametrize("jerk", [None, 10.0])
 @pytest.mark.parametrize(("start", "end"), [(0.5, 0), (0, 0.7), (0.4, 0.8), (1.0, 1.0), (0.9, 0.1)])
-def test_a_line_begins_and_ends_at_the_velocities_asked_for(start, end, jerk):
+def test_a_line_begins_and_ends_at_the_requested_velocities(start, end, jerk):
     begin, finish = np.array([1.0, 0.5]) * start, np.array([1.0, 0.5]) * end
     trajectory = time_parametrise(LINE, LIMITS, jerk=jerk, start_velocity=begin, end_velocity=finish)
     assert_within(trajectory, LIMITS, jerk)
@@ -64,7 +64,7 @@ def test_motions_that_meet_while_moving_are_joined():
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(st.one_of(smooth_problems(), rounded_problems().map(lambda p: p[1:])), shares, shares, st.booleans())
-def test_any_path_begins_and_ends_at_velocities_or_says_that_it_cannot(problem, start, end, with_jerk):
+def test_any_path_begins_and_ends_at_the_velocities_or_is_refused(problem, start, end, with_jerk):
     path, limits = problem
     velocities = []
     for place, share in (("start", start), ("end", end)):

@@ -108,7 +108,7 @@ def test_a_rounded_corner_is_run_through_at_an_even_speed():
     assert trajectory.duration < time_parametrise(corner, limits_of([1, 1], [2, 2]), jerk=20.0).duration
 
 
-def test_jerk_comes_from_the_limits_or_from_the_caller_and_the_note_says_so():
+def test_jerk_limits_come_from_the_limits_or_the_caller_and_are_noted():
     path = JointPath([[0.0], [1.0]], names(1))
     with_jerk = limits_of([1], [2], jerk=np.array([7.0]), jerk_source="cell.yaml")
     trajectory = time_parametrise(path, with_jerk, jerk="limits")
@@ -128,7 +128,7 @@ def test_jerk_comes_from_the_limits_or_from_the_caller_and_the_note_says_so():
             time_parametrise(path, limits, jerk=jerk)
 
 
-def test_start_is_goal_and_a_hair_take_next_to_no_time():
+def test_zero_and_tiny_motions_take_almost_no_time():
     limits = limits_of([1, 1], [1, 1])
     still = time_parametrise(JointPath([[1, 2], [1, 2]], names(2)), limits, jerk=5.0)
     assert (still.duration, still.interpolant) == (0, "quintic")

@@ -185,7 +185,7 @@ def test_a_path_outside_the_position_limits_is_refused_by_joint(make):
     time_parametrise(path, limits_of([1, 1], [1, 1], lower=[0, -np.inf], upper=[1, 0.5]))
 
 
-def test_a_bulge_between_points_outside_the_position_limits_is_seen():
+def test_a_position_limit_exceeded_between_points_is_detected():
     path = CubicPath([[0.0], [0.0]], [[1.0], [-1.0]], [0, 1], names(1))  # up to 0.25 and back
     with pytest.raises(TimingError, match="'joint_0'"):
         time_parametrise(path, limits_of([1], [1], lower=[-1], upper=[0.2]))
@@ -207,12 +207,12 @@ def test_a_single_configuration_outside_the_position_limits_is_refused():
         (limits_of([1, 1], [1, 1], lower=[np.nan, 0]), "lower position limit of joint 'joint_0' is NaN"),
     ],
 )
-def test_limits_that_are_not_known_are_asked_for_by_joint(limits, message):
+def test_joints_with_unknown_limits_are_named(limits, message):
     with pytest.raises(InputError, match=message):
         time_parametrise(JointPath([[0, 0], [1, 1]], names(2)), limits)
 
 
-def test_the_result_says_where_its_acceleration_limits_come_from():
+def test_the_result_states_the_source_of_its_acceleration_limits():
     limits = limits_of([1], [2], acceleration_source="default: the velocity limit reached in 0.5 s")
     path = JointPath([[0.0], [1.0]], names(1))
     assert time_parametrise(path, limits).limits_note == f"acceleration limits: {limits.acceleration_source}"

@@ -119,13 +119,13 @@ def test_jerk_is_the_slope_of_the_acceleration_and_infinite_for_what_moves_along
     np.testing.assert_array_equal(Trajectory([0, 1], *ends, NAMES).max_jerk(), [np.inf, 0])
 
 
-def test_a_speed_peak_between_points_is_seen():
+def test_a_speed_peak_between_points_is_detected():
     trajectory = Trajectory([0, 1], [[0.0, 0], [1, 0]], np.zeros((2, 2)), NAMES)
     np.testing.assert_allclose(trajectory.max_velocity(), [1.5, 0])
     np.testing.assert_allclose(trajectory.max_acceleration(), [6, 0])
 
 
-def test_times_are_whole_nanoseconds_from_the_start():
+def test_times_are_integer_nanoseconds_from_the_start():
     trajectory = Trajectory([0, 0.1 + 1e-12, 1 / 3], np.zeros((3, 2)), np.zeros((3, 2)), NAMES)
     np.testing.assert_array_equal(trajectory.times, [0, 0.1, 0.333333333])
 
@@ -149,7 +149,7 @@ def test_a_single_point_is_a_motion_of_no_duration():
 
 
 @pytest.mark.parametrize("t", [-1e-9, 1 + 1e-9, np.nan])
-def test_outside_its_time_there_is_no_answer(t):
+def test_times_outside_the_trajectory_are_refused(t):
     trajectory = Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES)
     for call in (trajectory, trajectory.velocity, trajectory.acceleration):
         with pytest.raises(InputError, match="outside"):
@@ -169,7 +169,7 @@ def test_outside_its_time_there_is_no_answer(t):
         ([], np.zeros((0, 2)), np.zeros((0, 2)), "at least one"),
     ],
 )
-def test_what_is_no_motion_is_refused(times, q, velocities, message):
+def test_an_invalid_motion_is_refused(times, q, velocities, message):
     with pytest.raises(InputError, match=message):
         Trajectory(times, q, velocities, NAMES)
 

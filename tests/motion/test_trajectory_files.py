@@ -61,7 +61,7 @@ def test_json_is_a_joint_trajectory_message_plus_one_key(tmp_path, trajectory):
     assert data["points"][2]["time_from_start"] == {"sec": 0, "nanosec": 333333333}
 
 
-def test_a_quintic_says_so_and_bears_accelerations(tmp_path):
+def test_a_quintic_is_stated_with_its_accelerations(tmp_path):
     v, a = np.zeros((2, 2)), np.array([[0.0, 1.0], [2.0, 3.0]])
     Trajectory([0, 1], [[0, 1], [2, 3]], v, NAMES, accelerations=a).save(tmp_path / "t.json")
     data = json.loads((tmp_path / "t.json").read_text(encoding="utf-8"))
@@ -155,7 +155,7 @@ def test_a_key_given_twice_is_refused(tmp_path):
         Trajectory.load(tmp_path / "t.json")
 
 
-def test_joints_of_the_rest_of_the_robot_are_left_out_on_request_if_they_stand_still(tmp_path):
+def test_fixed_joints_outside_the_arm_are_omitted_on_request(tmp_path):
     q = np.array([[0.0, 5.0, 1.0], [1.0, 5.0, 2.0]])
     Trajectory([0, 1], q, np.zeros((2, 3)), ["a", "finger", "b"]).save(tmp_path / "t.json")
     with pytest.raises(TrajectoryError, match="subset=True"):
@@ -247,7 +247,7 @@ def test_a_message_without_velocities_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", '{"points": []}', "[" * 100_000, "1e999"])
-def test_what_is_no_trajectory_json_is_refused(tmp_path, text):
+def test_an_invalid_trajectory_json_is_refused(tmp_path, text):
     (tmp_path / "bad.json").write_text(text)
     with pytest.raises(TrajectoryError, match=r"bad\.json"):
         Trajectory.load(tmp_path / "bad.json")

@@ -62,7 +62,7 @@ def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str |
     assert quick.made + quick.excluded >= min(whole.made, 2)
 
 
-def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> None:
+def test_the_verdict_reports_the_numbers_of_judged_and_excluded_candidates() -> None:
     made, picks = setup("ur5", "picks.yaml")
     verdict = made.judge(0, picks.picks[0])
     figures = verdict.stages[-1].figures
@@ -73,7 +73,7 @@ def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> No
     assert f"best of {figures['whole'] + figures['excluded']:.0f} candidates" in verdict.reason
 
 
-def test_a_budget_that_runs_out_is_told() -> None:
+def test_an_exhausted_budget_is_reported() -> None:
     made, picks = setup("panda", "picks.yaml", pp.picks.PickWeights(clearance=0, limit_margin=0, manipulability=0))
     short = replace(made, budget=replace(ALL, compared=1))
     figures = short.judge(0, picks.picks[0]).stages[-1].figures

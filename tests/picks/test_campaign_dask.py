@@ -61,7 +61,7 @@ def run_by_threads(made: pp.Campaign, folder: Path) -> bytes:
         return made.run(folder, executor=threads).path.read_bytes()
 
 
-def test_a_worker_killed_half_way_costs_nothing(client, stick, many, judges, tmp_path) -> None:
+def test_picks_of_a_killed_worker_are_judged_again(client, stick, many, judges, tmp_path) -> None:
     killed: list[int] = []
 
     def kill_one(done: int, total: int) -> None:

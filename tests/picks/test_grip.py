@@ -187,7 +187,7 @@ def test_the_tip_of_a_tool_without_fingers_is_at_the_part(arm) -> None:
     assert judge(arm, grasp((0, 0, 0.02)), tool=(rod,), fingers=None, grip_limits=near).ok
 
 
-def test_without_an_object_the_grip_is_not_judged_and_the_report_says_so(arm) -> None:
+def test_without_an_object_the_grip_is_not_judged_with_a_note(arm) -> None:
     verdict = judge(arm, replace(grasp((0, 0, 0.10)), carried=None))
     assert verdict.ok
     assert verdict.grip is None

@@ -59,7 +59,7 @@ def recheck(verdict: pp.PickVerdict, arm: pp.Arm) -> None:
     assert verdict.trajectory.duration == pytest.approx(whole, abs=1e-6)
 
 
-def test_an_object_is_lifted_off_what_it_stands_on(arm) -> None:
+def test_an_object_is_lifted_off_its_support(arm) -> None:
     verdict = judge(arm, PICK)
     recheck(verdict, arm)
     assert [motion.name for motion in verdict.motions] == ["transit", "approach", "retreat"]
@@ -74,7 +74,7 @@ def test_an_object_is_lifted_off_what_it_stands_on(arm) -> None:
     assert verdict.grasp_time == pytest.approx(transit.trajectory.duration + approach.trajectory.duration, abs=1e-6)
 
 
-def test_an_object_is_put_where_it_is_told(arm) -> None:
+def test_an_object_is_placed_at_the_stated_pose(arm) -> None:
     place = pp.picks.PlaceTarget(pp.pose((0.42, -0.35, 0.035), DOWN))
     verdict = judge(arm, replace(PICK, place=place))
     recheck(verdict, arm)
@@ -106,7 +106,7 @@ def test_what_is_carried_is_swept_not_only_the_tool(arm) -> None:
 
 
 @pytest.mark.slow
-def test_dragging_an_object_over_its_support_is_no_way(arm) -> None:
+def test_dragging_an_object_over_its_support_fails_at_the_retreat(arm) -> None:
     verdict = judge(arm, replace(PICK, retreat_direction=(1, 0, 0)))
     assert verdict.failed is Stage.RETREAT
     assert "bolt" in verdict.reason
@@ -122,7 +122,7 @@ def test_an_object_may_touch_the_hand_from_the_approach_on_and_no_sooner(arm) ->
     assert "picker penetrates bolt" in without.reason
 
 
-def test_fingers_stand_apart_before_the_grasp_and_on_the_object_after_it(arm) -> None:
+def test_fingers_are_open_before_the_grasp_and_at_the_object_after_it(arm) -> None:
     jaw = pp.Box(0.02, 0.01, 0.06)
     pair = (
         pp.Obstacle("left", jaw, pp.pose((0, 0.005, 0.13))),
@@ -177,7 +177,7 @@ def test_an_object_is_lifted_out_of_a_bin_given_as_an_exact_mesh(arm, finely: in
     assert min(depths) > depths[0] - 1e-6
 
 
-def test_an_object_may_stand_on_several_supports(arm) -> None:
+def test_an_object_may_have_several_supports(arm) -> None:
     rails = [pp.Obstacle(f"rail_{k}", pp.Box(0.004, 0.1, 0.02), pp.pose((0.45 + x, 0.15, -0.015))) for k, x in
              enumerate((-0.005, 0.005))]  # fmt: skip
     scene = pp.Scene([*rails, bolt(0.45, 0.15)])

@@ -183,7 +183,7 @@ def test_a_robot_file_is_relative_to_the_picks_file(write, stated: str, read: st
     assert pp.read_picks(path).robot == read.format(path.parent)
 
 
-def test_a_robot_nobody_knows_is_refused_with_the_nearest_names(write) -> None:
+def test_an_unknown_robot_is_refused_with_the_most_similar_names(write) -> None:
     picks = pp.read_picks(write(GOOD_ROW, shared="robot: urr5\ndefaults: {rpy: [pi, 0, 0]}"))
     with pytest.raises(UnknownNameError, match=r"unknown robot 'urr5'.*valid: ur5"):
         pp.load_robot(picks.robot)
@@ -260,7 +260,7 @@ defaults: {{rpy: [pi, 0, 0]}}"""
     assert pick.tolerance.tilt == 0.1
 
 
-def test_a_held_joint_stands_in_one_place_or_is_open_and_grips(write) -> None:
+def test_a_held_joint_has_one_value_or_an_open_and_a_closed_one(write) -> None:
     row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}"
     picks = pp.read_picks(write(row, shared="held: {finger: {open: 0.04, grip: 0.02}, rail: 0.5}"))
     assert (dict(picks.held), dict(picks.grip)) == ({"finger": 0.04, "rail": 0.5}, {"finger": 0.02})

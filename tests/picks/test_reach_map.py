@@ -47,9 +47,7 @@ def test_a_closed_form_judges_every_branch(ur5: pp.CollisionChecker, map_of_ur5:
         assert map_of_ur5.free[where] == any(ur5.is_free(q) for q in branches)
 
 
-def test_what_is_told_of_a_free_pose_is_that_of_its_most_manipulable_branch(
-    ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap
-) -> None:
+def test_a_free_pose_reports_its_most_manipulable_branch(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
     for where, target in _targets(ur5.arm, map_of_ur5):
         free = [q for q in pp.AnalyticIk().solve_all(ur5.arm, target).branches if ur5.is_free(q)]
         if free:
@@ -105,7 +103,7 @@ def test_the_tip_is_what_reaches_the_points(ur5: pp.CollisionChecker) -> None:
     assert of_tip.manipulability == pytest.approx(of_tcp.manipulability)
 
 
-def test_a_robot_that_stands_elsewhere_sees_the_region_from_there(ur5: pp.CollisionChecker) -> None:
+def test_the_region_is_transformed_to_the_base_of_a_moved_robot(ur5: pp.CollisionChecker) -> None:
     stands = pp.pose(xyz=(0.3, -0.2, 0.1), rpy=(0.0, 0.0, 0.7))
     moved = pp.reach_map(ur5, BOX, DOWN, world_from_root=stands)
     seen = (BOX.points - stands.translation) @ stands.rotation
@@ -155,7 +153,7 @@ def test_the_slices_show_the_share_by_colour(map_of_ur5: pp.ReachMap, tmp_path: 
 
 
 @pytest.mark.parametrize("content", [b"", b"PK nonsense", b"x,y\n1,2\n"])
-def test_a_file_that_is_no_map_is_refused(content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_map_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "odd.npz").write_bytes(content)
     with pytest.raises(FileError, match=r"odd\.npz"):
         pp.ReachMap.load(tmp_path / "odd.npz")

@@ -59,7 +59,7 @@ def test_the_schema_refuses_a_good_pick_without_a_proof(report) -> None:
         jsonschema.validate(told, schema())
 
 
-def test_a_row_tells_the_motions_the_score_and_what_was_refuted(reports) -> None:
+def test_a_row_has_the_motions_the_score_and_the_refuted_branches(reports) -> None:
     rows = {row["name"]: row for row in reports["ur5"].to_dict()["picks"]}
     good, bad = rows["bolt_1"], rows["bolt_3"]
     assert [motion["name"] for motion in good["motions"]] == ["pick"]

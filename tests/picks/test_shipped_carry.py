@@ -25,14 +25,14 @@ def report(arms, cells) -> pp.PickReport:
     return pp.validate_picks(arms["ur5"], cells["ur5"][0], picks, budget=pp.picks.PickBudget(remedies=2))
 
 
-def test_each_is_judged_as_it_was_built(report) -> None:
+def test_each_pick_has_the_expected_verdict(report) -> None:
     found = {v.pick.name: (v.status, v.failed) for v in report.verdicts}
     assert found == {name: expected[:2] for name, expected in EXPECTED.items()}
     for verdict in report.verdicts:
         assert verdict.ok or EXPECTED[verdict.pick.name][2] in verdict.reason
 
 
-def test_every_motion_of_a_good_one_is_proven_for_what_it_carries(report, arms) -> None:
+def test_every_motion_of_a_good_pick_is_proven_with_its_part(report, arms) -> None:
     for verdict in report.good:
         assert verdict.certificate is None
         for motion in verdict.motions:

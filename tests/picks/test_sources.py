@@ -140,7 +140,7 @@ def test_a_grid_without_sense_is_refused(counts, step) -> None:
 
 
 @given(st.data())
-def test_any_stretch_is_that_of_the_whole(data) -> None:
+def test_a_part_of_a_source_equals_the_full_list(data) -> None:
     grid = pp.picks.PickGrid(pp.Pick("p", pp.pose((1, 2, 3))), (3, 4, 5), (0.1, 0.2, 0.3))
     every = list(grid.part(0, 60))
     for source in (grid, PickList(grid.load())):
@@ -151,7 +151,7 @@ def test_any_stretch_is_that_of_the_whole(data) -> None:
         assert len(list(part)) == stop - start
 
 
-def test_any_stretch_of_a_table_is_that_of_the_whole(write) -> None:
+def test_a_part_of_a_table_equals_the_full_table(write) -> None:
     rows = [f"p{k if k % 7 else 0},{k},0,0,0,0,0\n" + "\n" * (k % 3) + "# no\n" * (k % 2) for k in range(40)]
     table = pp.picks.open_picks(write("name,x,y,z,roll,pitch,yaw\n" + "".join(rows)))
     every = list(table.part(0, 40))

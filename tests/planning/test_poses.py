@@ -85,7 +85,7 @@ def test_rounded_it_runs_through_and_misses_by_no_more(ur5: pp.Arm, free: pp.Col
     assert_free(move.path, free)
 
 
-def test_a_way_that_turns_back_stops_there_even_if_rounded(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+def test_a_reversal_remains_a_stop_after_rounding(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     out, _, _, home = square(ur5, READY)
     move = pp.plan_poses(free, READY, [out, home], rounding=0.02).or_raise()
     assert len(move.path.corners) == 1

@@ -75,7 +75,7 @@ def test_a_callback_stops_the_search(parted: pp.CollisionChecker, calls: int) ->
         plan.or_raise()
 
 
-def test_ctrl_c_stops_the_search_and_leaves_the_checker_whole(parted: pp.CollisionChecker) -> None:
+def test_ctrl_c_stops_the_search_and_the_checker_remains_usable(parted: pp.CollisionChecker) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -92,7 +92,7 @@ def test_ctrl_c_stops_the_search_and_leaves_the_checker_whole(parted: pp.Collisi
     assert pp.RrtConnect().plan(parted, START, (-0.5, 0.5)).ok
 
 
-def test_a_failed_search_is_the_same_each_time_and_tells_how_near_it_came(parted: pp.CollisionChecker) -> None:
+def test_a_failed_search_is_deterministic_and_reports_its_residual(parted: pp.CollisionChecker) -> None:
     planner = pp.RrtConnect(max_samples=400, time_limit=600.0)
     plans = [planner.plan(parted, START, GOAL, rng=3) for _ in range(2)]
     assert plans[0].message == plans[1].message
@@ -119,7 +119,7 @@ def test_contacts_of_the_ends_are_reported(slot: pp.CollisionChecker) -> None:
     assert np.isnan(at_goals.gap)
 
 
-def test_a_way_narrower_than_the_distance_that_is_kept_at_first(gantry: pp.Arm) -> None:
+def test_a_passage_narrower_than_the_preferred_clearance(gantry: pp.Arm) -> None:
     half = 0.05 + 0.005 + 0.001  # 1 mm beyond the margin on both sides
     slot = [
         pp.Obstacle(f"wall{s:+}", pp.Box(0.2, 1.0, 1.0), pp.pose((0.0, s * (half + 0.5), 0.0))) for s in (-1.0, 1.0)

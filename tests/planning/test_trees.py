@@ -34,7 +34,7 @@ def test_a_cut_removes_the_subtree_and_nothing_else() -> None:
     assert len(trees) == 7  # what was ever added: cutting gives no budget back
 
 
-def test_nearest_is_the_nearest_of_all_beyond_the_first_room() -> None:
+def test_the_nearest_node_is_found_beyond_the_first_capacity() -> None:
     rng = np.random.default_rng(0)
     sizes = np.zeros(2, dtype=np.int64)
     trees = Trees(np.zeros(3), rng.uniform(-1, 1, (1, 3)), sizes)

@@ -144,7 +144,7 @@ def number_places(document):
     return walk(document, ())
 
 
-def test_slides_that_cancel_cannot_absorb_a_translation(rehashed):
+def test_cancelling_prismatic_joints_cannot_absorb_a_translation(rehashed):
     """1e12 m out and 1e12 m back: in double precision 50 um in between vanish, and with them the contact."""
     joints = [(1e6, 0.0, 0.0), (-1e6, 0.0, 5e-5)]
     assert not verify(slider(rehashed, 0.02 + 4e-5, joints, [[[1e6], [1e6]]])).ok
@@ -186,7 +186,7 @@ def test_a_margin_is_one_of_two_owners_of_the_proof(tampered, row):
     assert "settings.margins" in str(verify(tampered))
 
 
-def test_a_boolean_is_no_number(tampered):
+def test_a_boolean_is_not_a_number(tampered):
     for way in list(number_places(tampered)):
         document = copy.deepcopy(tampered)
         holder = document
@@ -255,7 +255,7 @@ def first_places(value, way):
 
 
 @pytest.mark.parametrize("literal", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", "1e99999999999"])
-def test_a_literal_that_is_no_finite_number_is_refused_anywhere_in_a_file(proof, tmp_path, literal):
+def test_a_non_finite_literal_is_refused_anywhere_in_a_file(proof, tmp_path, literal):
     text = json.dumps(proof)
     for key in ("obstacle_tolerance", "version"):
         changed = text.replace(f'"{key}": {json.dumps(find(proof, key))}', f'"{key}": {literal}')

@@ -221,7 +221,7 @@ def test_a_body_that_was_changed_by_accident_shows_in_its_hash(tampered, change)
 @pytest.mark.parametrize("key", ["format", "version", "hashes", "curve", "joints", "bodies", "settings", "excluded",
                                  "intervals", "pairs", "claim"])  # fmt: skip
 @pytest.mark.parametrize("value", [None, [], {}, "x", 7, [[]], [None], [{}]])
-def test_what_is_no_proof_is_refused_and_raises_nothing(tampered, key, value):
+def test_an_invalid_proof_is_refused_without_an_exception(tampered, key, value):
     tampered[key] = value
     assert not verify(tampered).ok
     del tampered[key]
@@ -229,7 +229,7 @@ def test_what_is_no_proof_is_refused_and_raises_nothing(tampered, key, value):
 
 
 @pytest.mark.parametrize("document", [None, [], {}, "proof", 1.0])
-def test_what_is_no_file_of_ours_is_refused(document):
+def test_other_files_are_refused(document):
     assert not verify(document).ok
 
 
@@ -268,7 +268,7 @@ def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof,
 
 @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(x=st.floats(-0.5, 0.5), y=st.floats(-0.9, 0.3), z=st.floats(-0.3, 0.3), s=st.floats(0, 1))
-def test_an_obstacle_moved_with_the_evidence_kept_is_refused_or_truly_free(proof, rehashed, oracle, x, y, z, s):
+def test_a_proof_with_a_moved_obstacle_is_refused_or_the_motion_is_free(proof, rehashed, oracle, x, y, z, s):
     document = copy.deepcopy(proof)
     place = body(document, "post")["placement"]
     for axis, by in enumerate((s * x, s * y, s * z)):

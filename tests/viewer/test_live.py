@@ -76,7 +76,7 @@ def test_a_configuration_of_the_wrong_length_is_refused() -> None:
         view.move_to([0.0])
 
 
-def test_an_open_page_follows_the_arm_and_says_when_the_view_is_closed(browser: Browser) -> None:
+def test_an_open_page_follows_the_arm_and_shows_the_end_of_the_view(browser: Browser) -> None:
     arm = small_arm()
     view = show(arm)
     try:

@@ -52,7 +52,7 @@ def test_a_torn_picture_leaves_the_plain_colour(tmp_path) -> None:
     assert [surface.image for surface in stage.links[1].surfaces] == [None]
 
 
-def test_a_browser_shows_the_picture_the_right_way_round(
+def test_the_picture_has_the_same_orientation_in_a_browser(
     browser: Browser, pages: Callable[[str], Path], tmp_path
 ) -> None:
     path = pages("pictured")

@@ -199,7 +199,7 @@ def test_the_table_sorts_and_filters_and_the_arrows_follow(page: Page) -> None:
     assert names(page) == ["wide"]
 
 
-def test_good_and_bad_grasps_are_seen_in_their_colours(page: Page) -> None:
+def test_good_and_bad_grasps_have_their_colours(page: Page) -> None:
     page.evaluate("pinproof.choose(4)")
     red, green, blue = page.canvas().astype(int).transpose(2, 0, 1)
     assert ((green > 1.4 * red) & (green > 1.2 * blue)).sum() > 40
@@ -257,7 +257,7 @@ def test_what_is_carried_moves_with_the_hand_and_stays_where_it_was_put(
     opened.close()
 
 
-def test_fingers_are_seen_apart_where_no_motion_brings_them(
+def test_fingers_that_never_touch_are_separated(
     browser: Browser, pages: Callable[[str], Path], report: PickReport
 ) -> None:
     path, thin = pages("fingers"), Box(0.02, 0.01, 0.06)
@@ -316,7 +316,7 @@ def test_500_rows_of_a_campaign_play_nothing_and_claim_no_proof_of_the_page(
     opened.close()
 
 
-def test_of_too_many_rows_the_first_are_shown_and_the_page_says_so(tmp_path, monkeypatch, report: PickReport) -> None:
+def test_a_page_with_too_many_rows_shows_the_first_and_states_it(tmp_path, monkeypatch, report: PickReport) -> None:
     monkeypatch.setattr(page_module, "MOST_ROWS", 3)
     report.save(tmp_path / "few.html", arm=ARM, scene=SCENE, picks=SHARED)
     text = (tmp_path / "few.html").read_text(encoding="utf-8")
@@ -324,9 +324,7 @@ def test_of_too_many_rows_the_first_are_shown_and_the_page_says_so(tmp_path, mon
     assert '"name":"away"' not in text
 
 
-def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
-    tmp_path, monkeypatch, report: PickReport
-) -> None:
+def test_a_page_with_very_many_rows_omits_stages_and_states_it(tmp_path, monkeypatch, report: PickReport) -> None:
     monkeypatch.setattr(page_module, "MOST_DETAILS", 0)
     report.save(tmp_path / "full.html", arm=ARM, scene=SCENE, picks=SHARED)
     text = (tmp_path / "full.html").read_text(encoding="utf-8")
@@ -335,7 +333,7 @@ def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
     assert text.count('"reason":') == 5
 
 
-def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport) -> None:
+def test_a_proof_of_another_scene_is_not_accepted(tmp_path, report: PickReport) -> None:
     other = Scene([POST, Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))])
     report.save(tmp_path / "other.html", arm=ARM, scene=other, picks=SHARED)
     text = (tmp_path / "other.html").read_text(encoding="utf-8")
@@ -343,7 +341,7 @@ def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport)
     assert text.count('"headline":"NOT VALIDATED"') == 2
 
 
-def test_a_part_proven_among_other_obstacles_is_no_proof(tmp_path) -> None:
+def test_a_part_proven_with_other_obstacles_is_not_a_proof(tmp_path) -> None:
     late = Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))
     done, more = carried(), standing(1.0).add(late)
     way = done.motions[2].trajectory
@@ -376,7 +374,7 @@ def test_a_hundred_motions_stay_within_their_bytes() -> None:
     assert "more good picks are omitted" in reel.notes[1]
 
 
-def test_what_is_carried_stands_then_moves_with_the_tcp_then_stays() -> None:
+def test_a_carried_part_rests_moves_with_the_tcp_and_rests() -> None:
     part = Obstacle("part", Box(0.05, 0.05, 0.05), pose(xyz=(0.0, 0.0, 0.06)))
     ways = [swing(ARM, 0.0, 0.5), swing(ARM, 0.5, 1.0), swing(ARM, 1.0, 0.2)]
     stage = set_stage(ARM, None)

@@ -32,7 +32,7 @@ def test_every_link_of_the_ur5_with_a_visual_is_drawn(ur5) -> None:
     assert stage.notes == ()
 
 
-def test_a_visual_mesh_that_is_missing_gives_way_to_the_collision_geometry_and_is_named(tmp_path) -> None:
+def test_a_missing_visual_mesh_is_replaced_by_the_collision_geometry_and_named(tmp_path) -> None:
     upper = MESH.format(file=tmp_path / "gone.stl") + UPPER.format(kind="collision")
     stage = set_stage(small_arm(upper=upper), None)
     assert np.allclose(extents(stage.links[1].surfaces), (0.5, 0.08, 0.08))
@@ -56,7 +56,7 @@ def test_a_robot_without_any_geometry_is_refused() -> None:
         render_page(Picture(small_arm(base="", upper=""), None, None))
 
 
-def test_links_stand_where_forward_kinematics_puts_them_in_the_root_frame(panda) -> None:
+def test_links_are_drawn_at_their_forward_kinematics_in_the_root_frame(panda) -> None:
     arm = panda.robot.arm(tcp="panda_hand_tcp", base="panda_link2")
     stage, q = set_stage(arm, None), arm.home + 0.1
     for link, root_from_link in zip(stage.links, stage.link_poses(q), strict=True):
@@ -64,7 +64,7 @@ def test_links_stand_where_forward_kinematics_puts_them_in_the_root_frame(panda)
     assert np.allclose(stage.tcp_position(q), (arm.root_from_base * arm.forward_kinematics(q)).translation)
 
 
-def test_obstacles_stand_at_their_pose_and_the_floor_under_them() -> None:
+def test_obstacles_are_drawn_at_their_pose_with_the_floor_below() -> None:
     can = Obstacle("can", Capsule(radius=0.05, length=0.2), pose(xyz=(1, 2, -0.5)), (0.1, 0.2, 0.3, 1.0))
     stage = set_stage(small_arm(), Scene([can]))
     surface = stage.obstacles[0].surfaces[0]

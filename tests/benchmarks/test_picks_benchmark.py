@@ -26,10 +26,10 @@ def table() -> PicksTable:
 
 @pytest.mark.slow
 def test_every_part_is_there(table: PicksTable) -> None:
-    whole = table.verdicts[0]
-    assert (whole.cell, whole.verdict, whole.picks) == ("generic_6dof", "all", 4)
+    complete = table.verdicts[0]
+    assert (complete.cell, complete.verdict, complete.picks) == ("generic_6dof", "all", 4)
     assert sum(row.picks for row in table.verdicts[1:]) == 4
-    assert 0 < whole.median_ms <= whole.p95_ms <= whole.largest_ms
+    assert 0 < complete.median_ms <= complete.p95_ms <= complete.largest_ms
     assert [row.poses for row in table.screening] == ["picks", "random configurations"]
     for row in table.screening:
         assert 0 < row.free <= 1

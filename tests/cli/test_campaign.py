@@ -63,10 +63,10 @@ def test_a_failed_pick_is_1_and_another_campaign_in_the_folder_is_2(run: Run) ->
     first = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "--json")
     again = run("pick", "picks.yaml", "--campaign", "out", "--json")
     assert (first[0], first[2]) == (again[0], again[2]) == (1, "")
-    told = json.loads(again[1])
-    assert told == {**json.loads(first[1]), "resumed": 3}
-    assert told["summary"] == "1 of 3 picks good; failed: 1 at reach, 1 at input"
-    assert told["verdicts"] == {"good": 1, "impossible": 1, "unreadable": 1}
+    data = json.loads(again[1])
+    assert data == {**json.loads(first[1]), "resumed": 3}
+    assert data["summary"] == "1 of 3 picks good; failed: 1 at reach, 1 at input"
+    assert data["verdicts"] == {"good": 1, "impossible": 1, "unreadable": 1}
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", "--seed", "1")
     assert (code, out) == (2, "")
     assert "out/rows.jsonl: belongs to another campaign, which differs in seed (0 there, 1 here). " in err
@@ -81,7 +81,7 @@ def test_the_report_does_not_depend_on_workers(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("-o", "report.json"), ".html"),
         (("--workers", "2", "--dask", "tcp://127.0.0.1:1"), "--workers and --dask cannot be combined"),
@@ -89,11 +89,11 @@ def test_the_report_does_not_depend_on_workers(run: Run) -> None:
         (("--dask", "nonsense"), "no Dask scheduler answers at nonsense: "),
     ],
 )
-def test_wrong_usage_is_2(run: Run, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], said: str) -> None:
+def test_wrong_usage_is_2(run: Run, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str) -> None:
     monkeypatch.setattr(pick, "CONNECT_SECONDS", 1)
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", *words)
     assert (code, out) == (2, "")
-    assert said in err
+    assert expected in err
     assert not Path("out/rows.jsonl").exists()
 
 

@@ -18,16 +18,16 @@ from ..processes import PATIENCE, RUN_CLI, started, wait_for
 @pytest.fixture
 def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[int]:
     """How many processes were asked for, each time that jobs were run; ``tmp_path`` stands for the cache."""
-    asked: list[int] = []
+    request: list[int] = []
 
     def run_jobs(at_a_time: int) -> list[str]:
-        asked.append(at_a_time)
+        request.append(at_a_time)
         return []
 
     monkeypatch.setattr("pinproof.kernels.compiled.CACHE", tmp_path)
     monkeypatch.setattr(compiling, "_run_jobs", run_jobs)
     monkeypatch.setattr(compiling, "_cores", lambda: 3)
-    return asked
+    return request
 
 
 def test_compilation_runs_once_and_prints_one_line(runs: list[int], capsys: pytest.CaptureFixture[str]) -> None:

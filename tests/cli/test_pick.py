@@ -73,9 +73,9 @@ def test_the_table_loses_no_text_on_a_narrow_terminal(run: Run, write, monkeypat
 def test_stdout_contains_only_the_json_document(run: Run, write) -> None:
     code, out, err = run("pick", write(GOOD, FAR), "--json", "-o", "report.json")
     assert (code, err) == (1, "")
-    told = json.loads(out)
-    assert [pick["verdict"] for pick in told["picks"]] == ["good", "impossible"]
-    assert told == json.loads(Path("report.json").read_text())
+    data = json.loads(out)
+    assert [pick["verdict"] for pick in data["picks"]] == ["good", "impossible"]
+    assert data == json.loads(Path("report.json").read_text())
 
 
 def test_a_report_in_markdown(run: Run, write) -> None:
@@ -108,7 +108,7 @@ def test_file_names_differ_and_stay_in_their_folder() -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("nowhere.yaml",), "nowhere.yaml"),
         (("{good}", "--robot", "generic_6doff"), "'generic_6doff'"),
@@ -123,14 +123,14 @@ def test_file_names_differ_and_stay_in_their_folder() -> None:
         (("{sceneless}",), "gone.yaml"),
     ],
 )
-def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, write, tmp_path: Path, words, said: str) -> None:
+def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, write, tmp_path: Path, words, expected: str) -> None:
     typo = tmp_path / "typo.yaml"
     typo.write_text("robot: ur5\nmargn: 1\npicks: [\n")
     variants = {"{good}": {}, "{other}": {"robot": "ur55"}, "{sceneless}": {"scene": "gone.yaml"}}
     given = [write(GOOD, **variants[w]) if w in variants else str(typo) if w == "{typo}" else w for w in words]
     code, out, err = run("pick", *given)
     assert (code, out) == (2, "")
-    assert said in err
+    assert expected in err
     assert err.startswith("pinproof: ")
     assert err.count("\n") == 1
     assert list(tmp_path.glob("report*")) == []
@@ -185,8 +185,8 @@ def test_the_program_to_copy_runs_and_is_short(tmp_path: Path) -> None:
         text=True,
         check=False,
     )
-    said = [line for line in ran.stderr.splitlines() if not line.startswith("pinproof: compiling ")]
-    assert (ran.returncode, said) == (1, [])
+    stated = [line for line in ran.stderr.splitlines() if not line.startswith("pinproof: compiling ")]
+    assert (ran.returncode, stated) == (1, [])
     assert "**generic_6dof**: 2 of 4 picks good" in ran.stdout
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "report.json",

@@ -60,9 +60,9 @@ def test_a_new_placement_is_compared_with_the_previous_one(run: Run) -> None:
     )
     checker = pp.CollisionChecker(arm, seen)
     after = pp.reach_map(checker, before.region, before.orientations, world_from_root=stands)
-    code, told, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "--json")
-    assert json.loads(told)["won"] == (after.free & ~before.free).sum()
-    assert json.loads(told)["lost"] == (before.free & ~after.free).sum()
+    code, data, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "--json")
+    assert json.loads(data)["won"] == (after.free & ~before.free).sum()
+    assert json.loads(data)["lost"] == (before.free & ~after.free).sum()
 
 
 def test_a_base_in_collision_is_reported(run: Run) -> None:

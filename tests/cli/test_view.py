@@ -64,7 +64,7 @@ def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("--time", "1", "--html", "a.html"), "--time"),
         (("--motion", "motion.json", "--q", "home", "--html", "a.html"), "--q"),
@@ -72,10 +72,10 @@ def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
         (("--png", "a.png", "--html", "a.png"), "a.png"),
     ],
 )
-def test_contradicting_options_are_refused(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_contradicting_options_are_refused(run: Run, words: tuple[str, ...], expected: str) -> None:
     code, _, err = run("arm.urdf", *words)
     assert code == 2
-    assert said in err
+    assert expected in err
     assert not Path("a.html").exists()
 
 

@@ -174,13 +174,13 @@ def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
         checker = CollisionChecker(slider, Scene([Obstacle("thing", shape, at)]))
         for x in rng.uniform(-0.6, 0.6, 12):
             point = at.actInv(np.array([x, 0, 0]))
-            expected, said = distance(point) - BALL, checker.clearance([x])
+            expected, text = distance(point) - BALL, checker.clearance([x])
             if expected > GJK_SLACK:
-                assert said == pytest.approx(expected, abs=GJK_SLACK)
+                assert text == pytest.approx(expected, abs=GJK_SLACK)
                 assert checker.is_free([x])
                 outside += 1
             elif expected < -GJK_SLACK:
-                assert said <= 0
+                assert text <= 0
                 assert not checker.is_free([x])
                 inside += 1
             margin = max(expected, 0) + 1e-3

@@ -258,4 +258,4 @@ def test_a_mesh_on_which_qhull_gives_up_is_refused_by_name():
         except MeshError as error:
             refused.append(str(error))
     assert refused
-    assert all("hull=False" in said for said in refused)
+    assert all("hull=False" in expected for expected in refused)

@@ -263,11 +263,11 @@ def test_a_proof_beside_a_bin_can_be_saved_and_verified(slider, path, tmp_path):
 
 def test_a_scene_file_keeps_the_settings_of_a_mesh(tmp_path):
     STRAIGHT.export(tmp_path / "bin.stl")
-    said = {"own": {}, "hull": {"hull": True}, "exact": {"hull": False}, "bare": {"hollow": True}}
-    scene = Scene([Obstacle(name, Mesh(tmp_path / "bin.stl", **how)) for name, how in said.items()])
+    expected = {"own": {}, "hull": {"hull": True}, "exact": {"hull": False}, "bare": {"hollow": True}}
+    scene = Scene([Obstacle(name, Mesh(tmp_path / "bin.stl", **how)) for name, how in expected.items()])
     scene.save(tmp_path / "scene.yaml")
     again = Scene.load(tmp_path / "scene.yaml")
-    assert [(again[n].shape.hull, again[n].shape.hollow) for n in said] == [
+    assert [(again[n].shape.hull, again[n].shape.hollow) for n in expected] == [
         (None, False), (True, False), (False, False), (False, True),
     ]  # fmt: skip
 

@@ -117,9 +117,9 @@ def test_a_decomposed_robot_touches_whatever_its_meshes_touch():
     kinds = {how: CollisionChecker(arm, scene, link_meshes=dict.fromkeys(bent, how)) for how in hows}
     touched = dict.fromkeys(kinds, 0)
     for q in np.random.default_rng(4).uniform(*arm.limits.sampling_range(), (150, 6)):
-        said = {how: {frozenset(c.bodies) for c in checker.check(q).contacts} for how, checker in kinds.items()}
-        assert said["mesh"] <= said["decomposed"] <= said["hull"]
-        for how, contacts in said.items():
+        expected = {how: {frozenset(c.bodies) for c in checker.check(q).contacts} for how, checker in kinds.items()}
+        assert expected["mesh"] <= expected["decomposed"] <= expected["hull"]
+        for how, contacts in expected.items():
             touched[how] += len(contacts)
     assert touched["mesh"] <= touched["decomposed"] < touched["hull"]
 

@@ -16,14 +16,14 @@ def test_one_name_or_a_mapping_sets_the_geometry_of_every_link():
     links = ("base", "upper", "fore")
     assert meshes_of(links, "mesh") == dict.fromkeys(links, "mesh")
     assert meshes_of(links, {"fore": "mesh"}) == {"base": "hull", "upper": "hull", "fore": "mesh"}
-    told = meshes_of(links, {"fore": "mesh", "*": "decomposed"})
-    assert told == {"base": "decomposed", "upper": "decomposed", "fore": "mesh"}
+    data = meshes_of(links, {"fore": "mesh", "*": "decomposed"})
+    assert data == {"base": "decomposed", "upper": "decomposed", "fore": "mesh"}
 
 
-@pytest.mark.parametrize("told", ["exact", {"base": "exact"}, {"bse": "hull"}, {"*": "all"}])
-def test_what_does_not_exist_is_refused(told):
+@pytest.mark.parametrize("data", ["exact", {"base": "exact"}, {"bse": "hull"}, {"*": "all"}])
+def test_what_does_not_exist_is_refused(data):
     with pytest.raises(UnknownNameError):
-        meshes_of(("base", "upper"), told)
+        meshes_of(("base", "upper"), data)
     with pytest.raises(InputError):
         meshes_of(("base",), None)
 

@@ -72,8 +72,8 @@ def test_no_pair_comes_nearer_than_its_rough_bound_allows(request, oracle, name)
         q, more = rng.uniform(-2, 2, arm.dof), float(rng.choice([0.0, 0.01, 0.2]))
         delta, extra = rng.uniform(0, rng.choice([0.01, 0.1, 0.5]), arm.dof), rng.uniform(0, 0.05, arm.dof)
         bounds = Bounds(checker, q, delta, extra)
-        said = [bounds.roughly(k) for k in range(len(checker.pairs))]
-        allowed = np.array([near + more * growth for near, growth, _, _ in said])
+        expected = [bounds.roughly(k) for k in range(len(checker.pairs))]
+        allowed = np.array([near + more * growth for near, growth, _, _ in expected])
         before = np.maximum(independent.distances(q), 0)
         for corner in rng.choice([-1.0, 1.0], size=(12, arm.dof)):
             after = np.maximum(independent.distances(q + corner * (delta + extra + more)), 0)

@@ -167,7 +167,7 @@ def test_a_frame_the_file_does_not_place_must_be_the_root_of_the_robot(read, ur5
 
 
 @pytest.mark.parametrize(
-    ("objects", "more", "said"),
+    ("objects", "more", "expected"),
     [
         ([box(operation=1)], {}, "operation 1"),
         ([box(colour="red")], {}, "'colour'"),
@@ -195,8 +195,8 @@ def test_a_frame_the_file_does_not_place_must_be_the_root_of_the_robot(read, ur5
         ([], {"fixed_frame_transforms": [3]}, "PlanningScene"),
     ],
 )
-def test_what_cannot_be_obeyed_is_refused_by_name(read, objects, more, said):
-    with pytest.raises(SceneError, match=said) as caught:
+def test_what_cannot_be_obeyed_is_refused_by_name(read, objects, more, expected):
+    with pytest.raises(SceneError, match=expected) as caught:
         read(objects, **more)
     assert "cell.yaml" in str(caught.value)
 

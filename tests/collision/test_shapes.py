@@ -59,7 +59,7 @@ def test_an_invalid_size_is_refused(value):
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "expected"),
     [
         (lambda: ConvexHull([]), "ConvexHull.points"),
         (lambda: ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), "flat"),
@@ -83,8 +83,8 @@ def test_an_invalid_size_is_refused(value):
         (lambda: Obstacle("thing", "box"), "HalfSpace"),
     ],
 )
-def test_invalid_shapes_are_refused(make, said):
-    with pytest.raises(InputError, match=said):
+def test_invalid_shapes_are_refused(make, expected):
+    with pytest.raises(InputError, match=expected):
         make()
 
 

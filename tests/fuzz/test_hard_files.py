@@ -106,10 +106,10 @@ def test_a_gigabyte_is_refused_unread(tmp_path, name, monkeypatch):
         raise AssertionError("was read")
 
     monkeypatch.setattr(Path, "read_bytes", unread)
-    said = said_of(tmp_path / name)
-    assert "1,024 MiB" in said or str(SPARSE + 1) in said
+    expected = said_of(tmp_path / name)
+    assert "1,024 MiB" in expected or str(SPARSE + 1) in expected
     if name in MESHES:
-        assert "simplify the mesh" in said
+        assert "simplify the mesh" in expected
 
 
 def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_path):
@@ -120,7 +120,7 @@ def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_pat
 
 @pytest.mark.parametrize("name", [name for name in READERS if name.endswith("yaml")] + ["picks.json"])
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         (ALIASES, "values after the expansion of aliases"),
         ("a: &a [*a]\n", r"line 1.*\*a refers to its own parent"),
@@ -143,9 +143,9 @@ def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_pat
         ("a\0b: 1\n", r"line 1.*U\+0000"),
     ],
 )
-def test_yaml(tmp_path, name, text, said):
+def test_yaml(tmp_path, name, text, expected):
     (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises(pp.FileError, match=said):
+    with pytest.raises(pp.FileError, match=expected):
         ALL[name](tmp_path / name)
 
 
@@ -195,7 +195,7 @@ def test_groups_of_groups_of_groups(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "expected"),
     [
         (
             "part.stl",
@@ -218,9 +218,9 @@ def test_groups_of_groups_of_groups(tmp_path):
         ("part.dae", b"<COLLADA/>", "cannot be read"),
     ],
 )
-def test_meshes(tmp_path, name, content, said):
+def test_meshes(tmp_path, name, content, expected):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(pp.errors.MeshError, match=said):
+    with pytest.raises(pp.errors.MeshError, match=expected):
         read_mesh(tmp_path / name)
 
 

@@ -62,14 +62,14 @@ def look(folder: Path, name: str, content: bytes) -> None:
     """Read the file; anything but a value or one of our own errors fails the test, as does an error nobody can read."""
     file = folder / name
     file.write_bytes(content)
-    said = "read"
+    text = "read"
     try:
         with in_time():
             READERS[name](file)
     except pp.PinproofError as error:
-        said = str(error)
-    assert 0 < len(said) < 4000
-    assert said.replace("\n", "").isprintable()
+        text = str(error)
+    assert 0 < len(text) < 4000
+    assert text.replace("\n", "").isprintable()
 
 
 @pytest.mark.parametrize("name", TREES)

@@ -109,8 +109,8 @@ def test_a_batch_equals_its_single_results(arms, task):
 
 def test_one_solution_does_not_depend_on_the_others(arms):
     targets = random_targets(arms["panda"], 30, seed=8)
-    whole = pp.Clik().solve_batch(arms["panda"], targets)
-    assert (pp.Clik().solve_batch(arms["panda"], targets[11:13]).q == whole.q[11:13]).all()
+    complete = pp.Clik().solve_batch(arms["panda"], targets)
+    assert (pp.Clik().solve_batch(arms["panda"], targets[11:13]).q == complete.q[11:13]).all()
 
 
 def test_the_seed_shifts_the_starts(arms):

@@ -238,14 +238,14 @@ def test_cycles_equal_the_sequence_bit_for_bit_also_when_repeated(panda, goal):
     Q = line(panda.home, [0.9, 0.7, -0.8, 0.9, 0.9, -0.9, 1.5], 5e-3, 200)
     poses = panda.forward_kinematics_batch(Q)
     poses[120:] = poses[0]  # a jump, so that there is slip too
-    whole = pp.track(panda, poses, Q[0], dt=5e-3, goal=goal)
+    complete = pp.track(panda, poses, Q[0], dt=5e-3, goal=goal)
     tracker = pp.Tracker(panda, 5e-3, Q[0], goal=goal)
     for again in range(2):
         ticks = np.array([tracker.step(pose) for pose in poses])
-        assert (ticks == whole.q).all(), again
-        assert tracker.slip == (whole.position_error[-1], whole.orientation_error[-1])
-        assert tracker.ok == whole.reached[-1]
-        assert (tracker.q == whole.q[-1]).all()
+        assert (ticks == complete.q).all(), again
+        assert tracker.slip == (complete.position_error[-1], complete.orientation_error[-1])
+        assert tracker.ok == complete.reached[-1]
+        assert (tracker.q == complete.q[-1]).all()
         tracker.reset(Q[0])
 
 

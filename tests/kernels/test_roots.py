@@ -46,13 +46,13 @@ def test_a_revolute_joint_has_the_generating_root(A, B, angle):
         assert A * c + B * s + C == pytest.approx(0.0, abs=1e-9)
 
 
-@given(A=number, B=number, way=number)
-def test_a_prismatic_joint_has_the_generating_root(A, B, way):
+@given(A=number, B=number, direction=number)
+def test_a_prismatic_joint_has_the_generating_root(A, B, direction):
     if abs(B) < 1e-3:
         return
-    found, first, second = roots_of_equation(True, A, B, -A * way - B * way * way, 1e-11)
+    found, first, second = roots_of_equation(True, A, B, -A * direction - B * direction * direction, 1e-11)
     roots = [first, second][:found]
-    assert min(abs(t - way) for t, _ in roots) < 1e-4
+    assert min(abs(t - direction) for t, _ in roots) < 1e-4
     assert all(square == t * t for t, square in roots)
 
 

@@ -56,10 +56,10 @@ def test_every_link_has_the_pose_of_pinocchio(zoo_text, arm, seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, 4)
     q[1] = rng.uniform(-20, 20)  # continuous: one unwrapped angle
-    told = dict(zip(arm.joint_names, q, strict=True))
+    data = dict(zip(arm.joint_names, q, strict=True))
     oracle = Oracle(zoo_text)
     for frame in ("base", "carriage", "column", "forearm", "hand", "tool", "rod_link"):
-        expected = oracle.place(frame, **told, finger=0.01)
+        expected = oracle.place(frame, **data, finger=0.01)
         assert arm.frame_placement(q, frame).homogeneous == pytest.approx(expected, abs=1e-13)
 
 

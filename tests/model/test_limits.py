@@ -61,8 +61,8 @@ def test_sampling_range_of_open_limits_is_one_turn():
 def test_a_violation_is_printed_with_digits_that_show_it():
     limits = pp.JointLimits(-np.pi * ONE, np.pi * ONE, ONE)
     (sentence,) = limits.violations(np.array([0.0, -np.pi - 1e-8]), ["a", "b"])
-    said, lowest = float(sentence.split()[2]), float(sentence.split("[")[1].split(",")[0])
-    assert said < lowest
+    text, lowest = float(sentence.split()[2]), float(sentence.split("[")[1].split(",")[0])
+    assert text < lowest
     for off in 10.0 ** np.arange(-15, 1):
         (sentence,) = limits.violations(np.array([0.0, np.pi + off]), ["a", "b"])
         assert float(sentence.split()[2]) > float(sentence.split()[-1].rstrip("]"))

@@ -124,15 +124,15 @@ def _samples(coefficients):
 @given(arrays(float, (3, 4, 2), elements=coordinate), st.floats(0.1, 3), st.booleans())
 def test_hermite_pieces_have_the_requested_points_and_slopes(derivatives, width, quintic):
     knots = np.array([0.0, width, 2.5 * width])
-    asked = derivatives[:, : 3 if quintic else 2].swapaxes(0, 1)
-    curve = bezier.hermite(knots, *asked)
-    for values in asked:
+    request = derivatives[:, : 3 if quintic else 2].swapaxes(0, 1)
+    curve = bezier.hermite(knots, *request)
+    for values in request:
         np.testing.assert_allclose(bezier.evaluate(knots, curve, knots), values, atol=1e-9 / min(width, 1) ** 2)
         curve = bezier.derivative(knots, curve)
-        if not quintic and values is asked[-1]:
+        if not quintic and values is request[-1]:
             break  # a cubic's second derivative jumps
-    slope = bezier.hermite_slope(knots, *asked)
-    np.testing.assert_allclose(slope, bezier.derivative(knots, bezier.hermite(knots, *asked)), atol=1e-10 / width)
+    slope = bezier.hermite_slope(knots, *request)
+    np.testing.assert_allclose(slope, bezier.derivative(knots, bezier.hermite(knots, *request)), atol=1e-10 / width)
 
 
 @pytest.mark.parametrize("t", [-1e-9, 1.0 + 1e-9, np.nan, np.inf, [0.5, 2.0]])

@@ -31,10 +31,10 @@ def polylines(draw: st.DrawFn) -> tuple[pp.JointPath, np.ndarray]:
     if not (length > 1e-3).all():
         q = np.cumsum(np.abs(q) + 0.1, axis=0)
         length = np.linalg.norm(np.diff(q, axis=0), axis=1)
-    way = np.diff(q, axis=0) / length[:, None]
+    direction = np.diff(q, axis=0) / length[:, None]
     reach = np.zeros(count)
     for i in range(1, count - 1):
-        if np.linalg.norm(way[i] + way[i - 1]) > 2 * corner.REVERSAL:
+        if np.linalg.norm(direction[i] + direction[i - 1]) > 2 * corner.REVERSAL:
             reach[i] = draw(st.sampled_from([0.0, 0.01, 0.3, 1.0])) * min(length[i - 1], length[i]) / 2
     return pp.JointPath(q, NAMES), reach
 
@@ -62,14 +62,14 @@ def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.J
 @given(st.floats(0.0, 0.95 * np.pi), st.floats(0.01, 1.0))
 def test_the_stated_corner_deviation_is_exact(turn: float, reach: float) -> None:
     q = np.array([(-1.0, 0, 0), (0, 0, 0), (np.cos(turn), np.sin(turn), 0)])
-    way = np.diff(q, axis=0)
+    line = np.diff(q, axis=0)
     smooth = pp.motion.BlendedPath.rounded(pp.JointPath(q, NAMES), [0, reach, 0])
     points = smooth(np.linspace(*smooth.domain, 4001))
     nearest = np.linalg.norm(points, axis=1).min()
-    assert nearest == pytest.approx(reach * float(corner.distance_to_corner(way[:1], way[1:])[0]), abs=2e-3 * reach)
+    assert nearest == pytest.approx(reach * float(corner.distance_to_corner(line[:1], line[1:])[0]), abs=2e-3 * reach)
     # nowhere is the curve farther from the legs than at its middle
     legs = [np.linalg.norm(points - np.clip(points @ leg, *ends)[:, None] * leg, axis=1)
-            for leg, ends in ((way[0], (-1, 0)), (way[1], (0, 1)))]  # fmt: skip
+            for leg, ends in ((line[0], (-1, 0)), (line[1], (0, 1)))]  # fmt: skip
     assert np.minimum(*legs).max() <= nearest + 1e-9
 
 

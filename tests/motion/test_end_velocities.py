@@ -44,10 +44,10 @@ def test_a_line_begins_and_ends_at_the_requested_velocities(start, end, jerk):
 def test_the_time_from_speed_to_speed_is_that_of_the_textbook():
     path = JointPath([[0.0], [2.0]], names(1))
     limits = limits_of([1.0], [2.0])
-    asked = {"start_velocity": [0.6], "end_velocity": [0.2]}
+    request = {"start_velocity": [0.6], "end_velocity": [0.2]}
     up, down = (1 - 0.6) / 2, (1 - 0.2) / 2
     expected = up + down + (2 - 0.8 * up - 0.6 * down)
-    assert time_parametrise(path, limits, **asked).duration == pytest.approx(expected, rel=1e-5)
+    assert time_parametrise(path, limits, **request).duration == pytest.approx(expected, rel=1e-5)
 
 
 def test_motions_that_meet_while_moving_are_joined():
@@ -74,11 +74,11 @@ def test_any_path_begins_and_ends_at_the_velocities_or_is_refused(problem, start
     try:
         trajectory = time_parametrise(path, limits, jerk=jerk, start_velocity=velocities[0], end_velocity=velocities[1])
     except TimingError as error:
-        said = str(error)
+        expected = str(error)
     else:
-        said = ""
-    if said:
-        assert "velocit" in said
+        expected = ""
+    if expected:
+        assert "velocit" in expected
         assert max(start, end) > 0
         return
     assert_within(trajectory, limits, jerk)

@@ -150,7 +150,7 @@ def test_what_a_solver_exceeds_is_slowed_down(monkeypatch):
     s = np.linspace(0, 1, 8)[:, None]
     path = CubicPath.through(np.hstack([np.sin(6 * s), np.cos(5 * s)]), names(2), s[:, 0])
     limits = limits_of([1, 1], [2, 2])
-    asked, honest = time_parametrise(path, limits), room.path_speed
+    request, honest = time_parametrise(path, limits), room.path_speed
 
     def liar(*arguments):
         stuck = honest(*arguments)
@@ -160,7 +160,7 @@ def test_what_a_solver_exceeds_is_slowed_down(monkeypatch):
     monkeypatch.setattr(room, "path_speed", liar)
     hurried = time_parametrise(path, limits)
     assert_within(hurried, limits)
-    assert hurried.duration >= asked.duration * 0.97
+    assert hurried.duration >= request.duration * 0.97
 
 
 @pytest.mark.parametrize("lie", [np.nan, 0.0])

@@ -63,12 +63,12 @@ def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Pi
     begin = time if pick.approach == 0 else float(rests[rests < time - 1e-6][-1])
     assert max(off(motion(begin), pick.approach_pose())) < 2e-5
     for first, last, target in ((begin, time, pick.approach_pose()), (time, motion.duration, pick.retreat_pose())):
-        way = target.translation - pick.pose.translation
+        direction = target.translation - pick.pose.translation
         for q in motion(np.linspace(first, last, 100)):
             at = root_from_tip(q)
             gone = at.translation - pick.pose.translation
-            share = np.clip(gone @ way / max(way @ way, 1e-12), 0, 1)
-            assert np.linalg.norm(gone - share * way) < 1.01e-3
+            share = np.clip(gone @ direction / max(direction @ direction, 1e-12), 0, 1)
+            assert np.linalg.norm(gone - share * direction) < 1.01e-3
             assert np.linalg.norm(at.rotation - pick.pose.rotation) < 5e-3
 
     low, high = motion.range()

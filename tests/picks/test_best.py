@@ -48,18 +48,18 @@ def search(made: pp.picks.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFir
 def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str | None, weights) -> None:
     made, picks = setup(robot, file, weights)
     pick = picks.picks[0] if name is None else next(each for each in picks if each.name == name)
-    quick, whole = (search(made, pick, bounded=bounded) for bounded in (True, False))
+    quick, complete = (search(made, pick, bounded=bounded) for bounded in (True, False))
     assert quick.best is not None
-    np.testing.assert_array_equal(quick.best.attempt.q, whole.best.attempt.q)
-    assert quick.best.parts == whole.best.parts
-    assert quick.best.path.q.tobytes() == whole.best.path.q.tobytes()
-    assert quick.made <= whole.made
+    np.testing.assert_array_equal(quick.best.attempt.q, complete.best.attempt.q)
+    assert quick.best.parts == complete.best.parts
+    assert quick.best.path.q.tobytes() == complete.best.path.q.tobytes()
+    assert quick.made <= complete.made
     # What came out is never above what was said before: each whole pick was bounded from its configuration on.
-    scores = {each.key[1]: each.parts["score"] for each in whole.motions}
-    assert all(score <= whole._scoring.bounds[index] + 1e-12 for index, score in scores.items())
-    assert (whole.excluded, whole.untried) == (0, 0)
+    scores = {each.key[1]: each.parts["score"] for each in complete.motions}
+    assert all(score <= complete._scoring.bounds[index] + 1e-12 for index, score in scores.items())
+    assert (complete.excluded, complete.untried) == (0, 0)
     assert quick.untried == 0
-    assert quick.made + quick.excluded >= min(whole.made, 2)
+    assert quick.made + quick.excluded >= min(complete.made, 2)
 
 
 def test_the_verdict_reports_the_numbers_of_judged_and_excluded_candidates() -> None:

@@ -200,13 +200,13 @@ def test_a_finished_file_with_damaged_rows_is_refused_and_repaired_by_another_ru
     campaign, threads, tmp_path, how: str
 ) -> None:
     campaign.run(tmp_path, executor=threads)
-    whole = bytes_of(tmp_path)
-    header, *rows = whole.splitlines(keepends=True)
+    complete = bytes_of(tmp_path)
+    header, *rows = complete.splitlines(keepends=True)
     (tmp_path / "rows.jsonl").write_bytes(damaged(header, rows, how))
     with pytest.raises(FileError, match=r"rows.jsonl.*run the campaign again"):
         pp.picks.CampaignResult.open(tmp_path)
     assert campaign.run(tmp_path, executor=threads).ok
-    assert bytes_of(tmp_path) == whole
+    assert bytes_of(tmp_path) == complete
     assert not (tmp_path / "journal.jsonl").exists()
 
 
@@ -245,12 +245,12 @@ def test_an_unreadable_row_is_a_row_of_the_result(stick, judges, threads, tmp_pa
     assert result.summary == "1 of 2 picks good; failed: 1 at input"
 
 
-@pytest.mark.parametrize(("name", "said"), [("raises_on_7", "ZeroDivisionError: "), ("nan_on_7", "ValueError: ")])
-def test_a_pick_on_which_the_judge_fails_is_a_row(stick, many, judges, threads, tmp_path, name: str, said: str) -> None:
+@pytest.mark.parametrize(("name", "text"), [("raises_on_7", "ZeroDivisionError: "), ("nan_on_7", "ValueError: ")])
+def test_a_pick_on_which_the_judge_fails_is_a_row(stick, many, judges, threads, tmp_path, name: str, text: str) -> None:
     result = pp.Campaign(stick, pp.Scene(), many, judge=getattr(judges, name)).run(tmp_path, executor=threads)
     rows = list(result.rows())
     assert rows[7]["verdict"] == "crashed"
-    assert rows[7]["reason"].startswith(f"the judge failed: {said}")
+    assert rows[7]["reason"].startswith(f"the judge failed: {text}")
     assert [row["verdict"] for row in rows].count("good") == 119
     assert result.summary == "119 of 120 picks good; failed: 1 at no stage (crashed)"
 
@@ -264,8 +264,8 @@ def test_the_result_counts_verdicts_and_stages(stick, many, judges, threads, tmp
     assert result.summary == "80 of 120 picks good; failed: 40 at reach"
     assert not result.ok
     assert pp.picks.CampaignResult.open(tmp_path) == result
-    told = json.loads(json.dumps(result.to_dict()))
-    assert (told["total"], told["ok"], told["failed_at"]) == (120, False, {"reach": 40})
+    data = json.loads(json.dumps(result.to_dict()))
+    assert (data["total"], data["ok"], data["failed_at"]) == (120, False, {"reach": 40})
 
 
 def test_a_campaign_without_picks_is_not_ok(stick, judges, tmp_path) -> None:
@@ -305,7 +305,7 @@ def test_a_full_disk_is_one_clear_error_and_what_was_done_is_kept(campaign, thre
 
 
 @pytest.mark.parametrize(
-    ("settings", "said"),
+    ("settings", "expected"),
     [
         ({"workers": 0}, "workers must be"),
         ({"chunk": 0}, "chunk must be"),
@@ -313,8 +313,8 @@ def test_a_full_disk_is_one_clear_error_and_what_was_done_is_kept(campaign, thre
         ({"workers": 2, "executor": ThreadPoolExecutor}, "workers.*executor"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(campaign, tmp_path, settings, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_settings_that_make_no_sense_are_refused(campaign, tmp_path, settings, expected: str) -> None:
+    with pytest.raises(InputError, match=expected):
         campaign.run(tmp_path, **settings)
 
 

@@ -37,10 +37,10 @@ def told_anew() -> str:
 
 
 def test_the_code_version_names_the_package_and_the_libraries() -> None:
-    said = rows.code_here()
-    assert said.startswith(f"{pp.__version__} ")
-    assert "numpy " in said
-    assert "unknown" not in said
+    expected = rows.code_here()
+    assert expected.startswith(f"{pp.__version__} ")
+    assert "numpy " in expected
+    assert "unknown" not in expected
 
 
 def test_any_change_of_the_judging_code_changes_its_version(copy_of_the_package: Path) -> None:

@@ -92,10 +92,10 @@ def test_real_picks_have_the_same_rows_and_verdicts_as_here(client, arms, cells,
     made = pp.Campaign(arm, scene, picks)
     result = made.run(tmp_path / "dask", executor=client.get_executor(), chunk=1)
     assert result.path.read_bytes() == run_by_threads(made, tmp_path / "threads")
-    told = [
+    data = [
         {k: v for k, v in pick.items() if k != "excluded_pairs"} for pick in reports["generic_6dof"].to_dict()["picks"]
     ]
-    assert [{k: v for k, v in row.items() if k != "index"} for row in result.rows()] == told
+    assert [{k: v for k, v in row.items() if k != "index"} for row in result.rows()] == data
     report = pp.validate_picks(arm, scene, picks, executor=client.get_executor())
     assert report.to_dict() == reports["generic_6dof"].to_dict()
 

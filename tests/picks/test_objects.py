@@ -55,8 +55,8 @@ def recheck(verdict: pp.PickVerdict, arm: pp.Arm) -> None:
         hand = [("picker", "bolt")] if any(each.name == "bolt" for each in motion.attached) else []
         checker = pp.CollisionChecker(arm, motion.scene, attached=motion.attached, allowed=[*allowed, *hand])
         assert all(checker.is_free_batch(motion.trajectory(np.linspace(0.0, motion.trajectory.duration, 120))))
-    whole = sum(motion.trajectory.duration for motion in verdict.motions)
-    assert verdict.trajectory.duration == pytest.approx(whole, abs=1e-6)
+    complete = sum(motion.trajectory.duration for motion in verdict.motions)
+    assert verdict.trajectory.duration == pytest.approx(complete, abs=1e-6)
 
 
 def test_an_object_is_lifted_off_its_support(arm) -> None:
@@ -208,7 +208,7 @@ def test_supports_are_kept_as_names(arm) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         ({"support": ["table", "shelf"]}, "unknown support 'shelf'"),
         ({"carried": "screw"}, "unknown object 'screw'"),
@@ -217,10 +217,10 @@ def test_supports_are_kept_as_names(arm) -> None:
         ({"frame": "wrist_3_link"}, "moves; picks need a fixed frame"),
     ],
 )
-def test_what_makes_no_sense_in_the_cell_is_a_verdict_at_the_input(arm, change, said: str) -> None:
+def test_what_makes_no_sense_in_the_cell_is_a_verdict_at_the_input(arm, change, expected: str) -> None:
     verdict = judge(arm, replace(PICK, **change))
     assert (verdict.status, verdict.failed) == (PickStatus.UNREADABLE, Stage.INPUT)
-    assert said in verdict.reason
+    assert expected in verdict.reason
 
 
 def test_a_pose_in_the_frame_of_an_obstacle_is_the_same_pick(arm) -> None:

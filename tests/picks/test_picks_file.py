@@ -293,6 +293,10 @@ def test_what_counts_as_holding_a_part_is_read(write) -> None:
     picks = pp.read_picks(write(row, shared="grip_limits: {area: 1.0e-5, angle: pi/6, tip: 0.01}"))
     assert picks.grip_limits == pp.picks.GripLimits(area=1e-5, angle=np.pi / 6, tip=0.01)
     assert pp.read_picks(write(row)).grip_limits == pp.picks.GripLimits()
-    for stated, said in (("{width: 1}", "unknown key"), ("{area: -1}", "0 or more"), ("{compliance: 0}", "above 0")):
-        with pytest.raises(PicksError, match=said):
+    for stated, expected in (
+        ("{width: 1}", "unknown key"),
+        ("{area: -1}", "0 or more"),
+        ("{compliance: 0}", "above 0"),
+    ):
+        with pytest.raises(PicksError, match=expected):
             pp.read_picks(write(row, shared=f"grip_limits: {stated}"))

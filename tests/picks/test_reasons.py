@@ -95,6 +95,7 @@ def test_an_approach_too_long_reports_the_longest_that_works(cell) -> None:
     assert longer.failed is Stage.APPROACH
 
 
+@pytest.mark.slow
 def test_a_retreat_that_drags_the_part_names_the_support_and_a_free_direction(cell) -> None:
     dragged = bolt(cell, "dragged")
     verdict = judge(cell, dragged)

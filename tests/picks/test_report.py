@@ -44,19 +44,19 @@ def test_the_json_keeps_to_its_schema(report) -> None:
 @pytest.mark.parametrize("lost", ["reason", "xyz", "stages", "clearance_proven", "motions", "refuted", "member"])
 def test_the_schema_notices_what_is_missing(report, lost: str) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    told = report.to_dict()
-    del told["picks"][0][lost]
+    data = report.to_dict()
+    del data["picks"][0][lost]
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(told, schema())
+        jsonschema.validate(data, schema())
 
 
 def test_the_schema_refuses_a_good_pick_without_a_proof(report) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    told = report.to_dict()
-    good = next(pick for pick in told["picks"] if pick["verdict"] == "good")
+    data = report.to_dict()
+    good = next(pick for pick in data["picks"] if pick["verdict"] == "good")
     good["pairs_proven"] = None
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(told, schema())
+        jsonschema.validate(data, schema())
 
 
 def test_a_row_has_the_motions_the_score_and_the_refuted_branches(reports) -> None:

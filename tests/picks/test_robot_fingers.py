@@ -101,17 +101,17 @@ def test_without_an_allowed_pair_the_closed_fingers_collide_with_the_part(good, 
 
 
 @pytest.mark.parametrize(
-    ("grip", "said"),
+    ("grip", "expected"),
     [
         ({"panda_finger_joint1": 0.05}, "0.05 (grip) is outside its limits [0, 0.04]"),
         ({"panda_finger_joint2": 0.02}, "unknown joint 'panda_finger_joint2'"),
         ({"panda_joint3": 0.02}, "unknown joint 'panda_joint3'"),
     ],
 )
-def test_what_cannot_grip_is_refused(arm, grip, said: str) -> None:
+def test_what_cannot_grip_is_refused(arm, grip, expected: str) -> None:
     with pytest.raises((InputError, UnknownNameError)) as refused:
         pp.validate_picks(arm, pp.Scene(), pp.Picks((PICK,), grip=grip))
-    assert said in str(refused.value)
+    assert expected in str(refused.value)
 
 
 def test_a_joint_that_would_move_the_tcp_cannot_grip() -> None:

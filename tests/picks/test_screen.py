@@ -38,10 +38,10 @@ def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
     stages = []
     for ring in task.groups():
         reached = reach(task, ring, 0)
-        said = (*reached.stages, *(screen(task, ring, reached).stages if len(reached.q) else ()))
-        if said[-1].ok:
+        text = (*reached.stages, *(screen(task, ring, reached).stages if len(reached.q) else ()))
+        if text[-1].ok:
             return None
-        stages = max(stages, said, key=len)
+        stages = max(stages, text, key=len)
     return stages[-1].stage
 
 
@@ -230,8 +230,8 @@ def test_all_shipped_picks_are_reported_as_judged(reports, arms, cells) -> None:
 def test_a_grid_is_screened_without_being_held(arms) -> None:
     first = pp.Pick("bolt", pp.pose(xyz=(0.3, -0.3, 0.2), rpy=(np.pi, 0, 0)))
     grid = pp.picks.PickGrid(first, (4, 3, 2), (0.1, 0.1, 0.1))
-    told = []
-    found = pp.screen_picks(arms["ur5"], pp.Scene(), grid, progress=lambda *at: told.append(at))
+    data = []
+    found = pp.screen_picks(arms["ur5"], pp.Scene(), grid, progress=lambda *at: data.append(at))
     assert len(found) == 24
-    assert told == [(24, 24)]
+    assert data == [(24, 24)]
     np.testing.assert_array_equal(found.codes, pp.screen_picks(arms["ur5"], pp.Scene(), grid.load()).codes)

@@ -71,12 +71,12 @@ def test_a_verdict_does_not_depend_on_other_picks(arms, cells, reports) -> None:
 
 def test_the_report_as_values(reports) -> None:
     report = reports["ur5"]
-    told = json.loads(json.dumps(report.to_dict(), allow_nan=False))
-    assert told["summary"] == "4 of 7 picks good; failed: 2 at grasp, 1 at reach"
-    assert told["ok"] is False
-    assert told["notes"] == list(report.notes)
-    assert any("empty gripper" in note for note in told["notes"])
-    good, bad = told["picks"][0], told["picks"][2]
+    data = json.loads(json.dumps(report.to_dict(), allow_nan=False))
+    assert data["summary"] == "4 of 7 picks good; failed: 2 at grasp, 1 at reach"
+    assert data["ok"] is False
+    assert data["notes"] == list(report.notes)
+    assert any("empty gripper" in note for note in data["notes"])
+    good, bad = data["picks"][0], data["picks"][2]
     assert [stage["stage"] for stage in good["stages"]] == [stage.value for stage in Stage]
     assert good["clearance_proven"] == report.verdicts[0].certificate.clearance
     assert good["pairs_proven"] == report.verdicts[0].certificate.pairs > 100

@@ -48,6 +48,7 @@ def shift_of(verdict: pp.PickVerdict) -> str:
     return next(each for each in verdict.suggestions if each.startswith("move the pick"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.0215, 0.0235, 0.0252, 0.031])
 def test_the_smallest_shift_of_all_candidates_is_suggested(arm, gap) -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.45, 0.1 + gap, 0.2)))
@@ -78,6 +79,7 @@ def test_a_shift_of_a_few_millimetres_is_found_with_the_default_budget(arm) -> N
         assert shift_of(verdict) == f"move the pick 4 mm along {axis}y (base frame)"
 
 
+@pytest.mark.slow
 def test_every_suggestion_for_random_failed_picks_does_what_it_states(arm) -> None:
     rng, checked, kinds = np.random.default_rng(3), 0, set()
     wall = pp.Obstacle("wall", pp.Box(0.02, 0.6, 0.3), pp.pose((0.6, 0.0, 0.15)))
@@ -99,6 +101,7 @@ def test_every_suggestion_for_random_failed_picks_does_what_it_states(arm) -> No
     assert {"move", "turn"} <= kinds
 
 
+@pytest.mark.slow
 def test_a_pick_out_of_reach_is_moved_by_the_printed_vector_into_reach(arm) -> None:
     rng = np.random.default_rng(8)
     for _ in range(10):

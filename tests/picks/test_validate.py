@@ -150,8 +150,8 @@ def test_links_that_are_drawn_but_touch_nothing_are_named() -> None:
     assert "no collision geometry: b" in notes_of(ghost)
     bodiless = load_robot_from_text(GHOST.format(drawn, drawn)).arm(tcp="b")
     assert "the robot has no collision geometry" in notes_of(bodiless)
-    whole = load_robot_from_text(GHOST.format(solid, solid)).arm(tcp="b")
-    assert "collision geometry" not in notes_of(whole)
+    complete = load_robot_from_text(GHOST.format(solid, solid)).arm(tcp="b")
+    assert "collision geometry" not in notes_of(complete)
 
 
 def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
@@ -161,8 +161,8 @@ def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.1))
     report = pp.validate_picks(arm, pp.Scene([stone]), pp.Picks((pick,)))
     assert report.verdicts[0].ok
-    told = report.to_dict()["picks"][0]
-    assert (told["clearance_proven"], told["pairs_proven"]) == (None, 0)
+    data = report.to_dict()["picks"][0]
+    assert (data["clearance_proven"], data["pairs_proven"]) == (None, 0)
     assert "unbounded (no pair is checked)" in report.to_markdown()
 
 

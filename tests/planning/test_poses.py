@@ -32,11 +32,11 @@ def square(arm: pp.Arm, q: np.ndarray) -> list[SE3]:
     return poses
 
 
-def off_the_lines(arm: pp.Arm, way: list[SE3], path: pp.motion.BlendedPath) -> float:
+def off_the_lines(arm: pp.Arm, line: list[SE3], path: pp.motion.BlendedPath) -> float:
     """How far (m) the tcp is from the polyline through the poses, at most."""
     points = arm.forward_kinematics_batch(path(np.linspace(*path.domain, 1501)))[:, :3, 3]
     nearest = np.full(len(points), np.inf)
-    for first, last in pairwise(way):
+    for first, last in pairwise(line):
         a, ab = first.translation, last.translation - first.translation
         share = np.clip((points - a) @ ab / (ab @ ab), 0, 1)
         nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * ab, axis=1))
@@ -110,8 +110,8 @@ def test_contact_and_limit_are_named() -> None:
     arm = ball_arm(("x", "y"))
     wall = pp.Obstacle("wall", pp.Box(0.1, 0.4, 1.0), pp.pose((0.5, 0.5, 0.0)))
     checker = pp.CollisionChecker(arm, pp.Scene([wall]))
-    way = [pp.pose((0.0, 0.5, 0)), pp.pose((0.9, 0.5, 0)), pp.pose((0.9, -0.5, 0))]
-    move = pp.plan_poses(checker, (0.0, 0.0), way)
+    line = [pp.pose((0.0, 0.5, 0)), pp.pose((0.9, 0.5, 0)), pp.pose((0.9, -0.5, 0))]
+    move = pp.plan_poses(checker, (0.0, 0.0), line)
     assert move.status is LinearStatus.CONTACT
     assert move.reached == 0
     assert "wall" in move.message

@@ -101,8 +101,8 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
     here = ur5.forward_kinematics(q[0])
     route = Route.straight(here, here)
     both, place, turn = (
-        DeviationBound(ur5, np.array(asked), 1e-3, 1e-2).bound(path, route)
-        for asked in ([1.0] * 6, [1.0, 1, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
+        DeviationBound(ur5, np.array(request), 1e-3, 1e-2).bound(path, route)
+        for request in ([1.0] * 6, [1.0, 1, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
     )
     assert (place[:, 1] == 0).all()
     assert (turn[:, 0] == 0).all()

@@ -24,10 +24,10 @@ def joint(name, kind, parent, child, xyz, axis, extra=""):
 
 
 def link(name, *boxes):
-    told = "".join(
+    data = "".join(
         f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>' for size, xyz in boxes
     )
-    return f'<link name="{name}">{told}</link>'
+    return f'<link name="{name}">{data}</link>'
 
 
 @pytest.fixture(scope="session")

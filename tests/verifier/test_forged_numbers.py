@@ -117,29 +117,29 @@ def test_an_integer_beyond_the_limit_is_refused(rehashed, value):
 
 @pytest.mark.parametrize("value", [-(2**63), -(10**400), 2**53 + 1])
 def test_an_integer_beyond_the_limit_is_refused_wherever_numbers_are(tampered, value):
-    for way in list(number_places(tampered)):
+    for line in list(number_places(tampered)):
         document = copy.deepcopy(tampered)
         holder = document
-        for key in way[:-1]:
+        for key in line[:-1]:
             holder = holder[key]
-        holder[way[-1]] = value
-        assert not verify(document).ok, way
+        holder[line[-1]] = value
+        assert not verify(document).ok, line
 
 
 def number_places(document):
     """One place of each kind: the first entry of every list is enough."""
     skipped = {"hashes", "robot", "notes", "made_by"}
 
-    def walk(value, way):
+    def walk(value, line):
         if isinstance(value, dict):
             for key, part in value.items():
-                if way or key not in skipped:
-                    yield from walk(part, (*way, key))
+                if line or key not in skipped:
+                    yield from walk(part, (*line, key))
         elif isinstance(value, list):
             for k, part in enumerate(value[:1]):
-                yield from walk(part, (*way, k))
+                yield from walk(part, (*line, k))
         elif isinstance(value, (int, float)):
-            yield way
+            yield line
 
     return walk(document, ())
 
@@ -187,13 +187,13 @@ def test_a_margin_is_one_of_two_owners_of_the_proof(tampered, row):
 
 
 def test_a_boolean_is_not_a_number(tampered):
-    for way in list(number_places(tampered)):
+    for line in list(number_places(tampered)):
         document = copy.deepcopy(tampered)
         holder = document
-        for key in way[:-1]:
+        for key in line[:-1]:
             holder = holder[key]
-        holder[way[-1]] = True
-        assert not verify(document).ok, way
+        holder[line[-1]] = True
+        assert not verify(document).ok, line
 
 
 @pytest.mark.parametrize("version", [True, 2.0, "2", 1, 3])
@@ -209,7 +209,7 @@ def test_only_a_claim_of_free_is_a_proof(tampered, status):
 
 
 @pytest.mark.parametrize(
-    "way",
+    "line",
     [
         (),
         ("claim",),
@@ -221,9 +221,9 @@ def test_only_a_claim_of_free_is_a_proof(tampered, status):
         ("pairs", 0),
     ],
 )
-def test_an_unknown_field_is_refused(tampered, way):
+def test_an_unknown_field_is_refused(tampered, line):
     holder = tampered
-    for key in way:
+    for key in line:
         holder = holder[key]
     holder["scale"] = 2.0
     assert "scale" in str(verify(tampered))
@@ -235,20 +235,20 @@ def test_a_deeply_nested_value_is_refused_wherever_it_is(tampered):
         deep = [deep]
     checked = ("claim", "settings", "curve", "joints", "bodies", "excluded", "intervals", "pairs")
     for key in checked:
-        for way in [(key,), *first_places(tampered[key], (key,))]:
+        for line in [(key,), *first_places(tampered[key], (key,))]:
             document = copy.deepcopy(tampered)
             holder = document
-            for part in way[:-1]:
+            for part in line[:-1]:
                 holder = holder[part]
-            holder[way[-1]] = deep
-            assert not verify(document).ok or way[-1] == "source", way
+            holder[line[-1]] = deep
+            assert not verify(document).ok or line[-1] == "source", line
 
 
-def first_places(value, way):
+def first_places(value, line):
     entries = value.items() if isinstance(value, dict) else enumerate(value[:1]) if isinstance(value, list) else ()
     for key, part in entries:
-        yield (*way, key)
-        yield from first_places(part, (*way, key))
+        yield (*line, key)
+        yield from first_places(part, (*line, key))
 
 
 # -- files ---------------------------------------------------------------------------------------------------------

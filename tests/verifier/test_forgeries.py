@@ -37,6 +37,7 @@ def test_the_samples_notice_a_motion_that_leaves_the_proof(proofs):
     assert Samples(changed).violation(0.0) is not None
 
 
+@pytest.mark.slow
 def test_no_forgery_that_is_accepted_is_unsafe(proofs):
     rng, count = np.random.default_rng(20), Counter()
     *small, large = proofs

@@ -40,6 +40,7 @@ def bounds(proof, directions, intervals):
     return np.array(found), table.q
 
 
+@pytest.mark.slow
 @settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1), degree=st.integers(1, 5), size=st.sampled_from([0.03, 0.2, 0.8, 4.0]))
 def test_no_sample_in_an_interval_is_nearer_than_its_bound(proof, rehashed, oracle, seed, degree, size):

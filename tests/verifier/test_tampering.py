@@ -233,21 +233,22 @@ def test_other_files_are_refused(document):
     assert not verify(document).ok
 
 
-def leaves(value, way=()):
+def leaves(value, line=()):
     """The places of all numbers in a document."""
     if isinstance(value, (dict, list)):
         for key, part in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from leaves(part, (*way, key))
+            yield from leaves(part, (*line, key))
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
-        yield way
+        yield line
 
 
-def at(document, way):
-    for key in way:
+def at(document, line):
+    for key in line:
         document = document[key]
     return document
 
 
+@pytest.mark.slow
 @settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof, rehashed, oracle, data):
@@ -256,10 +257,10 @@ def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof,
     part = data.draw(st.sampled_from(["bodies", "joints", "curve", "settings", "intervals", "pairs"]))
     places = list(leaves(document[part], (part,)))
     for _ in range(data.draw(st.integers(1, 3))):
-        way = data.draw(st.sampled_from(places))
+        line = data.draw(st.sampled_from(places))
         size = data.draw(st.sampled_from([1e-4, 1e-2, 0.1, 1.0]))
         change = size * data.draw(st.floats(-1, 1))
-        holder, key = at(document, way[:-1]), way[-1]
+        holder, key = at(document, line[:-1]), line[-1]
         holder[key] = holder[key] + (round(3 * change) if isinstance(holder[key], int) else change)
     verdict = verify(rehashed(document))
     if verdict.ok:

@@ -43,8 +43,8 @@ PATIENCE = 1800.0
 
 
 def find_browser() -> str | None:
-    told = os.environ.get("CHROMIUM")
-    return told or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    data = os.environ.get("CHROMIUM")
+    return data or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 class Browser:

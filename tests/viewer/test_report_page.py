@@ -68,11 +68,14 @@ def carried(frame: str = "") -> PickVerdict:
         ("leave", swing(ARM, 1.0, 0.2), CollisionChecker(ARM, standing(1.0))),
     ]
     motions = tuple(
-        PickMotion(name, way, certify(way, checker), checker.attached, checker.scene) for name, way, checker in parts
+        PickMotion(name, line, certify(line, checker), checker.attached, checker.scene) for name, line, checker in parts
     )
-    whole, passed = Trajectory.join(*(way for _, way, _ in parts)), (StageResult(Stage.TIMING, True, "proven free"),)
+    complete, passed = (
+        Trajectory.join(*(line for _, line, _ in parts)),
+        (StageResult(Stage.TIMING, True, "proven free"),),
+    )
     pick = Pick("carried", pose(), frame=frame, carried="part")
-    return PickVerdict(pick, PickStatus.GOOD, passed, 1, np.array([0.5, 0.0]), whole, 2.0, motions=motions)
+    return PickVerdict(pick, PickStatus.GOOD, passed, 1, np.array([0.5, 0.0]), complete, 2.0, motions=motions)
 
 
 def bad(name: str, xyz: tuple[float, float, float]) -> PickVerdict:
@@ -344,8 +347,8 @@ def test_a_proof_of_another_scene_is_not_accepted(tmp_path, report: PickReport) 
 def test_a_part_proven_with_other_obstacles_is_not_a_proof(tmp_path) -> None:
     late = Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))
     done, more = carried(), standing(1.0).add(late)
-    way = done.motions[2].trajectory
-    doctored = PickMotion("leave", way, certify(way, CollisionChecker(ARM, more)), (), more)
+    line = done.motions[2].trajectory
+    doctored = PickMotion("leave", line, certify(line, CollisionChecker(ARM, more)), (), more)
     for verdict, headline in ((done, "FREE"), (replace(done, motions=(*done.motions[:2], doctored)), "NOT VALIDATED")):
         report = PickReport("swing", (verdict,), (), "the arm")
         report.save(tmp_path / "a.html", arm=ARM, scene=standing(0.5), picks=SHARED)
@@ -363,8 +366,8 @@ def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp
 
 
 def test_a_hundred_motions_stay_within_their_bytes() -> None:
-    stage, way = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
-    long = SimpleNamespace(motions=(way,))
+    stage, line = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
+    long = SimpleNamespace(motions=(line,))
     for count in (1, 100, 1000):
         reel = Reel.of(stage, SCENE, (), [long] * count)
         frames = sum(len(each.times) for each in reel.films if each is not None)
@@ -376,12 +379,12 @@ def test_a_hundred_motions_stay_within_their_bytes() -> None:
 
 def test_a_carried_part_rests_moves_with_the_tcp_and_rests() -> None:
     part = Obstacle("part", Box(0.05, 0.05, 0.05), pose(xyz=(0.0, 0.0, 0.06)))
-    ways = [swing(ARM, 0.0, 0.5), swing(ARM, 0.5, 1.0), swing(ARM, 1.0, 0.2)]
+    lines = [swing(ARM, 0.0, 0.5), swing(ARM, 0.5, 1.0), swing(ARM, 1.0, 0.2)]
     stage = set_stage(ARM, None)
-    shown = film(stage, [Phase(ways[0]), Phase(ways[1], (part,)), Phase(ways[2])], rate=10)
+    shown = film(stage, [Phase(lines[0]), Phase(lines[1], (part,)), Phase(lines[2])], rate=10)
     place = shown.riders["part"]
     taken, left = (
-        matrix(ARM.root_from_base * ARM.forward_kinematics(q) * part.pose) for q in (ways[1].start, ways[1].end)
+        matrix(ARM.root_from_base * ARM.forward_kinematics(q) * part.pose) for q in (lines[1].start, lines[1].end)
     )
     for moment, at in zip(shown.times, place, strict=True):
         if moment <= 2.0:
@@ -389,7 +392,7 @@ def test_a_carried_part_rests_moves_with_the_tcp_and_rests() -> None:
         elif moment >= 4.0:
             assert np.allclose(at, left)
         else:
-            root_from_tcp = ARM.root_from_base * ARM.forward_kinematics(ways[1](moment - 2.0))
+            root_from_tcp = ARM.root_from_base * ARM.forward_kinematics(lines[1](moment - 2.0))
             assert np.allclose(at, matrix(root_from_tcp * part.pose))
     assert shown.times[-1] == 6.0
     assert (np.diff(shown.times) > 0).all()

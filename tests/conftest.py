@@ -1,4 +1,4 @@
-"""Settings and hooks of the whole test suite."""
+"""Settings, hooks and the browser of the test suite."""
 
 from __future__ import annotations
 

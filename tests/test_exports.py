@@ -1,4 +1,4 @@
-"""What is exported is what ``__all__`` says: sorted, complete, and there."""
+"""``__all__`` is sorted and complete, and every name exists."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ def run(run: Run, tmp_path: Path) -> Run:
 
 
 def table(count: int, *more: str) -> None:
-    """A table of good picks beside the picks file, and what is to stand behind them."""
+    """A table of good picks beside the picks file, followed by further rows."""
     rows = [f"pin_{k},{0.4 - 0.0005 * k},-0.15,0.035" for k in range(count)]
     Path("many.csv").write_text("\n".join(["name,x,y,z", *rows, *more]) + "\n")
 

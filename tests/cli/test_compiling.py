@@ -17,7 +17,7 @@ from ..processes import PATIENCE, RUN_CLI, started, wait_for
 
 @pytest.fixture
 def runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> list[int]:
-    """How many processes were asked for, each time that jobs were run; ``tmp_path`` stands for the cache."""
+    """The requested number of processes of each run of jobs; the cache is ``tmp_path``."""
     request: list[int] = []
 
     def run_jobs(at_a_time: int) -> list[str]:

@@ -116,7 +116,7 @@ def test_a_closed_stdout_is_141_without_a_message(words: str) -> None:
 
 @pytest.fixture
 def terminal() -> Callable[..., bytes]:
-    """Run a command line in a terminal of its own; all that shows there."""
+    """Run a command line in a pseudo-terminal: its output."""
 
     def show(*words: str, **environment: str) -> bytes:
         ours, theirs = pty.openpty()

@@ -98,7 +98,7 @@ def mesh_file(tmp_path_factory):
 
 
 class Oracle:
-    """The distances of a checker's pairs by other means.
+    """The distances of a checker's pairs, computed independently.
 
     Fresh coal objects (hulls as closed meshes from SciPy's Qhull, not as coal's convex shapes), placed by forward
     kinematics of the whole robot. Being wholly inside a mesh is not seen: the oracle is never the stricter one.
@@ -236,7 +236,7 @@ def path():
 
 @pytest.fixture(scope="session")
 def first_touch():
-    """The first parameter of a curve at which a checker sees contact."""
+    """The first parameter of a curve at which a checker reports contact."""
     return _first_touch
 
 

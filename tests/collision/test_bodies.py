@@ -118,7 +118,7 @@ def corner_distance(point):
 
 
 def ground_prisms() -> list[trimesh.Trimesh]:
-    """The ground as the union of prisms under its triangles, each cell cut in the higher of the two ways."""
+    """The ground as the union of prisms under its triangles, each cell cut by the higher of the two diagonals."""
     ny, nx = GROUND.heights.shape
     x, y = np.linspace(-0.45, 0.45, nx), np.linspace(-0.3, 0.3, ny)
     prisms = []
@@ -320,7 +320,7 @@ def test_overlapping_parts_are_solid_in_any_orientation(slider, turned, inverted
 
 
 def test_bodies_inside_cavities():
-    """A box in the cavity of a box is solid; the cavity about it is not, whichever way the whole file turns."""
+    """A box in the cavity of a box is solid; the cavity about it is not, in any orientation."""
     sides = (1.0, 0.8, 0.6, 0.4, 0.2)
     for flip in (False, True):
         boxes = [trimesh.creation.box((s, s, s)) for s in sides]

@@ -1,4 +1,4 @@
-"""Certificates: FREE is proven, COLLIDING shows where, UNDECIDED says so; each unsound shortcut has its test."""
+"""Certificates: FREE is proven, COLLIDING has a first contact, UNDECIDED an interval; each unsound shortcut has a test."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def test_a_graze_is_never_judged_wrongly(slider, gap, margin, path):
 
 
 def test_a_contact_that_begins_exactly_at_a_knot_is_reported(slider):
-    """The proof creeps up to the wall from the left; it must not stop there, undecided, without a look behind."""
+    """The intervals shrink at the wall from the left; the contact behind it must still be found."""
     wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.1 + 0.01 + 0.05, 0, 0)))])
     certificate = certify(JointPath([[0.0], [0.1], [0.3]], slider.joint_names), CollisionChecker(slider, wall))
     assert certificate.status is COLLIDING
@@ -161,7 +161,7 @@ def test_a_start_and_an_end_in_contact_are_shown(slider, path):
 
 
 def test_the_first_contact_is_the_first(ur5, path, first_touch, assert_free_until):
-    """Two pegs in the way; also on the same motion as a timed trajectory, whose parameter is seconds."""
+    """Two pegs on the path; also on the same motion as a timed trajectory, whose parameter is seconds."""
     pan, start = np.eye(6)[0], ur5.home
     end = start + 1.6 * pan
     on_the_way = [ur5.forward_kinematics(start + angle * pan) for angle in (1.2, 0.7)]
@@ -221,7 +221,7 @@ def test_the_arm_against_itself(ur5, path, first_touch):
 
 
 def test_a_mimic_follower_sweeps(arm_from_links, path):
-    """The follower turns three times as far as its leader, past a peg that no sample at the ends sees."""
+    """The follower turns three times as far as its leader, past a peg that samples at the ends miss."""
     bar = '<box size="0.02 0.02 0.3"/>@0 0 0.15'
     robot = arm_from_links(
         {"root": "", "a": '<sphere radius="0.01"/>', "b": bar, "tip": ""},
@@ -241,7 +241,7 @@ def test_a_mimic_follower_sweeps(arm_from_links, path):
 
 
 def test_a_held_body_that_does_not_move_is_checked(arm_from_links, path):
-    """A second branch, outside the arm, stands in an obstacle: no joint of the arm moves it."""
+    """A second branch, outside the arm, is in an obstacle: no joint of the arm moves it."""
     ball = '<sphere radius="0.05"/>'
     robot = arm_from_links(
         {"root": "", "arm": ball, "tip": "", "other": ball},

@@ -1,4 +1,4 @@
-"""The traps of coal and Pinocchio that this room steps over: each is shown there, then the right answer here."""
+"""Traps of coal and Pinocchio: each is shown in the library, then the correct result of this package."""
 
 from __future__ import annotations
 

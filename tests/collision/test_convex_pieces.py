@@ -1,4 +1,4 @@
-"""Mesh obstacles in their own shape: a bin is open, whatever its mesh; the pieces hold all of it and hardly more."""
+"""Mesh obstacles as convex pieces: a bin stays open, and the pieces contain the mesh with little excess."""
 
 from __future__ import annotations
 
@@ -236,7 +236,7 @@ def test_a_convex_mesh_is_one_body_without_a_note(slider, path):
 
 
 def test_an_attached_mesh_follows_the_same_rule(slider):
-    """A bin that is carried around a post that stands in it."""
+    """A bin that is carried around a post inside it."""
     post = Scene([Obstacle("post", Box(0.02, 0.02, 0.1), pose((0.1, 0, -0.7)))])
     for hull, free in ((None, True), (False, True), (True, False)):
         carried = Obstacle("bin", mesh_of(STRAIGHT, hull=hull), pose((0, 0, -0.7)))

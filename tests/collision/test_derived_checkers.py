@@ -139,7 +139,7 @@ def test_bodies_are_placed_where_pinocchio_places_them(name):
 
 
 def test_no_result_depends_on_earlier_queries(ur5):
-    """Pairs that touched lately are asked first; whether there is a contact must not change with that."""
+    """Pairs that touched recently are tested first; the result must not depend on that."""
     checker, many = CollisionChecker(ur5, Scene([BALL, TABLE])), random_q(ur5, 300)
     fresh = [CollisionChecker.is_free(checker.with_margin(0.0), q) for q in many]
     assert 20 < sum(fresh) < 280

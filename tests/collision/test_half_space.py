@@ -64,7 +64,7 @@ def test_contact_with_a_tilted_wall_is_found_at_its_surface(slider, path, angle)
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_a_tool_that_coal_must_judge_sweeps_over_a_floor(ur5, mesh_file, path, exact):
-    """The arm swings a bar towards the floor; a hull and a mesh, which has no support function, are told alike."""
+    """The arm swings a bar towards the floor; a hull and a mesh, which has no support function, have equal results."""
     bar = mesh_file(trimesh.creation.box((0.03, 0.03, 0.3)))
     tool = Obstacle("bar", Mesh(bar, hull=not exact), pose((0, 0, 0.16)))
     floor = Scene([Obstacle("floor", HalfSpace())], allowed=[("base_link", "floor")])

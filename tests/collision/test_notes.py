@@ -1,4 +1,4 @@
-"""What a certificate takes for granted is said in it."""
+"""The assumptions of a certificate are its notes."""
 
 from __future__ import annotations
 

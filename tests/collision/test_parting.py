@@ -130,7 +130,7 @@ def test_a_tilt_that_lets_no_edge_down_is_free(gantry):
 
 
 def test_a_lift_that_returns_to_its_support_is_detected(gantry):
-    """Two cubic lifts to the same height; one dips below its start on the way."""
+    """Two cubic lifts to the same height; one dips below its start."""
     checker = CollisionChecker(gantry, Scene([TABLE]), attached=[PART], margin=MARGIN)
     ends = np.array([[0, 0, 0], [0.05, 0.1, 0.0]])
     for slope, status in ((0.0, FREE), (0.2, FREE), (-0.02, COLLIDING)):
@@ -255,7 +255,7 @@ def test_an_arm_lifts_a_part_off_a_table(ur5):
 @settings(max_examples=25)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
-    """Along random pieces of every degree, and for a part of any shape: the fall seen is at most the bound."""
+    """Along random pieces of every degree, and for a part of any shape: the sampled decrease is at most the bound."""
     arm, rng = request.getfixturevalue(name), np.random.default_rng(seed)
     part = Obstacle(
         "part", [Box(0.1, 0.05, 0.2), Cylinder(0.05, 0.3), Capsule(0.02, 0.3)][rng.integers(3)], pose((0, 0, 0.2))
@@ -286,7 +286,7 @@ def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_free_motion_ever_approaches(gantry, seed):
-    """Random curves from the table: what is called free is seen to rise until it is clear, and to stay clear."""
+    """Random curves from the table: a free part rises until it is clear, and stays clear."""
     rng = np.random.default_rng(seed)
     checker = CollisionChecker(gantry, Scene([TABLE]), attached=[PART], margin=MARGIN)
     points = np.cumsum([[0, 0, 0], *(rng.normal(size=(3, 3)) * [0.05, 0.03, 0.05] + [0, 0.02, 0])], axis=0)

@@ -1,4 +1,4 @@
-"""Certificates as files: every kind of arm and curve, told so that other code confirms it."""
+"""Certificates as files: every kind of arm and curve, in a form that independent code verifies."""
 
 from __future__ import annotations
 

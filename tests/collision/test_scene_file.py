@@ -1,4 +1,4 @@
-"""Scene files: what is read, what is refused and how it is named, and the way back."""
+"""Scene files: reading, errors with their location, and writing."""
 
 from __future__ import annotations
 

@@ -100,7 +100,7 @@ def test_the_base_is_checked_against_the_scene():
 
 
 def test_a_mimic_joint_is_not_a_free_joint():
-    """Pinocchio takes a follower for a joint of its own unless told otherwise: it stands while its leader moves."""
+    """By default Pinocchio treats a mimic joint as a free joint: it does not follow its leader."""
     ball = '<collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>'
     follower = (
         f'<link name="follower">{ball}</link><joint name="f" type="revolute"><parent link="base"/>'

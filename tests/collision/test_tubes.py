@@ -1,4 +1,4 @@
-"""Certificates for a tube around the curve: joints that deviate, obstacles that may stand elsewhere."""
+"""Certificates for a tube around the curve: joints that deviate, obstacles with a position tolerance."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_a_displaced_obstacle_in_contact_is_reported_with_its_distance(slider, p
 
 
 def test_links_are_not_moved_by_the_tolerance_of_obstacles(planar_2r, path):
-    """The arm against itself is as far apart as it was; only what stands around may move."""
+    """Distances between links are unchanged; only obstacles may be displaced."""
     curve, checker = path(planar_2r, [0.0, 0.5], [0.3, 1.0]), CollisionChecker(planar_2r)
     alone = certify(curve, checker)
     with_tolerance = certify(curve, checker, obstacle_tolerance=1.0)
@@ -115,7 +115,7 @@ def test_a_tube_that_makes_no_sense_is_refused(slider, path, settings):
 
 
 def test_evidence_covers_every_pair_on_the_complete_curve(ur5, path):
-    """Each pair's intervals cover the curve without a gap, and what they say of its middle is true."""
+    """Each pair's intervals cover the curve without a gap, and their statements about its middle are true."""
     scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.7, 0.3, 0.4)))])
     checker, curve = CollisionChecker(ur5, scene), path(ur5, [0, -1.5, 1, 0, 0, 0], [0.5, -1.2, 1, 0.3, 0, 0])
     certificate = certify(curve, checker, record=True)

@@ -74,7 +74,7 @@ def test_rpy_gives_the_rotation_back_at_every_pitch(roll, pitch, yaw):
 
 
 def test_origins_whose_pitch_is_a_quarter_turn_are_exact():
-    """Where yourdfpy's own writer loses up to half a radian: a whole sweep through pitch = pi/2."""
+    """Where yourdfpy's own writer loses up to half a radian: a sweep through pitch = pi/2."""
     for off in (0.0, 1e-15, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4):
         for sign in (-1, 1):
             tool = pose((0, 0, 0), (0.3, sign * (math.pi / 2 - off), -1.1))

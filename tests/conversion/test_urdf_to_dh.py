@@ -1,4 +1,4 @@
-"""URDF -> DH table: exact for every kind of axis pair, refused by name where DH cannot say it, and back again."""
+"""URDF to DH table: exact for every kind of axis pair, an error that names what DH cannot express, and back."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_axes_too_near_parallel_are_refused_and_named(tilt, convention):
 @BOTH
 @pytest.mark.parametrize("tilt", [6e-6, 1e-4, 1e-3, -1e-3, math.pi - 1e-4])
 def test_nearly_parallel_calibrated_axes_are_exact_with_long_rows(tilt, convention):
-    """What a calibrated arm brings: 1e-3 rad between axes half a metre apart put their normal 500 m away."""
+    """A calibrated arm: 1e-3 rad between axes half a metre apart put their normal 500 m away."""
     arm = two(tilt)
     table = urdf_to_dh(arm, convention=convention)
     expected = 0.5 / abs(math.sin(tilt))
@@ -177,7 +177,7 @@ def test_parallel_axes_that_nearly_coincide_hold_the_tolerance(x, convention):
 
 @BOTH
 def test_a_tool_slightly_off_its_joint_remains_in_the_tool(convention):
-    """Its tilt is no joint's, so the table's tool and base say it; rows are short."""
+    """Its tilt belongs to no joint, so it is in the table's tool and base; rows are short."""
     text = TWO.format(tilt=HALF, y=0.5, kind="revolute", extra="").replace("0.3 0.2 0.1", "1e-7 0 0")
     arm = load_robot_from_text(text).arm(tcp="tip")
     table = urdf_to_dh(arm, convention=convention)
@@ -187,7 +187,7 @@ def test_a_tool_slightly_off_its_joint_remains_in_the_tool(convention):
 
 @BOTH
 def test_axes_rounded_to_1_5708_are_kept_as_they_are(convention):
-    """The xArm7's file says 1.5708 for pi/2; its table says so too, and is exact."""
+    """The xArm7's file states 1.5708 for pi/2; its table does too, and is exact."""
     table = urdf_to_dh(two(1.5708), convention=convention)
     assert 1.5708 in [pytest.approx(abs(row.alpha), abs=1e-15) for row in table.rows]
     assert difference(table, two(1.5708)) < 1e-14

@@ -1,4 +1,4 @@
-"""One mesh of each kind, written small: whatever its file's axes and unit, the link gets metres in its own axes."""
+"""One small mesh of each format: for any axes and unit of the file, the mesh is in metres in the link's axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where meshes are looked for: package paths of ROS 1 and ROS 2, and URIs that lead out of their package."""
+"""Search paths of meshes: packages of ROS 1 and ROS 2, and URIs that leave their package."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a URDF says is kept; what the parsers behind it would drop or misread is refused, with the line."""
+"""Reading URDF keeps all content; what other parsers drop or misread is an error with its line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
 
 
 def urdf(*, joint="", kind="revolute", limit=LIMIT, link="", more=""):
-    """Two links and a joint, whose joint element stands on line 4."""
+    """Two links and a joint, whose joint element is on line 4."""
     return (
         f'<robot name="two">\n<link name="base"/>\n<link name="tip">{link}</link>\n'
         f'<joint name="j" type="{kind}"><parent link="base"/><child link="tip"/>{limit}{joint}</joint>\n{more}</robot>'

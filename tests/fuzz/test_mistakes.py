@@ -24,7 +24,7 @@ def mesh(file: str) -> str:
 
 
 def said_of(path: Path) -> str:
-    """What is said of a file: of picks also by the rows that make none, of robots also by their notes."""
+    """The message about a file: for picks also its unreadable rows, for robots also their notes."""
     try:
         if path.suffix == ".urdf":
             robot = pp.load_robot(path)

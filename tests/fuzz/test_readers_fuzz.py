@@ -1,4 +1,4 @@
-"""Whatever stands in a file, its reader takes it or says what is wrong in one of our own errors, and soon."""
+"""A reader accepts any content of a file or raises an error of this package, in bounded time."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def in_time() -> Iterator[None]:
 
 
 def look(folder: Path, name: str, content: bytes) -> None:
-    """Read the file; anything but a value or one of our own errors fails the test, as does an error nobody can read."""
+    """Read the file; anything but a value or an error of this package fails the test, as does an unreadable message."""
     file = folder / name
     file.write_bytes(content)
     text = "read"

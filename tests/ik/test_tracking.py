@@ -55,8 +55,8 @@ SINGULAR = {
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2])
 @pytest.mark.parametrize(("name", "centre"), SINGULAR.values(), ids=SINGULAR)
 def test_a_motion_through_a_singularity_continues_smoothly(name, centre, dt, shift):
-    """The samples are those of the line in joint space, though one direction vanishes on the way (for shift 0, on a
-    sample, where a whole line of configurations is as good)."""
+    """The samples are those of the line in joint space, though one direction vanishes on the line (for shift 0, on a
+    sample, where a line of configurations is equally good)."""
     arm = pp.load_robot(name).arm()
     assert arm.singularity(centre).smallest < 1e-9
     rates = np.array([0.24, 0.16, -0.2, 0.32, 0.48, -0.24])

@@ -24,7 +24,7 @@ def row(pose):
 @settings(max_examples=60)
 @given(seed=st.integers(0, 10**6))
 def test_the_chosen_angle_and_translation_are_optimal(seed):
-    """No other angle, or translation, brings the point and the direction closer to their desired places."""
+    """No other angle or translation has the point and the direction closer to their targets."""
     rng = np.random.default_rng(seed)
     o, d = random_hinge(rng)
     x, e = random_hinge(rng)

@@ -1,4 +1,4 @@
-"""Every robot of the catalogue: it loads, its arm is the one meant, its home is safe, and dual arms share a body."""
+"""Every robot of the catalogue loads, has the intended arm and a collision-free home; dual arms share a body."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SRDF groups, states and end effectors on a robot: which arm they mean, and what is said where they mean none."""
+"""SRDF groups, states and end effectors on a robot: the arm of each, and the error if there is none."""
 
 from __future__ import annotations
 

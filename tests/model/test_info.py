@@ -1,4 +1,4 @@
-"""What is said about a robot: whole, in plain values, and honest about what is missing."""
+"""The description of a robot is complete, has plain values, and lists what is missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The class of a chain: spherical wrists, parallel axes, sliding joints, and what is not quite any of these."""
+"""The class of a chain: spherical wrists, parallel axes, prismatic joints, and near misses of these."""
 
 from __future__ import annotations
 

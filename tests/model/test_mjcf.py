@@ -1,4 +1,4 @@
-"""MJCF: what is read stands where Pinocchio's own reader puts it; what is not read is refused by its line."""
+"""MJCF: frames agree with Pinocchio's reader; unsupported content is an error with its line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rounded corners: on the legs, within the deviation, twice differentiable; stops only where they are told."""
+"""Rounded corners: on the legs, within the deviation, twice differentiable; stops only where requested."""
 
 from __future__ import annotations
 

@@ -89,7 +89,7 @@ def test_a_jerk_limit_that_does_not_bind_costs_next_to_nothing():
 
 
 def test_windows_cost_less_than_a_third_over_the_textbook():
-    """A straight line that is not seen as one: the average over a window against the double S."""
+    """A straight line that is not recognised as one: the average over a window against the double S."""
     limits = limits_of([1.0], [3.0])
     for length in (0.05, 0.3, 1.0):
         best = time_parametrise(JointPath([[0.0], [length]], names(1)), limits, jerk=15.0).duration

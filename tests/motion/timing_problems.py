@@ -27,7 +27,7 @@ SIZES = st.sampled_from([1e-3, 1.0, 1e3])  # hair, arm, gantry
 
 @st.composite
 def problems(draw, points=TWO_TO_SIX, size=SIZES):
-    """Waypoints (m, n) of 1 to 8 joints, each joint of its own scale, and limits that differ between joints."""
+    """Waypoints (m, n) of 1 to 8 joints, each joint with its own scale, and limits that differ between joints."""
     n, m = draw(st.integers(1, 8)), draw(points)
     scale = np.array(draw(st.lists(size, min_size=n, max_size=n)))
     q = draw(arrays(float, (m, n), elements=st.floats(-3, 3, allow_subnormal=False))) * scale

@@ -1,4 +1,4 @@
-"""Arms to pick with, their reports, and an independent second look at what is called good."""
+"""Arms for picks, their reports, and an independent check of good verdicts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def reports(arms, cells) -> dict[str, pp.PickReport]:
 
 
 def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, home=None) -> None:
-    """What a good verdict claims, by other means than the judge's: FK, the limits, a fresh checker, dense samples."""
+    """Check the claims of a good verdict independently: FK, limits, a new checker, dense samples."""
     pick, motion, time = verdict.pick, verdict.trajectory, verdict.grasp_time
     home = arm.home if home is None else home
     assert verdict.failed is None
@@ -102,7 +102,7 @@ def stick_urdf() -> str:
 
 @pytest.fixture(scope="session")
 def stick() -> pp.Arm:
-    """An arm that is as cheap as can be: for campaigns whose judge does not look at it."""
+    """A minimal arm, for campaigns whose judge does not use it."""
     return load_robot_from_text(STICK).arm(tcp="b")
 
 

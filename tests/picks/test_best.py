@@ -1,4 +1,4 @@
-"""The best whole pick of all: bounds of the score leave out what cannot win, and nothing else."""
+"""The best complete motion: bounds of the score exclude only candidates that cannot win."""
 
 from __future__ import annotations
 

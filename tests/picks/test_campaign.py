@@ -1,4 +1,4 @@
-"""Campaigns: the same bytes however they are run, gone on with, refused, or stopped by a full disk."""
+"""Campaigns: equal bytes for any executor, after an interruption and a full disk; errors for folders of others."""
 
 from __future__ import annotations
 

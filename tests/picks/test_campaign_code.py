@@ -1,4 +1,4 @@
-"""Rows of one file come from one code."""
+"""All rows of a file come from the same code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pinproof.picks.batch.campaign import RowTask, judge_row
 
 @pytest.fixture
 def copy_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Pinproof's source elsewhere, to be changed; what is told of it."""
+    """A copy of the source that tests can change, with its code version."""
     package = tmp_path / "pinproof"
     for path in rows.PACKAGE.rglob("*.py"):
         place = package / path.relative_to(rows.PACKAGE)

@@ -1,4 +1,4 @@
-"""Workers that die, of a pick or of something else; campaigns that are killed."""
+"""Workers that die because of a pick or for another reason; campaigns that are killed."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def judges_row(judges, many) -> bytes:
 
 def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, judges, tmp_path) -> None:
     class Tired(Fragile):
-        """Breaks after nine chunks, whatever they are."""
+        """Breaks after nine chunks."""
 
         left = 9
 
@@ -204,7 +204,7 @@ def test_a_task_that_workers_cannot_load_is_an_error(stick, many, judges, tmp_pa
 
 def test_workers_that_join_receive_the_task_once(stick, many, judges, tmp_path, monkeypatch) -> None:
     class Joined(Fragile):
-        """Each chunk without the task meets a worker that does not know it, until every worker was sent the task."""
+        """Chunks without the task reach workers that do not know it, until every worker has received it."""
 
         def submit(self, fn, /, *args, **settings):
             packed.append(args[1] is not None)

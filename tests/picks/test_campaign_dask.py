@@ -29,7 +29,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory) -> Iterator[distributed.LocalCluster]:
-    """A scheduler and two worker processes on this machine, which are made anew when they die."""
+    """A scheduler and two worker processes on this machine, which are replaced when they die."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(Path(__file__).parent))  # the processes have the paths of this one
         patch.setenv("CAMPAIGN_TEST_FLAG", str(tmp_path_factory.mktemp("dask") / "flag"))

@@ -1,4 +1,4 @@
-"""Families of grasps, what is proven of a "no", and the suggestions, each of which is tried."""
+"""Families of grasps, proofs of negative verdicts, and suggestions, each of which is applied."""
 
 from __future__ import annotations
 

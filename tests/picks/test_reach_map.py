@@ -1,4 +1,4 @@
-"""Reach maps: what they say of a pose is what inverse kinematics and the checker say of it."""
+"""Reach maps agree with inverse kinematics and the collision checker for each pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The facts in a reason: joint, pair, distance or residual, and what would work, tried before it is said."""
+"""The facts in a reason: joint, pair, distance or residual, and a suggestion that works."""
 
 from __future__ import annotations
 

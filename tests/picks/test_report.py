@@ -1,4 +1,4 @@
-"""Reports on picks as files: what they say, and that they keep to their schema."""
+"""Reports on picks as files: content and schema."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Screening: what it says of a pick is what the stages say of it, and what brute force finds."""
+"""Screening agrees with the stages of the judge and with brute force."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def _random_picks(arm: pp.Arm, cell: tuple[pp.Scene, pp.Picks], count: int) -> p
 
 
 def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
-    """The stage up to the grasp that the judge of picks says has failed; None if none has."""
+    """The failed stage up to the grasp according to the judge, or None."""
     task = Task(pick, cell)
     stages = []
     for ring in task.groups():

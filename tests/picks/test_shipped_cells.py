@@ -1,4 +1,4 @@
-"""The cells that come with the package: what is called good is so, and the others fail where they were built to."""
+"""The cells of the package: good picks pass an independent check, the others fail at the expected stage."""
 
 from __future__ import annotations
 

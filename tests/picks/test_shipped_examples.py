@@ -89,7 +89,7 @@ def test_impossible_picks_are_refuted_for_every_branch(examples, name: str) -> N
 
 @pytest.mark.parametrize("name", EXPECTED)
 def test_every_motion_is_free_in_dense_samples(examples, name: str) -> None:
-    """Dense samples, a checker made anew from what the motion itself says stands around and is held."""
+    """Dense samples, with a new checker for the scene and the held part of each motion."""
     example = examples[name]
     hand = {*(thing.name for thing in example.picks.open_tool), "panda_leftfinger", "panda_rightfinger"}
     for verdict in example.report.good:

@@ -1,4 +1,4 @@
-"""Lists of picks: homes that cannot be, workers that change nothing, what a yes does not cover, and more."""
+"""Lists of picks: invalid homes, workers, the limits of good verdicts, and more."""
 
 from __future__ import annotations
 

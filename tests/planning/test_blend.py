@@ -1,4 +1,4 @@
-"""Rounded corners: proven one by one, within the deviation, shrunk where a body stands in the corner, else a stop."""
+"""Rounded corners: proven one by one, within the deviation, smaller if a body is in the corner, otherwise a stop."""
 
 from __future__ import annotations
 

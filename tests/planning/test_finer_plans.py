@@ -1,4 +1,4 @@
-"""Ends that touch by their hulls and not by their meshes: planned with closer bodies, and said so."""
+"""Ends that touch by their hulls and not by their meshes: planned with finer bodies, with a note."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What surrounds a search: being watched and stopped, what is told when it fails, and how much distance it keeps."""
+"""Progress and interruption of a search, messages of failures, and preferred clearance."""
 
 from __future__ import annotations
 

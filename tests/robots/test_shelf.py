@@ -71,7 +71,7 @@ def test_the_table_has_the_name_of_its_folder_and_every_limit(name):
 
 @EVERY_ARM
 def test_source_md_names_every_number_of_the_table(name):
-    """Each length of the table stands in SOURCE.md, so that none can change there alone."""
+    """Each length of the table is in SOURCE.md, so that neither can change alone."""
     text = (ROBOTS / name / "SOURCE.md").read_text(encoding="utf-8")
     for row in yaml.safe_load((ROBOTS / name / "dh.yaml").read_text(encoding="utf-8"))["rows"]:
         for column in ("d", "a"):

@@ -206,7 +206,7 @@ def depart_and_return(document, rng):
 
 
 def squeeze_curve(document, rng):
-    """The whole curve and its evidence in nearly no width, and another motion in it."""
+    """The curve and its evidence compressed to almost no width, with another motion in the rest."""
     curve, width = document["curve"], pick(rng, [5e-324, 1e-310, 1e-300, 1e-100, 1e-12, 1e-9])
     low, high = curve["knots"][0], curve["knots"][-1]
     pieces = len(curve["control"])

@@ -1,4 +1,4 @@
-"""Random forgeries with valid hashes: whatever the verifier accepts is true of the motion stated in the file."""
+"""Random forgeries with valid hashes: what the verifier accepts is true of the motion in the file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""No part of a proof can be changed without being noticed, or without the rest being a proof of what it says then."""
+"""Every change of a proof is detected, or the result is a valid proof of its changed content."""
 
 from __future__ import annotations
 

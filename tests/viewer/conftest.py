@@ -1,4 +1,4 @@
-"""Arms, scenes and motions to look at, and one browser for all tests that look."""
+"""Arms, scenes and motions for the tests of the viewer."""
 
 from __future__ import annotations
 

@@ -163,7 +163,7 @@ def test_every_shape_is_registered() -> None:
 
 @dataclass(frozen=True)
 class Torus:
-    """A shape that the viewer does not know, with the fields of a capsule."""
+    """A shape that the viewer does not support, with the fields of a capsule."""
 
     radius: float
     length: float

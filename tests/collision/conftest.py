@@ -101,7 +101,7 @@ class Oracle:
     """The distances of a checker's pairs, computed independently.
 
     Fresh coal objects (hulls as closed meshes from SciPy's Qhull, not as coal's convex shapes), placed by forward
-    kinematics of the whole robot. Being wholly inside a mesh is not seen: the oracle is never the stricter one.
+    kinematics of the complete robot. A body inside a mesh is not detected: the oracle is never the stricter one.
     """
 
     def __init__(self, checker: CollisionChecker) -> None:

@@ -1,4 +1,4 @@
-"""Certificates: FREE is proven, COLLIDING has a first contact, UNDECIDED an interval; each unsound shortcut has a test."""
+"""Certificates: FREE is proven, COLLIDING has a first contact, UNDECIDED an interval; unsound shortcuts have tests."""
 
 from __future__ import annotations
 

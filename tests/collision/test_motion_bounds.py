@@ -84,7 +84,9 @@ def test_no_pair_comes_nearer_than_its_rough_bound_allows(request, oracle, name)
 @pytest.mark.parametrize("straight", [True, False])
 def test_no_support_gap_shrinks_by_more_than_its_close_bound_allows(request, name, straight):
     """Along the curve, off it by the tolerance, and off it by the amount for which the growth is valid; for every
-    division of the joints between the two bodies. The gap is that of supports in a direction carried by the middle link."""
+    division of the joints between the two bodies. The gap is that of supports in a direction that the
+    middle link carries.
+    """
     arm = load_robot("stanford").arm() if name == "stanford" else request.getfixturevalue(name)
     scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.5, 0.3, 0.4)))])
     checker = CollisionChecker(arm, scene, attached=[Obstacle("tool", Box(0.02, 0.02, 0.2), pose((0, 0, 0.1)))])

@@ -23,12 +23,13 @@ if TYPE_CHECKING:
 # No test fails because the machine is busy: there is neither a deadline nor a limit on the time to generate examples.
 # In CI the examples are the same on every run.
 settings.register_profile(
-    "pinproof",
+    "full",
     deadline=None,
     suppress_health_check=[HealthCheck.too_slow],
     derandomize=bool(os.environ.get("CI")),
 )
-settings.load_profile("pinproof")
+settings.register_profile("quick", settings.get_profile("full"), max_examples=25)  # see tests/examples.py
+settings.load_profile("full")
 
 SLOW_FIXTURES = {"browser", "client", "cluster", "index", "site", "wheel"}
 """Fixtures that start a browser or a cluster, or build or resolve packages. Every test that uses one is slow."""

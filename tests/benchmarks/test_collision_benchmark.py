@@ -93,6 +93,7 @@ def test_no_verdict_on_random_edges_is_wrong(robot: str) -> None:
     assert row.checked > 60 * row.free
 
 
+@pytest.mark.slow
 def test_each_scene_depends_only_on_its_number() -> None:
     few, more = check_edges("ur5", 12, seed=1), check_edges("ur5", 24, seed=1)
     assert few.free <= more.free

@@ -43,6 +43,7 @@ def straight(problem: PlanProblem, *through: np.ndarray) -> JointPath:
     return JointPath([problem.start, *through, problem.goals[0]], problem.arm.joint_names)
 
 
+@pytest.mark.slow
 def test_every_own_scene_is_solved_certified_and_safe(table: PlanTable) -> None:
     assert table.sets("generic_6dof") == tuple(OWN_SCENES)
     assert [(row.solved, row.certified, row.faults) for row in table.rows] == [(True, True, ())] * len(OWN_SCENES)

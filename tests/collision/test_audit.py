@@ -20,6 +20,7 @@ def swing(arm):
     return pp.JointPath([HOME, HOME + np.array([1.5, 0, 0, 0, 0, 0])], arm.joint_names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness", [5e-3, 0.1])
 def test_a_plate_across_the_path_is_detected(arm, thickness):
     half_way = arm.forward_kinematics(HOME + np.array([0.75, 0, 0, 0, 0, 0])).translation

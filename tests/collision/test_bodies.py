@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import (
@@ -37,6 +37,8 @@ from pinproof.collision.hulls import Solid
 from pinproof.collision.shapes import Shape
 from pinproof.collision.surfaces import Ground, cell_faces, ground_surface
 from pinproof.errors import MeshError
+
+from ..examples import examples
 
 BALL = 0.01
 """The radius of the ball that the slider carries."""
@@ -164,6 +166,7 @@ SIZED = {
 ALL = {**SIZED, **{name: shape for name, (shape, _) in KINDS.items()}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
     shape, distance = KINDS[kind]
@@ -334,8 +337,9 @@ def test_bodies_inside_cavities():
         assert {x: solid.contains(np.array([[x, 0.001, 0.002]])) for x in wanted} == wanted
 
 
+@pytest.mark.slow
 @given(st.floats(-0.5, 0.5), st.floats(-0.4, 0.4), st.floats(-0.2, 0.3))
-@settings(max_examples=300)
+@examples(300)
 def test_the_ground_contains_what_its_closed_surface_winds_about(x, y, z):
     vertices, triangles = ground_surface(GROUND)
     surface = Solid(vertices, triangles)

@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull as Hull
 
@@ -17,6 +17,8 @@ from pinproof.collision.bodies import MOST_EXCESS, shape_bodies
 from pinproof.collision.convex_pieces import convex_pieces
 from pinproof.collision.hulls import Solid
 from pinproof.verifier import verify
+
+from ..examples import examples
 
 HERE = pose()
 ROUNDING = 1e-9
@@ -103,6 +105,7 @@ def held(points, parts):
     return inside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 def test_the_pieces_contain_every_point_within_the_stated_excess(name):
     mesh = SHAPES[name]
@@ -155,7 +158,7 @@ def polycube(seed):
 
 @pytest.mark.slow
 @given(st.integers(0, 10_000), st.sampled_from([4, 12, 64]))
-@settings(max_examples=15)
+@examples(15)
 def test_random_blocks_are_held_however_few_the_pieces(seed, most):
     solid, points = polycube(seed)
     assume(solid is not None and solid.watertight)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull as Hull
 
@@ -15,6 +15,8 @@ from pinproof.collision.decomposition import PIECES, clusters
 from pinproof.collision.hulls import Solid
 from pinproof.description.meshes import read_mesh
 from pinproof.spatial import pose as placed
+
+from ..examples import examples
 
 ROUNDING = 1e-9
 
@@ -86,7 +88,7 @@ def test_what_is_convex_stays_one():
 
 @pytest.mark.slow
 @given(st.integers(0, 10_000), st.integers(1, 8))
-@settings(max_examples=25)
+@examples(25)
 def test_random_triangles_are_inside_their_decomposition(seed, pieces):
     """Triangles that enclose nothing, thin and flat ones among them, large ones across many cells."""
     rng = np.random.default_rng(seed)

@@ -135,6 +135,7 @@ def test_free_with_finer_bodies_is_free_in_dense_samples_of_the_meshes(ring, pat
     assert verdict.first_contact.bodies == ("ring", "rod")
 
 
+@pytest.mark.slow
 def test_random_edges_of_an_arm_that_starts_within_its_hulls(ur5, path):
     """Balls near a UR5's forearm and upper arm: free by closer bodies, and then so by exact meshes, densely."""
     rng, proven = np.random.default_rng(0), 0

@@ -61,6 +61,7 @@ class Bounds:
         return self._way(k)[2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "stanford", "planar_2r"])
 def test_no_pair_comes_nearer_than_its_rough_bound_allows(request, oracle, name):
     """Anywhere in the box about q, tolerance and growth included."""

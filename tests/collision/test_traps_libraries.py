@@ -185,6 +185,7 @@ def test_no_continuous_check_in_coal_is_relied_on(slider, path):
     assert certificate.first_contact.proven_free_until == pytest.approx(0.49, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_one_checker_serves_threads_where_one_data_does_not(ur5, mesh_file):
     """Pinocchio's data are one configuration's; shared by threads they are the last one. Here each has its own."""
     model, data = ur5.model, ur5.model.createData()

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, write_urdf
@@ -18,6 +18,8 @@ from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, FileError, InputError
 from pinproof.model import load_robot, load_robot_from_text
 from pinproof.spatial import pose
+
+from ..examples import examples
 
 GENERIC = Path(__file__).parents[2] / "robots" / "generic_6dof"
 HALF = math.pi / 2
@@ -57,7 +59,7 @@ def pinocchio_frames(urdf: str, q: np.ndarray) -> dict[str, np.ndarray]:
     return {frame.name: data.oMf[i].homogeneous.copy() for i, frame in enumerate(model.frames)}
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(table=tables(), seed=st.integers(0, 2**32 - 1))
 def test_every_frame_equals_the_dh_product(table, seed):
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(table))

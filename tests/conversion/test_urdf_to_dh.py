@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, urdf_to_dh
@@ -17,6 +17,8 @@ from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm, load_robot, load_robot_from_text
 from pinproof.spatial import pose
+
+from ..examples import examples
 
 HALF = math.pi / 2
 ROBOTS = Path(__file__).parents[2] / "robots"
@@ -56,7 +58,7 @@ def difference(table: DhTable, arm: Arm, seed: int = 0, configurations: int = 20
 
 
 @pytest.mark.slow
-@settings(max_examples=80)
+@examples(80)
 @given(table=tables(), convention=st.sampled_from(["standard", "modified"]), seed=st.integers(0, 2**32 - 1))
 def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed):
     there = arm_of(table)
@@ -74,7 +76,7 @@ def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed)
             assert getattr(row, column) == getattr(original, column)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(data=st.data(), convention=st.sampled_from(["standard", "modified"]))
 def test_a_table_without_free_choices_comes_back_number_by_number(data, convention):
     """No axes parallel, every |theta| < pi/2, neither base nor tool: then DH leaves nothing to choose."""

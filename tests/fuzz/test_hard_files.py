@@ -13,6 +13,7 @@ import pytest
 import pinproof as pp
 from pinproof.description.meshes import read_mesh
 
+from ..processes import PATIENCE
 from .samples import READERS
 
 MESHES = ("part.stl", "part.obj", "part.ply", "part.dae", "part.glb", "part.gltf")
@@ -38,14 +39,14 @@ property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 {}\n"
 
 @pytest.fixture
 def in_time():
-    """A test that waits for a pipe would wait for ever."""
+    """Fail a test that waits for a pipe."""
     import signal
 
     def late(*_: object) -> None:
         raise TimeoutError
 
     before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(20)
+    signal.alarm(int(PATIENCE))
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)

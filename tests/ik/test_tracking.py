@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.model import load_robot_from_text
+
+from ..examples import examples
 
 REACHED = 1e-6
 """m and rad: the permitted error if a continuous solution exists."""
@@ -250,7 +252,7 @@ def test_cycles_equal_the_sequence_bit_for_bit_also_when_repeated(panda, goal):
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "stanford", "kinova", "scara"])
-@settings(max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10**6), dt=st.sampled_from([1e-3, 1e-2, 0.3]), singular=st.booleans())
 def test_limits_hold_and_ok_is_verified_for_any_targets(name, seed, dt, singular):
     """Targets that move, jump and leave the workspace; errors are measured by Pinocchio for each sample."""
@@ -293,7 +295,7 @@ def box_step(A, pull, shift, low, high):
     return joints[STEP], joints[HELD], gain
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 10), rank=st.integers(1, 6))
 def test_the_bounded_step_equals_scipy(seed, n, rank):
     from scipy.optimize import lsq_linear

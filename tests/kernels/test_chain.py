@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.kernels.chain import forward_many, jacobian_of, walk
 from pinproof.kernels.trigonometry import sincos
 from pinproof.model import load_robot_from_text
+
+from ..examples import examples
 
 NAMES = ["ur5", "panda", "iiwa14", "xarm7", "kinova", "stanford", "scara", "puma560", "so100"]
 
@@ -56,7 +58,7 @@ def test_equals_pinocchio_on_real_arms(name):
         assert jacobian == pytest.approx(arm.jacobian(q), abs=1e-12)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(urdf=chains(), seed=st.integers(0, 10**6))
 def test_equals_pinocchio_on_any_chain(urdf, seed):
     try:

@@ -6,13 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.kernels.arctangent import angle_of
 from pinproof.kernels.compiled import compiled
 from pinproof.kernels.lanes import wind
 from pinproof.kernels.roots import FREE, linear_roots, quartic_roots
+
+from ..examples import examples
 
 number = st.floats(-3, 3, allow_nan=False)
 
@@ -65,7 +67,7 @@ def test_cases_without_a_root_with_one_and_with_all_values():
     assert roots_of_equation(True, 0.0, 0.0, 1.0, 1e-6)[0] == 0
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(st.lists(number, min_size=4, max_size=4), st.booleans())
 def test_a_quartic_has_the_generating_roots(values, pair):
     """Four real roots, or two real roots and a conjugate pair."""
@@ -95,7 +97,7 @@ def test_angles_equal_the_c_library():
     assert out[0] == 0.0
 
 
-@settings(max_examples=300)
+@examples(300)
 @given(value=st.floats(-20, 20), lower=st.floats(-8, 0), width=st.floats(0.1, 13), reference=st.floats(-20, 20))
 def test_winding_is_within_limits_and_closest_if_possible(value, lower, width, reference):
     upper = lower + width

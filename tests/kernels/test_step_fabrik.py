@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.kernels.limits import TURN
 from pinproof.kernels.step_fabrik import _allowed, _angle, _fit, _invert, _move
+
+from ..examples import examples
 
 
 def random_hinge(rng):
@@ -21,7 +23,7 @@ def row(pose):
     return np.concatenate([pose.rotation.ravel(), pose.translation])
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(seed=st.integers(0, 10**6))
 def test_the_chosen_angle_and_translation_are_optimal(seed):
     """No other angle or translation has the point and the direction closer to their targets."""
@@ -47,7 +49,7 @@ def test_the_chosen_angle_and_translation_are_optimal(seed):
     assert all(best <= miss(0.0, slide) + 1e-9 for slide in np.linspace(-6, 6, 200))
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(
     low=st.floats(-4, 3.9),
     width=st.floats(0.01, 6.2),
@@ -72,7 +74,7 @@ def test_a_joint_with_a_range_of_2_pi_is_not_stopped():
     assert _allowed(box, 0, 3.0, 2.0) == 2.0
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(seed=st.integers(0, 10**6))
 def test_a_motion_times_its_inverse_is_the_identity(seed):
     rng = np.random.default_rng(seed)

@@ -6,11 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.spatial import matrix
+
+from ..examples import examples
 
 ARM = """<mujoco model="arm">
   <compiler angle="degree" meshdir="assets"/>
@@ -70,7 +72,7 @@ def pinocchio_placement(model, arm, q, frame):
     return data.oMf[model.getFrameId(frame)].homogeneous
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_bodies_have_the_poses_of_pinocchio(file, arm, seed):
     model = pin.buildModelFromMJCF(str(file))
@@ -117,7 +119,7 @@ def test_keyframes_are_states_and_excluded_contacts_disabled_pairs(arm):
     assert [pair.links for pair in arm.robot.srdf.disabled] == [("base", "fore")]
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     sequence=st.sampled_from(["xyz", "zyx", "XYZ", "ZYX", "xzx", "zyz"]),
     angles=st.tuples(*[st.floats(-3, 3)] * 3),

@@ -6,11 +6,13 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.motion import Curve, bezier, corner
+
+from ..examples import examples
 
 NAMES = ("a", "b", "c")
 
@@ -39,7 +41,7 @@ def polylines(draw: st.DrawFn) -> tuple[pp.JointPath, np.ndarray]:
     return pp.JointPath(q, NAMES), reach
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(polylines())
 def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.JointPath, np.ndarray]) -> None:
     path, reach = drawn
@@ -58,7 +60,7 @@ def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.J
     assert smooth.length <= path.length * (1 + 1e-9)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(st.floats(0.0, 0.95 * np.pi), st.floats(0.01, 1.0))
 def test_the_stated_corner_deviation_is_exact(turn: float, reach: float) -> None:
     q = np.array([(-1.0, 0, 0), (0, 0, 0), (np.cos(turn), np.sin(turn), 0)])

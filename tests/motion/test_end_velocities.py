@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import InputError
@@ -10,6 +10,7 @@ from pinproof.errors import TimingError
 from pinproof.motion import CubicPath, JointPath, Trajectory, time_parametrise
 from pinproof.motion.timing import IMAGE_TOLERANCE
 
+from ..examples import examples
 from .timing_problems import assert_on_path, assert_within, limits_of, names, rounded_problems, smooth_problems
 
 LIMITS = limits_of([1, 1], [2, 2])
@@ -62,7 +63,7 @@ def test_motions_that_meet_while_moving_are_joined():
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@examples(40)
 @given(st.one_of(smooth_problems(), rounded_problems().map(lambda p: p[1:])), shares, shares, st.booleans())
 def test_any_path_begins_and_ends_at_the_velocities_or_is_refused(problem, start, end, with_jerk):
     path, limits = problem

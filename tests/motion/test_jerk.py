@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import InputError, JointLimits
 from pinproof.motion import BlendedPath, CubicPath, JointPath, time_parametrise
 from pinproof.motion.timing import IMAGE_TOLERANCE
 
+from ..examples import examples
 from .timing_problems import (
     assert_on_path,
     assert_within,
@@ -27,7 +28,7 @@ def at_rest(trajectory):
 
 
 @pytest.mark.slow
-@settings(max_examples=60)
+@examples(60)
 @given(problems(size=st.just(1.0)), rise_times)
 def test_straight_paths_keep_their_jerk_limits(problem, rise):
     path, limits = problem
@@ -41,7 +42,7 @@ def test_straight_paths_keep_their_jerk_limits(problem, rise):
 
 
 @pytest.mark.slow
-@settings(max_examples=25)
+@examples(25)
 @given(rounded_problems(), rise_times)
 def test_rounded_paths_keep_their_jerk_limits(problem, rise):
     _, path, limits = problem
@@ -53,7 +54,7 @@ def test_rounded_paths_keep_their_jerk_limits(problem, rise):
 
 
 @pytest.mark.slow
-@settings(max_examples=15)
+@examples(15)
 @given(smooth_problems(), st.sampled_from([0.02, 0.3]))
 def test_smooth_paths_keep_their_jerk_limits(problem, rise):
     path, limits = problem

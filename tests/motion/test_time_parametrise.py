@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import InputError
@@ -8,6 +8,7 @@ from pinproof.errors import TimingError
 from pinproof.motion import CubicPath, JointPath, time_parametrise
 from pinproof.motion.timing import IMAGE_TOLERANCE
 
+from ..examples import examples
 from .timing_problems import (
     assert_on_path,
     assert_within,
@@ -20,7 +21,7 @@ from .timing_problems import (
 )
 
 
-@settings(max_examples=150)
+@examples(150)
 @given(problems())
 def test_timing_keeps_the_image_and_the_limits_of_straight_paths(problem):
     path, limits = problem
@@ -107,7 +108,7 @@ def test_start_is_goal_takes_no_time(path):
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@examples(40)
 @given(smooth_problems())
 def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
     path, limits = problem
@@ -120,7 +121,7 @@ def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
 
 
 @pytest.mark.slow
-@settings(max_examples=40)
+@examples(40)
 @given(rounded_problems())
 def test_rounded_corners_are_run_through_within_limits_and_corners_that_are_left_are_stops(problem):
     straight, path, limits = problem

@@ -2,12 +2,14 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pinproof import InputError
 from pinproof.motion import Curve, Trajectory, bezier
+
+from ..examples import examples
 
 NAMES = ("slide", "turn")
 value = st.floats(-5, 5, allow_subnormal=False)
@@ -93,7 +95,7 @@ def quintics(draw):
     return Trajectory(cubic.times, cubic.q, cubic.velocities, NAMES, accelerations=accelerations)
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(quintics())
 def test_extremes_of_quintics_hold_for_dense_samples_and_are_reached(trajectory):
     t = np.linspace(0, trajectory.duration, 4001)
@@ -198,7 +200,7 @@ def test_times_do_not_drift_however_many_motions_are_joined():
     assert Trajectory.join(*[part] * 1000).duration == 100.0
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.one_of(trajectories(), quintics()), st.sampled_from([1.0, 1.1, 1.5, np.pi, 20.0]))
 def test_a_motion_slowed_down_keeps_its_image_and_lowers_its_rates(trajectory, factor):
     slow = trajectory.slowed(factor)

@@ -2,12 +2,14 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pinproof.errors import TrajectoryError
 from pinproof.motion import Trajectory
+
+from ..examples import examples
 
 NAMES = ("slide, long", 'the "turn"')
 number = st.floats(allow_nan=False, allow_infinity=False)
@@ -24,7 +26,7 @@ def points_of(trajectory):
 
 
 @pytest.mark.parametrize("ending", [".json", ".csv"])
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(40, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data(), quintic=st.booleans())
 def test_a_saved_trajectory_comes_back_bit_for_bit(tmp_path, ending, data, quintic):
     m = data.draw(st.integers(1, 4))

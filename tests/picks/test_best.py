@@ -94,6 +94,7 @@ def test_the_score_is_made_of_parts_between_0_and_1() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("xyz", "yaw"), [((0.371, -0.403, 0.192), -0.97), ((0.406, -0.305, 0.217), -0.67)])
 def test_the_best_release_is_taken_and_not_the_nearest(monkeypatch, xyz, yaw) -> None:
     made, picks = setup("ur5", "carry.yaml", pp.picks.PickWeights(duration=0.2))

@@ -194,6 +194,7 @@ def test_without_an_object_the_grip_is_not_judged_with_a_note(arm) -> None:
     assert next(stage for stage in verdict.stages if stage.stage is Stage.GRIP).message.startswith("not checked")
 
 
+@pytest.mark.slow
 def test_suggestions_stay_within_grasps_that_hold_the_part(arm) -> None:
     wall = pp.Obstacle("wall", pp.Box(0.3, 0.02, 0.2), pp.pose((AT[0], AT[1] + 0.05, 0.1)))
     for pick, obstacles, failed in ((grasp((0.0, 0.012, -0.015)), (), Stage.GRIP), (grasp(), (wall,), Stage.GRASP)):

@@ -105,14 +105,6 @@ def test_what_is_carried_is_swept_not_only_the_tool(arm) -> None:
     assert "lintel" in verdict.reason
 
 
-@pytest.mark.slow
-def test_dragging_an_object_over_its_support_fails_at_the_retreat(arm) -> None:
-    verdict = judge(arm, replace(PICK, retreat_direction=(1, 0, 0)))
-    assert verdict.failed is Stage.RETREAT
-    assert "bolt" in verdict.reason
-    assert "table" in verdict.reason
-
-
 def test_an_object_may_touch_the_hand_from_the_approach_on_and_no_sooner(arm) -> None:
     # The tip inside the picker: at the grasp the bolt's head is pressed into its end by 1 mm.
     pressed = {"tip": pp.pose((0, 0, 0.099))}

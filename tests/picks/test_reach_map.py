@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.errors import FileError
 from pinproof.spatial import matrix
+
+from ..examples import examples
 
 TABLE = pp.Obstacle("table", pp.Box(2.0, 2.0, 0.05), pp.pose(xyz=(0.6, 0.0, -0.2)))
 WALL = pp.Obstacle("wall", pp.Box(0.05, 1.0, 1.0), pp.pose(xyz=(0.45, 0.3, 0.2)))
@@ -181,7 +183,7 @@ def test_a_region_that_makes_no_sense_is_refused(
 
 
 @given(st.integers(1, 60), st.floats(0.01, np.pi), st.integers(1, 12), st.integers(0, 1000))
-@settings(max_examples=50)
+@examples(50)
 def test_orientations_are_rotations_inside_their_cone(count: int, angle: float, spins: int, seed: int) -> None:
     axis = np.random.default_rng(seed).normal(size=3)
     directions = pp.picks.approach_directions(axis, angle, count)

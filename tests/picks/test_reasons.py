@@ -82,43 +82,6 @@ def test_a_shift_that_would_miss_the_part_is_not_suggested(cell) -> None:
     assert "shifted" not in verdict.remedy
 
 
-def test_an_approach_too_long_reports_the_longest_that_works(cell) -> None:
-    high = bolt(cell, "too_high")
-    verdict = judge(cell, high)
-    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.APPROACH)
-    assert re.search(r"stops at \d+ % of the line: [\d.]+ mm and [\d.]+ rad short", verdict.reason)
-    assert verdict.refuted == ("no IK solution within the limits reaches the end of the approach",)
-    text = suggested(verdict, "shorten the approach from 900 mm to ")
-    length = apply_suggestion(high, text).approach
-    assert judge(cell, replace(high, approach=length), budget=pp.picks.PickBudget(remedies=0)).failed is None
-    longer = judge(cell, replace(high, approach=length + 0.02), budget=pp.picks.PickBudget(remedies=0))
-    assert longer.failed is Stage.APPROACH
-
-
-@pytest.mark.slow
-def test_a_retreat_that_drags_the_part_names_the_support_and_a_free_direction(cell) -> None:
-    dragged = bolt(cell, "dragged")
-    verdict = judge(cell, dragged)
-    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.RETREAT)
-    assert "bolt_1 is not proven to leave table" in verdict.reason
-    assert len(verdict.refuted) == 8
-    assert all(words.startswith("at the end of the retreat: ") for words in verdict.refuted)
-    assert all(re.search(r"bolt_1 (penetrates|is [\d.]+ mm from) table", words) for words in verdict.refuted)
-    assert verdict.remedy.startswith("retreat straight up, along +z (base frame)")
-    assert judge(cell, apply_suggestion(dragged, verdict.suggestions[0])).ok
-
-
-@pytest.mark.slow
-def test_a_place_out_of_reach_reports_the_residual_and_a_reachable_shift(cell) -> None:
-    far = bolt(cell, "too_far")
-    verdict = judge(cell, far)
-    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.PLACE)
-    short = float(re.search(r"found is ([\d.]+) mm", verdict.reason)[1])
-    there = apply_suggestion(far, suggested(verdict, "move the place"))
-    assert 200 < short < 1e3 * np.linalg.norm(there.place.pose.translation - far.place.pose.translation) < 2 * short
-    assert judge(cell, there, budget=pp.picks.PickBudget(remedies=0)).ok
-
-
 @pytest.mark.slow
 def test_an_occupied_place_names_the_obstacle(cell) -> None:
     _, scene, _ = cell

@@ -100,6 +100,7 @@ def test_the_pose_of_a_row_makes_the_pick_again(report) -> None:
         assert np.allclose(again.homogeneous, verdict.pick.pose.homogeneous, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", SUFFIXES)
 def test_every_kind_of_file_names_every_row(report, tmp_path, kind: str) -> None:
     path = tmp_path / f"report{kind}"

@@ -139,6 +139,7 @@ def test_a_grid_without_sense_is_refused(counts, step) -> None:
         pp.picks.PickGrid(pp.Pick("p", pp.pose()), counts, step)
 
 
+@pytest.mark.slow
 @given(st.data())
 def test_a_part_of_a_source_equals_the_full_list(data) -> None:
     grid = pp.picks.PickGrid(pp.Pick("p", pp.pose((1, 2, 3))), (3, 4, 5), (0.1, 0.2, 0.3))

@@ -99,6 +99,7 @@ def test_grasp(arm, pick) -> None:
     assert verdict.configurations > 0
 
 
+@pytest.mark.slow
 def test_approach_out_of_reach(arm, pick) -> None:
     verdict = judge_one(arm, replace(pick, approach=4.0))
     assert verdict.failed is Stage.APPROACH

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
@@ -16,6 +16,8 @@ from pinproof.errors import InputError
 from pinproof.picks import NamedFrame, Stage, apply_suggestion
 from pinproof.picks.judging.changes import DIRECTIONS, DISTANCES, move_words, shorten_words, turn_words
 from pinproof.spatial import SE3
+
+from ..examples import examples
 
 DOWN = (np.pi, 0, 0)
 PICK = pp.Pick("part", pp.pose((0.45, 0.1, 0.2), DOWN), approach=0.05, retreat=0.05)
@@ -69,6 +71,7 @@ def test_the_smallest_shift_of_all_candidates_is_suggested(arm, gap) -> None:
     assert smaller > 20
 
 
+@pytest.mark.slow
 def test_a_shift_of_a_few_millimetres_is_found_with_the_default_budget(arm) -> None:
     # The post and the rod would overlap by 1 mm in the grasp; with the margin of 2 mm, more than 3 mm are needed.
     rod = {"tool": (pp.Obstacle("rod", pp.Cylinder(radius=0.012, length=0.1), pp.pose((0, 0, 0.05))),)}
@@ -122,6 +125,7 @@ def cell(arms) -> tuple[pp.Arm, pp.Scene, pp.Picks]:
     return pp.load_robot("ur5").arm(tcp=picks.tcp), pp.Scene.load(picks.scene), picks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_grasp_and_place_move_together_so_that_the_object_is_placed_where_it_was_to_be(cell, turn) -> None:
     arm, scene, picks = cell
@@ -166,7 +170,7 @@ def test_a_vector_is_in_the_frame_of_the_pick(arm) -> None:
 numbers = st.integers(-200_000, 200_000).map(lambda value: value / 100)
 
 
-@settings(max_examples=200)
+@examples(200)
 @given(st.tuples(numbers, numbers, numbers).filter(any))
 def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
     text = move_words(PICK, np.array(by))
@@ -175,7 +179,7 @@ def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
     np.testing.assert_allclose(moved * 1e3, by, atol=1e-9)
 
 
-@settings(max_examples=100)
+@examples(100)
 @given(
     st.integers(-180, 180).filter(bool),
     st.tuples(numbers, numbers, numbers).filter(lambda axis: max(map(abs, axis)) > 1),

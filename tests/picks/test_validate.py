@@ -193,6 +193,7 @@ def test_a_solution_that_only_the_wider_search_meets_is_still_a_solution(arm, mo
     assert verdict.ok
 
 
+@pytest.mark.slow
 def test_the_stage_reports_how_far_the_best_configuration_got(arms) -> None:
     # Some configurations meet the stone at the grasp, others only the post on the retreat: the verdict tells of those.
     arm = arms["generic_6dof"]

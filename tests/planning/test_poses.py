@@ -125,6 +125,7 @@ def test_contact_and_limit_are_named() -> None:
     assert "before the first pose" in move.message
 
 
+@pytest.mark.slow
 def test_without_a_start_the_branch_that_gets_to_the_end_is_found(ur5: pp.Arm) -> None:
     # A post that only some elbows pass.
     poses = square(ur5, READY)

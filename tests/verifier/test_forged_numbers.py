@@ -13,6 +13,8 @@ import pytest
 
 from pinproof.verifier import Proof, Refused, load, verify
 
+from ..processes import PATIENCE
+
 DENORMAL = 5e-324
 WIDEST = 10.0
 """rad by which the forged motion leaves the proven one: more than a full rotation."""
@@ -229,6 +231,7 @@ def test_an_unknown_field_is_refused(tampered, line):
     assert "scale" in str(verify(tampered))
 
 
+@pytest.mark.slow
 def test_a_deeply_nested_value_is_refused_wherever_it_is(tampered):
     deep: list = []
     for _ in range(100_000):
@@ -292,10 +295,11 @@ def test_a_repeated_key_is_refused_at_any_depth(proof, tmp_path, key):
         load(tmp_path / "proof.json")
 
 
+@pytest.mark.slow
 def test_a_nested_file_is_refused_by_the_command(proof, tmp_path):
     (tmp_path / "proof.json").write_text('{"format": ' + "[" * 900 + "]" * 900 + "}")
     words = [sys.executable, "-m", "pinproof.verifier", "proof.json"]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=PATIENCE)
     assert done.returncode in (1, 2)
     assert "Traceback" not in done.stderr
 

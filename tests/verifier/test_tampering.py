@@ -6,10 +6,12 @@ import copy
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from pinproof.verifier import verify
+
+from ..examples import examples
 
 MARGIN = 0.002
 
@@ -249,7 +251,7 @@ def at(document, line):
 
 
 @pytest.mark.slow
-@settings(max_examples=120, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof, rehashed, oracle, data):
     """Whoever changes numbers and hashes alike may get another proof, but never an untrue one."""
@@ -267,7 +269,8 @@ def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof,
         assert oracle(document).least(25) > min(verdict.clearance, MARGIN) - 1e-6
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.slow
+@examples(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(x=st.floats(-0.5, 0.5), y=st.floats(-0.9, 0.3), z=st.floats(-0.3, 0.3), s=st.floats(0, 1))
 def test_a_proof_with_a_moved_obstacle_is_refused_or_the_motion_is_free(proof, rehashed, oracle, x, y, z, s):
     document = copy.deepcopy(proof)

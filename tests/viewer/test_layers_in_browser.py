@@ -110,6 +110,7 @@ def test_ghosts_are_drawn_at_their_configurations_and_equal_ones_once(page: Page
     assert notes["ghosts"] == "2 of 3"
 
 
+@pytest.mark.slow
 def test_what_moves_with_the_tcp_is_swept(ur5) -> None:
     stage = set_stage(ur5, None)
     step = np.zeros(6)

@@ -58,7 +58,7 @@ def test_closing_frees_the_port_and_may_be_done_twice() -> None:
     assert view.wait(0)
     assert not view._thread.is_alive()
     with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", port), timeout=2)
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
 
 
 @pytest.mark.slow

@@ -163,6 +163,7 @@ def test_mimic_and_eight_joints_have_no_closed_form():
         pp.AnalyticIk().solve_all(arm, pp.pose())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), [("panda", 1.0), ("iiwa14", 1.0), ("xarm7", 0.98)])
 def test_seven_joints_have_the_generating_configuration_at_its_redundant_value(name, share):
     arm = pp.load_robot(name).arm()

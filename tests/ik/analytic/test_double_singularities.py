@@ -93,6 +93,7 @@ def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
     assert_claims_hold(arm, q[:30])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stanford", "generic_6dof"])
 def test_limited_wrists_are_solved_at_special_angles(name):
     arm = arm_named(name, limits={arm_named(name).joint_names[3]: (-1.0, 1.0)})

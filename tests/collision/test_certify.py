@@ -92,7 +92,7 @@ def test_a_smaller_tolerance_decides_a_graze(slider, path):
     assert certify(move, checker, tolerance=1e-8).status is FREE
 
 
-def test_what_is_proven_at_the_tolerance_is_taken(slider, path):
+def test_a_result_proven_at_the_tolerance_is_accepted(slider, path):
     """Free by 1.5 tolerances: less than the share of the clearance that is aimed at, and proven all the same."""
     beside = Scene([Obstacle("wall", Box(2, 0.1, 0.1), pose((0, 0.06 + 1.5e-4, 0)))])
     certificate = certify(path(slider, [0.0], [0.3]), CollisionChecker(slider, beside))
@@ -304,7 +304,7 @@ def test_nothing_to_check_is_free_at_any_distance(slider, path):
     assert certificate.pairs == 0
 
 
-def test_what_was_left_out_is_listed(panda, path):
+def test_excluded_pairs_are_listed_with_the_reason(panda, path):
     scene = Scene([Obstacle("table", Box(1, 1, 0.1), pose((0, 0, -0.05)))], allowed=[("panda_link0", "table")])
     certificate = certify(path(panda, panda.home, panda.home), CollisionChecker(panda, scene, margin=0.001))
     listed = {frozenset(pair.owners): pair.reason for pair in certificate.excluded}
@@ -353,7 +353,7 @@ def test_other_joints_and_settings_that_make_no_sense_are_refused(ur5, slider, p
             certify(path(ur5, ur5.home), checker, **setting)
 
 
-def test_what_overflows_is_not_proven_by_the_pair_after_it(arm_from_links, path):
+def test_an_overflowing_pair_is_not_proven_by_the_next_pair(arm_from_links, path):
     # Three of the four pairs get NaN for a bound, the last one a number; bodies of the first pair touch on the way.
     cube = '<box size="0.2 0.2 0.2"/>'
     arm = arm_from_links(

@@ -75,14 +75,14 @@ def test_every_point_of_surface_and_inside_is_contained(name):
 
 
 @pytest.mark.parametrize(("name", "most"), [("ring", 1.2), ("tray", 1.4), ("two balls", 1.05)])
-def test_what_is_not_convex_is_covered_closely(name, most):
+def test_a_concave_mesh_is_covered_closely(name, most):
     mesh = SHAPES[name]()
     volume = sum(Hull(part).volume for part in cover(mesh))
     assert mesh.volume * (1 - 1e-9) <= volume <= most * mesh.volume
     assert mesh.convex_hull.volume > 1.5 * mesh.volume
 
 
-def test_what_is_convex_stays_one():
+def test_a_convex_mesh_remains_one_body():
     assert len(cover(SHAPES["box"]())) == 1
 
 
@@ -126,7 +126,7 @@ def test_a_decomposed_robot_touches_whatever_its_meshes_touch():
     assert touched["mesh"] <= touched["decomposed"] < touched["hull"]
 
 
-def test_what_lies_wholly_in_a_decomposed_link_touches_it():
+def test_a_body_inside_a_decomposed_link_collides():
     arm = load_robot("ur5").arm()
     geometry = next(g for g in arm.robot.urdf.collisions if g.link == "forearm_link")
     mesh = read_mesh(geometry.mesh.path, geometry.size)

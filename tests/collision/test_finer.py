@@ -37,7 +37,7 @@ def owners(checker):
     return [contact.bodies for contact in checker.check([0.0]).contacts]
 
 
-def test_what_only_the_hull_touches_is_judged_by_several_hulls(ring):
+def test_contacts_of_the_hull_only_are_checked_by_several_hulls(ring):
     coarse = CollisionChecker(ring, Scene([rod(0.05), BALL]), margin=0.01)
     assert owners(coarse) == [("ring", "rod")]
     fine = coarse.finer_at([0.0])
@@ -51,7 +51,7 @@ def test_what_only_the_hull_touches_is_judged_by_several_hulls(ring):
     assert coarse.finer == ()
 
 
-def test_what_several_hulls_touch_too_is_judged_by_the_mesh(ring):
+def test_contacts_of_several_hulls_are_checked_by_the_mesh(ring):
     widest = HOLE * np.sqrt(2) * 0.985  # the ring has flat sides
     coarse = CollisionChecker(ring, Scene([rod(widest)]))
     fine = coarse.finer_at([0.0])

@@ -43,7 +43,7 @@ def test_a_ball_before_a_wall_without_end(slider, path, margin, others):
 
 
 @pytest.mark.parametrize("depth", [0.3, 1000.0])
-def test_what_is_wholly_behind_the_plane_is_in_contact(slider, path, depth):
+def test_a_body_behind_the_plane_is_in_contact(slider, path, depth):
     certificate = certify(path(slider, [0.5 + depth], [0.5 + 2 * depth]), CollisionChecker(slider, Scene([WALL])))
     assert certificate.status is COLLIDING
     assert certificate.first_contact.time == 0.0

@@ -21,7 +21,7 @@ def test_one_name_or_a_mapping_sets_the_geometry_of_every_link():
 
 
 @pytest.mark.parametrize("data", ["exact", {"base": "exact"}, {"bse": "hull"}, {"*": "all"}])
-def test_what_does_not_exist_is_refused(data):
+def test_unknown_links_and_kinds_of_geometry_are_refused(data):
     with pytest.raises(UnknownNameError):
         meshes_of(("base", "upper"), data)
     with pytest.raises(InputError):

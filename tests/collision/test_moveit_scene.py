@@ -195,7 +195,7 @@ def test_a_frame_the_file_does_not_place_must_be_the_root_of_the_robot(read, ur5
         ([], {"fixed_frame_transforms": [3]}, "PlanningScene"),
     ],
 )
-def test_what_cannot_be_obeyed_is_refused_by_name(read, objects, more, expected):
+def test_unsupported_objects_of_a_moveit_scene_are_refused_by_name(read, objects, more, expected):
     with pytest.raises(SceneError, match=expected) as caught:
         read(objects, **more)
     assert "cell.yaml" in str(caught.value)

@@ -209,7 +209,7 @@ def test_a_support_with_a_position_tolerance(gantry):
     assert verdict(gantry, [0, 0, 0], [0, 0.3, 0], obstacle_tolerance=0.0011).status is COLLIDING
 
 
-def test_what_makes_no_sense_is_refused(gantry):
+def test_invalid_partings_are_refused(gantry):
     checker = CollisionChecker(
         gantry, Scene([TABLE]), attached=[PART, Obstacle("other", Sphere(0.01), pose((0, 0, 1)))]
     )

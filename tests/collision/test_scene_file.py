@@ -235,7 +235,7 @@ def test_a_number_beyond_the_range_of_a_cell_is_refused(tmp_path, line):
         Scene.load(path)
 
 
-def test_what_a_checker_finds_wrong_names_the_file(scene_text, ur5):
+def test_errors_found_by_a_checker_name_the_file(scene_text, ur5):
     with pytest.raises(UnknownNameError, match=r"'bse_link'.*scene\.yaml"):
         CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[bse_link, ball]]"))
     with pytest.raises(InputError, match=r"scene\.yaml is placed from 'panda_link0'; the root of the robot is"):

@@ -164,7 +164,7 @@ def test_the_elbow_of_an_arm_meets_its_own_base(panda, path):
     assert_first_contact(certify(fold, checker), checker, fold, ("panda_link5", "panda_link0"))
 
 
-def test_what_is_carried_sweeps(panda, path):
+def test_a_carried_part_collides_with_obstacles(panda, path):
     """The hand passes over a peg, free at every instant; the can it holds does not, between two free samples."""
     can = Obstacle("can", Cylinder(0.03, 0.16), pose((0, 0, 0.06)))
     held = [("can", link) for link in ("panda_hand", "panda_leftfinger", "panda_rightfinger")]

@@ -114,7 +114,7 @@ def test_a_row_without_length_has_no_collision_geometry():
 
 
 @ARMS
-def test_what_is_drawn_is_what_collides(table):
+def test_the_drawn_shape_is_the_collision_shape(table):
     urdf = load_robot_from_text(dh_to_urdf(table)).urdf
     drawn = [(g.link, g.kind, g.size, g.origin.tolist()) for g in urdf.visuals]
     assert drawn == [(g.link, g.kind, g.size, g.origin.tolist()) for g in urdf.collisions]

@@ -49,7 +49,7 @@ def test_srdf_is_kept_as_written(tmp_path):
         ("<robot>", "well-formed"),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path, text, message):
+def test_invalid_srdf_is_refused(tmp_path, text, message):
     with pytest.raises(pp.errors.UrdfError, match=message):
         read(tmp_path, text)
 

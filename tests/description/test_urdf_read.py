@@ -107,7 +107,7 @@ def test_the_origin_rotates_about_fixed_axes():
         ({"joint": '<origin xyz="1e400 0 0"/>'}, "line 4.*finite"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_its_line(parts, message):
+def test_invalid_content_is_refused_with_its_line(parts, message):
     with pytest.raises(pp.errors.UrdfError, match=message):
         read_urdf_text(urdf(**parts))
 

@@ -40,7 +40,7 @@ def written(tmp_path, text=TEXT):
     return path
 
 
-def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
+def test_a_limits_file_overrides_the_urdf(robot, tmp_path):
     arm, plain = robot.arm(limits=pp.JointLimits.load(written(tmp_path))), robot.arm()
     limits, names = arm.limits, arm.joint_names
     pan, elbow, wrist = (names.index(name) for name in ("shoulder_pan_joint", "elbow_joint", "wrist_3_joint"))

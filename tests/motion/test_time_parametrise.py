@@ -144,7 +144,7 @@ def test_a_smooth_path_is_run_through_without_stopping():
     assert trajectory.duration < time_parametrise(JointPath(path.q, names(2)), limits_of([1, 1], [4, 4])).duration / 2
 
 
-def test_what_a_solver_exceeds_is_slowed_down(monkeypatch):
+def test_timing_that_exceeds_limits_is_slowed_down(monkeypatch):
     """Speeds that are 7 % too high all along, as if the limits at the nodes had been met by luck."""
     from pinproof.kernels import path_speed as room
 

@@ -133,7 +133,7 @@ points:
 
 
 @pytest.mark.parametrize("ending", [".yaml", ".yml"])
-def test_what_ros2_topic_echo_prints_is_read(tmp_path, ending):
+def test_the_output_of_ros2_topic_echo_is_read(tmp_path, ending):
     (tmp_path / f"t{ending}").write_text(ECHO)
     loaded = Trajectory.load(tmp_path / f"t{ending}", ["elbow", "shoulder"])
     assert loaded.times.tolist() == [0.0, 2.5]

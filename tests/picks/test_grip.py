@@ -138,7 +138,7 @@ def test_contacts_that_are_not_opposite_each_other_do_not_hold(arm) -> None:
 POST = pp.Box(0.004, 0.002, 0.02)
 
 
-def test_what_the_fingers_meet_only_while_they_close_is_found(arm) -> None:
+def test_a_collision_of_closing_fingers_is_found(arm) -> None:
     """A post between the outer face of the closed finger, 25 mm from the middle, and the inner face of the open one."""
     wide = fingers(opening=0.08)
     post = pp.Obstacle("post", POST, pp.pose((AT[0], AT[1] + 0.032, 0.018)))
@@ -155,7 +155,7 @@ def test_what_the_fingers_meet_only_while_they_close_is_found(arm) -> None:
         assert any(checker.is_free(q) for q in pp.AnalyticIk().solve_all(arm, target).q)
 
 
-def test_what_the_fingers_meet_only_while_they_open_is_found_where_the_part_is_put(arm) -> None:
+def test_a_collision_of_opening_fingers_is_found_at_the_release(arm) -> None:
     wide, there = fingers(opening=0.08), np.array([0.45, -0.20, TOP])
     put = grasp(place=pp.picks.PlaceTarget(pp.pose(there - np.array([0, 0, 0.015]), DOWN)))
     assert judge(arm, put, fingers=wide).ok

@@ -92,7 +92,7 @@ def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
     assert "release is out of reach" in verdict.reason
 
 
-def test_what_is_carried_is_swept_not_only_the_tool(arm) -> None:
+def test_the_swept_volume_contains_the_carried_part(arm) -> None:
     # A lintel over the bolt, beside the tool's way up: only a wide object meets it.
     wide = pp.Obstacle("plate", pp.Box(0.02, 0.2, 0.01), pp.pose((0, 0.0, 0.006)))
     lintel = pp.Obstacle("lintel", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, -0.1 + 0.16, 0.12)))
@@ -209,7 +209,7 @@ def test_supports_are_kept_as_names(arm) -> None:
         ({"frame": "wrist_3_link"}, "moves; picks need a fixed frame"),
     ],
 )
-def test_what_makes_no_sense_in_the_cell_is_a_verdict_at_the_input(arm, change, expected: str) -> None:
+def test_an_invalid_cell_is_a_verdict_at_the_input_stage(arm, change, expected: str) -> None:
     verdict = judge(arm, replace(PICK, **change))
     assert (verdict.status, verdict.failed) == (PickStatus.UNREADABLE, Stage.INPUT)
     assert expected in verdict.reason

@@ -288,7 +288,7 @@ def test_invalid_families_and_objects_are_reported(write, row: str, reason: str)
     assert reason in picks.problems[0].reason
 
 
-def test_what_counts_as_holding_a_part_is_read(write) -> None:
+def test_the_grip_limits_of_a_picks_file_are_read(write) -> None:
     row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0]}"
     picks = pp.read_picks(write(row, shared="grip_limits: {area: 1.0e-5, angle: pi/6, tip: 0.01}"))
     assert picks.grip_limits == pp.picks.GripLimits(area=1e-5, angle=np.pi / 6, tip=0.01)

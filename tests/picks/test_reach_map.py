@@ -77,7 +77,7 @@ def test_a_redundant_arm_is_searched_and_what_is_free_is_free() -> None:
             assert not pp.Clik(restarts=3).solve(checker.arm, target).ok
 
 
-def test_what_is_beyond_the_span_of_an_arm_is_not_searched_for() -> None:
+def test_targets_beyond_the_span_of_an_arm_are_not_searched() -> None:
     """On an arm that is searched: poses that its own configurations take are never left out."""
     from pinproof.picks.batch.proposals import Span
 

@@ -108,7 +108,7 @@ def test_without_an_allowed_pair_the_closed_fingers_collide_with_the_part(good, 
         ({"panda_joint3": 0.02}, "unknown joint 'panda_joint3'"),
     ],
 )
-def test_what_cannot_grip_is_refused(arm, grip, expected: str) -> None:
+def test_fingers_that_cannot_grip_are_refused(arm, grip, expected: str) -> None:
     with pytest.raises((InputError, UnknownNameError)) as refused:
         pp.validate_picks(arm, pp.Scene(), pp.Picks((PICK,), grip=grip))
     assert expected in str(refused.value)

@@ -122,7 +122,7 @@ def test_an_end_in_contact_is_named(slot: pp.CollisionChecker) -> None:
 
 
 @pytest.mark.parametrize("name", ["RRTConnect", "PRM"])
-def test_what_is_raised_while_ompl_plans_comes_out(
+def test_exceptions_raised_inside_ompl_are_propagated(
     slot: pp.CollisionChecker, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> bool:

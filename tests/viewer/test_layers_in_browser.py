@@ -111,7 +111,7 @@ def test_ghosts_are_drawn_at_their_configurations_and_equal_ones_once(page: Page
 
 
 @pytest.mark.slow
-def test_what_moves_with_the_tcp_is_swept(ur5) -> None:
+def test_the_swept_volume_contains_bodies_attached_to_the_tcp(ur5) -> None:
     stage = set_stage(ur5, None)
     step = np.zeros(6)
     step[[0, 3]] = 1.0

@@ -230,7 +230,7 @@ def test_an_empty_report_is_a_page_too(browser: Browser, pages: Callable[[str], 
     opened.close()
 
 
-def test_what_is_carried_moves_with_the_hand_and_stays_where_it_was_put(
+def test_a_carried_part_moves_with_the_hand_and_stays_at_its_place(
     browser: Browser, pages: Callable[[str], Path]
 ) -> None:
     path, frames = pages("carried"), {"fixture": NamedFrame(pose(xyz=(0.0, -0.4, 0.1), rpy=(np.pi, 0, 0)))}

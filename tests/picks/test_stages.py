@@ -189,4 +189,4 @@ def test_the_margin_decides(arms) -> None:
     assert judge_one(arm, pick, near, margin=0.0195).ok
     verdict = judge_one(arm, pick, near, margin=0.0205)
     assert verdict.failed is Stage.GRASP
-    assert re.search(r"wrist_3_link is 20\.\d mm from near", verdict.reason)
+    assert re.search(r"^link_6 is 20\.\d mm from near, less than the margin", verdict.reason)

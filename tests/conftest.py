@@ -31,8 +31,11 @@ settings.register_profile(
 settings.register_profile("quick", settings.get_profile("full"), max_examples=25)  # see tests/examples.py
 settings.load_profile("full")
 
-SLOW_FIXTURES = {"browser", "client", "cluster", "index", "site", "wheel"}
-"""Fixtures that start a browser or a cluster, or build or resolve packages. Every test that uses one is slow."""
+SLOW_FIXTURES = {"browser", "client", "cluster", "index", "reports", "site", "wheel"}
+"""Fixtures that start a browser or a cluster, build or resolve packages, or judge the picks of all shipped cells.
+
+Every test that uses one is slow.
+"""
 
 FAILED = pytest.StashKey[bool]()
 """Whether a test has failed in its setup, call or teardown."""

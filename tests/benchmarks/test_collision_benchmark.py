@@ -111,6 +111,7 @@ def touching() -> tuple[pp.JointPath, pp.CollisionChecker, pp.CollisionChecker]:
     return pp.JointPath([start, end], arm.joint_names), checker, meshes
 
 
+@pytest.mark.slow
 def test_correct_verdicts_pass_the_check(touching: tuple) -> None:
     path, checker, meshes = touching
     certificate = pp.certify(path, checker)

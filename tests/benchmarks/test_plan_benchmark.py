@@ -51,6 +51,7 @@ def test_every_own_scene_is_solved_certified_and_safe(table: PlanTable) -> None:
     assert table.left_out == {}
 
 
+@pytest.mark.slow
 def test_rows_are_complete_and_the_same_seed_gives_the_same_motion(table: PlanTable) -> None:
     for row in table.rows:
         assert set(row.ms) == set(STEPS)

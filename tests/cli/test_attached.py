@@ -152,6 +152,7 @@ def test_changes_that_weaken_nothing_are_noted(run: Run) -> None:
     assert "changed after it was certified" in out
 
 
+@pytest.mark.slow
 def test_a_proof_of_the_bare_arm_is_refused_for_the_arm_with_a_tool(run: Run) -> None:
     words = ("certify", "ur5", "bare.json", "--scene", "far.yaml")
     assert run(*words, "--save-proof", "bare_proof.json")[0] == 0

@@ -115,6 +115,7 @@ def test_a_hull_of_nothing_is_refused(mesh_file, name):
         shape_bodies("flat", None, Mesh(path), pin.SE3.Identity())
 
 
+@pytest.mark.slow
 def test_coal_crashes_on_the_hull_of_a_flat_mesh():
     program = (
         "import coal, numpy as np\n"

@@ -184,6 +184,7 @@ def test_a_ball_inside_an_open_bin_does_not_touch_it(slider, tmp_path):
     assert not filled.is_free([0.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*SHAPES, "bowl"])
 def test_nothing_that_touches_the_triangles_is_called_free(slider, name):
     mesh = bowl() if name == "bowl" else SHAPES[name]

@@ -61,6 +61,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
 def test_every_point_of_surface_and_inside_is_contained(name):
     mesh = SHAPES[name]()
@@ -74,6 +75,7 @@ def test_every_point_of_surface_and_inside_is_contained(name):
     assert len(parts) <= PIECES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "most"), [("ring", 1.2), ("tray", 1.4), ("two balls", 1.05)])
 def test_a_concave_mesh_is_covered_closely(name, most):
     mesh = SHAPES[name]()

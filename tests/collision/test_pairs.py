@@ -275,6 +275,7 @@ def test_a_pair_is_left_out_only_if_it_touches_in_nearly_all_configurations(name
         assert near >= 0.9 * len(Q), pair
 
 
+@pytest.mark.slow
 def test_links_whose_hulls_overlap_and_whose_meshes_do_not_are_checked_by_their_meshes():
     arm = load_robot("pr2_left").arm()
     finer = {frozenset(pair.owners): pair.by for pair in CollisionChecker(arm).finer}

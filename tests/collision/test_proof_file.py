@@ -155,6 +155,7 @@ def test_the_same_certificate_is_the_same_file(tmp_path, generic_6dof):
     assert load(tmp_path / "a.json") == load(tmp_path / "a.json.gz")
 
 
+@pytest.mark.slow
 def test_a_copy_of_the_verifier_runs_without_the_rest(tmp_path, generic_6dof):
     curve = line_through(generic_6dof, generic_6dof.home, [0.3, 0.1, 0, 0, 0.2, 0])
     _, file = saved(tmp_path, curve, CollisionChecker(generic_6dof, ROUND))

@@ -365,6 +365,7 @@ def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp
     assert "<h1>&lt;i&gt;{{buffers}}</h1>" in texts[0]
 
 
+@pytest.mark.slow
 def test_a_hundred_motions_stay_within_their_bytes() -> None:
     stage, line = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
     long = SimpleNamespace(motions=(line,))

@@ -56,6 +56,7 @@ def test_a_robot_without_any_geometry_is_refused() -> None:
         render_page(Picture(small_arm(base="", upper=""), None, None))
 
 
+@pytest.mark.slow
 def test_links_are_drawn_at_their_forward_kinematics_in_the_root_frame(panda) -> None:
     arm = panda.robot.arm(tcp="panda_hand_tcp", base="panda_link2")
     stage, q = set_stage(arm, None), arm.home + 0.1

@@ -1,4 +1,4 @@
-"""How a robot's link meshes are met: hull, triangles or several hulls, for all links or link by link."""
+"""Geometry of link meshes: hull, triangles or several hulls, for all links or for each link."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinproof import CollisionChecker, InputError, UnknownNameError
+from pinproof import CollisionChecker, InputError, UnknownNameError, load_robot
 from pinproof.collision.links import link_bodies, meshes_of
 from pinproof.errors import MeshError
-from pinproof.model.robot import load_robot, load_robot_from_text
+from pinproof.model.robot import load_robot_from_text
 
 
 def test_one_name_or_a_mapping_sets_the_geometry_of_every_link():

@@ -67,13 +67,14 @@ def test_links_are_drawn_at_their_forward_kinematics_in_the_root_frame(panda) ->
 
 def test_obstacles_are_drawn_at_their_pose_with_the_floor_below() -> None:
     can = Obstacle("can", Capsule(radius=0.05, length=0.2), pose(xyz=(1, 2, -0.5)), (0.1, 0.2, 0.3, 1.0))
-    stage = set_stage(small_arm(), Scene([can]))
+    arm = small_arm()
+    stage = set_stage(arm, Scene([can]))
     surface = stage.obstacles[0].surfaces[0]
     assert np.allclose(surface.vertices.max(axis=0), (0.05, 0.05, 0.15), atol=1e-3)
     assert np.allclose(surface.vertices.min(axis=0), (-0.05, -0.05, -0.15), atol=1e-3)
     assert np.allclose(stage.obstacles[0].pose[:3, 3], (1, 2, -0.5))
     assert surface.rgba == (0.1, 0.2, 0.3, 1.0)
-    assert stage.floor == pytest.approx(-0.65, abs=1e-3)
+    assert stage.floor(stage.link_poses(arm.home)[None]) == pytest.approx(-0.65, abs=1e-3)
 
 
 def test_a_mesh_obstacle_is_scaled(tmp_path) -> None:

@@ -9,6 +9,7 @@ import ast
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -68,8 +69,13 @@ def source_files(package: Path) -> Iterator[tuple[Path, str]]:
             yield file, parts[0]
 
 
-def imports(package: Path) -> Iterator[Import]:
+@cache
+def imports(package: Path) -> tuple[Import, ...]:
     """Every import of every module, relative ones made absolute."""
+    return tuple(read_imports(package))
+
+
+def read_imports(package: Path) -> Iterator[Import]:
     for file, name in source_files(package):
         parent = ("pinproof", *file.relative_to(package).parent.parts)
 

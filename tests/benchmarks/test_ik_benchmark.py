@@ -121,6 +121,7 @@ def test_without_peers_only_own_methods_run() -> None:
     assert {row.method for row in made.rows} == {"clik"}
 
 
+@pytest.mark.slow
 def test_plots_are_png_files(table: IkTable, tmp_path: Path) -> None:
     written = write_ik_table(table, tmp_path)
     assert [path.name for path in written] == ["ik.json", "ik.md", "ik_latency.png", "ik_steps.png"]

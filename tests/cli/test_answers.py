@@ -3,34 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
+
+from ..pages import Run
 
 Q = (0.3, -1.2, 1.4, -0.5, 0.7, 0.2)
 TEXT = " ".join(map(str, Q))
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command line in this process: exit code, stdout, stderr."""
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
 
 
 def test_fk_prints_the_pose_of_the_arm(run: Run) -> None:
@@ -99,8 +83,8 @@ def test_check_within_rounding_of_a_limit_is_inside(run: Run) -> None:
     assert json.loads(out)["outside_limits"] == []
     code, out, _ = run("check", "ur5", "--q", f"0 -1.5 {np.pi + 2e-8!r} 0 0 0")
     assert code == 1
-    said = next(line for line in out.splitlines() if "elbow_joint" in line and "is outside" in line)
-    assert float(said.split()[2]) > float(said.split()[-1].rstrip("]"))
+    text = next(line for line in out.splitlines() if "elbow_joint" in line and "is outside" in line)
+    assert float(text.split()[2]) > float(text.split()[-1].rstrip("]"))
 
 
 def test_plan_into_an_obstacle_names_it(run: Run, tmp_path: Path) -> None:
@@ -117,16 +101,16 @@ def test_plan_keeps_limits_of_a_file_and_of_jerk(run: Run, tmp_path: Path) -> No
     limits, motion = tmp_path / "joint_limits.yaml", tmp_path / "motion.json"
     limits.write_text("joint_limits:\n  shoulder_pan_joint: {has_velocity_limits: true, max_velocity: 0.25}\n")
     goal = " ".join(str(value) for value in pp.load_robot("ur5").arm().home + np.array([0.5, 0, 0, 0, 0, 0]))
-    asked = ("plan", "ur5", "--goal", goal, "--limits", str(limits), "-o", str(motion))
-    code, _, _ = run(*asked, "--jerk", "30")
+    request = ("plan", "ur5", "--goal", goal, "--limits", str(limits), "-o", str(motion))
+    code, _, _ = run(*request, "--jerk", "30")
     assert code == 0
     written = pp.Trajectory.load(motion)
     assert written.interpolant == "quintic"
     assert written.max_velocity().max() <= 0.25 * (1 + 1e-9)
     assert written.max_jerk().max() <= 30 * (1 + 1e-9)
-    code, _, said = run(*asked, "--jerk", "gentle")
+    code, _, expected = run(*request, "--jerk", "gentle")
     assert code == 2
-    assert "--jerk" in said
+    assert "--jerk" in expected
 
 
 def test_certify_reports_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -> None:
@@ -147,10 +131,10 @@ def test_a_free_motion_beyond_the_limits_is_exit_code_1(run: Run, tmp_path: Path
     fast = arm.home + np.array([0.5, 0, 0, 0, 0, 0])
     pp.Trajectory([0.0, 0.01], [arm.home, fast], np.zeros((2, 6)), arm.joint_names).save(motion)
     code, out, _ = run("certify", "ur5", str(motion), "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 1
-    assert told["status"] == "FREE"
-    assert told["outside_limits"][0].startswith("shoulder_pan_joint reaches a velocity of 75")
+    assert data["status"] == "FREE"
+    assert data["outside_limits"][0].startswith("shoulder_pan_joint reaches a velocity of 75")
     turned = arm.home + np.array([0, 0, np.pi, 0, 0, 0])
     pp.Trajectory([0.0, 9.0], [arm.home, turned], np.zeros((2, 6)), arm.joint_names).save(motion)
     code, out, _ = run("certify", "ur5", str(motion))
@@ -168,7 +152,7 @@ def test_a_recovered_table_becomes_the_same_arm(run: Run, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("fk", "ur55"), "ur5"),
         (("fk", "ur5", "--q", "0 1"), "shoulder_pan_joint"),
@@ -181,21 +165,21 @@ def test_a_recovered_table_becomes_the_same_arm(run: Run, tmp_path: Path) -> Non
         (("dh2urdf", "nowhere.csv", "-o", "x.urdf"), "nowhere.csv"),
     ],
 )
-def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, words: tuple[str, ...], expected: str) -> None:
     code, out, err = run(*words)
     assert code == 2
     assert out == ""
-    assert said in err
+    assert expected in err
     assert "Traceback" not in err
 
 
 def test_missing_data_of_a_robot_is_listed(run: Run) -> None:
     code, out, _ = run("info", "ur5", "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 0
-    assert told["dof"] == 6
-    assert told["pairs"]["checked"] > 0
-    assert any("acceleration" in sentence for sentence in told["missing"])
+    assert data["dof"] == 6
+    assert data["pairs"]["checked"] > 0
+    assert any("acceleration" in sentence for sentence in data["missing"])
 
 
 @pytest.mark.parametrize(
@@ -229,9 +213,9 @@ def test_no_command_overwrites_its_input_or_writes_only_some_outputs(
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "link_to_arm").symlink_to("arm.urdf")
-    code, _, said = run(*words)
+    code, _, text = run(*words)
     assert code == 2
-    assert said.startswith(f"pinproof: {words[-1]}: ")
-    assert said.count("\n") == 1
+    assert text.startswith(f"pinproof: {words[-1]}: ")
+    assert text.count("\n") == 1
     assert {path.name for path in tmp_path.iterdir()} == {*files, "folder", "link_to_arm"}
     assert {name: (tmp_path / name).read_bytes() for name in files} == files

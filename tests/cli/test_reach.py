@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
 
-Run = Callable[..., tuple[int, str, str]]
+from ..pages import Run
+
 CELL = robots_folder() / "generic_6dof"
 REGION = ("--region", "0.2 0.6 -0.3 0.3 0.06 0.06", "--step", "0.2", "--spins", "2")
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def run(run: Run) -> Run:
     """Run a command line in this process, in an empty folder: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", "reach", "generic_6dof", *REGION, *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return partial(run, "reach", "generic_6dof", *REGION)
 
 
 def test_the_tool_of_a_picks_file_is_a_collision_body(run: Run) -> None:
@@ -69,9 +60,9 @@ def test_a_new_placement_is_compared_with_the_previous_one(run: Run) -> None:
     )
     checker = pp.CollisionChecker(arm, seen)
     after = pp.reach_map(checker, before.region, before.orientations, world_from_root=stands)
-    code, told, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "--json")
-    assert json.loads(told)["won"] == (after.free & ~before.free).sum()
-    assert json.loads(told)["lost"] == (before.free & ~after.free).sum()
+    code, data, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "--json")
+    assert json.loads(data)["won"] == (after.free & ~before.free).sum()
+    assert json.loads(data)["lost"] == (before.free & ~after.free).sum()
 
 
 def test_a_base_in_collision_is_reported(run: Run) -> None:

@@ -3,38 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
 
+from ..pages import Run
 from ..viewer.conftest import BASE, LINKS, UPPER, small_arm, swing
-
-Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def run(run: Run) -> Run:
     """Run ``pinproof view`` in a folder with a robot, a scene and a motion: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
     upper = UPPER.format(kind="visual") + UPPER.format(kind="collision")
     Path("arm.urdf").write_text(LINKS.format(name="swing", base=BASE, upper=upper))
     Path("scene.yaml").write_text(
         "obstacles:\n  - {name: post, cylinder: {radius: 0.05, length: 1.0}, xyz: [0, 0.4, 0.5]}\n"
     )
     swing(small_arm(), 0.0, 0.8).save("motion.json")
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", "view", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return partial(run, "view")
 
 
 def settings(page: str) -> dict:
@@ -75,7 +64,7 @@ def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("--time", "1", "--html", "a.html"), "--time"),
         (("--motion", "motion.json", "--q", "home", "--html", "a.html"), "--q"),
@@ -83,10 +72,10 @@ def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
         (("--png", "a.png", "--html", "a.png"), "a.png"),
     ],
 )
-def test_contradicting_options_are_refused(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_contradicting_options_are_refused(run: Run, words: tuple[str, ...], expected: str) -> None:
     code, _, err = run("arm.urdf", *words)
     assert code == 2
-    assert said in err
+    assert expected in err
     assert not Path("a.html").exists()
 
 

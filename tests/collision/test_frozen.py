@@ -23,7 +23,7 @@ from pinproof import (
 )
 
 
-def test_what_a_checker_was_made_of_cannot_be_changed_behind_it(panda):
+def test_the_inputs_of_a_checker_cannot_be_changed_afterwards(panda):
     post = Obstacle("post", Box(0.1, 0.1, 0.1), pose((1.0, 0.0, 1.5)))
     tool = Obstacle("tool", Sphere(0.01), pose((0.0, 0.0, 0.12)))
     scene = Scene([post])

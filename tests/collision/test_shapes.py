@@ -46,7 +46,7 @@ def test_numbers_are_copied_and_cannot_be_changed(kind):
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e5, "wide", None])
-def test_a_size_that_is_no_length_is_refused(value):
+def test_an_invalid_size_is_refused(value):
     for make in (
         lambda v: Cone(v, 1),
         lambda v: Cone(1, v),
@@ -59,7 +59,7 @@ def test_a_size_that_is_no_length_is_refused(value):
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "expected"),
     [
         (lambda: ConvexHull([]), "ConvexHull.points"),
         (lambda: ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), "flat"),
@@ -83,17 +83,17 @@ def test_a_size_that_is_no_length_is_refused(value):
         (lambda: Obstacle("thing", "box"), "HalfSpace"),
     ],
 )
-def test_invalid_shapes_are_refused(make, said):
-    with pytest.raises(InputError, match=said):
+def test_invalid_shapes_are_refused(make, expected):
+    with pytest.raises(InputError, match=expected):
         make()
 
 
-def test_the_bottom_of_a_height_map_lies_below_it_unless_told():
+def test_the_default_bottom_of_a_height_map_is_below_it():
     assert HeightMap([[0.5, 1], [2, 3]], 1, 1).bottom == pytest.approx(0.49)
     assert HeightMap([[0.5, 1], [2, 3]], 1, 1, -2).bottom == -2.0
 
 
-def test_a_cloud_holds_each_cell_once():
+def test_a_point_cloud_contains_each_cell_once():
     cloud = PointCloud([[0.01, 0.02, 0.03], [0.09, 0.09, 0.09], [-0.01, 0, 0], [0.1, 0, 0]], 0.1)
     assert cloud.cells.tolist() == [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]
 

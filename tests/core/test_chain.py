@@ -6,12 +6,14 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof import _core
 from pinproof.model import load_robot_from_text
+
+from ..examples import examples
 
 NAMES = ["ur5", "panda", "iiwa14", "xarm7", "kinova", "stanford", "scara", "puma560", "so100"]
 
@@ -54,7 +56,7 @@ def test_equals_pinocchio_on_real_arms(name):
         assert jacobian == pytest.approx(arm.jacobian(q), abs=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(urdf=chains(), seed=st.integers(0, 10**6))
 def test_equals_pinocchio_on_any_chain(urdf, seed):
     try:
@@ -92,7 +94,6 @@ def test_batches_equal_single_rows():
     assert arm.chain.manipulability_batch(Q) == pytest.approx(volumes, rel=1e-6)
 
 
-@settings(deadline=None)
 @given(st.floats(-7e5, 7e5))
 def test_sine_and_cosine_equal_the_c_library(angle):
     assert _core.sincos(angle) == pytest.approx((np.sin(angle), np.cos(angle)), rel=0, abs=2.3e-16)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof import _core
+
+from ..examples import examples
 
 TURN = 2 * np.pi
 
@@ -18,10 +20,10 @@ def random_hinge(rng):
     return rng.normal(size=3), direction / np.linalg.norm(direction)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(seed=st.integers(0, 10**6))
 def test_the_chosen_angle_and_translation_are_optimal(seed):
-    """No other angle, or translation, brings the point and the direction closer to their desired places."""
+    """No other angle or translation has the point and the direction closer to their targets."""
     rng = np.random.default_rng(seed)
     o, d = random_hinge(rng)
     x, e = random_hinge(rng)
@@ -40,7 +42,7 @@ def test_the_chosen_angle_and_translation_are_optimal(seed):
     assert all(best <= miss(0.0, slide) + 1e-9 for slide in np.linspace(-6, 6, 200))
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(
     low=st.floats(-4, 3.9),
     width=st.floats(0.01, 6.2),
@@ -63,7 +65,7 @@ def test_a_joint_with_a_range_of_2_pi_is_not_stopped():
     assert _core.JointRange(-np.pi, np.pi, True, True).allowed_change(3.0, 2.0) == 2.0
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seed=st.integers(0, 10**6), prismatic=st.booleans(), value=st.floats(-7, 7))
 def test_a_hinge_moves_points_about_its_axis(seed, prismatic, value):
     rng = np.random.default_rng(seed)

@@ -6,10 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import _core
+
+from ..examples import examples
 
 number = st.floats(-3, 3, allow_nan=False)
 
@@ -18,7 +20,6 @@ def wound(value, lower, upper, reference):
     return _core.nearest_winding(value, lower, upper, 1e-9, reference)
 
 
-@settings(deadline=None)
 @given(A=number, B=number, angle=number)
 def test_a_revolute_joint_has_the_generating_root(A, B, angle):
     C = -A * math.cos(angle) - B * math.sin(angle)
@@ -31,7 +32,6 @@ def test_a_revolute_joint_has_the_generating_root(A, B, angle):
         assert A * c + B * s + C == pytest.approx(0.0, abs=1e-9)
 
 
-@settings(deadline=None)
 @given(A=number, B=number, value=number)
 def test_a_prismatic_joint_has_the_generating_root(A, B, value):
     if abs(B) < 1e-3:
@@ -50,7 +50,7 @@ def test_cases_without_a_root_with_one_and_with_all_values():
     assert _core.linear_roots(True, 0.0, 0.0, 1.0, 1e-6) == []
 
 
-@settings(deadline=None, max_examples=300)
+@examples(300)
 @given(st.lists(number, min_size=4, max_size=4), st.booleans())
 def test_a_quartic_has_the_generating_roots(values, pair):
     """Four real roots, or two real roots and a conjugate pair."""
@@ -77,7 +77,7 @@ def test_angles_equal_the_c_library():
     assert _core.angle_of(0.0, 0.0) == 0.0
 
 
-@settings(deadline=None, max_examples=300)
+@examples(300)
 @given(value=st.floats(-20, 20), lower=st.floats(-8, 0), width=st.floats(0.1, 13), reference=st.floats(-20, 20))
 def test_winding_is_within_limits_and_closest_if_possible(value, lower, width, reference):
     upper = lower + width

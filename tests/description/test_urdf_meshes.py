@@ -116,7 +116,7 @@ def test_missing_file_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_catalogue_robots_bring_their_meshes(name):
+def test_catalogue_robots_have_their_meshes(name):
     urdf = pp.load_robot(name).urdf
     meshes = [g for g in (*urdf.visuals, *urdf.collisions) if g.mesh is not None]
     assert meshes

@@ -11,6 +11,8 @@ from pinproof.description.xacro_files import expand_xacro
 
 from ..processes import PATIENCE
 
+pytestmark = pytest.mark.slow
+
 XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="length" default="0.3"/>
   <xacro:property name="l" value="$(arg length)"/>
@@ -55,19 +57,19 @@ def test_defaults_of_arguments_hold(file, tmp_path):
         ('link name="tip"', 'link name="tap"', r"expanded.*unknown link 'tip'"),
     ],
 )
-def test_what_cannot_be_expanded_is_refused(file, tmp_path, before, after, message):
+def test_invalid_xacro_is_refused_with_its_reason(file, tmp_path, before, after, message):
     file.write_text(XACRO.replace(before, after))
     with pytest.raises(pp.errors.UrdfError, match=message):
         pp.load_robot(file, package_dirs=[tmp_path / "packages"])
 
 
-def test_what_does_not_end_is_stopped(file, tmp_path):
+def test_endless_expansion_is_stopped(file, tmp_path):
     file.write_text(XACRO.replace("${2 * l}", "${9**9**9}"))
     with pytest.raises(pp.errors.UrdfError, match="within 2 s"):
         expand_xacro(file, {}, [tmp_path / "packages"], time_limit=2.0)
 
 
-def test_what_fills_the_memory_is_refused(file, tmp_path):
+def test_expansion_that_exceeds_the_memory_is_refused(file, tmp_path):
     file.write_text(XACRO.replace("${2 * l}", "${len('x' * 10**11)}"))
     with pytest.raises(pp.errors.UrdfError, match="when evaluating expression 'len"):
         expand_xacro(file, {}, [tmp_path / "packages"], time_limit=PATIENCE)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.ik import IterativeIk
 from pinproof.ik.task import IkGoal, make_goal
+
+from ..examples import examples
 
 METHODS = [pp.Clik(), pp.DampedLeastSquares(), pp.PseudoInverse()]
 ROBOTS = ["ur5", "panda", "stanford", "so100"]
@@ -32,7 +34,7 @@ def random_targets(arm, count, seed):
 
 
 @pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     name=st.sampled_from(ROBOTS),
     seed=st.integers(0, 10**6),
@@ -56,7 +58,7 @@ def test_both_engines_take_the_same_steps(arms, solver, name, seed, task):
 
 
 @pytest.mark.parametrize("goal", ["centre", "near", "manipulability"])
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(name=st.sampled_from(ROBOTS), seed=st.integers(0, 10**6))
 def test_both_engines_take_the_same_goal_steps(arms, goal, name, seed):
     arm = arms[name]
@@ -102,8 +104,8 @@ def test_a_batch_equals_its_single_results(arms, task):
 
 def test_one_solution_does_not_depend_on_the_others(arms):
     targets = random_targets(arms["panda"], 30, seed=8)
-    whole = pp.Clik().solve_batch(arms["panda"], targets)
-    assert (pp.Clik().solve_batch(arms["panda"], targets[11:13]).q == whole.q[11:13]).all()
+    complete = pp.Clik().solve_batch(arms["panda"], targets)
+    assert (pp.Clik().solve_batch(arms["panda"], targets[11:13]).q == complete.q[11:13]).all()
 
 
 def test_the_seed_shifts_the_starts(arms):

@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof import _core
 from pinproof.model import load_robot_from_text
+
+from ..examples import examples
 
 TASKS = ["position", "pose", "orientation", "spin_z", "spin_x"]
 ARMS = ["ur5", "panda", "stanford", "scara", "so100"]
@@ -86,7 +88,7 @@ def test_positions_are_found_from_the_middle_without_restarts(arms, name):
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     name=st.sampled_from(ARMS),
     task=st.sampled_from(TASKS),
@@ -114,7 +116,7 @@ def test_every_iterate_is_within_limits_and_solutions_are_verified(arms, name, t
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(name=st.sampled_from(ARMS), task=st.sampled_from(TASKS), seed=st.integers(0, 10**6), polish=st.booleans())
 def test_both_engines_take_the_same_steps(arms, name, task, seed, polish):
     arm = arms[name]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
@@ -60,7 +60,6 @@ def test_pose_residual_is_the_displacement_from_the_target(ur5):
     assert residual == pytest.approx([*seen.translation, *log6(seen)[3:]], abs=1e-12)
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 10**6), near_pi=st.booleans())
 def test_compiled_residual_and_jacobian_are_the_same(panda, seed, near_pi):
     rng = np.random.default_rng(seed)

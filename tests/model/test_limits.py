@@ -10,7 +10,7 @@ import pinproof as pp
 ONE = np.ones(2)
 
 
-def test_acceleration_default_says_so():
+def test_default_acceleration_is_stated():
     limits = pp.JointLimits(-ONE, ONE, 2 * ONE)
     assert limits.acceleration.tolist() == [4.0, 4.0]
     assert "0.5 s" in limits.acceleration_source
@@ -33,7 +33,7 @@ def test_limits_without_sense_are_refused(arguments):
         pp.JointLimits(*arguments)
 
 
-def test_arrays_are_copies_that_nobody_can_write():
+def test_arrays_are_read_only_copies():
     lower = -ONE
     limits = pp.JointLimits(lower, ONE, ONE)
     lower[0] = -9
@@ -61,8 +61,8 @@ def test_sampling_range_of_open_limits_is_one_turn():
 def test_a_violation_is_printed_with_digits_that_show_it():
     limits = pp.JointLimits(-np.pi * ONE, np.pi * ONE, ONE)
     (sentence,) = limits.violations(np.array([0.0, -np.pi - 1e-8]), ["a", "b"])
-    said, lowest = float(sentence.split()[2]), float(sentence.split("[")[1].split(",")[0])
-    assert said < lowest
+    text, lowest = float(sentence.split()[2]), float(sentence.split("[")[1].split(",")[0])
+    assert text < lowest
     for off in 10.0 ** np.arange(-15, 1):
         (sentence,) = limits.violations(np.array([0.0, np.pi + off]), ["a", "b"])
         assert float(sentence.split()[2]) > float(sentence.split()[-1].rstrip("]"))

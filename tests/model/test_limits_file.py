@@ -40,7 +40,7 @@ def written(tmp_path, text=TEXT):
     return path
 
 
-def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
+def test_a_limits_file_overrides_the_urdf(robot, tmp_path):
     arm, plain = robot.arm(limits=pp.JointLimits.load(written(tmp_path))), robot.arm()
     limits, names = arm.limits, arm.joint_names
     pan, elbow, wrist = (names.index(name) for name in ("shoulder_pan_joint", "elbow_joint", "wrist_3_joint"))
@@ -56,7 +56,7 @@ def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
     assert "0.5 s" in limits.acceleration_source
 
 
-def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_path):
+def test_joints_without_a_jerk_limit_are_named(robot, tmp_path):
     arm = robot.arm(limits=pp.JointLimits.load(written(tmp_path)))
     path = pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names)
     with pytest.raises(pp.InputError, match="jerk limit of joint 'shoulder_lift_joint' is not known"):
@@ -71,7 +71,7 @@ def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_
     assert (motion.max_jerk() <= 30 * (1 + 1e-9)).all()
 
 
-def test_a_smaller_limit_of_deceleration_holds_both_ways(tmp_path):
+def test_a_smaller_limit_of_deceleration_is_kept_in_both_directions(tmp_path):
     text = "joint_limits:\n  j: {has_acceleration_limits: true, max_acceleration: 5, has_deceleration_limits: true, "
     assert pp.JointLimits.load(written(tmp_path, text + "max_deceleration: -3}\n")).acceleration == {"j": 3.0}
     assert pp.JointLimits.load(written(tmp_path, text + "max_deceleration: 9}\n")).acceleration == {"j": 5.0}

@@ -55,11 +55,11 @@ def recheck(verdict: pp.PickVerdict, arm: pp.Arm) -> None:
         hand = [("picker", "bolt")] if any(each.name == "bolt" for each in motion.attached) else []
         checker = pp.CollisionChecker(arm, motion.scene, attached=motion.attached, allowed=[*allowed, *hand])
         assert all(checker.is_free_batch(motion.trajectory(np.linspace(0.0, motion.trajectory.duration, 120))))
-    whole = sum(motion.trajectory.duration for motion in verdict.motions)
-    assert verdict.trajectory.duration == pytest.approx(whole, abs=1e-6)
+    complete = sum(motion.trajectory.duration for motion in verdict.motions)
+    assert verdict.trajectory.duration == pytest.approx(complete, abs=1e-6)
 
 
-def test_an_object_is_lifted_off_what_it_stands_on(arm) -> None:
+def test_an_object_is_lifted_off_its_support(arm) -> None:
     verdict = judge(arm, PICK)
     recheck(verdict, arm)
     assert [motion.name for motion in verdict.motions] == ["transit", "approach", "retreat"]
@@ -74,7 +74,7 @@ def test_an_object_is_lifted_off_what_it_stands_on(arm) -> None:
     assert verdict.grasp_time == pytest.approx(transit.trajectory.duration + approach.trajectory.duration, abs=1e-6)
 
 
-def test_an_object_is_put_where_it_is_told(arm) -> None:
+def test_an_object_is_placed_at_the_stated_pose(arm) -> None:
     place = pp.picks.PlaceTarget(pp.pose((0.42, -0.35, 0.035), DOWN))
     verdict = judge(arm, replace(PICK, place=place))
     recheck(verdict, arm)
@@ -92,7 +92,7 @@ def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
     assert "release is out of reach" in verdict.reason
 
 
-def test_what_is_carried_is_swept_not_only_the_tool(arm) -> None:
+def test_the_swept_volume_contains_the_carried_part(arm) -> None:
     # A lintel over the bolt, beside the tool's way up: only a wide object meets it.
     wide = pp.Obstacle("plate", pp.Box(0.02, 0.2, 0.01), pp.pose((0, 0.0, 0.006)))
     lintel = pp.Obstacle("lintel", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, -0.1 + 0.16, 0.12)))
@@ -105,13 +105,6 @@ def test_what_is_carried_is_swept_not_only_the_tool(arm) -> None:
     assert "lintel" in verdict.reason
 
 
-def test_dragging_an_object_over_its_support_is_no_way(arm) -> None:
-    verdict = judge(arm, replace(PICK, retreat_direction=(1, 0, 0)))
-    assert verdict.failed is Stage.RETREAT
-    assert "bolt" in verdict.reason
-    assert "table" in verdict.reason
-
-
 def test_an_object_may_touch_the_hand_from_the_approach_on_and_no_sooner(arm) -> None:
     # The tip inside the picker: at the grasp the bolt's head is pressed into its end by 1 mm.
     pressed = {"tip": pp.pose((0, 0, 0.099))}
@@ -121,7 +114,7 @@ def test_an_object_may_touch_the_hand_from_the_approach_on_and_no_sooner(arm) ->
     assert "picker penetrates bolt" in without.reason
 
 
-def test_fingers_stand_apart_before_the_grasp_and_on_the_object_after_it(arm) -> None:
+def test_fingers_are_open_before_the_grasp_and_at_the_object_after_it(arm) -> None:
     jaw = pp.Box(0.02, 0.01, 0.06)
     pair = (
         pp.Obstacle("left", jaw, pp.pose((0, 0.005, 0.13))),
@@ -176,7 +169,7 @@ def test_an_object_is_lifted_out_of_a_bin_given_as_an_exact_mesh(arm, finely: in
     assert min(depths) > depths[0] - 1e-6
 
 
-def test_an_object_may_stand_on_several_supports(arm) -> None:
+def test_an_object_may_have_several_supports(arm) -> None:
     rails = [pp.Obstacle(f"rail_{k}", pp.Box(0.004, 0.1, 0.02), pp.pose((0.45 + x, 0.15, -0.015))) for k, x in
              enumerate((-0.005, 0.005))]  # fmt: skip
     scene = pp.Scene([*rails, bolt(0.45, 0.15)])
@@ -207,7 +200,7 @@ def test_supports_are_kept_as_names(arm) -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "said"),
+    ("change", "expected"),
     [
         ({"support": ["table", "shelf"]}, "unknown support 'shelf'"),
         ({"carried": "screw"}, "unknown object 'screw'"),
@@ -216,10 +209,10 @@ def test_supports_are_kept_as_names(arm) -> None:
         ({"frame": "wrist_3_link"}, "moves; picks need a fixed frame"),
     ],
 )
-def test_what_makes_no_sense_in_the_cell_is_a_verdict_at_the_input(arm, change, said: str) -> None:
+def test_an_invalid_cell_is_a_verdict_at_the_input_stage(arm, change, expected: str) -> None:
     verdict = judge(arm, replace(PICK, **change))
     assert (verdict.status, verdict.failed) == (PickStatus.UNREADABLE, Stage.INPUT)
-    assert said in verdict.reason
+    assert expected in verdict.reason
 
 
 def test_a_pose_in_the_frame_of_an_obstacle_is_the_same_pick(arm) -> None:
@@ -237,4 +230,5 @@ def test_frames_hang_on_each_other_and_not_in_circles(arm) -> None:
     there = replace(PICK, frame="tray", pose=pp.pose((0, 0, 0), DOWN))
     np.testing.assert_allclose(judge(arm, there, frames=frames).q_grasp, judge(arm, PICK).q_grasp, atol=1e-9)
     circle = {"tray": pp.picks.NamedFrame(pp.pose(), "rack"), "rack": pp.picks.NamedFrame(pp.pose(), "tray")}
-    assert "cycle" in judge(arm, there, frames=circle).reason
+    reason = judge(arm, there, frames=circle).reason
+    assert all(word in reason for word in ("cycle", "tray", "rack"))

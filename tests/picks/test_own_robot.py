@@ -45,6 +45,7 @@ def test_the_files_of_the_robot_are_relative_to_the_picks_file(tmp_path):
     assert arm.robot.urdf.path == tmp_path / "arm.yaml"
 
 
+@pytest.mark.slow
 def test_xacro_arguments_and_package_folders_are_read(tmp_path):
     pytest.importorskip("xacro")
     (tmp_path / "ros" / "pkg").mkdir(parents=True)

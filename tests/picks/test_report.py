@@ -1,4 +1,4 @@
-"""Reports on picks as files: what they say, and that they keep to their schema."""
+"""Reports on picks as files: content and schema."""
 
 from __future__ import annotations
 
@@ -44,22 +44,22 @@ def test_the_json_keeps_to_its_schema(report) -> None:
 @pytest.mark.parametrize("lost", ["reason", "xyz", "stages", "clearance_proven", "motions", "refuted", "member"])
 def test_the_schema_notices_what_is_missing(report, lost: str) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    told = report.to_dict()
-    del told["picks"][0][lost]
+    data = report.to_dict()
+    del data["picks"][0][lost]
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(told, schema())
+        jsonschema.validate(data, schema())
 
 
 def test_the_schema_refuses_a_good_pick_without_a_proof(report) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    told = report.to_dict()
-    good = next(pick for pick in told["picks"] if pick["verdict"] == "good")
+    data = report.to_dict()
+    good = next(pick for pick in data["picks"] if pick["verdict"] == "good")
     good["pairs_proven"] = None
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(told, schema())
+        jsonschema.validate(data, schema())
 
 
-def test_a_row_tells_the_motions_the_score_and_what_was_refuted(reports) -> None:
+def test_a_row_has_the_motions_the_score_and_the_refuted_branches(reports) -> None:
     rows = {row["name"]: row for row in reports["ur5"].to_dict()["picks"]}
     good, bad = rows["bolt_1"], rows["bolt_3"]
     assert [motion["name"] for motion in good["motions"]] == ["pick"]
@@ -100,6 +100,7 @@ def test_the_pose_of_a_row_makes_the_pick_again(report) -> None:
         assert np.allclose(again.homogeneous, verdict.pick.pose.homogeneous, atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", REPORT_SUFFIXES)
 def test_every_kind_of_file_names_every_row(report, tmp_path, kind: str) -> None:
     path = tmp_path / f"report{kind}"

@@ -82,7 +82,7 @@ def test_a_curve_that_fails_its_last_proof_is_given_up_for_the_one_before(
     assert found.certificate.matches(detour, checker.arm, checker.scene)
 
 
-def test_a_path_that_is_not_free_is_no_yes(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
+def test_a_path_that_is_not_free_is_not_proven(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
     through = pp.JointPath(detour.q[[0, -1]], detour.joint_names)
     found = pp.simplify(through, checker)
     assert not found.ok

@@ -68,7 +68,7 @@ def test_the_urdf_is_made_from_the_table(name):
 
 
 @EVERY_ARM
-def test_the_table_bears_its_folders_name_and_states_every_limit(name):
+def test_the_table_has_the_name_of_its_folder_and_every_limit(name):
     assert table_of(name).name == name
     for row in yaml.safe_load((ROBOTS / name / "dh.yaml").read_text(encoding="utf-8"))["rows"]:
         assert parse_number(row["lower"]) < parse_number(row["upper"])
@@ -77,7 +77,7 @@ def test_the_table_bears_its_folders_name_and_states_every_limit(name):
 
 @EVERY_ARM
 def test_source_md_names_every_number_of_the_table(name):
-    """Each length of the table stands in SOURCE.md, so that none can change there alone."""
+    """Each length of the table is in SOURCE.md, so that neither can change alone."""
     text = (ROBOTS / name / "SOURCE.md").read_text(encoding="utf-8")
     for row in yaml.safe_load((ROBOTS / name / "dh.yaml").read_text(encoding="utf-8"))["rows"]:
         for column in ("d", "a"):
@@ -187,7 +187,7 @@ DRAWN = {
 
 
 @pytest.mark.parametrize("name", DRAWN)
-def test_the_arm_stands_as_drawn(name):
+def test_the_arm_is_drawn_at_its_configuration(name):
     q, point = DRAWN[name]
     np.testing.assert_allclose(arm_of(name).forward_kinematics(q).translation, point, rtol=0, atol=1e-12)
 

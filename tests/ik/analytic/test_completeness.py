@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.ik.analytic.geometry import lines_of
 from pinproof.ik.analytic.plan import plans_of
 
+from ...examples import examples
 from .arms import (
     apart,
     arm_of,
@@ -72,7 +73,7 @@ def test_special_angles_are_solved(name):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=250, suppress_health_check=[HealthCheck.too_slow])
+@examples(250)
 @given(made=six_axes())
 def test_any_six_joints_with_a_triple_are_solved(made):
     axes, tool, _ = made
@@ -85,7 +86,7 @@ def test_any_six_joints_with_a_triple_are_solved(made):
     assert (misses(arm, found.q, q)[regular] < SAME).all()
 
 
-@settings(deadline=None, max_examples=80, suppress_health_check=[HealthCheck.too_slow])
+@examples(80)
 @given(made=six_axes(), seed=st.integers(0, 1000))
 def test_the_set_of_branches_does_not_depend_on_the_generating_branch(made, seed):
     """The set of branches does not depend on the branch that generated the target, nor on q0."""
@@ -137,7 +138,7 @@ def test_parallel_and_spherical_triples_give_the_same_branches(generic):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@examples(60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     front=st.sampled_from(["", "R", "P"]),

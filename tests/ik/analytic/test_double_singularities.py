@@ -66,6 +66,7 @@ def assert_claims_hold(arm, q):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_completeness_claims_at_special_angles_are_true(name):
     arm = arm_named(name)
@@ -73,24 +74,26 @@ def test_completeness_claims_at_special_angles_are_true(name):
     assert found.ok.mean() > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "fixed"), [("stanford", {1: 0.0, 4: 0.0}), ("generic_6dof", {1: np.pi / 2, 2: 0.0, 4: 0.0})]
 )
 def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
     """The elbow is known to 1e-8 only, the direction of the wrist is undetermined, and joint 4 is limited."""
-    whole = arm_named(name)
-    arm = arm_named(name, limits={whole.joint_names[3]: (-1.0, 1.0)})
+    complete = arm_named(name)
+    arm = arm_named(name, limits={complete.joint_names[3]: (-1.0, 1.0)})
     rng = np.random.default_rng(0)
-    q = rng.uniform(*arm.limits.sampling_range(), (300, 6))
+    q = rng.uniform(*arm.limits.sampling_range(), (150, 6))  # finds an error in 2 % with a probability of 95 %
     q[:, list(fixed)] = list(fixed.values())
     targets = arm.forward_kinematics_batch(q)
     found = pp.AnalyticIk().solve_batch(arm, targets)
     assert found.ok.all()
     for target, one in zip(targets, found.q, strict=True):
         assert_reaches(arm, one, target)
-    assert_claims_hold(arm, q[:60])
+    assert_claims_hold(arm, q[:30])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stanford", "generic_6dof"])
 def test_limited_wrists_are_solved_at_special_angles(name):
     arm = arm_named(name, limits={arm_named(name).joint_names[3]: (-1.0, 1.0)})
@@ -139,8 +142,8 @@ def test_the_tolerance_is_part_of_the_completeness_claim(ur5, tolerance):
         q = rng.uniform(-3.0, 3.0, 6)
         q[2] = 0.0
         target = np.array(ur5.forward_kinematics(q).homogeneous)
-        way = rng.normal(size=3)
-        target[:3, 3] += way / np.linalg.norm(way) * tolerance * rng.uniform(0.0, 1.5)
+        direction = rng.normal(size=3)
+        target[:3, 3] += direction / np.linalg.norm(direction) * tolerance * rng.uniform(0.0, 1.5)
         answer = closed.solve(ur5, target)
         if search.solve(ur5, target, q).ok:
             searched += 1
@@ -159,8 +162,10 @@ def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, toleran
     arm = arm_named(name)
     rng = np.random.default_rng(21)
     targets = arm.forward_kinematics_batch(special_configurations(arm, 1500, seed=16))
-    way = rng.normal(size=(len(targets), 3))
-    targets[:, :3, 3] += way / np.linalg.norm(way, axis=1)[:, None] * 0.95 * tolerance * rng.random((len(way), 1))
+    direction = rng.normal(size=(len(targets), 3))
+    targets[:, :3, 3] += (
+        direction / np.linalg.norm(direction, axis=1)[:, None] * 0.95 * tolerance * rng.random((len(direction), 1))
+    )
     solver = pp.AnalyticIk(position_tolerance=tolerance, orientation_tolerance=tolerance)
     found = solver.solve_all_batch(arm, targets)
     assert found.ok.mean() > 0.9

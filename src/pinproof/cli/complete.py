@@ -9,17 +9,16 @@ import typer
 
 import pinproof as pp
 from pinproof.errors import PinproofError
+from pinproof.model.loading import ROBOT_SUFFIXES
 
 __all__ = ["file_names", "group_names", "link_names", "method_names", "planner_names", "robot_names"]
-
-ROBOT_FILES = (".urdf", ".xacro", ".xml")
 
 
 def robot_names(incomplete: str) -> list[str]:
     """Catalogue names and existing robot files."""
     from pinproof.description import catalogue_names
 
-    return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_FILES)(incomplete)]
+    return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_SUFFIXES)(incomplete)]
 
 
 def method_names(incomplete: str) -> list[str]:

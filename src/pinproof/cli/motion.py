@@ -16,12 +16,15 @@ from pinproof.cli.options import (
     Configuration,
     Html,
     Json,
+    Limits,
     Robot,
     SceneOptions,
     Seed,
     ToolOptions,
     parse_configuration,
 )
+from pinproof.collision.certificate import notes_of
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 
 __all__ = ["check", "plan"]
@@ -48,12 +51,18 @@ def check(
     ok = result.free and not outside
     if as_json:
         contacts = [{"bodies": c.bodies, "distance": c.distance, "points": c.points.tolist()} for c in result.contacts]
-        print_json({"ok": ok, "outside_limits": outside, "contacts": contacts, "clearance": clearance})
+        found = {"ok": ok, "outside_limits": outside, "contacts": contacts, "clearance": clearance}
+        print_json({**found, "pairs": len(checker.pairs), "notes": notes_of(checker)})
     else:
         for line in (*outside, *(str(contact) for contact in result.contacts)):
             print_line(line)
         status = "free" if ok else "not free"
-        print_line(f"{status}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs")
+        if checker.pairs:
+            print_line(f"{status}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs")
+        else:
+            print_line(f"{status}: no pair of bodies is checked")
+        for note in filter(None, [*notes_of(checker), overlap_hint(checker, configuration, result)]):
+            print_line(f"note: {note}")
     if not ok:
         raise typer.Exit(1)
 
@@ -73,10 +82,7 @@ def plan(
     ] = "rrt_connect",
     html: Html = None,
     seed: Seed = 0,
-    limits: Annotated[
-        Path | None,
-        typer.Option("--limits", help="A file of joint limits in the format of MoveIt's joint_limits.yaml."),
-    ] = None,
+    limits: Limits = None,
     jerk: Annotated[
         str | None,
         typer.Option(

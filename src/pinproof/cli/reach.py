@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +14,8 @@ from rich.progress import Progress
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line, print_note
-from pinproof.cli.options import ChainOptions, Json, Robot, SceneOptions, Seed, ToolOptions, numbers
+from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 
 if TYPE_CHECKING:
@@ -74,10 +75,7 @@ def reach(
             help='Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.'
         ),
     ] = None,
-    place: Annotated[
-        str,
-        typer.Option(help='Placement of the robot base: "x y z" in metres, and optionally a rotation about z (rad).'),
-    ] = "0 0 0 0",
+    place: Place = "0 0 0 0",
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -109,14 +107,15 @@ def reach(
     check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
-    world_from_root = _placement(place)
+    world_from_root = placement(place)
     arm = chain.arm(robot, tool=tool)
     world = scene_options.load()
-    # The checker needs the scene in the frame of the robot's root.
-    local = replace(world, obstacles=tuple(replace(o, pose=world_from_root.actInv(o.pose)) for o in world.obstacles))
+    local = world.transformed(world_from_root.inverse())  # the checker needs it in the frame of the robot's root
     checker = scene_options.checker(arm, local, tool)
     for k, measured in checker.still.touching:
         print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
+    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
+        print_note(hint)
     frames = orientation_options.frames()
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
@@ -192,13 +191,6 @@ def _check_suffixes(outputs: list[Path]) -> None:
     for path in outputs:
         if path.suffix.lower() not in SUFFIXES:
             raise InputError(f"{path}: unknown file type for a reach map; use {', '.join(SUFFIXES)}")
-
-
-def _placement(text: str) -> SE3:
-    values = numbers(text, "--place")
-    if len(values) not in (3, 4):
-        raise InputError(f'--place needs three or four numbers, "x y z" or "x y z rotation", not {len(values)}')
-    return pp.pose(values[:3], (0.0, 0.0, values[3] if len(values) == 4 else 0.0))
 
 
 def _region(text: str, step: float) -> pp.picks.ReachRegion:

@@ -11,14 +11,18 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.shapes import Obstacle
+from pinproof.common.display import html_block, html_list, html_table, outline, shortened
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
-from pinproof.spatial import SE3, finite, matrix, rigid
+from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 
 if TYPE_CHECKING:
     from pinproof.common.yaml_file import LinedMapping
 
 __all__ = ["Attachments", "Scene"]
+
+SHAPE_WIDTH = 60
+"""Largest number of characters of a shape in a table of obstacles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +54,21 @@ class Scene:
     frame: str = ""
     notes: tuple[str, ...] = ()
     source: Path | None = None
+
+    def __repr__(self) -> str:
+        things = (f"{each.name}: {shortened(repr(each.shape), SHAPE_WIDTH)}" for each in self.obstacles)
+        count = len(self.obstacles)
+        source = "" if self.source is None else f", from {self.source.name}"
+        return outline(f"Scene({count} obstacle{'' if count == 1 else 's'}{source})", things, total=count)
+
+    def _repr_html_(self) -> str:
+        rows = (
+            [each.name, shortened(repr(each.shape), SHAPE_WIDTH), *(xyz_rpy(each.pose) + 0.0)]
+            for each in self.obstacles
+        )
+        columns = ("obstacle", "shape", "x", "y", "z", "roll", "pitch", "yaw")
+        title = f"Scene of {len(self.obstacles)} obstacles (m, rad)"
+        return html_block(title, html_table(columns, rows, total=len(self.obstacles)), html_list(self.notes))
 
     def __init__(
         self,
@@ -101,6 +120,17 @@ class Scene:
         """Return a new scene in which the obstacle has this ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
         moved = replace(self[name], pose=pose)
         return self._with(moved if o.name == name else o for o in self.obstacles)
+
+    def transformed(self, root_from_scene: pin.SE3 | npt.ArrayLike) -> Scene:
+        """Return the scene, stated in the frame of a cell, in the frame of a robot that is placed in it.
+
+        Parameters
+        ----------
+        root_from_scene
+            The pose of the cell in the root frame of the robot, SE3 or (4, 4).
+        """
+        placement = rigid("root_from_scene", root_from_scene)
+        return self._with(replace(each, pose=placement * each.pose) for each in self.obstacles)
 
     def _with(self, obstacles: Iterable[Obstacle]) -> Scene:
         obstacles = tuple(obstacles)

@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Contact
+from pinproof.common.display import outline
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 
@@ -133,6 +134,11 @@ class PlanResult(_Outcome):
     gap: float = np.nan
     contacts: tuple[Contact, ...] = ()
     checker: CollisionChecker | None = None
+
+    def __repr__(self) -> str:
+        counts = f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
+        path = () if self.path is None else (repr(self.path),)
+        return outline(f"PlanResult({self.status.name}: {self.message})", (*path, counts))
 
     @property
     def ok(self) -> bool:

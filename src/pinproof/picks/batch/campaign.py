@@ -192,6 +192,9 @@ class CampaignResult:
     to_retry: int = 0
     setup: PickSetup | None = field(default=None, repr=False, compare=False)
 
+    def __repr__(self) -> str:
+        return f"CampaignResult({self.summary}; {str(self.path)!r})"
+
     @classmethod
     def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:
         """Open the result of a finished campaign from its folder.

@@ -75,6 +75,11 @@ class ReachMap:
     complete: bool
     title: str = ""
 
+    def __repr__(self) -> str:
+        points, orientations = self.reachable.shape
+        shares = f"{self.reachable.mean():.1%} reachable, {self.free.mean():.1%} free"
+        return f"ReachMap({points:,} points, {orientations} orientations: {shares})"
+
     def __post_init__(self) -> None:
         count = len(self.region), len(self.orientations)
         for name in ("orientations", "reachable", "free", "manipulability", "clearance"):

@@ -218,7 +218,7 @@ def screen_picks(
     check_held_joints(arm, shared)
     home_q = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
     checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
-    cell = Cell(checker, shared, arm.configuration(home_q, "home"))
+    cell = Cell(checker, shared, arm.limits.snap(arm.configuration(home_q, "home")))
     screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
     total = len(source)
 

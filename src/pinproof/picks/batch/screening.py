@@ -286,6 +286,9 @@ class ScreenResult:
     complete: bool
     _reason: Callable[[int], str] = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"ScreenResult({self.summary})"
+
     def __post_init__(self) -> None:
         for name in ("codes", "q", "member", "limit_margin", "manipulability", "clearance"):
             array = np.array(getattr(self, name))

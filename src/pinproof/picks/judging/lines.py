@@ -240,6 +240,5 @@ def full_rotations(arm: Arm, home: Array, attempt: Attempt) -> Array:
     """(k, n) full rotations (rad) that can be added to an attempt within the limits; zero is the first."""
     entrances, _ = with_turns(arm, home, attempt.entrance[None])
     shifts = entrances - attempt.entrance
-    low, high = attempt.span()
-    inside = ((low + shifts >= arm.limits.lower) & (high + shifts <= arm.limits.upper)).all(axis=1)
+    inside = arm.limits.inside(np.array(attempt.span())[:, None] + shifts).all(axis=0)
     return np.asarray(shifts[inside | (np.arange(len(shifts)) == 0)])

@@ -190,7 +190,7 @@ class Placer:
         low, high = span(down.q, down.lift, down.leave)
         goals, _ = with_turns(arm, attempt.exit, down.entrance[None])
         shifts = [goal - down.entrance for goal in goals]
-        inside = [s for s in shifts if (low + s >= limits.lower).all() and (high + s <= limits.upper).all()]
+        inside = [shift for shift in shifts if limits.inside(np.array([low, high]) + shift).all()]
         shifts = inside or shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
         plan = planner.plan(carrying, attempt.exit, down.entrance + np.array(shifts), rng=seeds[0])

@@ -42,7 +42,7 @@ from pinproof.collision.separation import (
 )
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import Curve, bezier
-from pinproof.motion.curve import read_only
+from pinproof.motion.curve import BezierCurve, read_only
 from pinproof.spatial import matrix
 
 __all__ = ["prove_parting"]
@@ -363,7 +363,7 @@ def _with_facets(checker: CollisionChecker, splits: Sequence[_Split]) -> tuple[C
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _Part(BezierCurve):
     """A part of a curve with the same parameter."""
 
     joint_names: tuple[str, ...]
@@ -388,25 +388,8 @@ class _Part:
             pieces[0] = bezier.split(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
         return cls(names, np.array([first, *knots[i + 1 : j + 1], last]), pieces)
 
-    @property
-    def domain(self) -> tuple[float, float]:
-        return float(self.knots[0]), float(self.knots[-1])
-
-    @property
-    def start(self) -> Array:
-        point: Array = self.control[0, 0]
-        return point
-
-    @property
-    def end(self) -> Array:
-        point: Array = self.control[-1, -1]
-        return point
-
     def bezier(self) -> tuple[Array, Array]:
         return self.knots, self.control
-
-    def __call__(self, t: npt.ArrayLike) -> Array:
-        return bezier.evaluate(self.knots, self.control, t)
 
 
 def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> list[int]:

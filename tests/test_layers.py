@@ -18,6 +18,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "pinproof"
 PACKAGES = (
     "verifier",
     "errors",
+    "units",
     "spatial",
     "common",
     "kernels",

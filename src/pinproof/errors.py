@@ -112,6 +112,10 @@ class NoClosedForm(InputError):
     """An arm that :class:`pinproof.AnalyticIk` does not support; the message states the reason and an alternative."""
 
 
+class UnitWarning(UserWarning):
+    """A number that is plausible only in another unit: degrees instead of radians, millimetres instead of metres."""
+
+
 class FileError(PinproofError):
     """An input file that cannot be used.
 

@@ -16,6 +16,7 @@ from pinproof.cli.console import check_output_files, print_json, print_line, pri
 from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
+from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
     from pinproof.spatial import SE3
@@ -158,4 +159,5 @@ def _region(text: str, step: float) -> pp.picks.ReachRegion:
     ends = numbers(text, "--region")
     if len(ends) != 6:
         raise InputError(f'--region needs six numbers, "x0 x1 y0 y1 z0 z1", not {len(ends)}')
+    warn_of_millimetres("--region", ends)
     return pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step)

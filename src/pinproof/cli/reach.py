@@ -7,6 +7,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import Progress
@@ -19,7 +20,7 @@ from pinproof.errors import InputError
 from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
-    from pinproof.spatial import SE3
+    from pinproof.spatial import SE3, Array
 
 __all__ = ["reach"]
 
@@ -45,7 +46,10 @@ def reach(
     step: Annotated[float, typer.Option(help="Largest distance between neighbouring grid points (m).")] = 0.1,
     orientations: Annotated[
         Orientations,
-        typer.Option(help="Directions of the tool's z axis: straight down, in a cone around it, or all directions."),
+        typer.Option(
+            help="Directions of the tool's z axis: straight down, in a cone around it, or all directions; straight "
+            "down is always one of them."
+        ),
     ] = Orientations.DOWN,
     angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0,
     directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12,
@@ -101,7 +105,11 @@ def reach(
     if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
         print_note(hint)
     half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
-    frames = pp.picks.tool_orientations(pp.picks.approach_directions(half_angle=half, count=directions), spins)
+    axes = pp.picks.approach_directions(half_angle=half, count=directions)
+    if directions > 1 and half > 0.0:
+        # Straight down is one of the directions: an arm such as a SCARA takes no other.
+        axes = np.vstack([[0.0, 0.0, -1.0], pp.picks.approach_directions(half_angle=half, count=directions - 1)])
+    frames = pp.picks.tool_orientations(axes, spins)
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
@@ -115,6 +123,7 @@ def reach(
             threads=threads,
             progress=lambda done, _: bar.update(task, completed=done),
         )
+    never = "" if found.reachable.any() else _never(arm, frames, tcp_from_tip, world_from_root, orientations, seed)
     change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
@@ -129,15 +138,34 @@ def reach(
         figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
         counts = {"points": len(grid), "orientations": len(frames), "complete": found.complete}
         compared = {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
-        print_json({"ok": bool(found.free.any()), **counts, **figures, **compared})
+        print_json({"ok": bool(found.free.any()), **counts, **figures, **compared, "note": never})
     else:
         print_line(found.summary)
         if change is not None:
             print_line(f"compared with {against}: {change.summary}")
+        if never:
+            print_line(f"note: {never}")
         if outputs:
             print_line(f"wrote {', '.join(map(str, outputs))}")
     if not found.free.any():
         raise typer.Exit(1)
+
+
+def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
+    """Why no point can be reached if the arm takes none of the orientations at any position; else ''."""
+    if pp.picks.attainable_orientations(arm, frames, tip=tip, world_from_root=world_from_root, rng=seed).any():
+        return ""
+    axis = (world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tip).rotation[:, 2]
+    points = " ".join(f"{value + 0.0:.2g}" for value in axis.round(3))
+    other = (
+        "use more --directions, another --tcp or a --tip"
+        if asked is Orientations.ALL
+        else "use --orientations all, another --tcp or a --tip"
+    )
+    return (
+        f"the arm takes none of the {len(frames)} orientations at any position that was tried, also outside the "
+        f"region; at home the z axis of its tool points along [{points}]; {other}"
+    )
 
 
 def _points(

@@ -50,6 +50,7 @@ __all__ = [
     "SceneError",
     "TimingError",
     "TrajectoryError",
+    "UnitWarning",
     "UnknownNameError",
     "UrdfError",
     "ViewerError",

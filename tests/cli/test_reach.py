@@ -130,5 +130,7 @@ def test_a_region_out_of_reach_is_no_matter_of_orientations(any_run: Run) -> Non
 
 
 def test_straight_down_is_one_of_all_orientations(any_run: Run) -> None:
-    code, _, _ = any_run("scara", "--orientations", "all")
-    assert code == 0
+    any_run("scara", "--orientations", "all", "-o", "map.npz")
+    axes = pp.ReachMap.load("map.npz").orientations[:, :, 2]
+    assert len(axes) == 12 * 2
+    assert (np.abs(axes - [0, 0, -1]).max(axis=1) < 1e-12).sum() == 2

@@ -45,7 +45,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
         ("fk ur5 --fram tool0", "(did you mean --frame)"),
         ("fk ur5 --q 0 1 0", '--q "0 -pi/2 0"'),
         ("fk ur5 --q 0 -pi/2", '--q "0 -pi/2 0"'),
-        ("ik ur5 --method klik", "'klik' is not one of 'clik', 'analytic', 'damped-least-squares'"),
+        ("ik ur5 --method klik", "unknown IK method 'klik'; valid: clik"),
         ("check ur5 --margin -1", "--margin"),
         ("fk ur55", "'ur55'"),
         ("fk ur5 --tcp tol0", "tool0"),

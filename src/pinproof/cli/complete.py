@@ -1,4 +1,4 @@
-"""Tab completion of robot names, robot files, links and joint groups."""
+"""Tab completion of robot names, robot files, IK methods, planners, links and joint groups."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pinproof as pp
 from pinproof.errors import PinproofError
 from pinproof.model.loading import ROBOT_SUFFIXES
 
-__all__ = ["file_names", "group_names", "link_names", "robot_names"]
+__all__ = ["file_names", "group_names", "link_names", "method_names", "planner_names", "robot_names"]
 
 
 def robot_names(incomplete: str) -> list[str]:
@@ -19,6 +19,16 @@ def robot_names(incomplete: str) -> list[str]:
     from pinproof.description import catalogue_names
 
     return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_SUFFIXES)(incomplete)]
+
+
+def method_names(incomplete: str) -> list[str]:
+    """The registered IK methods."""
+    return _starting_with(incomplete, pp.ik.IK_METHODS)
+
+
+def planner_names(incomplete: str) -> list[str]:
+    """The registered planners."""
+    return _starting_with(incomplete, pp.planning.PLANNERS)
 
 
 def file_names(*suffixes: str) -> Callable[[str], list[str]]:

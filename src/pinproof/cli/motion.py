@@ -9,6 +9,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
+from pinproof.cli.complete import planner_names
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import (
     ChainOptions,
@@ -76,6 +77,9 @@ def plan(
     blend: Annotated[
         bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
     ] = True,
+    planner: Annotated[
+        str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names)
+    ] = "rrt_connect",
     html: Html = None,
     seed: Seed = 0,
     limits: Limits = None,
@@ -97,12 +101,13 @@ def plan(
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
     check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
+    search = pp.planning.make_planner(planner)
     arm = chain.arm(robot, limits, tool)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
     with progress_status("planning"):
-        result = pp.RrtConnect().plan(checker, *ends, rng=seed)
+        result = search.plan(checker, *ends, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})

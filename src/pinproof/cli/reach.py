@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import typer
@@ -38,22 +39,41 @@ class Orientations(str, Enum):
     ALL = "all"
 
 
-def reach(
-    robot: Robot,
-    region: Annotated[
-        str, typer.Option(help='The box to map, in metres: "x0 x1 y0 y1 z0 z1". For a plane, state equal bounds.')
-    ],
-    step: Annotated[float, typer.Option(help="Largest distance between neighbouring grid points (m).")] = 0.1,
+@dataclass(frozen=True)
+class OrientationOptions:
+    """The orientations of the tool that are tried at each point."""
+
     orientations: Annotated[
         Orientations,
         typer.Option(
             help="Directions of the tool's z axis: straight down, in a cone around it, or all directions; straight "
             "down is always one of them."
         ),
-    ] = Orientations.DOWN,
-    angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0,
-    directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12,
-    spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8,
+    ] = Orientations.DOWN
+    angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0
+    directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12
+    spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8
+
+    def frames(self) -> Array:
+        """Rotations (k, 3, 3) of the tool."""
+        half_angles = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(self.angle), Orientations.ALL: math.pi}
+        half = half_angles[self.orientations]
+        directions = pp.picks.approach_directions(half_angle=half, count=self.directions)
+        if len(directions) > 1:
+            # Straight down is one of the directions: an arm such as a SCARA takes no other.
+            others = pp.picks.approach_directions(half_angle=half, count=self.directions - 1)
+            directions = np.vstack([[0.0, 0.0, -1.0], others])
+        return pp.picks.tool_orientations(directions, self.spins)
+
+
+def reach(
+    robot: Robot,
+    region: Annotated[
+        str, typer.Option(help='The box to map, in metres: "x0 x1 y0 y1 z0 z1". For a plane, state equal bounds.')
+    ],
+    step: Annotated[float, typer.Option(help="Largest distance between neighbouring grid points (m).")] = 0.1,
+    *,
+    orientation_options: OrientationOptions,
     tip: Annotated[
         str | None,
         typer.Option(
@@ -76,7 +96,6 @@ def reach(
     ] = None,
     threads: Annotated[int, typer.Option(help="Number of threads.", min=1)] = 1,
     seed: Seed = 0,
-    *,
     chain: ChainOptions,
     scene_options: SceneOptions,
     tool: ToolOptions,
@@ -89,9 +108,7 @@ def reach(
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
     outputs = output or []
-    for path in outputs:
-        if path.suffix.lower() not in SUFFIXES:
-            raise InputError(f"{path}: unknown file type for a reach map; use {', '.join(SUFFIXES)}")
+    _check_suffixes(outputs)
     check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
@@ -104,12 +121,7 @@ def reach(
         print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
     if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
         print_note(hint)
-    half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
-    axes = pp.picks.approach_directions(half_angle=half, count=directions)
-    if directions > 1 and half > 0.0:
-        # Straight down is one of the directions: an arm such as a SCARA takes no other.
-        axes = np.vstack([[0.0, 0.0, -1.0], pp.picks.approach_directions(half_angle=half, count=directions - 1)])
-    frames = pp.picks.tool_orientations(axes, spins)
+    frames = orientation_options.frames()
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
@@ -123,22 +135,21 @@ def reach(
             threads=threads,
             progress=lambda done, _: bar.update(task, completed=done),
         )
-    never = "" if found.reachable.any() else _never(arm, frames, tcp_from_tip, world_from_root, orientations, seed)
+    never = (
+        ""
+        if found.reachable.any()
+        else _never(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
+    )
     change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
-            title = f"{arm.robot.name}: reach" + ("" if change is None else ", gained and lost")
-            cloud = _points(found, change, world_from_root, step)
-            pp.write_html(path, arm, local, points=cloud, attached=checker.attached, title=title)
+            _write_page(path, checker, found, change, world_from_root, step)
         elif change is None or path.suffix.lower() == ".npz":
             found.save(path)
         else:
             change.save(path)
     if as_json:
-        figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
-        counts = {"points": len(grid), "orientations": len(frames), "complete": found.complete}
-        compared = {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
-        print_json({"ok": bool(found.free.any()), **counts, **figures, **compared, "note": never})
+        print_json({**_figures(found, change), "note": never})
     else:
         print_line(found.summary)
         if change is not None:
@@ -168,6 +179,28 @@ def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Or
     )
 
 
+def _figures(found: pp.ReachMap, change: pp.picks.ReachComparison | None) -> dict[str, Any]:
+    """The figures of a map for JSON output."""
+    points, orientations = found.free.shape
+    counts = {"points": points, "orientations": orientations, "complete": found.complete}
+    figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
+    compared = {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
+    return {"ok": bool(found.free.any()), **counts, **figures, **compared}
+
+
+def _write_page(
+    path: Path,
+    checker: pp.CollisionChecker,
+    found: pp.ReachMap,
+    change: pp.picks.ReachComparison | None,
+    world_from_root: SE3,
+    step: float,
+) -> None:
+    title = f"{checker.arm.robot.name}: reach" + ("" if change is None else ", gained and lost")
+    cloud = _points(found, change, world_from_root, step)
+    pp.write_html(path, checker.arm, checker.scene, points=cloud, attached=checker.attached, title=title)
+
+
 def _points(
     found: pp.ReachMap, change: pp.picks.ReachComparison | None, world_from_root: SE3, step: float
 ) -> pp.viewer.ColouredPoints:
@@ -181,6 +214,12 @@ def _points(
     return pp.viewer.ColouredPoints.of_values(
         local, values[shown], label="gained minus lost:", low=-1.0, high=1.0, colours="RdBu", size=size
     )
+
+
+def _check_suffixes(outputs: list[Path]) -> None:
+    for path in outputs:
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{path}: unknown file type for a reach map; use {', '.join(SUFFIXES)}")
 
 
 def _region(text: str, step: float) -> pp.picks.ReachRegion:

@@ -7,8 +7,9 @@ An exact mesh has points that show whether it lies inside another body (coal's m
 from __future__ import annotations
 
 import math
+import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -160,9 +161,11 @@ class Body:
     source: str = ""
     level: int = 0
     file: FileStamp | None = None
+    _read: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
+        object.__setattr__(self, "_read", self._checksum())
         self.box.setflags(write=False)
 
     @property
@@ -171,6 +174,17 @@ class Body:
         if self.solid is not None:
             return self.solid.witnesses
         return np.empty((0, 3)) if self.support is None else self.support.points[:1]
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the coal geometry, which cannot be made read-only, is still that with which the body was created."""
+        return bool(self._read == self._checksum())
+
+    def _checksum(self) -> int:
+        """A checksum of what coal reads of an exact mesh; other bodies are proven apart by their support alone."""
+        if not isinstance(self.geometry, coal.BVHModelBase):
+            return 0
+        return zlib.crc32(self.geometry.vertices().tobytes())
 
     def content(self) -> bytes:
         """Return all data on which verdicts depend, for a hash; name and colour are not included."""

@@ -349,10 +349,10 @@ def choose_pairs(
     owned = {owner: [bodies[i] for i in own] for owner, own in members.items()}
     # Obstacles are not checked against each other. Most are in no rule, and are paired with all moving bodies at once.
     named = {owner for pair in (*reasons, *levels) for owner in pair}
-    standing = [owner for owner, own in members.items() if bodies[own[0]].link is None]
-    plain = [i for owner in standing if owner not in named for i in members[owner]]
+    fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
+    plain = [i for owner in fixed if owner not in named for i in members[owner]]
     pairs = Pairs([(i, j) for a in moving for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in standing if owner in named))):
+    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in fixed if owner in named))):
         key = frozenset((a, b))
         reason = reasons.get(key) or neighbours.reason(owned[a], owned[b])
         if reason:
@@ -405,7 +405,8 @@ def _is_root_frame(robot: Robot, link: str) -> bool:
     """Whether a link frame is that of the root, such as ``base_link`` fixed to ``world`` without an offset."""
     if link not in robot.urdf.links:
         return False
-    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+    model = robot.model
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     return frame.parentJoint == 0 and bool(frame.placement.isIdentity(SAME_PLACE))
 
 

@@ -3,15 +3,16 @@
 Every shape is about its own origin. Sizes are checked, because coal accepts NaN, -1 and 1e300 without an error. Shapes
 that hold arrays compare equal if their numbers are equal.
 
-A new shape is registered in four places, each of which refuses an unknown shape: the union :data:`Shape` here,
-``GEOMETRIES`` in :mod:`pinproof.collision.bodies` (geometry and support function), ``KINDS`` in
-:mod:`pinproof.collision.scene_file` (keys in files), and the surfaces of :mod:`pinproof.viewer`.
+A new shape is registered in three places, each of which refuses an unknown shape: the union :data:`Shape` here, from
+which its key in files follows, ``GEOMETRIES`` in :mod:`pinproof.collision.bodies` (geometry and support function), and
+the surfaces of :mod:`pinproof.viewer`.
 """
 
 from __future__ import annotations
 
 import hashlib
 import math
+import re
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, get_args
@@ -27,6 +28,7 @@ from pinproof.spatial import finite, frozen, rigid
 __all__ = [
     "ANYTHING",
     "LARGEST_SIZE",
+    "SHAPES_BY_KEY",
     "SMALLEST_SIZE",
     "Box",
     "Capsule",
@@ -366,7 +368,12 @@ class HalfSpace:
     """A half-space, such as a floor, wall or ceiling: all points with z <= 0 in its own frame are solid."""
 
 
-Shape = Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid | HalfSpace | ConvexHull | Mesh | PointCloud | HeightMap
+Shape = Box | Sphere | Cylinder | Capsule | Cone | Ellipsoid | HalfSpace | ConvexHull | PointCloud | HeightMap | Mesh
+
+SHAPES_BY_KEY: dict[str, type[Shape]] = {
+    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", k.__name__).lower(): k for k in get_args(Shape)
+}
+"""Every shape by its key in files: ``half_space`` for :class:`HalfSpace`."""
 
 ANYTHING = "*"
 """In an allowed contact: any robot link or attached object."""

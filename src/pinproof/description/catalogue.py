@@ -63,9 +63,8 @@ def find_robot(name: str) -> CatalogueEntry:
     """
     robots = _table("catalogue.yaml")
     if name not in robots:
-        raise UnknownNameError(
-            "robot", name, robots, "the catalogue (the name of a file ends in .urdf, .xacro, .xml, .yaml or .csv)"
-        )
+        where = "the catalogue (the name of a file ends in .urdf, .xacro, .xml, .yaml or .csv)"
+        raise UnknownNameError("robot", name, robots, where)
     data = robots[name]
     srdf = None if data.get("srdf") is None else _file(name, data["srdf"])
     overlaps = tuple((first, second) for first, second in _table("catalogue_overlaps.yaml").get(data["urdf"], ()))

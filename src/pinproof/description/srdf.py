@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.xml_reader import Element, numbers, parse_file, place, required
 from pinproof.errors import UrdfError
 
@@ -59,6 +60,9 @@ class EndEffector:
     group: str
 
 
+GROUPS_READ_ONLY = "the groups of a robot are read-only; load a changed SRDF"
+
+
 @dataclass(frozen=True)
 class Srdf:
     """The contents of an SRDF that are used for planning.
@@ -73,6 +77,14 @@ class Srdf:
     states: tuple[GroupState, ...] = ()
     end_effectors: tuple[EndEffector, ...] = ()
     disabled_links: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "groups", ReadOnlyDict(self.groups, GROUPS_READ_ONLY))
+
+    def __repr__(self) -> str:
+        path = "" if self.path is None else f"{self.path.name!r}, "
+        counts = f"{len(self.groups)} groups, {len(self.states)} states, {len(self.disabled)} disabled pairs"
+        return f"Srdf({path}{counts})"
 
 
 def read_srdf(path: str | Path) -> Srdf:

@@ -16,6 +16,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.packages import MeshFile, climbs_out, locate
 from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import (
@@ -320,6 +321,9 @@ MAX_LINKS = 1000
 """Largest number of links; urdfdom recurses for each link and crashes at about 5,000."""
 
 
+JOINTS_READ_ONLY = "the joints of a robot are read-only; load a changed URDF"
+
+
 @dataclass(frozen=True, eq=False)
 class Urdf:
     """A validated robot description.
@@ -354,6 +358,13 @@ class Urdf:
             uri = str(element.get("filename", "")).strip()
             element.set("filename", moved.get(uri, uri))
         return '<?xml version="1.0"?>\n' + str(etree.tostring(root, encoding="unicode")) + "\n"
+
+    def __repr__(self) -> str:
+        geometry = f"{len(self.collisions)} collision and {len(self.visuals)} visual geometries"
+        return f"Urdf({self.name!r}, {len(self.links)} links, {len(self.joints)} joints, {geometry})"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", ReadOnlyDict(self.joints, JOINTS_READ_ONLY))
 
     def model_joint(self, joint: str) -> str:
         """The name of a joint in ``kinematics``; it differs where a link has the same name, which Pinocchio rejects."""

@@ -12,6 +12,7 @@ from pinproof.collision import CollisionChecker
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 from pinproof.model import Arm
+from pinproof.model.limits import AT_LIMIT
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.spatial import finite
 
@@ -102,8 +103,8 @@ def _turns(arm: Arm, joint: int, start: float, goal: float) -> list[int]:
         return [0]
     below = int(np.floor((start - goal) / TURN))
     low, high = arm.limits.lower[joint], arm.limits.upper[joint]
-    fewest = below if np.isinf(low) else int(np.ceil((low - goal) / TURN))
-    most = below + 1 if np.isinf(high) else int(np.floor((high - goal) / TURN))
+    fewest = below if np.isinf(low) else int(np.ceil((low - AT_LIMIT - goal) / TURN))
+    most = below + 1 if np.isinf(high) else int(np.floor((high + AT_LIMIT - goal) / TURN))
     return sorted({0, *range(fewest, most + 1)})
 
 

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.description import Urdf
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm, JointLimits, load_robot
@@ -28,6 +29,7 @@ __all__ = [
     "PickProblem",
     "Picks",
     "PlaceTarget",
+    "SuctionCup",
     "family",
     "moved",
     "moved_by",
@@ -270,14 +272,42 @@ class GripperFingers:
         return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SuctionCup:
+    """The face of a suction cup: a disc centred at the tip, perpendicular to the tip's z axis, along which it faces.
+
+    Parameters
+    ----------
+    radius
+        Metres: the radius of the face.
+    gap
+        Metres: largest distance of any point of its rim from the surface of the part along the axis, in front of the
+        face or behind it. The lip of the cup has to compensate it; 1 mm suits a flat cup, and bellows allow more.
+    tilt
+        rad: largest angle between the face and the surface at its rim.
+    """
+
+    radius: float
+    gap: float = 1e-3
+    tilt: float = 0.1
+
+    def __post_init__(self) -> None:
+        radius, gap, tilt = finite("radius, gap and tilt of the cup", [self.radius, self.gap, self.tilt], (3,)).tolist()
+        if not (radius > 0 and gap > 0 and 0 < tilt < np.pi / 2):
+            raise InputError(
+                f"the cup has the radius {radius} m, the gap {gap} m and the tilt {tilt} rad; radius and gap must be "
+                "above 0, and tilt between 0 and pi/2"
+            )
+
+
 Direction = tuple[float, float, float]
 
 TIP, ROOT = "tip", "root"
 """The frame of a direction: the tool's tip or the robot's root link."""
 
-WAYS = ("approach", "retreat")
+MOVES = ("approach", "retreat")
 
-LONGEST_WAY = 20.0
+LONGEST_MOVE = 20.0
 """Metres: the largest approach or retreat. Larger values are probably stated in millimetres."""
 
 
@@ -314,8 +344,8 @@ class PlaceTarget:
     def __post_init__(self) -> None:
         object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, "place"))
-        for way in WAYS:
-            _check_way(self, way, "place")
+        for move in MOVES:
+            _check_move(self, move, "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -376,8 +406,8 @@ class Pick:
             raise InputError(f"a pick needs a name, not {self.name!r}")
         object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
-        for way in WAYS:
-            _check_way(self, way, f"pick {self.name!r}")
+        for move in MOVES:
+            _check_move(self, move, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
 
@@ -385,6 +415,14 @@ class Pick:
         """Return the pick transformed as by :meth:`Picks.transformed`."""
         place = None if self.place is None else _transformed(self.place, root_from_pick)
         return replace(_transformed(self, root_from_pick), place=place)
+
+    def __repr__(self) -> str:
+        x, y, z = self.pose.translation
+        frame = f" in {self.frame}" if self.frame else ""
+        carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
+        what = "" if carried is None else f", object {carried}{'' if self.place is None else ', placed'}"
+        lines = f"approach {self.approach * 1e3:g} mm, retreat {self.retreat * 1e3:g} mm"
+        return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
 
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` at the start of the approach."""
@@ -400,9 +438,9 @@ _Target = TypeVar("_Target", Pick, PlaceTarget)
 
 def _transformed(target: _Target, placement: SE3) -> _Target:
     directions = {
-        f"{way}_direction": tuple((placement.rotation @ getattr(target, f"{way}_direction")).tolist())
-        for way in WAYS
-        if getattr(target, f"{way}_frame") == ROOT
+        f"{move}_direction": tuple((placement.rotation @ getattr(target, f"{move}_direction")).tolist())
+        for move in MOVES
+        if getattr(target, f"{move}_frame") == ROOT
     }
     pose = target.pose if target.frame else placement * target.pose
     return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each
@@ -433,19 +471,21 @@ def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
     return names
 
 
-def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
+def _check_move(thing: Pick | PlaceTarget, move: str, of: str) -> None:
     """Validate an approach or retreat, and normalise its direction."""
-    value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
-    if not 0 <= value <= LONGEST_WAY:
-        raise InputError(f"{way} of {of} is {value:g} m; it must be from 0 to {LONGEST_WAY:g} (lengths are in metres)")
-    direction = finite(f"{way}_direction of {of}", getattr(thing, f"{way}_direction"), (3,))
+    value = float(finite(f"{move} of {of}", [getattr(thing, move)], (1,))[0])
+    if not 0 <= value <= LONGEST_MOVE:
+        raise InputError(
+            f"{move} of {of} is {value:g} m; it must be from 0 to {LONGEST_MOVE:g} (lengths are in metres)"
+        )
+    direction = finite(f"{move}_direction of {of}", getattr(thing, f"{move}_direction"), (3,))
     if (largest := float(np.abs(direction).max())) < 1e-9:
-        raise InputError(f"{way}_direction of {of} is zero")
+        raise InputError(f"{move}_direction of {of} is zero")
     direction /= largest  # so that no square overflows
-    if getattr(thing, f"{way}_frame") not in (TIP, ROOT):
-        raise UnknownNameError(f"{way}_frame", getattr(thing, f"{way}_frame"), (TIP, ROOT), of)
-    object.__setattr__(thing, way, value)
-    object.__setattr__(thing, f"{way}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
+    if getattr(thing, f"{move}_frame") not in (TIP, ROOT):
+        raise UnknownNameError(f"{move}_frame", getattr(thing, f"{move}_frame"), (TIP, ROOT), of)
+    object.__setattr__(thing, move, value)
+    object.__setattr__(thing, f"{move}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
 
 
 @dataclass(frozen=True)
@@ -473,6 +513,8 @@ class Picks:
         Bodies that move with the tcp; their pose is ``tcp_from_body``.
     fingers
         The two fingers of a parallel gripper, which are open before the grasp and closed on the object after it.
+    cup
+        The suction cup at the tip, instead of fingers. Its body is one of ``tool``.
     gripper
         Links of the robot that may touch the object during and after the approach, as ``tool`` and ``fingers`` may.
     held
@@ -502,6 +544,7 @@ class Picks:
     tip: SE3 = field(default_factory=SE3.Identity)
     tool: tuple[Obstacle, ...] = ()
     fingers: GripperFingers | None = None
+    cup: SuctionCup | None = None
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)
@@ -518,6 +561,22 @@ class Picks:
     limits: Path | None = None
     source: Path | None = None
 
+    def __repr__(self) -> str:
+        return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
+
+    def _repr_html_(self) -> str:
+        rows = ([each.name, *each.pose.translation, each.frame, each.approach, each.retreat] for each in self.picks)
+        columns = ("pick", "x", "y", "z", "frame", "approach", "retreat")
+        problems = html_list(f"unreadable: {each.name}: {each.reason}" for each in self.problems)
+        return html_block(f"{self._headline} (m)", html_table(columns, rows, total=len(self.picks)), problems)
+
+    @property
+    def _headline(self) -> str:
+        count = len(self.picks)
+        unreadable = f", {len(self.problems)} unreadable" if self.problems else ""
+        source = "" if self.source is None else f", from {self.source.name}"
+        return f"{count} pick{'' if count == 1 else 's'}{unreadable}{source}"
+
     def __post_init__(self) -> None:
         for key in ("picks", "problems", "tool", "gripper", "package_dirs"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
@@ -526,6 +585,8 @@ class Picks:
         if doubled:
             raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
         object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
+        if self.cup is not None and (self.fingers is not None or self.grip):
+            raise InputError("picks state a cup and fingers; a part is held by one of them")
 
     def __len__(self) -> int:
         return len(self.picks)

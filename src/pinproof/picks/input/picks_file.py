@@ -17,6 +17,7 @@
       - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
     fingers:                               # two more, fully closed; the first opens along the axis
       {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
+    cup: {radius: 0.015, gap: 0.001, tilt: 0.1}  # a suction cup at the tip instead of fingers; gap (m) and tilt (rad)
     gripper: [panda_hand, ...]             # more links of the robot that may touch the object
     grip_limits: {area: 4.0e-6, tip: 0.005}  # optional criteria for holding a part, see :class:`GripLimits`
     frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
@@ -58,7 +59,7 @@ from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
-from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks
+from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
 from pinproof.picks.input.pick_row import (
     DEFAULT_KEYS,
     PICK_KEYS,
@@ -78,7 +79,7 @@ Value = TypeVar("Value")
 
 FILE_KEYS = (
     "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip", "tool",
-    "fingers", "gripper", "grip_limits", "frames", "defaults", "picks",
+    "fingers", "cup", "gripper", "grip_limits", "frames", "defaults", "picks",
 )  # fmt: skip
 HELD_KEYS = ("open", "grip")
 FINGER_KEYS = ("opening", "grip", "axis", "bodies")
@@ -130,6 +131,7 @@ def open_picks(path: str | Path) -> PickSource:
         tip=_shared(path, content, "tip", {}, _tip),
         tool=_bodies(path, content, "tool"),
         fingers=_fingers(path, content),
+        cup=_shared(path, content, "cup", None, _cup),
         gripper=tuple(_names(path, content, "gripper")),
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
@@ -235,6 +237,15 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
         if not isinstance(name, str):
             raise PicksError(path, f"{name!r} is not a name", f"key {key}")
     return names
+
+
+def _cup(stated: object) -> SuctionCup | None:
+    if stated is None:
+        return None
+    settings = mapping_of("", stated, tuple(each.name for each in fields(SuctionCup)))
+    if "radius" not in settings:
+        raise InputError("does not state its radius")
+    return SuctionCup(**{key: _number(key, value) for key, value in settings.items()})
 
 
 def _grip_limits(stated: object) -> GripLimits:

@@ -20,6 +20,7 @@ PACKAGES = (
     "verifier",
     "errors",
     "_core",
+    "units",
     "spatial",
     "common",
     "description",

@@ -16,6 +16,7 @@ import pinocchio as pin
 
 from pinproof._core import is_rigid, not_rigid
 from pinproof.errors import InputError
+from pinproof.units import warn_of_degrees
 
 __all__ = [
     "RIGID_TOLERANCE",
@@ -107,7 +108,8 @@ def pose(
     xyz
         (3,) position in metres.
     rpy
-        (3,) roll, pitch, yaw about fixed axes in radians: R = Rz(yaw) Ry(pitch) Rx(roll).
+        (3,) roll, pitch, yaw about fixed axes in radians: R = Rz(yaw) Ry(pitch) Rx(roll). Angles beyond two full
+        rotations give a :class:`pinproof.errors.UnitWarning`, because they are probably degrees.
     quat_xyzw
         (4,) quaternion, scalar last; it is normalised. Pass either ``rpy`` or ``quat_xyzw``.
 
@@ -125,7 +127,8 @@ def pose(
             raise InputError(f"quat_xyzw has length {largest:g}; a rotation needs a quaternion of length 1")
         quaternion /= largest  # so that no square overflows
         return pin.SE3(pin.Quaternion(quaternion / np.linalg.norm(quaternion)), position)
-    roll, pitch, yaw = finite("rpy", (0.0, 0.0, 0.0) if rpy is None else rpy, (3,))
+    roll, pitch, yaw = finite("rpy", (0.0, 0.0, 0.0) if rpy is None else rpy, (3,)).tolist()
+    warn_of_degrees("rpy", (roll, pitch, yaw))
     return pin.SE3(pin.rpy.rpyToMatrix(roll, pitch, yaw), position)
 
 

@@ -76,3 +76,52 @@ def test_a_malformed_placement_is_refused(run: Run) -> None:
     code, _, err = run("--place", "1 2")
     assert code == 2
     assert "--place" in err
+
+
+SIDEWAYS = """convention: standard
+rows:
+  - {name: j1, theta: 0, d: 0.3, a: 0, alpha: pi/2}
+  - {name: j2, theta: 0, d: 0, a: 0.4, alpha: 0}
+  - {name: j3, theta: 0, d: 0, a: 0.3, alpha: 0}
+"""
+"""An arm whose tool always points along a horizontal axis."""
+
+
+@pytest.fixture
+def any_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "side.yaml").write_text(SIDEWAYS)
+
+    def call(*words: str) -> tuple[int, str, str]:
+        monkeypatch.setattr("sys.argv", ["pinproof", "reach", *words, *REGION])
+        with pytest.raises(SystemExit) as ended:
+            main()
+        out, err = capsys.readouterr()
+        return int(ended.value.code or 0), out, err
+
+    return call
+
+
+def test_orientations_that_the_arm_never_takes_are_reported(any_run: Run) -> None:
+    code, out, _ = any_run("side.yaml", "-o", "map.html")
+    assert code == 1
+    assert "takes none of the 2 orientations" in out
+    assert "--orientations all" in out
+    page = Path("map.html").read_text()
+    assert "NOT VALIDATED" not in page
+    assert '"verdict still" id="verdict">MAP<' in page
+    code, out, _ = any_run("side.yaml", "--json")
+    assert "takes none" in json.loads(out)["note"]
+
+
+def test_a_region_out_of_reach_is_no_matter_of_orientations(any_run: Run) -> None:
+    code, out, _ = any_run("ur5", "--place", "9 0 0")
+    assert code == 1
+    assert "takes none" not in out
+
+
+def test_straight_down_is_one_of_all_orientations(any_run: Run) -> None:
+    any_run("scara", "--orientations", "all", "-o", "map.npz")
+    axes = pp.ReachMap.load("map.npz").orientations[:, :, 2]
+    assert len(axes) == 12 * 2
+    assert (np.abs(axes - [0, 0, -1]).max(axis=1) < 1e-12).sum() == 2

@@ -22,6 +22,7 @@ from pinproof.cli.options import (
     parse_configuration,
 )
 from pinproof.errors import InputError
+from pinproof.units import refuse_degrees
 
 __all__ = ["fk", "ik"]
 
@@ -103,8 +104,10 @@ def ik(
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
     if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
         raise InputError("--all uses the closed form and full poses; remove --method and --task")
+    angles = numbers(rpy, "--rpy")
+    refuse_degrees("--rpy", angles)
     arm, tip = chain.arm(robot, tool=tool), tool.attachments.tip
-    target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
+    target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), angles)
     if not tip.isIdentity():
         if task is not TaskOption.POSE:
             raise InputError(

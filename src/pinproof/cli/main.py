@@ -12,17 +12,18 @@ import platform
 import re
 import sys
 import traceback
+import warnings
 from collections.abc import Callable
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
 from pinproof import __version__
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
-from pinproof.cli.console import Interrupted, print_error, print_json
+from pinproof.cli.console import Interrupted, print_error, print_json, print_note
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
 from pinproof.cli.info import info
@@ -32,7 +33,7 @@ from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
 from pinproof.cli.view import view
-from pinproof.errors import FileError, NoAnswer, PinproofError
+from pinproof.errors import FileError, NoAnswer, PinproofError, UnitWarning
 
 __all__ = ["COMMANDS", "app", "main"]
 
@@ -112,7 +113,10 @@ def common(
 def main() -> None:
     """Run the command line and end the process with one of the exit codes above."""
     try:
-        code = _run()
+        with warnings.catch_warnings():
+            warnings.simplefilter("default", UnitWarning)
+            warnings.showwarning = _show_warning
+            code = _run()
         sys.stdout.flush()
     except BrokenPipeError:
         code = BROKEN_PIPE
@@ -120,6 +124,18 @@ def main() -> None:
         # Discard the remaining output; otherwise Python reports a broken pipe when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,  # noqa: ARG001  # part of the signature
+    line: str | None = None,  # noqa: ARG001
+) -> None:
+    """Print a warning of pinproof as a note, and others with their place."""
+    print_note(str(message) if issubclass(category, UnitWarning) else f"{filename}:{lineno}: {message}")
 
 
 def _run() -> int:

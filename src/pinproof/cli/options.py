@@ -14,6 +14,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
+import numpy as np
 import typer
 
 import pinproof as pp
@@ -21,9 +22,9 @@ from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted
 from pinproof.collision.certificate import missing_since
 from pinproof.errors import InputError
+from pinproof.units import refuse_degrees, warn_of_degrees
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
 
     from pinproof.spatial import SE3
@@ -324,7 +325,9 @@ def parse_configuration(text: str | None, arm: pp.Arm, option: str) -> npt.NDArr
     """A configuration (n,) from n numbers, or the home configuration for ``home`` and None."""
     if text is None or text.strip() == "home":
         return arm.home
-    return arm.configuration(numbers(text, option), option)
+    q = arm.configuration(numbers(text, option), option)
+    warn_of_degrees(option, q[arm.angular & np.isfinite(arm.limits.lower)].tolist())
+    return q
 
 
 def placement(text: str) -> SE3:
@@ -332,6 +335,7 @@ def placement(text: str) -> SE3:
     values = numbers(text, "--place")
     if len(values) not in (3, 4):
         raise InputError(f'--place needs three or four numbers, "x y z" or "x y z rotation", not {len(values)}')
+    refuse_degrees("--place", values[3:])
     return pp.pose(values[:3], (0.0, 0.0, values[3] if len(values) == 4 else 0.0))
 
 

@@ -8,6 +8,7 @@ from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import Progress
@@ -17,12 +18,10 @@ from pinproof.cli.console import check_output_files, print_json, print_line, pri
 from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
+from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
-    import numpy as np
-    import numpy.typing as npt
-
-    from pinproof.spatial import SE3
+    from pinproof.spatial import SE3, Array
 
 __all__ = ["reach"]
 
@@ -46,19 +45,25 @@ class OrientationOptions:
 
     orientations: Annotated[
         Orientations,
-        typer.Option(help="Directions of the tool's z axis: straight down, in a cone around it, or all directions."),
+        typer.Option(
+            help="Directions of the tool's z axis: straight down, in a cone around it, or all directions; straight "
+            "down is always one of them."
+        ),
     ] = Orientations.DOWN
     angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0
     directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12
     spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8
 
-    def frames(self) -> npt.NDArray[np.float64]:
+    def frames(self) -> Array:
         """Rotations (k, 3, 3) of the tool."""
         half_angles = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(self.angle), Orientations.ALL: math.pi}
         half = half_angles[self.orientations]
-        return pp.picks.tool_orientations(
-            pp.picks.approach_directions(half_angle=half, count=self.directions), self.spins
-        )
+        directions = pp.picks.approach_directions(half_angle=half, count=self.directions)
+        if len(directions) > 1:
+            # Straight down is one of the directions: an arm such as a SCARA takes no other.
+            others = pp.picks.approach_directions(half_angle=half, count=self.directions - 1)
+            directions = np.vstack([[0.0, 0.0, -1.0], others])
+        return pp.picks.tool_orientations(directions, self.spins)
 
 
 def reach(
@@ -130,6 +135,11 @@ def reach(
             threads=threads,
             progress=lambda done, _: bar.update(task, completed=done),
         )
+    never = (
+        ""
+        if found.reachable.any()
+        else _never(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
+    )
     change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
@@ -139,15 +149,34 @@ def reach(
         else:
             change.save(path)
     if as_json:
-        print_json(_figures(found, change))
+        print_json({**_figures(found, change), "note": never})
     else:
         print_line(found.summary)
         if change is not None:
             print_line(f"compared with {against}: {change.summary}")
+        if never:
+            print_line(f"note: {never}")
         if outputs:
             print_line(f"wrote {', '.join(map(str, outputs))}")
     if not found.free.any():
         raise typer.Exit(1)
+
+
+def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
+    """Why no point can be reached if the arm takes none of the orientations at any position; else ''."""
+    if pp.picks.attainable_orientations(arm, frames, tip=tip, world_from_root=world_from_root, rng=seed).any():
+        return ""
+    axis = (world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tip).rotation[:, 2]
+    points = " ".join(f"{value + 0.0:.2g}" for value in axis.round(3))
+    other = (
+        "use more --directions, another --tcp or a --tip"
+        if asked is Orientations.ALL
+        else "use --orientations all, another --tcp or a --tip"
+    )
+    return (
+        f"the arm takes none of the {len(frames)} orientations at any position that was tried, also outside the "
+        f"region; at home the z axis of its tool points along [{points}]; {other}"
+    )
 
 
 def _figures(found: pp.ReachMap, change: pp.picks.ReachComparison | None) -> dict[str, Any]:
@@ -197,4 +226,5 @@ def _region(text: str, step: float) -> pp.picks.ReachRegion:
     ends = numbers(text, "--region")
     if len(ends) != 6:
         raise InputError(f'--region needs six numbers, "x0 x1 y0 y1 z0 z1", not {len(ends)}')
+    warn_of_millimetres("--region", ends)
     return pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step)

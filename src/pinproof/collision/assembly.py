@@ -16,9 +16,10 @@ from pinproof.collision.links import DECOMPOSED, EXACT
 from pinproof.collision.packed import pack_geometry, pack_world
 from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair, PairRules, Pairs, choose_pairs
 from pinproof.collision.scene import Scene
-from pinproof.collision.shapes import Obstacle
+from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
+from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
 __all__ = [
     "ROUNDING",
@@ -32,6 +33,7 @@ __all__ = [
     "finer_levels",
     "keep_pairs",
     "leave_out",
+    "warn_of_units",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -264,6 +266,28 @@ def assemble(
     rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
     geometry = pack_geometry(arm, bodies, rounding)
     return Assembly(bodies, pairs, rounding, geometry, pack_world(geometry, pairs.checked), made)
+
+
+LARGEST_MESH = 30.0
+"""Metres. A larger mesh, with no side below a metre, is assumed to be in millimetres."""
+
+
+def warn_of_units(arm: Arm, bodies: Sequence[Body], scene: Scene) -> None:
+    """Warn of links, attached objects and obstacles that are implausibly large, as meshes in millimetres are."""
+    shapes = {obstacle.name: obstacle.shape for obstacle in scene.obstacles}
+    warned: set[str] = set()
+    for body in bodies:
+        sides = (body.box[1] - body.box[0]).tolist()
+        if body.owner in warned or max(sides) <= min(LARGEST_MESH, FAR * arm.robot.size):
+            continue
+        name, most = f"size of obstacle {body.owner!r}", MOST_REACH
+        if isinstance(shapes.get(body.owner), Mesh):
+            name, most = f"{name} (a mesh in millimetres needs scale: 0.001)", LARGEST_MESH
+        elif body.link is not None:
+            name = f"size of {body.owner!r} (a mesh in millimetres needs the scale 0.001)"
+            sides, most = [max(sides)], max(FAR * arm.robot.size, 1.0)
+        warned.add(body.owner)
+        warn_of_millimetres(name, sides, most=most, stacklevel=3)
 
 
 def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:

@@ -26,6 +26,7 @@ from pinproof.collision.assembly import (
     finer_levels,
     keep_pairs,
     leave_out,
+    warn_of_units,
 )
 from pinproof.collision.bodies import Body
 from pinproof.collision.coal_checks import Distance
@@ -179,6 +180,7 @@ class CollisionChecker(CheckedBodies):
         self._still: FixedPairs | None = None
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+        warn_of_units(arm, self.bodies, self.scene)
 
     def __repr__(self) -> str:
         counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"

@@ -54,16 +54,15 @@ import yaml
 from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
 from pinproof.common.files import is_file, write_text_whole
 from pinproof.common.yaml_file import (
-    MOST_REACH,
     YAML_SUFFIXES,
     LinedMapping,
-    refuse_degrees,
     refuse_unknown,
     require_list,
 )
 from pinproof.description.dh import parse_number
 from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import SE3, Array, finite, pose
+from pinproof.units import MOST_REACH, refuse_degrees
 
 __all__ = [
     "OBSTACLE_KEYS",
@@ -157,9 +156,9 @@ def pose_of(stated: Mapping[str, Any]) -> SE3:
         If they are invalid, or the angles can only be degrees.
     """
     numbers = {key: numbers_of(key, value) for key, value in stated.items()}
-    placed = pose(**numbers)
-    refuse_degrees("rpy", numbers.get("rpy", ()))
-    return placed
+    if "rpy" in numbers:
+        refuse_degrees("rpy", finite("rpy", numbers["rpy"], (3,)).tolist())
+    return pose(**numbers)
 
 
 def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:

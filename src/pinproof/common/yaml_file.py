@@ -1,15 +1,9 @@
-"""Reading YAML input files, with line numbers in error messages, and detecting wrong units.
-
-Duplicate and unknown keys are errors. Numbers that are plausible only in another unit (degrees instead of radians,
-millimetres instead of metres) are errors where the number itself leaves no doubt: 30 rad may be a joint limit, but an
-orientation of 90 rad is always a mistake.
-"""
+"""Reading YAML input files, with line numbers in error messages. Duplicate and unknown keys are errors."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -23,16 +17,12 @@ from yaml.resolver import Resolver
 from yaml.scanner import Scanner
 
 from pinproof.common.files import read_text
-from pinproof.errors import FileError, InputError, UnknownNameError
+from pinproof.errors import FileError, UnknownNameError
 
 __all__ = [
-    "MOST_REACH",
     "YAML_SUFFIXES",
     "LinedMapping",
     "read_yaml",
-    "refuse_degree_limit",
-    "refuse_degrees",
-    "refuse_millimetres",
     "refuse_unknown",
     "require_list",
 ]
@@ -209,38 +199,3 @@ def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
 
 for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
     _LinedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _made)
-
-
-MOST_TURN = 4 * math.pi
-"""Rad. Angles of an orientation are within two full rotations; 13 degrees and more exceed this."""
-
-DEGREE_LIMITS = (50.0, 720.0)
-"""An integer joint limit between these values is assumed to be in degrees: in radians it is 8 rotations or more."""
-
-MOST_REACH = 100.0
-"""Metres. Longer distances on an arm or in its workspace are assumed to be in millimetres."""
-
-
-def refuse_degrees(name: str, angles: Sequence[float]) -> None:
-    """Raise InputError for angles of an orientation beyond two full rotations; the message converts from degrees."""
-    for angle in angles:
-        if abs(angle) > MOST_TURN:
-            raise InputError(f"{name}: {angle:g} rad is more than two full rotations; {_degrees(angle)}")
-
-
-def refuse_degree_limit(name: str, limit: float | None) -> None:
-    """Raise InputError for a limit of a revolute joint that is probably in degrees (:data:`DEGREE_LIMITS`)."""
-    if limit is not None and DEGREE_LIMITS[0] < abs(limit) <= DEGREE_LIMITS[1] and limit == round(limit):
-        raise InputError(f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} full rotations; {_degrees(limit)}")
-
-
-def refuse_millimetres(name: str, lengths: Sequence[float]) -> None:
-    """Raise InputError if the lengths are probably in millimetres: one exceeds 100 m and all others are 0 or >= 1 m."""
-    stated = [abs(length) for length in lengths if length]
-    if stated and max(stated) > MOST_REACH and min(stated) >= 1.0:
-        far = max(stated)
-        raise InputError(f"{name}: {far:g} m is too long; lengths are in metres, {far:g} mm = {far / 1000:g} m")
-
-
-def _degrees(angle: float) -> str:
-    return f"angles are in radians, {angle:g} degrees = {math.radians(angle):.6g} rad"

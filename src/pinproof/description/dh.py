@@ -48,9 +48,10 @@ import yaml
 
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
-from pinproof.common.yaml_file import read_yaml, refuse_degree_limit, refuse_degrees, refuse_millimetres, refuse_unknown
+from pinproof.common.yaml_file import read_yaml, refuse_unknown
 from pinproof.errors import DhTableError, InputError, UnknownNameError
 from pinproof.spatial import finite, matrix, pose, rigid
+from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
 
 __all__ = [
     "CONVENTIONS",

@@ -18,6 +18,7 @@ from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
+from pinproof.units import far_hint
 
 __all__ = [
     "Candidate",
@@ -55,6 +56,7 @@ def not_found(arm: Arm, q: npt.NDArray[np.float64], errors: Errors, iterations: 
         f"not reached: residual {_errors(errors)} after {_count(attempts, 'attempt')} ({_count(iterations, 'step')})"
         f"{limits}. The target is probably out of reach: move the target or the base, check the tcp frame ({arm.tcp} "
         f"in {arm.base}), or use task='position'. If the residual is small, increase restarts or the tolerances"
+        f"{far_hint(errors[0], arm.robot.size)}"
     )
 
 

@@ -6,7 +6,7 @@ files), ``judging`` (one pick, from reach to the timed and certified motion), ``
 """
 
 from pinproof.picks.batch.campaign import Campaign, CampaignResult
-from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, reach_map
+from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, attainable_orientations, reach_map
 from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
 from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
@@ -69,6 +69,7 @@ __all__ = [
     "SuctionCup",
     "apply_suggestion",
     "approach_directions",
+    "attainable_orientations",
     "open_picks",
     "reach_map",
     "read_picks",

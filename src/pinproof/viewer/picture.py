@@ -43,6 +43,7 @@ from pinproof.viewer.wire import Commands, node_path
 __all__ = ["LAYERS", "Caption", "Layer", "Picture", "RenderedPicture", "caption_of", "checked_layers", "stage_commands"]
 
 UNPROVEN = "NOT VALIDATED"
+MAP = "MAP"
 
 SUMMARY_FIGURES = ("Proven clearance", "Duration")
 """Figures that also appear in the caption of a single line."""
@@ -55,7 +56,7 @@ class Caption:
     Parameters
     ----------
     headline
-        ``FREE``, ``NOT VALIDATED`` or ``IN CONTACT``.
+        ``FREE``, ``NOT VALIDATED``, ``IN CONTACT``, or ``MAP`` for drawn points without a motion.
     reason
         One sentence that states what is proven, or why nothing is proven.
     tone
@@ -302,6 +303,9 @@ class Picture:
         commands, radius = stage_commands(stage, shown, view), view.radius
         if self.points is not None:
             self.points.draw(commands)
+            if self.trajectory is None and self.check is None:
+                reason = "The coloured points show a map; the arm shows one configuration, and nothing is proven."
+                caption = replace(caption, headline=MAP, reason=reason)
             caption = replace(caption, legend=self.points.legend)
         for number, mark in enumerate(marks):
             mark.draw(commands, number, mark_radius(radius))

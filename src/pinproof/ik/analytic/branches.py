@@ -18,6 +18,7 @@ from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
+from pinproof.units import far_hint
 
 __all__ = ["IkBranches", "IkBranchesBatch", "Interval", "joined", "sweep", "sweep_many"]
 
@@ -239,7 +240,8 @@ class IkBranches:
             return f"{text}: the joint limits exclude every solution; move the target or widen the limits"
         short = self.arm.dof < 6
         why = f"an arm of {self.arm.dof} joints reaches few poses exactly" if short else "the target is out of reach"
-        return f"{text}: {why}; use Clik to get the closest configuration and its residual"
+        far = far_hint(float(np.linalg.norm(self.target[:3, 3])), self.arm.robot.size)
+        return f"{text}: {why}; use Clik to get the closest configuration and its residual{far}"
 
     def nearest(self, q: npt.ArrayLike) -> Array:
         """(n,) the solution with the smallest largest joint difference from ``q`` (n,), including shifts by 2 pi.

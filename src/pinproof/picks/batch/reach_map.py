@@ -18,8 +18,10 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
 from pinproof.common.files import write_bytes_whole, write_text_whole
-from pinproof.common.validation import require_integer
+from pinproof.common.validation import Rng, require_integer
 from pinproof.errors import FileError, InputError
+from pinproof.ik import Clik
+from pinproof.model import Arm
 from pinproof.picks.batch.reach_region import ReachRegion
 from pinproof.picks.batch.screening import Screening, ScreenStatus, code_of, in_chunks
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
@@ -32,6 +34,7 @@ __all__ = [
     "_read_map",
     "_write_comparison",
     "_write_map",
+    "attainable_orientations",
     "reach_map",
     "slices",
 ]
@@ -359,6 +362,34 @@ def _csv(columns: tuple[str, ...], rows: npt.NDArray[np.float64]) -> str:
     writer.writerow(columns)
     writer.writerows([["" if np.isnan(value) else f"{value:.9g}" for value in row] for row in rows])
     return out.getvalue()
+
+
+def attainable_orientations(
+    arm: Arm,
+    orientations: npt.ArrayLike,
+    *,
+    tip: SE3 | npt.ArrayLike | None = None,
+    world_from_root: SE3 | npt.ArrayLike | None = None,
+    rng: Rng = 0,
+) -> Mask:
+    """Search for configurations with each orientation at any position; without obstacles and self-collision.
+
+    An arm with fewer than six joints takes only some orientations. If a search fails, this is no proof.
+
+    Parameters
+    ----------
+    arm, orientations, tip, world_from_root, rng
+        As for :func:`reach_map`.
+
+    Returns
+    -------
+    (m,)
+        True where a configuration was found.
+    """
+    tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))
+    place = rigid("world_from_root", SE3.Identity() if world_from_root is None else world_from_root)
+    targets = np.linalg.inv(matrix(place * arm.root_from_base)) @ _frames(orientations) @ np.linalg.inv(tcp_from_tip)
+    return np.asarray(Clik().solve_batch(arm, targets, rng=rng, task="orientation").ok)
 
 
 def reach_map(

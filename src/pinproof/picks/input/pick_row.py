@@ -13,10 +13,11 @@ import numpy as np
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
-from pinproof.common.yaml_file import LinedMapping, refuse_millimetres
+from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import FileError, InputError, UnknownNameError
 from pinproof.picks.input.pick import STEPS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names
 from pinproof.spatial import SE3, finite
+from pinproof.units import refuse_millimetres
 
 __all__ = ["DEFAULT_KEYS", "PICK_KEYS", "POSE_KEYS", "is_turned", "make_pick", "mapping_of", "picks_of_row"]
 

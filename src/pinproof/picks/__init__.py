@@ -20,19 +20,22 @@ from pinproof.picks.input.pick import (
     PickProblem,
     Picks,
     PlaceTarget,
+    SuctionCup,
 )
 from pinproof.picks.input.picks_file import open_picks, read_picks
 from pinproof.picks.input.settings import GripLimits, PickBudget, PickWeights
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable
 from pinproof.picks.judging.changes import apply_suggestion
-from pinproof.picks.judging.grip import FingerContact, GripResult
+from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.picks.report.report import PickReport
+from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
 __all__ = [
+    "REPORT_SUFFIXES",
     "Campaign",
     "CampaignResult",
+    "CupContact",
     "FingerContact",
     "GraspSpin",
     "GraspTolerance",
@@ -63,6 +66,7 @@ __all__ = [
     "ScreenStatus",
     "Stage",
     "StageResult",
+    "SuctionCup",
     "apply_suggestion",
     "approach_directions",
     "open_picks",

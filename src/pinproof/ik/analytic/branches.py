@@ -16,6 +16,7 @@ from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
+from pinproof.model.limits import AT_LIMIT
 
 __all__ = ["IkBranches", "IkBranchesBatch", "Interval", "joined", "sweep", "sweep_many"]
 
@@ -360,7 +361,7 @@ def _windings(arm: Arm, branch: Array) -> Array:
         if not arm.periodic[joint] or not np.isfinite(upper - lower):
             choices.append([value])
             continue
-        fewest, most = np.ceil((lower - value) / TURN), np.floor((upper - value) / TURN)
+        fewest, most = np.ceil((lower - AT_LIMIT - value) / TURN), np.floor((upper + AT_LIMIT - value) / TURN)
         turns = {0.0, *np.arange(fewest, most + 1).tolist()}
         choices.append([min(max(value + k * TURN, lower), upper) if k else value for k in sorted(turns)])
     return np.array(list(product(*choices))).reshape(-1, arm.dof)

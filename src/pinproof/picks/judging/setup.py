@@ -11,9 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, CollisionChecker, Scene
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.common.content_hash import digest
 from pinproof.common.display import outline
 from pinproof.common.validation import Rng, seed_sequence
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.motion import MotionProgram
@@ -81,8 +83,10 @@ class PickSetup:
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
-        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
+        checked = checker.check(start)
+        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
         if trouble:
+            trouble += filter(None, [overlap_hint(checker, start, checked)])
             raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
         return cls(
@@ -156,11 +160,18 @@ class PickSetup:
             "the holding force of a tool without fingers; for picks with `object:`, only a distance of at most "
             f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
         )
+        if self.shared.cup is not None:
+            tip = (
+                "the holding force of the suction cup; for picks with `object:`, only that its rim lies on the surface "
+                "of the part is checked"
+            )
         notes = [carried] if False in with_object else []
         notes += [fingers if self.cell.fingers else tip] if True in with_object else []
         if not solid:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
-        elif visual_only:
+        elif has_generated_bodies(urdf):
+            notes.append(GENERATED_BODIES)
+        if solid and visual_only:
             notes.append(f"links with visual geometry but no collision geometry: {', '.join(visual_only)}")
         if not checker.scene.obstacles:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")
@@ -185,7 +196,15 @@ class PickSetup:
             "collision checks": self.checker.fingerprint()[:16],
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
-            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip, self.shared.grip_limits)),
+            "hand": digest(
+                (
+                    self.shared.fingers,
+                    self.shared.cup,
+                    self.shared.gripper,
+                    self.shared.grip,
+                    self.shared.grip_limits,
+                )
+            ),
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

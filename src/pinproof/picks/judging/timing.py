@@ -74,15 +74,15 @@ def time_motion(
                 grasp_time = Trajectory.join(*trajectories).duration
             elif part.name in ("transfer", "place"):
                 release_time = Trajectory.join(*trajectories).duration
-        whole = Trajectory.join(*trajectories)
+        joined = Trajectory.join(*trajectories)
     except TimingError as error:
         return StageResult(Stage.TIMING, False, str(error)), None
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
     parts = f" in {len(motions)} motions" if len(motions) > 1 else ""
     message = f"collision-free{parts} ({pairs} body pair{'' if pairs == 1 else 's'} proven)"
-    figures = {"duration": whole.duration, "clearance": clearance}
-    return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), whole, grasp_time, release_time)
+    figures = {"duration": joined.duration, "clearance": clearance}
+    return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
 
 
 def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:

@@ -7,7 +7,8 @@ import io
 import json
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,16 +31,7 @@ from pinproof.spatial import xyz_rpy
 if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
 
-__all__ = [
-    "COLUMNS",
-    "CSV_COLUMNS",
-    "SCHEMA",
-    "SUFFIXES",
-    "PickReport",
-    "problem_row",
-    "proofs",
-    "verdict_row",
-]
+__all__ = ["COLUMNS", "CSV_COLUMNS", "REPORT_SUFFIXES", "SCHEMA", "PickReport", "problem_row", "proofs", "verdict_row"]
 
 
 def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
@@ -106,7 +98,8 @@ def _grip(grip: GripResult) -> dict[str, Any]:
         }
         for each in grip.contacts
     ]
-    return {"contacts": contacts, "tip_distance": grip.tip_distance}
+    cup = None if grip.cup is None else {key: _finite(value) for key, value in asdict(grip.cup).items()}
+    return {"contacts": contacts, "tip_distance": grip.tip_distance, "cup": cup}
 
 
 def _motion(motion: PickMotion) -> dict[str, Any]:
@@ -150,8 +143,6 @@ CSV_COLUMNS = (
 
 ``motions`` has the names of the parts in order. ``refuted`` has one line for each configuration.
 """
-
-SUFFIXES = (".json", ".md", ".csv", ".html")
 
 SCHEMA = "pinproof/picks/2"
 """The version of the JSON format (JSON Schema: ``schema.json`` in this folder), raised by breaking changes.
@@ -264,6 +255,10 @@ class PickReport:
             lines.writerow("" if cells.get(column) is None else cells[column] for column in CSV_COLUMNS)
         return text.getvalue()
 
+    def to_json(self) -> str:
+        """The text of :meth:`to_dict` in JSON."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
+
     def to_dict(self) -> dict[str, Any]:
         """The complete report as plain values for JSON; lengths in metres, angles in radians, times in seconds.
 
@@ -298,7 +293,7 @@ class PickReport:
         Parameters
         ----------
         path
-            The file; its suffix must be ``.json``, ``.md``, ``.csv`` or ``.html``.
+            The file; its suffix must be one of :data:`REPORT_SUFFIXES`: ``.json``, ``.md``, ``.csv`` or ``.html``.
         arm, scene, picks
             Only for HTML: the arm, the scene, and the picks, whose tool and home are drawn. By default those that the
             picks were judged with; a report that was not made by :func:`pinproof.validate_picks` does not have them.
@@ -315,18 +310,14 @@ class PickReport:
             If the file cannot be written.
         """
         kind = Path(path).suffix.lower()
-        if kind not in SUFFIXES:
-            raise InputError(f"{path}: the suffix of a report is {', '.join(SUFFIXES)}, not {kind or 'empty'}")
+        if kind not in REPORT_SUFFIXES:
+            raise InputError(f"{path}: the suffix of a report is {', '.join(REPORT_SUFFIXES)}, not {kind or 'empty'}")
         if kind == ".html":
             from pinproof.picks.report.page import write_page
 
             write_page(path, self._page_content(), self.setup, arm=arm, scene=scene, picks=picks, title=title)
-            return
-        if kind == ".json":
-            text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
         else:
-            text = self.to_markdown() if kind == ".md" else self.to_csv()
-        write_text_whole(path, text)
+            write_text_whole(path, TEXTS[kind](self))
 
     def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
         """The programs of the good picks, in order, with the dwell times of :meth:`pinproof.PickVerdict.program`."""
@@ -362,6 +353,17 @@ class PickReport:
         rows += [PageRow(problem_row(problem)) for problem in self.problems]
         verdicts = Counter(row.values["verdict"] for row in rows)
         return PageContent(rows, len(rows), verdicts, self.summary, self.notes, self.acceleration_source)
+
+
+TEXTS: dict[str, Callable[[PickReport], str]] = {
+    ".json": PickReport.to_json,
+    ".md": PickReport.to_markdown,
+    ".csv": PickReport.to_csv,
+}
+"""The text formats of a report by suffix."""
+
+REPORT_SUFFIXES = (*TEXTS, ".html")
+"""The suffixes of all formats; ``.html`` is the page with a 3D view."""
 
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:

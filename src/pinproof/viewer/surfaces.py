@@ -229,8 +229,12 @@ def _data_url(image: Any) -> str:
 LINK_GREY: Rgba = (0.72, 0.74, 0.77, 1.0)
 OBSTACLE_SAND: Rgba = (0.80, 0.70, 0.55, 1.0)
 COLLISION_AMBER: Rgba = (0.95, 0.62, 0.10, 0.45)
-REFERENCE = re.compile(rb"[^\x00-\x1f<>\"'|*?]{1,200}?\.(?:bin|bmp|gif|jpe?g|mtl|png|tga|tiff?|webp)\b", re.IGNORECASE)
-"""Names of files in a mesh file; ``map_Kd texture.png`` of an MTL file also matches, so the last word counts too."""
+REFERENCE = re.compile(rb"\.(?:bin|bmp|gif|jpe?g|mtl|png|tga|tiff?|webp)\b", re.IGNORECASE)
+"""The ends of the names of files in a mesh file."""
+
+NOT_IN_NAMES = re.compile(rb"[\x00-\x1f<>\"'|*?]")
+LONGEST_NAME = 200
+"""Characters that separate the name of a file from other text, and the largest number of bytes of a name."""
 
 COLOURED_SUFFIXES = (".dae", ".obj", ".ply", ".glb", ".gltf")
 SIDES = 96
@@ -491,7 +495,10 @@ def _mesh(
 
 def _referred(path: Path, data: bytes) -> list[tuple[str, int, int]]:
     """The files that a mesh file names (textures, materials, buffers): name, size and time of change; -1 if missing."""
-    names = {name.strip() for match in REFERENCE.findall(data) for name in (match, match.split()[-1])}
+    names = set()
+    for end in REFERENCE.finditer(data):
+        name = NOT_IN_NAMES.split(data[max(0, end.start() - LONGEST_NAME) : end.end()])[-1].strip()
+        names |= {name, name.split()[-1]}  # "map_Kd texture.png"
     found = []
     for name in sorted(names):
         text = unquote(name.decode("utf-8", "replace"))
@@ -502,7 +509,7 @@ def _referred(path: Path, data: bytes) -> list[tuple[str, int, int]]:
             found.append((text, -1, -1))
             continue
         found.append((text, status.st_size, status.st_mtime_ns))
-        if file.suffix.lower() == ".mtl":
+        if file.suffix.lower() == ".mtl" and path.suffix.lower() != ".mtl":
             found += _referred(file, file.read_bytes())
     return found
 

@@ -149,7 +149,7 @@ def test_html_of_a_report_escapes_names_and_reasons(hundred) -> None:
     assert "script" not in page.tags
     assert "b" not in page.tags
     assert page.text.count(HOSTILE) == 101
-    assert "default: a guess" in page.text
+    assert "guessed acceleration limits: a guess" in page.text
     assert page.tags.count("tr") == 101
     assert len(hundred._repr_html_()) < 100_000
 

@@ -13,7 +13,6 @@ from pinproof.cli.complete import robot_names
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import ChainOptions, Html, IgnoreRecord, Json, SceneOptions, ToolOptions, load_motion
 from pinproof.errors import InputError
-from pinproof.model.limits import distinct
 
 __all__ = ["certify_motion", "verdict"]
 
@@ -164,6 +163,8 @@ def _verify(
 
 def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
     """Violations of the position and velocity limits over the whole motion, beyond :data:`LIMIT_TOLERANCE`."""
+    from pinproof.model.limits import distinct
+
     limits, violations = arm.limits, []
     low, high = trajectory.range()
     speeds = trajectory.max_velocity()

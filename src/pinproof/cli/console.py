@@ -14,11 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 import pinproof as pp
 from pinproof.errors import FileError, InputError
 
@@ -67,16 +62,21 @@ class Interrupted(Exception):
 
 def print_line(text: str) -> None:
     """Print one line to stdout."""
-    Console(highlight=False, soft_wrap=True, markup=False).print(text)
+    sys.stdout.write(f"{text}\n")
 
 
 def print_note(text: str) -> None:
     """Print one line to stderr."""
-    Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"pinproof: {text}")
+    sys.stderr.write(f"pinproof: {text}\n")
 
 
 def print_error(text: str) -> None:
     """Print one line to stderr, in red on a terminal."""
+    if not sys.stderr.isatty() or "NO_COLOR" in os.environ:
+        print_note(text)
+        return
+    from rich.console import Console
+
     Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"pinproof: {text}", style="red")
 
 
@@ -98,12 +98,13 @@ def _finite(value: Any) -> Any:
 @contextmanager
 def progress_status(text: str) -> Iterator[Callable[[str], None]]:
     """Show a status line on stderr if it is a terminal; the function yielded changes its text."""
-    console = Console(stderr=True, highlight=False)
-    if console.is_terminal:
-        with console.status(text) as status:
-            yield status.update
-    else:
+    if not sys.stderr.isatty():
         yield lambda _: None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True, highlight=False).status(text) as status:
+        yield status.update
 
 
 @contextmanager
@@ -121,6 +122,11 @@ ONE_LINE_WIDTH = 100
 
 def print_report(report: PickReport) -> None:
     """Print the verdict of each pick as a table, and the summary, to stdout."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
     console = Console(highlight=False)
     narrow = console.width < ONE_LINE_WIDTH  # then stage and figures share columns, so that no text is cropped
     table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)

@@ -106,9 +106,9 @@ def ik(
         raise InputError("--all uses the closed form and full poses; remove --method and --task")
     angles = numbers(rpy, "--rpy")
     refuse_degrees("--rpy", angles)
-    arm, tip = chain.arm(robot, tool=tool), tool.attachments.tip
+    arm, tip = chain.arm(robot, tool=tool), tool.tip
     target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), angles)
-    if not tip.isIdentity():
+    if tip is not None:
         if task is not TaskOption.POSE:
             raise InputError(
                 "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"

@@ -14,13 +14,12 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, TextIO
 
 import typer
 
-from pinproof import __version__
+import pinproof as pp
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
 from pinproof.cli.console import Interrupted, print_error, print_json, print_note
@@ -95,7 +94,7 @@ for words, command in COMMANDS.items():
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"pinproof {__version__}")
+        typer.echo(f"pinproof {pp.__version__}")
         raise typer.Exit
 
 
@@ -220,6 +219,8 @@ def _file_hint(error: PinproofError) -> str:
 
 def _versions() -> str:
     """Versions of pinproof, Python and the most important libraries."""
+    from importlib.metadata import PackageNotFoundError, version
+
     found = [f"pinproof {version('pinproof')}", f"Python {platform.python_version()} on {sys.platform}"]
     for name in REPORTED_LIBRARIES:
         try:

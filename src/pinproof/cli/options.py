@@ -20,7 +20,6 @@ import typer
 import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted
-from pinproof.collision.certificate import missing_since
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees, warn_of_degrees
 
@@ -99,6 +98,11 @@ class ToolOptions:
     def files(self) -> tuple[Path | None, ...]:
         """The input files."""
         return self.tool_of, self.attached
+
+    @property
+    def tip(self) -> SE3 | None:
+        """``tcp_from_tip``; None if no file states a tip."""
+        return None if not any(self.files) or self.attachments.tip.isIdentity() else self.attachments.tip
 
     @cached_property
     def picks(self) -> pp.Picks:
@@ -212,7 +216,8 @@ class ChainOptions(RobotFileOptions):
         """
         joint_limits = None if limits is None else pp.JointLimits.load(limits)
         loaded = self.load(robot)
-        tcp, tool_tcp = self.tcp, None if tool is None else tool.picks.tcp
+        # Without files of a tool, the packages that read them are not imported.
+        tcp, tool_tcp = self.tcp, None if tool is None or tool.tool_of is None else tool.picks.tcp
         if tcp is None and self.group is None:
             tcp = tool_tcp
         arm = loaded.arm(tcp, base=self.base, group=self.group, limits=joint_limits)
@@ -297,7 +302,9 @@ def with_held_joints(arm: pp.Arm, tool: ToolOptions | None, tool_tcp: str | None
         raise InputError(
             f"the tool of --tool-of is made for tcp {tool_tcp!r}, but the arm ends in {arm.tcp!r}; use --tcp {tool_tcp}"
         )
-    return arm if tool is None or not tool.attachments.held else arm.with_held(tool.attachments.held)
+    if tool is None or not any(tool.files) or not tool.attachments.held:
+        return arm
+    return arm.with_held(tool.attachments.held)
 
 
 def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -> pp.Trajectory:
@@ -309,6 +316,8 @@ def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -
         If the file records that the motion was certified with attached bodies, held joints or obstacles that the
         checker does not have, because FREE would then state less than the file suggests; ``ignore_record`` allows it.
     """
+    from pinproof.collision.certificate import missing_since
+
     trajectory = pp.Trajectory.load(path, checker.arm.joint_names)
     missing = missing_since(trajectory.certified, checker)
     if missing and not ignore_record:

@@ -15,9 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-from rich.text import Text
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
@@ -291,6 +288,9 @@ def _screen(
         if output.suffix.lower() != ".csv":
             raise InputError(f"{output}: with --screen, -o writes a table and must end in .csv")
         check_output_files([output], [file, *cell.files])
+    from rich.console import Console
+    from rich.progress import Progress
+
     start = time.perf_counter()
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("screening", total=len(source))
@@ -314,13 +314,6 @@ def _screen(
     return ok
 
 
-class _Rate(ProgressColumn):
-    """Picks per second."""
-
-    def render(self, task: Task) -> Text:
-        return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
-
-
 def _run_campaign(
     campaign: pp.Campaign, folder: Path, workers: int | None, dask: str | None, *, as_json: bool
 ) -> pp.picks.CampaignResult:
@@ -331,12 +324,22 @@ def _run_campaign(
     Interrupted
         After Ctrl-C.
     """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        """Picks per second."""
+
+        def render(self, task: Any) -> Text:
+            return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
+
     console = Console(stderr=True)
     columns = (
         TextColumn("picks"),
         BarColumn(),
         MofNCompleteColumn(),
-        _Rate(),
+        Rate(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )

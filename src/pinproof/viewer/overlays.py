@@ -21,7 +21,7 @@ from pinproof.spatial import finite
 from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
 from pinproof.viewer.stage import Stage
-from pinproof.viewer.surfaces import Rgba, Surface, ball, cone, shade, tube
+from pinproof.viewer.surfaces import Rgba, Surface, ball, box_triangles, cone, revolved, shade, tube
 from pinproof.viewer.wire import Commands, node_path
 
 __all__ = [
@@ -101,17 +101,14 @@ class PoseMarkers:
 @lru_cache(maxsize=4)
 def arrow(length: float) -> Surface:
     """An arrow of the given length (m) along z that ends at the origin."""
-    from trimesh import creation, util
-
     head_length, radius = 0.42 * length, 0.05 * length
-    head = creation.cone(radius=0.17 * length, height=head_length, sections=SIDES)  # its base is at z = 0
-    head.apply_translation((0, 0, -head_length))
-    shaft = creation.cylinder(radius=radius, height=length - head_length, sections=SIDES)
-    shaft.apply_translation((0, 0, -(length + head_length) / 2))
-    bar = creation.box(extents=(0.5 * length, 2 * radius, 2 * radius))
-    bar.apply_translation((0, 0, -length))
-    mesh = util.concatenate([head, shaft, bar])
-    return shade(np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64), (1, 1, 1, 1))
+    head = revolved([0, 0.17 * length, 0], [-head_length, -head_length, 0], sides=SIDES)
+    shaft = revolved([0, radius, radius, 0], [-length, -length, -head_length, -head_length], sides=SIDES)
+    bar, faces = box_triangles(0.5 * length, 2 * radius, 2 * radius)
+    parts = [head, shaft, (bar - [0.0, 0.0, length], faces)]
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
+    triangles = np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=True)])
+    return shade(np.concatenate([vertices for vertices, _ in parts]), triangles, (1, 1, 1, 1))
 
 
 FRAME_SHARE = 0.11

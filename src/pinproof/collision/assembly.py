@@ -265,7 +265,7 @@ def assemble(
     added: list[Body] = []
     for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
         before = known.get((id(obstacle), link))
-        if before is None or before[1][0].link_from_body != obstacle.pose:
+        if before is None or before[0] is not obstacle:
             before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
         made[id(obstacle), link] = before
         added.extend(before[1])

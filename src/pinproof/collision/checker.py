@@ -42,6 +42,7 @@ from pinproof.collision.placed_bodies import (
 )
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
+from pinproof.common.display import outline
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import finite
@@ -185,6 +186,12 @@ class CollisionChecker(CheckedBodies):
         self._still: FixedPairs | None = None
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
+        attached = "".join(f", {body.name} attached" for body in self.attached)
+        margin = f"margin {self.margin * 1e3:g} mm"
+        return outline(f"CollisionChecker({self.arm.robot.name!r}, {counts}, {margin}{attached})")
 
     # -- queries ----------------------------------------------------------------------------------------------------
 

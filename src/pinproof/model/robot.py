@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from dataclasses import replace as replace_fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -20,20 +19,13 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof.common.display import outline
+from pinproof.common.files import write_text_whole
 from pinproof.common.validation import ReadOnlyDict
-from pinproof.description import (
-    CatalogueEntry,
-    Srdf,
-    Urdf,
-    UrdfJoint,
-    find_robot,
-    read_description,
-    read_srdf,
-    read_urdf_text,
-)
+from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.description.sources import notes
-from pinproof.description.srdf import DisabledPair
-from pinproof.errors import FileError, InputError, UnknownNameError, UrdfError
+from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
     affine,
@@ -54,8 +46,8 @@ __all__ = [
     "Reference",
     "Robot",
     "Singularity",
+    "build_robot",
     "kinematic_class",
-    "load_robot",
     "load_robot_from_text",
 ]
 
@@ -66,7 +58,6 @@ REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
 
 
 DH_FRAME = re.compile(r"dh_\d+")
-SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -357,6 +348,12 @@ class Robot:
         """
         return self._model.copy()
 
+    def __repr__(self) -> str:
+        moving = [joint.name for joint in self.urdf.joints.values() if joint.type != "fixed"]
+        tcp = "" if self.default_tcp is None else f", tcp {self.default_tcp}"
+        head = f"Robot({self.name!r}, {len(self.urdf.links)} links, {len(moving)} moving joints{tcp})"
+        return outline(head, (f"joints: {', '.join(moving)}", *self.notes))
+
     @property
     def size(self) -> float:
         """Largest distance (m) from the root to a link along the links, without the travel of prismatic joints."""
@@ -376,6 +373,18 @@ class Robot:
     def name(self) -> str:
         """Name of the robot in the URDF."""
         return self.urdf.name
+
+    def save_urdf(self, path: str | Path) -> None:
+        """Write the URDF atomically; for a xacro file the expanded one, for a DH table or MJCF the generated one.
+
+        URIs of meshes that could not be found from the new file are replaced by the absolute paths of the meshes.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        write_text_whole(path, self.urdf.text_for(Path(path)))
 
     def info(self, arm: Arm | None = None) -> RobotInfo:
         """Return the properties of the robot and of one of its arms (default: :meth:`arm` without arguments).
@@ -439,13 +448,13 @@ class Robot:
         else:
             if isinstance(limits, LimitsFile):
                 new_limits = limits.over(chain.limits, chain.joint_names, list(self.urdf.joints))
-                told: Mapping[str, tuple[float, float]] = limits.position
+                position: Mapping[str, tuple[float, float]] = limits.position
             else:
-                told = limits or {}
-                new_limits = chain.limits.replace(chain.joint_names, told)
+                position = limits or {}
+                new_limits = chain.limits.replace(chain.joint_names, position)
             for name in chain.joint_names:
                 joint = self.urdf.joints[name]
-                if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in told:
+                if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
                     raise InputError(
                         f"{joint.type} joint {name!r} states no lower and upper limit; "
                         f"pass limits={{{name!r}: (lower, upper)}}"
@@ -575,84 +584,37 @@ def _joint(arm: Arm, name: str) -> JointInfo:
 
 
 def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
-    said = []
+    notes = []
     if robot.srdf.path is None and not robot.srdf.disabled:
-        said.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
+        notes.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
     if not robot.urdf.collisions:
-        said.append("no collision geometry: nothing of the robot can collide")
+        notes.append("no collision geometry: contact of its links is not detected")
+    elif has_generated_bodies(robot.urdf):
+        notes.append(GENERATED_BODIES)
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
-        said.append(f"no velocity limit: {', '.join(slow)}")
+        notes.append(f"no velocity limit: {', '.join(slow)}")
     if arm.limits.acceleration_source.startswith("default"):
-        said.append(f"no acceleration limits; {arm.limits.acceleration_source}")
+        notes.append(f"no acceleration limits; {arm.limits.acceleration_source}")
     endless = [n for n, low in zip(arm.joint_names, arm.limits.lower, strict=True) if np.isinf(low)]
     if endless:
-        said.append(f"no position limits (continuous): {', '.join(endless)}")
+        notes.append(f"no position limits (continuous): {', '.join(endless)}")
     if not robot.home:
-        said.append("no home: the middle of the limits stands for it")
-    return (*said, *robot.notes)
+        notes.append("no home: the middle of the limits stands for it")
+    return (*notes, *robot.notes)
 
 
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def load_robot(
-    source: str | Path,
-    *,
-    srdf: str | Path | None = None,
-    package_dirs: Sequence[str | Path] = (),
-    xacro_args: Mapping[str, str] | None = None,
-) -> Robot:
-    """Load a robot by catalogue name or from a URDF, xacro or MJCF file.
-
-    Parameters
-    ----------
-    source
-        A name such as ``"ur5"``, or a path that ends in ``.urdf``, ``.xacro``, ``.xml`` or ``.mjcf``.
-    srdf
-        An SRDF file. Default: that of the catalogue, none for a path.
-    package_dirs
-        Folders that contain ROS packages, searched first for ``package://`` meshes and ``$(find ...)`` in xacro.
-    xacro_args
-        Values for the ``<xacro:arg>`` elements of a xacro file.
-
-    Raises
-    ------
-    UnknownNameError
-        If the name is not in the catalogue.
-    UrdfError
-        If the file is invalid; the message states the line.
-    FileError
-        If one of ``package_dirs`` is not a folder.
-    InputError
-        If the file is a xacro file and the extra ``xacro`` is not installed.
-    """
-    entry: CatalogueEntry | None = None
-    if isinstance(source, str) and not source.endswith(SUFFIXES) and "/" not in source:
-        entry = find_robot(source)
-        source, srdf = entry.urdf, srdf or entry.srdf
-    path = Path(source)
-    if path.suffix not in SUFFIXES:
-        raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(SUFFIXES)}")
-    for folder in package_dirs:
-        if not Path(folder).is_dir():
-            raise FileError(folder, "is no folder; package_dirs holds folders with ROS packages in them")
-    urdf, words = read_description(path, package_dirs=package_dirs, xacro_args=xacro_args)
-    if srdf is not None:
-        words = read_srdf(srdf)
-    if entry is not None:
-        overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
-        words = replace_fields(words, disabled=(*words.disabled, *overlaps))
-    return _robot(urdf, words, entry)
-
-
 def load_robot_from_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Robot:
     """Load a robot from URDF text; ``name`` is used instead of a file in errors."""
-    return _robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf(), None)
+    return build_robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf())
 
 
-def _robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None) -> Robot:
+def build_robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None = None) -> Robot:
+    """Build the kinematic model of a description; ``entry`` states tcp, base and home of a robot of the catalogue."""
     if entry is None:
         return Robot(urdf, srdf)
     return Robot(urdf, srdf, entry.tcp, entry.home, entry.base)

@@ -10,7 +10,7 @@ from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, reach_map
 from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
 from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
-from pinproof.picks.batch.validate import validate_picks
+from pinproof.picks.batch.validate import PicksInterrupted, validate_picks
 from pinproof.picks.input.pick import (
     GraspSpin,
     GraspTolerance,
@@ -29,9 +29,10 @@ from pinproof.picks.judging.changes import apply_suggestion
 from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.picks.report.report import PickReport
+from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
 __all__ = [
+    "REPORT_SUFFIXES",
     "Campaign",
     "CampaignResult",
     "CupContact",
@@ -56,6 +57,7 @@ __all__ = [
     "PickVerdict",
     "PickWeights",
     "Picks",
+    "PicksInterrupted",
     "PlaceTarget",
     "ReachComparison",
     "ReachMap",

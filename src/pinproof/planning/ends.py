@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
@@ -151,9 +152,11 @@ def _reason(checker: CollisionChecker, q: Array) -> str:
 
 
 def _invalid_start(checker: CollisionChecker, start: Array) -> PlanResult:
-    message = f"the start is invalid: {_reason(checker, start)}"
-    contacts = checker.check(start).contacts
-    return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=contacts, checker=checker)
+    found = checker.check(start)
+    message = "; ".join(
+        filter(None, [f"the start is invalid: {_reason(checker, start)}", overlap_hint(checker, start, found)])
+    )
+    return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=found.contacts, checker=checker)
 
 
 def _invalid_goals(checker: CollisionChecker, goals: Array) -> PlanResult:

@@ -10,6 +10,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import html_block, html_table
 from pinproof.errors import IkFailed
 from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
@@ -308,6 +309,13 @@ class IkBranches:
 
     def __repr__(self) -> str:
         return f"IkBranches({self.message})"
+
+    def _repr_html_(self) -> str:
+        errors = zip(self.q, self.position_error, self.orientation_error, strict=True)
+        rows = ([number, *q, *rest] for number, (q, *rest) in enumerate(errors))
+        columns = ("branch", *self.arm.joint_names, "position error [m]", "orientation error [rad]")
+        title = f"IK branches of {self.arm.robot.name} (rad or m): {self.message}"
+        return html_block(title, html_table(columns, rows, total=len(self)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,7 +2,11 @@
 
 ::
 
-    robot: ur5                             # a catalogue name, or a URDF relative to this file
+    robot: ur5                             # a catalogue name, or a robot file or DH table relative to this file
+    srdf: arm.srdf                         # optional: an SRDF of the robot, relative to this file
+    package_dirs: [ros]                    # optional: folders with ROS packages, relative to this file
+    xacro_args: {length: 0.5}              # optional: values for the arguments of a xacro file
+    limits: joint_limits.yaml              # optional: joint limits in MoveIt's format, relative to this file
     tcp: tool0                             # optional: the arm's tcp frame
     held: {rail: 0.5}                      # optional: values of joints outside the arm
     scene: scene.yaml                      # relative to this file
@@ -52,6 +56,7 @@ from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
+from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
@@ -73,8 +78,8 @@ __all__ = ["open_picks", "read_picks"]
 Value = TypeVar("Value")
 
 FILE_KEYS = (
-    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "cup", "gripper",
-    "grip_limits", "frames", "defaults", "picks",
+    "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip", "tool",
+    "fingers", "cup", "gripper", "grip_limits", "frames", "defaults", "picks",
 )  # fmt: skip
 HELD_KEYS = ("open", "grip")
 FINGER_KEYS = ("opening", "grip", "axis", "bodies")
@@ -134,6 +139,10 @@ def open_picks(path: str | Path) -> PickSource:
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
+        srdf=_file(path, content, "srdf"),
+        package_dirs=_folders(path, content),
+        xacro_args=_xacro_args(path, content),
+        limits=_file(path, content, "limits"),
         tcp=_text(path, content, "tcp"),
         scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
         home=_shared(path, content, "home", {}, _home),
@@ -167,8 +176,7 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
     try:
         return read(stated)
     except InputError as error:
-        line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
-        raise PicksError(path, str(error), f"{line}key {key}") from error
+        raise PicksError(path, str(error), content.place(key)) from error
 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
@@ -304,8 +312,47 @@ def _robot(path: Path, content: LinedMapping) -> str | None:
     return str(path.parent / name)
 
 
+def _file(path: Path, content: LinedMapping, key: str) -> Path | None:
+    """An existing file, relative to the picks file."""
+    name = _text(path, content, key)
+    if name is None:
+        return None
+    if not is_file(path.parent / name):
+        raise PicksError(
+            path, f"there is no file {path.parent / name}; paths are relative to this file", content.place(key)
+        )
+    return path.parent / name
+
+
+def _folders(path: Path, content: LinedMapping) -> tuple[Path, ...]:
+    """The package folders, relative to the picks file."""
+    stated = content.get("package_dirs", [])
+    names = [stated] if isinstance(stated, str) else stated
+    place = content.place("package_dirs")
+    if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):
+        raise PicksError(path, f"holds {stated!r}, not a list of folders", place)
+    for name in names:
+        if not (path.parent / name).is_dir():
+            raise PicksError(path, f"there is no folder {path.parent / name}; paths are relative to this file", place)
+    return tuple(path.parent / name for name in names)
+
+
+def _xacro_args(path: Path, content: LinedMapping) -> dict[str, str]:
+    stated, place = content.get("xacro_args", {}), content.place("xacro_args")
+    if not isinstance(stated, dict):
+        raise PicksError(path, f"holds {stated!r}, not a mapping of argument names to values", place)
+    if stated and not (content.get("robot") or "").endswith(".xacro"):
+        raise PicksError(path, "is valid only if the robot is a file that ends in .xacro", place)
+    found = {}
+    for name, value in stated.items():
+        if isinstance(value, (dict, list)) or value is None:
+            raise PicksError(path, f"argument {name!r} is {value!r}; it must be a number or a text", place)
+        found[str(name)] = str(value).lower() if isinstance(value, bool) else str(value)
+    return found
+
+
 def _text(path: Path, content: LinedMapping, key: str) -> str | None:
     value = content.get(key)
     if value is not None and (not isinstance(value, str) or not value):
-        raise PicksError(path, f"holds {value!r}, not a name", f"key {key}")
+        raise PicksError(path, f"holds {value!r}, not a name", content.place(key))
     return value

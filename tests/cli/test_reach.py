@@ -12,7 +12,7 @@ import pytest
 import pinproof as pp
 from pinproof.description import robots_folder
 
-from ..pages import Run
+from ..pages import Run, run_main
 
 CELL = robots_folder() / "generic_6dof"
 REGION = ("--region", "0.2 0.6 -0.3 0.3 0.06 0.06", "--step", "0.2", "--spins", "2")
@@ -88,18 +88,11 @@ rows:
 
 
 @pytest.fixture
-def any_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def any_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    """Run ``pinproof reach`` for any robot, in a folder with the arm above."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "side.yaml").write_text(SIDEWAYS)
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", "reach", *words, *REGION])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return lambda *words: run_main("reach", *words, *REGION)
 
 
 def test_orientations_that_the_arm_never_takes_are_reported(any_run: Run) -> None:

@@ -199,3 +199,12 @@ def test_a_double_root_between_two_simple_ones_is_not_called_impossible():
     arm = pp.load_robot("pr2_left").arm(tcp="l_wrist_flex_link", base="torso_lift_link")
     q = [2.2853981634, -0.2175600694796525, 0.0, -2.290377654558246, 1.5707958056617823, -1.1164156898720963]
     assert pp.AnalyticIk().solve(arm, arm.forward_kinematics(q)).status is not IkStatus.IMPOSSIBLE
+
+
+def test_families_that_rounding_cuts_into_pieces_are_not_called_complete():
+    """The elbow is exactly at its limit, 0; whether a member is within the limits is then a matter of rounding."""
+    arm = pp.load_robot("romeo_left").arm(tcp="LWristRollLink", base="torso")
+    q = np.array([np.pi / 2, 1.14032, 0.4080726811922806, 0.0, -1.303123311212126])
+    found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q))
+    assert any(family.upper - family.lower < 1e-4 for family in found.families)
+    assert not found.complete

@@ -206,8 +206,8 @@ class IkBranches:
         """Whether these are proven to be all solutions.
 
         This is the case for up to six joints of exact geometry, unless a candidate close to a double root failed its
-        check, or joints are free at the target and no member of their family was found, or two joints are free
-        independently of each other.
+        check, or joints are free at the target and no member of their family was found or the family ends
+        where neither a limit nor a fold explains it, or two joints are free independently of each other.
         """
         found = self._found
         if self._plan.redundant is not None or self._plan.deviation > 0.0 or found.failed or found.doubtful:

@@ -39,6 +39,9 @@ DOUBLY_SINGULAR = 1e-6
 STEP = 1e-4
 """Rad or m: step of the difference quotient for the direction of the family in that case."""
 
+FOLDED = 10.0
+"""At a fold, another joint moves faster than the parameter by more than this factor within STEP of the end."""
+
 MOVES = 1e-6
 """A joint moves along the family if its component of the unit direction is larger than this."""
 
@@ -139,6 +142,30 @@ class IkFamily:
             return False
         member = self._member(value)
         return member is not None and bool(np.abs(difference(self._arm, member, q)).max() < SAME)
+
+    def ends_are_explained(self) -> bool:
+        """Whether each end of the range is a limit, or a fold where the parameter turns back along the family.
+
+        Elsewhere the members that are found end because rounding decides whether they are within the limits, for
+        example if a joint that does not move along the family is exactly at its limit.
+        """
+        bounds = [float(bound[self._joint]) for bound in self._arm.limits.sampling_range()]
+        for end, bound, inwards in zip((self.lower, self.upper), bounds, (STEP, -STEP), strict=True):
+            if (end - bound) * inwards <= MOVES * STEP:  # at the bound or, for a joint without limits, beyond it
+                continue
+            last, before = self._member(end), self._member(end + inwards)
+            if last is None or before is None or self.upper - self.lower < STEP:
+                return False
+            speed = np.abs(difference(self._arm, last, before)) / STEP
+            lower, upper = self._arm.limits.lower, self._arm.limits.upper
+            at_limit = np.minimum(np.abs(last - lower), np.abs(last - upper)) <= MOVES
+            if not (speed > FOLDED).any() and not (at_limit & (speed > MOVES)).any():
+                return False
+        return True
+
+    @property
+    def _joint(self) -> int:
+        return self._arm.joint_names.index(self.parameter)
 
     def _tangent(self, value: float, otherwise: Array) -> Array:
         """(n,) the unit direction of the family at a value of the parameter; ``otherwise`` without a member nearby."""
@@ -251,7 +278,7 @@ def families_of(
             families += more
             if scan == FINE_SCAN and not missing:
                 break
-    return families, not missing
+    return families, not missing and all(family.ends_are_explained() for family in families)
 
 
 def _outside_everywhere(arm: Arm, plan: Plan, target: Array, reference: Array, found: _core.Branches) -> int:

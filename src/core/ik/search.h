@@ -49,7 +49,7 @@ struct Candidate {
     std::vector<double> q;  // a solution, or the configuration with the smallest residual
     PoseError error;
     bool fulfils;                    // the task within the limits, by forward kinematics after the loop
-    long long iterations, attempts;  // for this target
+    long long iterations = 0, attempts = 0;  // for this target
 };
 
 // The attempts for one target after another. Solver and seeds must exist as long as the search.

@@ -36,7 +36,7 @@ struct Task {
 
 // Distance in m and angle in rad.
 struct PoseError {
-    double position, orientation;
+    double position = 0.0, orientation = 0.0;
 };
 
 // The errors of a pose. Only coordinates that the task selects count; if it selects no position or no orientation, all

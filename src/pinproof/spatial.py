@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof._core import is_rigid, not_rigid
+from pinproof._core import all_finite, is_rigid, not_rigid
 from pinproof.errors import InputError
 from pinproof.units import warn_of_degrees
 
@@ -31,6 +31,7 @@ __all__ = [
     "pose",
     "rigid",
     "rigid_many",
+    "rigid_matrix",
     "twist_size",
     "xyz_rpy",
 ]
@@ -256,9 +257,7 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
         array.ndim != len(shape) or any(w is not None and w != s for w, s in zip(shape, array.shape, strict=True))
     ):
         raise InputError(f"{name} must have the shape {_shape_text(shape)}; it has {array.shape}")
-    flat = array.ravel()
-    # The product of the array with itself is finite in the usual case, and takes a third of the time.
-    if not math.isfinite(flat.dot(flat)) and not np.isfinite(array).all():
+    if not all_finite(array):
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         index = place[0] if len(place) == 1 else place
         raise InputError(f"{name} holds {array[place]} at index {index}; all numbers must be finite")

@@ -19,6 +19,7 @@ namespace pinproof {
 namespace nb = nanobind;
 
 // Arguments: C-contiguous arrays of doubles on the CPU, read only. Python converts before it calls.
+using Numbers = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;  // of any shape
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Stack = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;

@@ -184,16 +184,16 @@ nb::tuple ClosedForm::solve_batch(const Stack& targets, const Matrix& references
                           capacity,       references.shape(0) == 1, values.shape(0) == 1, plan_.locked >= 0,
                           q.data,     errors.data, counts.data, outside.data, known.data};
     struct Worker {
-        const BatchRows& rows;
+        const BatchRows& batch;
         ClosedFormSolver solver;
         Branches found;
-        void operator()(std::size_t first, std::size_t last) {
-            for (std::size_t row = first; row < last; ++row) rows.solve(solver, found, row);
+        void operator()(Rows& rows) {
+            for (std::size_t row; rows.take(row);) batch.solve(solver, found, row);
         }
     };
     {
         nb::gil_scoped_release release;
-        for_each_block(rows, threads, [&] { return Worker{batch, ClosedFormSolver(plan_), {}}; });
+        share_rows(rows, threads, [&] { return Worker{batch, ClosedFormSolver(plan_), {}}; });
     }
     return nb::make_tuple(q.array, errors.array, counts.array, outside.array, known.array);
 }

@@ -61,16 +61,25 @@ void require_target(const double* matrix) {
         if (!std::isfinite(matrix[i])) throw std::invalid_argument("the target holds a number that is not finite");
 }
 
-void make_search(Search* self, const IkSolver& solver, const Seeds& seeds, const std::optional<Goal>& goal,
-                 const Matrix& target, const Vector& q0) {
-    const std::size_t n = solver.chain.dof;
-    check_seeds(seeds, n);
-    require_size("target", target.shape(0) == 4 ? target.shape(1) : 0, 4);
-    require_target(target.data());
-    require_size("q0", q0.shape(0), n);
-    new (self) Search(solver, seeds, checked_goal(goal, n));
-    self->begin(read_transform(target.data()), q0.data());
-}
+// The search for one target, with the engine that makes its attempts.
+class OwningSearch {
+  public:
+    OwningSearch(const IkSolver& solver, const Seeds& seeds, const std::optional<Goal>& goal, const Matrix& target,
+                 const Vector& q0)
+        : engine_(solver), search_(solver, seeds, checked_goal(goal, solver.chain.dof)) {
+        check_seeds(seeds, solver.chain.dof);
+        require_size("target", target.shape(0) == 4 ? target.shape(1) : 0, 4);
+        require_target(target.data());
+        require_size("q0", q0.shape(0), solver.chain.dof);
+        search_.begin(read_transform(target.data()), q0.data());
+    }
+
+    Candidate next(long long count, bool polish) { return engine_.next(search_, count, polish); }
+
+  private:
+    SearchEngine engine_;
+    Search search_;
+};
 
 nb::tuple solve_batch_of(const IkSolver& solver, const Stack& targets, const Matrix& q0, const Seeds& seeds,
                          const std::optional<Goal>& goal, long long count, std::size_t threads) {
@@ -266,7 +275,7 @@ void bind_ik(nb::module_& module) {
         .def_ro_static("SATURATION", &IkSolver::kSaturation)
         .def_ro_static("SMALLEST_STEP", &IkSolver::kSmallestStep)
         .def_ro_static("GOAL_CONVERGED", &IkSolver::kGoalConverged)
-        .def_ro_static("GOAL_STEPS", &IkSolver::kGoalSteps);
+        .def_prop_ro_static("GOAL_STEPS", [](nb::handle) { return Progress::kGoalSteps; });
 
     nb::class_<Candidate>(module, "Candidate", "The result of a series of attempts.")
         .def_prop_ro("q", [](const Candidate& found) { return read_only_array_of(found.q); })
@@ -276,15 +285,14 @@ void bind_ik(nb::module_& module) {
         .def_ro("iterations", &Candidate::iterations)
         .def_ro("attempts", &Candidate::attempts);
 
-    nb::class_<Search>(module, "Search", "The attempts for one target.")
-        .def("__init__", &make_search, nb::arg("solver"), nb::arg("seeds"), nb::arg("goal").none(), nb::arg("target"),
-             nb::arg("q0"), nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
+    nb::class_<OwningSearch>(module, "Search", "The attempts for one target.")
+        .def(nb::init<const IkSolver&, const Seeds&, const std::optional<Goal>&, const Matrix&, const Vector&>(),
+             nb::arg("solver"), nb::arg("seeds"), nb::arg("goal").none(), nb::arg("target"), nb::arg("q0"),
+             nb::keep_alive<1, 2>(), nb::keep_alive<1, 3>())
         .def_prop_ro_static("POLISH_PROGRESS", [](nb::handle) { return Search::kPolish.progress; })
         .def_prop_ro_static("POLISH_PATIENCE", [](nb::handle) { return Search::kPolish.patience; })
-        .def(
-            "next", [](Search& search, long long count, bool polish) { return Candidate(search.next(count, polish)); },
-            nb::arg("count"), nb::arg("polish"), nb::call_guard<nb::gil_scoped_release>(),
-            "Make attempts until one satisfies the task, or until there are `count` for this target.");
+        .def("next", &OwningSearch::next, nb::arg("count"), nb::arg("polish"), nb::call_guard<nb::gil_scoped_release>(),
+             "Make attempts until one satisfies the task, or until there are `count` for this target.");
 }
 
 }  // namespace pinproof

@@ -2,6 +2,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <tuple>
@@ -191,6 +192,13 @@ void bind_kinematics(nb::module_& module) {
             return is_rigid(matrix.data());
         },
         nb::arg("matrix"), "Whether a (4, 4) matrix is a rigid transform up to rounding.");
+    module.def(
+        "all_finite",
+        [](const Numbers& numbers) {
+            return std::all_of(numbers.data(), numbers.data() + numbers.size(),
+                               [](double x) { return std::isfinite(x); });
+        },
+        nb::arg("numbers"), "Whether all numbers of an array are finite.");
     module.def("not_rigid", &not_rigid, nb::arg("matrices"),
                "The indices of the matrices (N, 4, 4) that are not rigid transforms up to rounding.");
     module.def("sincos", [](double angle) {

@@ -2,12 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 namespace pinproof {
 namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 double largest_of(const std::vector<double>& step) {
     double largest = 0.0;
@@ -29,43 +26,22 @@ Descent::Descent(const IkSolver& solver)
       decomposition_(solver.chain.dof),
       passes_(solver.chain.joints.size()) {}
 
-const Frame& Descent::look(const Frame& target_from_base, const double* q) {
-    posture_.evaluate(solver_.chain, target_from_base, q);
-    return posture_.tcp();
-}
-
-Descent::Result Descent::run(const Frame& target_from_base, const Goal& goal, const Stall& stall,
-                             std::vector<double>& q) {
+Progress Descent::run(const Frame& target_from_base, const Goal& goal, const Stall& stall, std::vector<double>& q) {
     const Chain& chain = solver_.chain;
     const Task& task = solver_.task;
     const FabrikStep* fabrik = std::get_if<FabrikStep>(&solver_.rule);
-    double best = kInfinity, mark = kInfinity, last = kInfinity, growth = 1.0;
-    int marked_at = 0, iteration = 0;
-    bool reached = false;
-    for (;; ++iteration) {
+    Progress progress;
+    for (;; ++progress.iterations) {
         posture_.evaluate(chain, target_from_base, q.data());
         Twist residual = task.residual(posture_.tcp());
         const double squared = squared_norm(residual);
         const bool here = task.reached(residual);
-        if (here || (!reached && squared < best)) {
-            best = squared;
-            best_ = q;
-        }
-        reached = reached || here;
-        if (here && !goal.exists()) break;
-        if (squared < stall.progress * mark) {
-            mark = squared;
-            marked_at = iteration;
-        }
-        if (!reached && iteration - marked_at >= stall.patience) break;
-        // The condition on the residual also ends the descent if it is NaN.
-        const int most = solver_.max_iterations + (reached ? IkSolver::kGoalSteps : 0);
-        if (iteration >= most || !(squared < kInfinity)) break;
-        growth = squared < last ? std::max(1.0, growth * ClikStep::kRelief) : growth * ClikStep::kGrowth;
-        last = squared;
+        const auto [next, best] = progress.observe(here, squared, goal.exists(), stall, solver_.max_iterations);
+        if (best) best_ = q;
+        if (next == Progress::Next::stop) break;
 
         if (fabrik && squared > fabrik->squared_handover) {
-            passes_.step(chain, solver_.ranges, task, posture_, q.data(), iteration, iteration - marked_at, step_);
+            passes_.step(chain, solver_.ranges, task, posture_, q.data(), progress.iterations, progress.waited, step_);
         } else {
             if (here) {
                 goal_step(goal, chain, q.data(), posture_, jacobian_, scratch_, fixed_);
@@ -78,7 +54,7 @@ Descent::Result Descent::run(const Frame& target_from_base, const Goal& goal, co
                 residual = (IkSolver::kSaturation / std::sqrt(squared)) * residual;
                 kept = squared_norm(residual);
             }
-            bounded_step(growth, kept, here, q, residual);
+            bounded_step(progress.growth, kept, here, q, residual);
         }
         const double largest = largest_of(step_);
         if (largest <= IkSolver::kSmallestStep || (here && largest <= IkSolver::kGoalConverged)) break;
@@ -86,7 +62,7 @@ Descent::Result Descent::run(const Frame& target_from_base, const Goal& goal, co
         for (std::size_t i = 0; i < q.size(); ++i) q[i] = solver_.ranges[i].inside(q[i] + share * step_[i]);
     }
     q = best_;
-    return {reached, iteration, best};
+    return progress;
 }
 
 // The step of the rule within the limits (active set), added to the step of a goal (if it `drifts`).

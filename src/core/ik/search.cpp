@@ -82,11 +82,11 @@ void Seeds::measure(const Task& task, const Transform& base_from_target, std::ve
 }
 
 Search::Search(const IkSolver& solver, const Seeds& seeds, const Goal& goal)
-    : solver_(solver), seeds_(seeds), goal_(goal), descent_(solver), flipped_(solver.chain.dof) {}
+    : solver_(solver), seeds_(seeds), goal_(goal), posture_(solver.chain), flipped_(solver.chain.dof) {}
 
 void Search::begin(const Transform& base_from_target, const double* q0) {
     target_ = base_from_target;
-    target_from_base_ = frame_of(inverse(base_from_target));
+    target_from_base_ = inverse(base_from_target);
     q0_.assign(q0, q0 + solver_.chain.dof);
     q_.resize(q0_.size());
     for (std::size_t i = 0; i < q0_.size(); ++i) {
@@ -98,36 +98,55 @@ void Search::begin(const Transform& base_from_target, const double* q0) {
     found_.iterations = found_.attempts = 0;
 }
 
-const Candidate& Search::next(long long count, bool polish) {
-    double nearest = std::numeric_limits<double>::infinity();
-    while (found_.attempts < count) {
+void Search::look_for_next(long long count, bool polish) {
+    state_ = State::attempts;
+    count_ = count;
+    polish_ = polish;
+    nearest_ = std::numeric_limits<double>::infinity();
+}
+
+bool Search::prepare() {
+    if (state_ == State::attempts && found_.attempts < count_) {
         if (found_.attempts == 1) flip_or_seed();
         if (found_.attempts > 1) take_seed();
-        const Descent::Result result = descent_.run(target_from_base_, goal_, solver_.stall, q_);
-        ++found_.attempts;
-        found_.iterations += result.iterations;
-        if (result.reached) return conclude();
-        if (result.squared_residual < nearest) {
-            nearest = result.squared_residual;
-            best_ = q_;
-        }
+        stall_ = solver_.stall;
+        return true;
     }
-    if (nearest < std::numeric_limits<double>::infinity()) q_ = best_;
-    if (polish) found_.iterations += descent_.run(target_from_base_, goal_, kPolish, q_).iterations;
-    return conclude();
+    if (state_ != State::attempts) return false;
+    if (nearest_ < std::numeric_limits<double>::infinity()) q_ = best_;
+    state_ = polish_ ? State::polish : State::finished;
+    stall_ = kPolish;
+    return polish_;
+}
+
+void Search::finish(const Progress& progress) {
+    found_.iterations += progress.iterations;
+    if (state_ == State::polish) {
+        state_ = State::finished;
+        return;
+    }
+    ++found_.attempts;
+    if (progress.reached) {
+        state_ = State::finished;
+    } else if (progress.squared_residual < nearest_) {
+        nearest_ = progress.squared_residual;
+        best_ = q_;
+    }
 }
 
 // The closest of the flips of q and of the seeds; a joint without a range is mirrored about zero.
 void Search::flip_or_seed() {
     seeds_.measure(solver_.task, target_, distances_);
     const Seeds::Weights weight = seeds_.weights(solver_.task);
+    const Frame start = frame_of(target_from_base_);
     double least = distances_[index_of_smallest(distances_)];
     std::size_t best = q_.size();
     flipped_ = q_;
     for (std::size_t i = 0; i < q_.size(); ++i) {
         flipped_[i] = mirrored(solver_.ranges[i], q_[i]);
-        const Frame& tcp = descent_.look(target_from_base_, flipped_.data());
+        posture_.evaluate(solver_.chain, start, flipped_.data());
         flipped_[i] = q_[i];
+        const Frame& tcp = posture_.tcp();
         const double trace = tcp.x[0] + tcp.y[1] + tcp.z[2];
         const double distance = weight.distance * dot(tcp.origin, tcp.origin) - weight.spin * trace;
         if (distance < least) {
@@ -159,6 +178,25 @@ const Candidate& Search::conclude() {
     found_.error = measure(solver_.task, target_, forward_kinematics(solver_.chain, found_.q.data()));
     found_.fulfils = found_.fulfils && fulfils(solver_.task, found_.error);
     return found_;
+}
+
+SearchEngine::SearchEngine(const IkSolver& solver) : descents_(std::in_place_type<Descent>, solver) {
+    if (std::holds_alternative<ClikStep>(solver.rule)) descents_.emplace<ClikLanes>(solver);
+}
+
+const Candidate& SearchEngine::next(Search& search, long long count, bool polish) {
+    search.look_for_next(count, polish);
+    while (search.prepare()) {
+        if (ClikLanes* lanes = std::get_if<ClikLanes>(&descents_)) {
+            lanes->start(0, search.target_from_base(), search.goal(), search.stall(), search.q());
+            while (!lanes->ended(0)) lanes->advance();
+            search.finish(lanes->take(0, search.q()));
+        } else {
+            Descent& descent = std::get<Descent>(descents_);
+            search.finish(descent.run(frame_of(search.target_from_base()), search.goal(), search.stall(), search.q()));
+        }
+    }
+    return search.conclude();
 }
 
 }  // namespace pinproof

@@ -25,9 +25,7 @@ void Task::apply(const Frame& target_from_tcp, Jacobian& jacobian) const {
     if (positions == 3 && angles == 3) return;
     if (angles == 1 || angles == 2) {
         const Double4 v = widened(rotation_vector(rotation_of(target_from_tcp)));
-        const double square = dot(v, v), angle = std::sqrt(square);
-        // Jl^-1(v) = I - [v]/2 + c [v]^2, c = 1/t^2 - (1 + cos t) / (2 t sin t), with (1 + cos) / sin = 1 / tan(t/2)
-        const double c = angle < 1e-3 ? 1.0 / 12.0 : (1.0 - 0.5 * angle / std::tan(0.5 * angle)) / square;
+        const double square = dot(v, v), c = left_jacobian_coefficient(square);
         for (Twist& column : jacobian) {
             const Double4 w = column.angular;
             column.angular = w - 0.5 * cross(v, w) + c * (dot(v, w) * v - square * w);
@@ -37,6 +35,12 @@ void Task::apply(const Frame& target_from_tcp, Jacobian& jacobian) const {
         column.linear *= mask.linear;
         column.angular *= mask.angular;
     }
+}
+
+double left_jacobian_coefficient(double squared_angle) {
+    // c = 1/t^2 - (1 + cos t) / (2 t sin t), with (1 + cos) / sin = 1 / tan(t/2)
+    const double angle = std::sqrt(squared_angle);
+    return angle < 1e-3 ? 1.0 / 12.0 : (1.0 - 0.5 * angle / std::tan(0.5 * angle)) / squared_angle;
 }
 
 bool Task::reached(const Twist& residual) const {

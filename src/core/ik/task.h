@@ -34,9 +34,12 @@ struct Task {
     bool reached(const Twist& residual) const;
 };
 
+// c in the inverse of the left Jacobian of SO(3), Jl^-1(v) = I - [v]/2 + c [v]^2, from the square of the angle |v|.
+double left_jacobian_coefficient(double squared_angle);
+
 // Distance in m and angle in rad.
 struct PoseError {
-    double position, orientation;
+    double position = 0.0, orientation = 0.0;
 };
 
 // The errors of a pose. Only coordinates that the task selects count; if it selects no position or no orientation, all

@@ -35,33 +35,9 @@ Posture::Posture(const Chain& chain) : axes_(chain.joints.size()) {
     cosines_.resize(padded);
 }
 
-// The values of the joints, and all sines and cosines in one loop that is vectorised.
-void Posture::turn(const Chain& chain, const double* q) {
-    double largest = 0.0;
-    for (std::size_t k = 0; k < chain.joints.size(); ++k) {
-        values_[k] = chain.joints[k].value(q);
-        largest = std::max(largest, std::abs(values_[k]));
-    }
-    double *const values = values_.data(), *const sines = sines_.data(), *const cosines = cosines_.data();
-    if (largest >= kLargeAngle) {
-        for (std::size_t k = 0; k < values_.size(); ++k) {
-            const auto [sine, cosine] = sincos_of_any(values[k]);
-            sines[k] = sine;
-            cosines[k] = cosine;
-        }
-        return;
-    }
-    for (std::size_t first = 0; first < values_.size(); first += 4) {
-        for (std::size_t k = first; k < first + 4; ++k) {
-            const auto [sine, cosine] = sincos(values[k]);
-            sines[k] = sine;
-            cosines[k] = cosine;
-        }
-    }
-}
-
 void Posture::evaluate(const Chain& chain, const Frame& start, const double* q) {
-    turn(chain, q);
+    for (std::size_t k = 0; k < chain.joints.size(); ++k) values_[k] = chain.joints[k].value(q);
+    sincos_of_each(values_.data(), sines_.data(), cosines_.data(), values_.size());
     Frame frame = start;
     for (std::size_t k = 0; k < chain.joints.size(); ++k) {
         frame = frame * chain.joints[k].before;

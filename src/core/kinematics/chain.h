@@ -65,8 +65,6 @@ class Posture {
     const Frame& tcp() const { return tcp_; }
 
   private:
-    void turn(const Chain& chain, const double* q);
-
     std::vector<Axis> axes_;
     Frame tcp_;
     std::vector<double> values_, sines_, cosines_;  // of the joints, padded to whole vector registers

@@ -26,8 +26,10 @@ from pinproof.errors import FileError, InputError, UnknownNameError
 
 __all__ = [
     "MOST_REACH",
+    "NUMBER_PATTERN",
     "YAML_SUFFIXES",
     "LinedMapping",
+    "parse_number",
     "read_yaml",
     "refuse_degree_limit",
     "refuse_degrees",
@@ -201,6 +203,39 @@ def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
 
 for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
     _LinedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _made)
+
+
+_DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
+_PLAIN = rf"[+-]?{_DECIMAL}(?:[eE][+-]?[0-9]+)?"
+_WITH_PI = rf"([+-]?)(?:({_DECIMAL})\s*\*\s*)?pi(?:\s*/\s*({_DECIMAL}))?"
+_WITH_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
+
+NUMBER_PATTERN = rf"^\s*(?:{_PLAIN}|{_WITH_PI})\s*$"
+"""The texts that :func:`parse_number` accepts, as a regular expression for JSON Schema."""
+
+
+def parse_number(value: object) -> float:
+    """Parse a number of a file: a number, or text such as ``0.33``, ``1e-3``, ``-pi/2`` or ``3*pi/4``.
+
+    Raises
+    ------
+    ValueError
+        For anything else; expressions are not evaluated.
+    """
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("the integer is too large for a double") from None
+    text = value.strip() if isinstance(value, str) else ""
+    if re.fullmatch(_PLAIN, text):
+        return float(text)
+    match = re.fullmatch(_WITH_PI, text)
+    if match is None or (match[3] is not None and float(match[3]) == 0.0):
+        comma = ": use a decimal point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
+        raise ValueError(f"{value!r} is not a number{comma}; write a decimal number or [-][k*]pi[/m]")
+    size = float(match[2] or 1) * math.pi / float(match[3] or 1)
+    return -size if match[1] == "-" else size
 
 
 MOST_TURN = 4 * math.pi

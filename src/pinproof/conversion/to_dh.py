@@ -31,7 +31,8 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.conversion.proof import prove_table_equals_arm
-from pinproof.description.dh import CONVENTIONS, DhRow, DhTable
+from pinproof.description.dh import DhRow, DhTable
+from pinproof.description.dh_keys import CONVENTIONS
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.model.chain import link_path

@@ -1,22 +1,6 @@
 """Joint limits of position, velocity, acceleration and jerk.
 
-Files have the format of ``joint_limits.yaml`` of MoveIt::
-
-    joint_limits:
-      elbow_joint:
-        has_velocity_limits: true
-        max_velocity: 3.15                 # rad/s or m/s
-        has_acceleration_limits: true
-        max_acceleration: 5.0              # rad/s^2 or m/s^2
-        has_jerk_limits: true
-        max_jerk: 40.0                     # rad/s^3 or m/s^3
-        has_position_limits: true          # optional, as all of them
-        min_position: -3.1
-        max_position: 3.1
-
-A limit is used if its ``has_...`` key is true; limits that are not stated are not changed. The smaller of
-``max_deceleration`` (of either sign) and ``max_acceleration`` is used for both. The keys
-``default_velocity_scaling_factor`` and ``default_acceleration_scaling_factor`` are not limits and are ignored.
+Files have the format of ``joint_limits.yaml`` of MoveIt; docs/formats/limits.md describes it.
 """
 
 from __future__ import annotations
@@ -29,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.file_keys import BOOLEAN, PLAIN_NUMBER, FileKey, KeyTable, mapping_to
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, UnknownNameError
 
@@ -186,9 +171,77 @@ KINDS = {
     "deceleration": ("max_deceleration",),
     "jerk": ("max_jerk",),
 }
-LEFT_ASIDE = ("has_effort_limits", "max_effort", "angle_wraparound")
-JOINT_KEYS = (*(f"has_{kind}_limits" for kind in KINDS), *(key for keys in KINDS.values() for key in keys), *LEFT_ASIDE)
-FILE_KEYS = ("joint_limits", "default_velocity_scaling_factor", "default_acceleration_scaling_factor")
+_SIZE = {
+    "velocity": {"exclusiveMinimum": 0},
+    "acceleration": {"exclusiveMinimum": 0},
+    "deceleration": {"not": {"const": 0}},
+    "jerk": {"exclusiveMinimum": 0},
+}
+
+LIMITS = KeyTable(
+    "limits_of_a_joint",
+    "The limits of one joint. A limit is used if its `has_...` key is true; limits that are not stated are unchanged.",
+    (
+        FileKey("has_position_limits", BOOLEAN, "whether `min_position` and `max_position` are used"),
+        FileKey("min_position", PLAIN_NUMBER, "lower limit of the position", "rad or m"),
+        FileKey("max_position", PLAIN_NUMBER, "upper limit of the position", "rad or m"),
+        FileKey("has_velocity_limits", BOOLEAN, "whether `max_velocity` is used"),
+        FileKey("max_velocity", PLAIN_NUMBER, "largest velocity, above 0", "rad/s or m/s"),
+        FileKey("has_acceleration_limits", BOOLEAN, "whether `max_acceleration` is used"),
+        FileKey("max_acceleration", PLAIN_NUMBER, "largest acceleration, above 0", "rad/s² or m/s²"),
+        FileKey("has_deceleration_limits", BOOLEAN, "whether `max_deceleration` is used"),
+        FileKey(
+            "max_deceleration",
+            PLAIN_NUMBER,
+            "largest deceleration, of either sign; the smaller of `max_deceleration` and `max_acceleration` is used "
+            "for both",
+            "rad/s² or m/s²",
+        ),
+        FileKey("has_jerk_limits", BOOLEAN, "whether `max_jerk` is used"),
+        FileKey("max_jerk", PLAIN_NUMBER, "largest jerk, above 0", "rad/s³ or m/s³"),
+        FileKey("has_effort_limits", {}, "ignored"),
+        FileKey("max_effort", {}, "ignored"),
+        FileKey("angle_wraparound", {}, "ignored"),
+    ),
+    {
+        "allOf": [
+            rule
+            for kind, keys in KINDS.items()
+            for rule in (
+                {
+                    "if": {"anyOf": [{"required": [key]} for key in keys]},
+                    "then": {"required": [f"has_{kind}_limits"]},
+                },
+                {
+                    "if": {
+                        "required": [f"has_{kind}_limits"],
+                        "properties": {f"has_{kind}_limits": {"const": True}},
+                    },
+                    "then": {
+                        "required": list(keys),
+                        "properties": {} if kind == "position" else dict.fromkeys(keys, _SIZE[kind]),
+                    },
+                },
+            )
+        ]
+    },
+)
+"""The keys of one joint."""
+
+FILE = KeyTable(
+    "limits",
+    "Joint limits in the format of `joint_limits.yaml` of MoveIt.",
+    (
+        FileKey(
+            "joint_limits",
+            {**mapping_to(LIMITS), "minProperties": 1},
+            "the limits by name of the joint",
+            required=True,
+        ),
+        FileKey("default_velocity_scaling_factor", {}, "not a limit; ignored"),
+        FileKey("default_acceleration_scaling_factor", {}, "not a limit; ignored"),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -266,8 +319,8 @@ class LimitsFile:
 def _read_limits(path: str | Path) -> LimitsFile:
     """The limits that a file states; see :meth:`JointLimits.load`."""
     path = Path(path)
-    content = read_yaml(path, FILE_KEYS, FileError)
-    refuse_unknown(FileError, path, "key", content, FILE_KEYS, "")
+    content = read_yaml(path, FILE.names, FileError)
+    refuse_unknown(FileError, path, "key", content, FILE.names, "")
     joints = content.get("joint_limits")
     if not isinstance(joints, dict) or not joints:
         raise FileError(path, "must be a mapping of joint names to limits", "key joint_limits")
@@ -276,7 +329,7 @@ def _read_limits(path: str | Path) -> LimitsFile:
         if not isinstance(name, str) or not isinstance(stated, LinedMapping):
             raise FileError(path, f"joint {name!r} must be a name with a mapping of limits", "key joint_limits")
         where = f"line {stated.line}"
-        refuse_unknown(FileError, path, "key", stated, JOINT_KEYS, f"{where}, joint {name}")
+        refuse_unknown(FileError, path, "key", stated, LIMITS.names, f"{where}, joint {name}")
         for kind, keys in KINDS.items():
             values = _stated(path, f"{where}, joint {name}", stated, kind, keys)
             if values is not None:

@@ -15,6 +15,7 @@ from pinproof.model import Arm
 from pinproof.picks.batch.workers import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
+from pinproof.picks.input.sources import PickList
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
@@ -85,9 +86,8 @@ def validate_picks(
         verdicts = task(0, picks.picks)
     else:
         verdicts = _by_workers(task, picks, executor=executor, workers=workers, in_flight=in_flight)
-    return PickReport(
-        arm.robot.name, tuple(verdicts), picks.problems, arm.limits.acceleration_source, setup.not_covered(), setup
-    )
+    notes = setup.not_covered(PickList(picks).with_object)
+    return PickReport(arm.robot.name, tuple(verdicts), picks.problems, arm.limits.acceleration_source, notes, setup)
 
 
 @dataclass(frozen=True, eq=False)

@@ -271,8 +271,8 @@ class GripperFingers:
 
 Direction = tuple[float, float, float]
 
-TIP, ROOT = "tip", "root"
-"""The frame of a direction: the tool's tip or the robot's root link."""
+TIP, ROOT, OBJECT = "tip", "root", "object"
+"""The frame of a direction is the tip or the root link; the pose of a place is that of the tip or the object."""
 
 WAYS = ("approach", "retreat")
 
@@ -288,7 +288,8 @@ class PlaceTarget:
     ----------
     pose
         ``frame_from_tip`` at the release. For a family of grasps it is the pose of the nominal grasp, so that the final
-        pose of the object is the same for every member.
+        pose of the object is the same for every member. With ``pose_of="object"`` it is ``frame_from_object``, the
+        final pose of the object itself.
     frame
         As for :class:`Pick`.
     approach, approach_direction, approach_frame
@@ -298,6 +299,8 @@ class PlaceTarget:
     support
         The obstacle or obstacles that the object is put onto; by default those within 1 mm below it. Stored as a tuple
         of names.
+    pose_of
+        ``"tip"`` or ``"object"``.
     """
 
     pose: SE3
@@ -309,8 +312,11 @@ class PlaceTarget:
     retreat_direction: Direction = (0.0, 0.0, -1.0)
     retreat_frame: str = TIP
     support: str | Sequence[str] | None = None
+    pose_of: str = TIP
 
     def __post_init__(self) -> None:
+        if self.pose_of not in (TIP, OBJECT):
+            raise UnknownNameError("pose_of", self.pose_of, (TIP, OBJECT), "place")
         object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, "place"))
         for way in WAYS:

@@ -11,7 +11,10 @@ import pinproof as pp
 from .pages import ROOT, blocks, reader_folder, run_page, run_python
 
 DOCS = ROOT / "docs"
-PAGES = sorted(str(page.relative_to(DOCS)) for page in [DOCS / "index.md", *(DOCS / "tutorials").glob("*.md")])
+PAGES = sorted(
+    str(page.relative_to(DOCS))
+    for page in [DOCS / "index.md", *(DOCS / "tutorials").glob("*.md"), *(DOCS / "formats").glob("*.md")]
+)
 
 
 @pytest.mark.slow

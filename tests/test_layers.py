@@ -30,6 +30,7 @@ PACKAGES = (
     "planning",
     "viewer",
     "picks",
+    "formats",
     "benchmarks",
     "cli",
 )

@@ -32,6 +32,7 @@ from pinproof.cli.motion import check, plan
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
+from pinproof.cli.schema import schema
 from pinproof.cli.view import view
 from pinproof.errors import FileError, NoAnswer, PinproofError
 
@@ -70,6 +71,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
+    "schema": schema,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
     "compile": compile_kernels,

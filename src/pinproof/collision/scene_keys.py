@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pinproof.collision.shapes import BELOW_LOWEST, LARGEST_SIZE, SMALLEST_SIZE
 from pinproof.common.file_keys import (
+    ANGLE,
     BOOLEAN,
     INTEGER,
     NUMBER,
@@ -24,11 +25,14 @@ VECTOR = numbers(3)
 SIZE = Definition("size", {"$ref": NUMBER, "minimum": SMALLEST_SIZE, "maximum": LARGEST_SIZE})
 """A length of a shape."""
 
-POINTS = list_of(VECTOR, 1)
+COORDINATE = {"$ref": NUMBER, "minimum": -LARGEST_SIZE, "maximum": LARGEST_SIZE}
+POINT = numbers(3, COORDINATE)
 
 POSE_KEYS = (
     FileKey("xyz", VECTOR, "position x, y, z", "m", [0, 0, 0]),
-    FileKey("rpy", VECTOR, "roll, pitch, yaw about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)", "rad", [0, 0, 0]),
+    FileKey(
+        "rpy", numbers(3, ANGLE), "roll, pitch, yaw about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)", "rad", [0, 0, 0]
+    ),
     FileKey("quat_xyzw", numbers(4), "a quaternion, scalar last, instead of `rpy`; it is normalised"),
 )
 
@@ -47,7 +51,7 @@ MESH = KeyTable(
     (
         FileKey("path", TEXT, "the mesh (STL, OBJ, DAE, PLY, GLB or glTF), relative to the folder of this file"),
         FileKey("scale", any_of(NUMBER, VECTOR), "a factor, or one each for x, y, z; only with `path`", "", 1.0),
-        FileKey("vertices", list_of(VECTOR, 3), "the vertices of a mesh without a file", "m"),
+        FileKey("vertices", list_of(POINT, 3), "the vertices of a mesh without a file", "m"),
         FileKey(
             "triangles",
             list_of(list_of({**INTEGER, "minimum": 0}, 3, 3), 1),
@@ -116,7 +120,7 @@ SHAPES: dict[str, FileKey] = {
                 "The convex hull of points.",
                 (
                     FileKey(
-                        "points", list_of(VECTOR, 4), "the points, which are not all in one plane", "m", required=True
+                        "points", list_of(POINT, 4), "the points, which are not all in one plane", "m", required=True
                     ),
                 ),
             ),
@@ -128,7 +132,7 @@ SHAPES: dict[str, FileKey] = {
                 "point_cloud",
                 "The points of a sensor.",
                 (
-                    FileKey("points", POINTS, "the points", "m", required=True),
+                    FileKey("points", list_of(POINT, 1), "the points", "m", required=True),
                     FileKey(
                         "resolution",
                         SIZE,
@@ -148,7 +152,7 @@ SHAPES: dict[str, FileKey] = {
                 (
                     FileKey(
                         "heights",
-                        list_of(list_of(NUMBER, 2), 2),
+                        list_of(list_of(COORDINATE, 2), 2),
                         "rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
                         "m",
                         required=True,
@@ -188,7 +192,7 @@ OBSTACLE = KeyTable(
 
 BODY = KeyTable(
     "object",
-    "The grasped object as a shape: the keys of an obstacle. Its pose is tip_from_object.",
+    "The grasped object as a shape. Its pose is tip_from_object.",
     (FileKey("name", TEXT, "its name in reports", "", "object"), *_BODY_KEYS),
     _RULES,
 )

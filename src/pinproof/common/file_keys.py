@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
-from pinproof.common.yaml_file import NUMBER_PATTERN
+from pinproof.common.yaml_file import MOST_TURN, NUMBER_PATTERN
 
 __all__ = [
+    "ANGLE",
     "BOOLEAN",
     "INTEGER",
     "NUMBER",
@@ -132,6 +133,9 @@ class KeyTable:
 
 NUMBER = Definition("number", {"type": ["number", "string"], "pattern": NUMBER_PATTERN})
 """A number, or a text such as ``pi/2`` or ``-3*pi/4``."""
+
+ANGLE = Definition("angle", {"$ref": NUMBER, "minimum": -MOST_TURN, "maximum": MOST_TURN})
+"""An angle of an orientation in radians; larger numbers are in degrees."""
 
 PLAIN_NUMBER: Schema = {"type": "number"}
 INTEGER: Schema = {"type": "integer"}

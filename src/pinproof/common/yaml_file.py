@@ -26,6 +26,7 @@ from pinproof.errors import FileError, InputError, UnknownNameError
 
 __all__ = [
     "MOST_REACH",
+    "MOST_TURN",
     "NUMBER_PATTERN",
     "YAML_SUFFIXES",
     "LinedMapping",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pinproof.common.file_keys import NUMBER, TEXT, FileKey, KeyTable, any_of, list_of, numbers
+from pinproof.common.file_keys import ANGLE, NUMBER, TEXT, FileKey, KeyTable, any_of, list_of, numbers
 
 __all__ = ["CONVENTIONS", "JOINT_TYPES", "LARGEST", "ROW", "TABLE", "TRANSFORM"]
 
@@ -20,7 +20,11 @@ TRANSFORM = KeyTable(
     (
         FileKey("xyz", numbers(3), "position x, y, z", "m", [0, 0, 0]),
         FileKey(
-            "rpy", numbers(3), "roll, pitch, yaw about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)", "rad", [0, 0, 0]
+            "rpy",
+            numbers(3, ANGLE),
+            "roll, pitch, yaw about fixed axes: R = Rz(yaw) Ry(pitch) Rx(roll)",
+            "rad",
+            [0, 0, 0],
         ),
         FileKey("quat_xyzw", numbers(4), "a quaternion, scalar last, instead of `rpy`; it is normalised"),
         FileKey("matrix", list_of(numbers(4), 4, 4), "four rows of four numbers, instead of the other keys"),
@@ -47,14 +51,14 @@ ROW = KeyTable(
         ),
         FileKey(
             "theta",
-            VALUE,
+            ANGLE,
             "angle about z; for a revolute or continuous joint the offset added to q",
             "rad",
             required=True,
         ),
         FileKey("d", VALUE, "distance along z; for a prismatic joint the offset added to q", "m", required=True),
         FileKey("a", VALUE, "distance along x", "m", required=True),
-        FileKey("alpha", VALUE, "angle about x", "rad", required=True),
+        FileKey("alpha", ANGLE, "angle about x", "rad", required=True),
         FileKey(
             "lower",
             any_of(VALUE, {"type": "null"}),

@@ -102,7 +102,7 @@ META = KeyTable(
         ),
         FileKey(
             "units",
-            mapping_to(NAME),
+            {"enum": [{k: v for k, v in UNITS.items() if k != "accelerations"}, UNITS]},
             "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in UNITS.items()),
             required=True,
         ),

@@ -102,7 +102,7 @@ class GraspTolerance:
     tilt: float = 0.0
 
     def __post_init__(self) -> None:
-        sides = np.full(3, self.position) if np.ndim(self.position) == 0 else self.position
+        sides = self.position if isinstance(self.position, Iterable) else (self.position,) * 3
         position = finite("tolerance.position", sides, (3,))
         tilt = float(finite("tolerance.tilt", [self.tilt], (1,))[0])
         if (position < 0).any() or tilt < 0:

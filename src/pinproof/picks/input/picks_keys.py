@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pinproof.collision.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
 from pinproof.common.file_keys import (
+    ANGLE,
     INTEGER,
     NUMBER,
     TEXT,
@@ -39,7 +40,12 @@ POSITIVE = {"$ref": NUMBER, "minimum": 0}
 
 POSITION = FileKey("xyz", VECTOR, "position of the tool's tip at the grasp, in `frame`", "m")
 ORIENTATION = (
-    FileKey("rpy", VECTOR, "orientation of the tip: angles about fixed axes, R = Rz(yaw) Ry(pitch) Rx(roll)", "rad"),
+    FileKey(
+        "rpy",
+        numbers(3, ANGLE),
+        "orientation of the tip: angles about fixed axes, R = Rz(yaw) Ry(pitch) Rx(roll)",
+        "rad",
+    ),
     FileKey("quat_xyzw", numbers(4), "the orientation as a quaternion, scalar last, instead of `rpy`"),
 )
 SUPPORT = any_of(TEXT, {**list_of(TEXT, 1), "uniqueItems": True})
@@ -295,8 +301,11 @@ PICKS = KeyTable(
         FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
         FileKey(
             "picks",
-            any_of(list_of(PICK, 1), {"type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"}),
-            "the picks, or the name of a table of them (`.csv`)",
+            any_of(
+                list_of(PICK, 1),
+                {"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"},
+            ),
+            "the picks, or a table of them in a CSV file",
             required=True,
         ),
     ),

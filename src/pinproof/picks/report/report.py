@@ -22,12 +22,13 @@ from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickMotion, PickVerdict, StageResult
+from pinproof.picks.report.report_keys import SCHEMA
 from pinproof.spatial import xyz_rpy
 
 if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
 
-__all__ = ["COLUMNS", "CSV_COLUMNS", "SCHEMA", "SUFFIXES", "PickReport", "problem_row", "proofs", "verdict_row"]
+__all__ = ["COLUMNS", "CSV_COLUMNS", "SUFFIXES", "PickReport", "problem_row", "proofs", "verdict_row"]
 
 
 def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
@@ -140,12 +141,6 @@ CSV_COLUMNS = (
 """
 
 SUFFIXES = (".json", ".md", ".csv", ".html")
-
-SCHEMA = "pinproof/picks/2"
-"""The version of the JSON format (JSON Schema: ``schema.json`` in this folder), raised by breaking changes.
-
-Version 2 adds ``member``, ``refuted``, ``release_time``, ``score`` and ``motions`` to each pick.
-"""
 
 
 @dataclass(frozen=True, eq=False)

@@ -204,7 +204,7 @@ def test_missing_data_of_a_robot_is_listed(run: Run) -> None:
         ("dh2urdf", "dh.yaml", "-o", "dh.yaml"),
         ("view", "arm.urdf", "--html", "arm.urdf"),
         ("view", "arm.urdf", "--html", "link_to_arm"),
-        ("view", "arm.urdf", "--motion", "motion.json", "--html", "motion.json"),
+        ("view", "arm.urdf", "motion.json", "--html", "motion.json"),
         ("certify", "arm.urdf", "motion.json", "--html", "motion.json"),
         ("certify", "arm.urdf", "motion.json", "--scene", "scene.yaml", "--html", "scene.yaml"),
         ("plan", "arm.urdf", "--goal", "home", "--scene", "scene.yaml", "--html", "scene.yaml"),

@@ -115,10 +115,10 @@ def test_files_without_sense_are_refused_with_place(tmp_path, text, message):
 
 def test_limits_of_jerk_are_checked_and_kept(tmp_path):
     one = np.ones(2)
-    limits = pp.JointLimits(-one, one, one, one, "cell", [5.0, 6.0])
+    limits = pp.JointLimits(-one, one, one, one, [5.0, 6.0], acceleration_source="cell")
     assert limits.jerk_source == "given by the caller"
     assert limits.replace(["a", "b"], {"a": (0.0, 1.0)}).jerk.tolist() == [5.0, 6.0]
     assert not limits.jerk.flags.writeable
     for jerk in ([5.0], [0.0, 1.0], [-1.0, 1.0]):
         with pytest.raises(pp.InputError, match="jerk"):
-            pp.JointLimits(-one, one, one, one, "", jerk)
+            pp.JointLimits(-one, one, one, one, jerk)

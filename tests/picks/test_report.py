@@ -73,7 +73,7 @@ def test_a_row_tells_the_motions_the_score_and_what_was_refuted(reports) -> None
 
 
 def test_the_schema_names_every_verdict_and_the_version() -> None:
-    verdicts = schema()["$defs"]["pick"]["properties"]["verdict"]["enum"]
+    verdicts = schema()["$defs"]["verdict"]["properties"]["verdict"]["enum"]
     assert {status.value for status in PickStatus} <= set(verdicts)
     assert schema()["properties"]["schema"]["const"] == SCHEMA
 

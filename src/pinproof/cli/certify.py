@@ -13,6 +13,7 @@ from pinproof.cli.console import check_output_files, print_json, print_line, pro
 from pinproof.cli.options import ChainOptions, Html, IgnoreRecord, Json, SceneOptions, ToolOptions, load_motion
 from pinproof.errors import InputError
 from pinproof.model.limits import distinct
+from pinproof.motion.motion_keys import READ
 
 __all__ = ["certify_motion", "verdict"]
 
@@ -27,7 +28,7 @@ def certify_motion(
             help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT", autocompletion=robot_names
         ),
     ] = None,
-    motion: Annotated[Path | None, typer.Argument(help="A motion file (.json, .csv).", metavar="MOTION")] = None,
+    motion: Annotated[Path | None, typer.Argument(help=f"A motion file ({', '.join(READ)}).", metavar="MOTION")] = None,
     joint_tolerance: Annotated[
         float, typer.Option(help="The proof holds for joint errors up to this value (rad or m).", min=0.0)
     ] = 0.0,

@@ -191,7 +191,7 @@ def _usage_message(error: Exception) -> str | None:
 
 def _file_hint(error: PinproofError) -> str:
     """A file with a similar name, or the folder that does not exist, for an input file that is missing."""
-    if not isinstance(error, FileError):
+    if not isinstance(error, FileError) or "://" in error.path:  # a URI of a mesh
         return ""
     path = Path(error.path)
     try:

@@ -32,6 +32,7 @@ from pinproof.cli.options import (
     with_held_joints,
 )
 from pinproof.errors import InputError, MeshError
+from pinproof.motion.motion_keys import READ
 
 if TYPE_CHECKING:
     import numpy as np
@@ -79,8 +80,11 @@ def view(
             autocompletion=robot_names,
         ),
     ],
+    motion: Annotated[
+        Path | None,
+        typer.Argument(help=f"A motion file to play ({', '.join(READ)}).", metavar="[MOTION]"),
+    ] = None,
     q: Configuration = None,
-    motion: Annotated[Path | None, typer.Option(help="A motion file (.json, .csv) to play.")] = None,
     branches: Annotated[
         bool, typer.Option("--branches", help="Also show all other IK solutions for the tcp pose of --q, transparent.")
     ] = False,
@@ -109,7 +113,8 @@ def view(
     check_output_files([html, png_options.png], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
     size = png_options.pixels()
     if motion is not None and (q is not None or branches):
-        raise InputError(f"{'--branches' if q is None else '--q'} and --motion cannot be combined; remove one of them")
+        option = "--branches" if q is None else "--q"
+        raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
     arm, world = _arm(robot, chain, tool), scene_options.load()
     content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": tool.attachments.bodies}
     if motion is not None:

@@ -11,7 +11,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.shapes import Obstacle
-from pinproof.common.files import write_text_whole
+from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, finite, matrix, rigid
 
@@ -256,7 +256,7 @@ class Attachments:
 
         path = Path(path)
         if path.suffix.lower() not in YAML_SUFFIXES:
-            raise SceneError(path, f"unknown suffix {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+            raise SceneError(path, unknown_suffix(path, YAML_SUFFIXES))
         folder = path.resolve().parent
         content: dict[str, Any] = {"attached": [stated_obstacle(body, folder) for body in self.bodies]}
         if self.allowed:

@@ -33,7 +33,7 @@ from pinproof.collision.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.common.files import is_file, write_text_whole
+from pinproof.common.files import is_file, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import (
     MOST_REACH,
     YAML_SUFFIXES,
@@ -210,7 +210,7 @@ def write_scene(scene: SceneContent, path: str | Path) -> None:
     """
     path = Path(path)
     if path.suffix.lower() not in YAML_SUFFIXES:
-        raise SceneError(path, f"unknown suffix {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+        raise SceneError(path, unknown_suffix(path, YAML_SUFFIXES))
     content: dict[str, Any] = {
         "obstacles": [stated_obstacle(obstacle, path.resolve().parent) for obstacle in scene.obstacles]
     }

@@ -21,7 +21,7 @@ from yaml.reader import Reader
 from yaml.resolver import Resolver
 from yaml.scanner import Scanner
 
-from pinproof.common.files import read_text
+from pinproof.common.files import read_text, unknown_suffix
 from pinproof.errors import FileError, InputError, UnknownNameError
 
 __all__ = [
@@ -72,7 +72,7 @@ def read_yaml(
         Type of the exception if the file cannot be read; the message states file and line.
     """
     if path.suffix.lower() not in suffixes:
-        raise error(path, f"unknown file type {path.suffix!r}; valid: {', '.join(suffixes)}")
+        raise error(path, unknown_suffix(path, suffixes))
     remedy = "put meshes and points in mesh files, picks in a CSV table"
     text = _END_MARK.sub("\n", read_text(path, error, largest=LARGEST_YAML, remedy=remedy))
     if odd := _NO_YAML.search(text):
@@ -201,6 +201,24 @@ def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
         raise ConstructorError(None, None, "an integer here is larger than any double", node.start_mark)
     return value
 
+
+def _angle(loader: _LinedLoader, node: yaml.ScalarNode) -> float:
+    """Construct ``!degrees 90`` and ``!radians 1.5``, which are tags of xacro and MoveIt, as radians."""
+    try:
+        value = parse_number(loader.construct_scalar(node))
+    except (ValueError, ConstructorError) as error:
+        raise ConstructorError(None, None, f"the value of {node.tag}: {error}", node.start_mark) from error
+    return math.radians(value) if node.tag == "!degrees" else value
+
+
+def _unknown_tag(_loader: _LinedLoader, node: yaml.Node) -> None:
+    raise ConstructorError(None, None, f"unknown tag {node.tag!r}; valid: {', '.join(ANGLE_TAGS)}", node.start_mark)
+
+
+ANGLE_TAGS = ("!degrees", "!radians")
+for _tag in ANGLE_TAGS:
+    _LinedLoader.add_constructor(_tag, _angle)
+_LinedLoader.add_constructor(None, _unknown_tag)
 
 for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
     _LinedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _made)

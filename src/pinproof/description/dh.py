@@ -30,7 +30,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from pinproof.common.files import read_text, write_text_whole
+from pinproof.common.files import read_text, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import (
     parse_number,
     read_yaml,
@@ -39,7 +39,7 @@ from pinproof.common.yaml_file import (
     refuse_millimetres,
     refuse_unknown,
 )
-from pinproof.description.dh_keys import CONVENTIONS, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
+from pinproof.description.dh_keys import CONVENTIONS, DEFAULT_EFFORT, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
 from pinproof.errors import DhTableError, InputError, UnknownNameError
 from pinproof.spatial import finite, matrix, pose, rigid
 
@@ -84,6 +84,8 @@ class DhRow:
         rows; prismatic rows must state both.
     velocity
         Velocity limit in rad/s or m/s; by default pi rad/s and 1 m/s.
+    effort
+        Largest torque or force in N m or N; by default 100. No result depends on it.
 
     Raises
     ------
@@ -101,6 +103,7 @@ class DhRow:
     lower: float = cast(float, None)
     upper: float = cast(float, None)
     velocity: float = cast(float, None)
+    effort: float = cast(float, None)
 
     def __post_init__(self) -> None:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
@@ -128,9 +131,9 @@ def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
     joint_type = values["joint_type"]
     if joint_type not in JOINT_TYPES:
         return "joint_type", f"unknown joint type {joint_type!r}; valid: {', '.join(JOINT_TYPES)}"
-    for column in ("theta", "d", "a", "alpha", "lower", "upper", "velocity"):
+    for column in ("theta", "d", "a", "alpha", "lower", "upper", "velocity", "effort"):
         value = values[column]
-        optional = column in ("lower", "upper", "velocity")
+        optional = column in ("lower", "upper", "velocity", "effort")
         if value is None and optional:
             continue
         if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -141,6 +144,8 @@ def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
             return column, f"{value} is not a finite number"
         if abs(value) > LARGEST and not unlimited:
             return column, f"{value} is larger than {LARGEST:g} m, rad, m/s or rad/s"
+    if values["effort"] is not None and values["effort"] <= 0:
+        return "effort", f"must be greater than 0, not {values['effort']:.17g}"
     return _limit_problem(joint_type, values["lower"], values["upper"], values["velocity"])
 
 
@@ -164,9 +169,9 @@ def _limit_problem(
 
 def _defaults(joint_type: str) -> dict[str, float]:
     if joint_type == "prismatic":
-        return {"velocity": DEFAULT_PRISMATIC_VELOCITY}
+        return {"velocity": DEFAULT_PRISMATIC_VELOCITY, "effort": DEFAULT_EFFORT}
     limit = math.inf if joint_type == "continuous" else DEFAULT_REVOLUTE_LIMIT
-    return {"lower": -limit, "upper": limit, "velocity": DEFAULT_REVOLUTE_VELOCITY}
+    return {"lower": -limit, "upper": limit, "velocity": DEFAULT_REVOLUTE_VELOCITY, "effort": DEFAULT_EFFORT}
 
 
 def _stated(values: dict[str, Any]) -> dict[str, float]:
@@ -204,7 +209,7 @@ def load_table(path: str | Path) -> DhTable:
     """Read a table; see :meth:`DhTable.load`."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise DhTableError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
+        raise DhTableError(path, unknown_suffix(path, SUFFIXES))
     return _table_from_csv(path) if path.suffix.lower() == ".csv" else _table_from_yaml(path)
 
 
@@ -212,7 +217,7 @@ def save_table(table: DhTable, path: str | Path) -> None:
     """Write a table; see :meth:`DhTable.save`."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise DhTableError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
+        raise DhTableError(path, unknown_suffix(path, SUFFIXES))
     write_text_whole(path, _csv_text(table) if path.suffix.lower() == ".csv" else _yaml_text(table))
 
 
@@ -371,10 +376,11 @@ def _csv_text(table: DhTable) -> str:
     out = io.StringIO()
     out.write(f"# convention: {table.convention}\n")
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(ROW.names)
-    for row in table.rows:
-        stated = _stated_number(row)
-        writer.writerow([stated.get(column, "") for column in ROW.names])
+    rows = [_stated_number(row) for row in table.rows]
+    columns = [name for name in ROW.names if name != "effort" or any("effort" in row for row in rows)]
+    writer.writerow(columns)
+    for stated in rows:
+        writer.writerow([stated.get(column, "") for column in columns])
     return out.getvalue()
 
 
@@ -389,9 +395,11 @@ def _yaml_text(table: DhTable) -> str:
 
 
 def _stated_number(row: DhRow) -> dict[str, Any]:
-    """Return the columns of a row for a file; infinite limits of a continuous row are omitted."""
+    """Return the columns of a row for a file, without infinite limits and without the default effort."""
     values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
     values |= {column: getattr(row, column) for column in ROW.names[2:]}
+    if row.effort == DEFAULT_EFFORT:
+        del values["effort"]
     return {column: value for column, value in values.items() if isinstance(value, str) or math.isfinite(value)}
 
 
@@ -505,6 +513,11 @@ class DhTable:
         """(n,) velocity limits, rad/s or m/s."""
         return np.array([row.velocity for row in self.rows])
 
+    @property
+    def effort(self) -> Array:
+        """(n,) effort limits, N m or N."""
+        return np.array([row.effort for row in self.rows])
+
     def frames(self, q: npt.ArrayLike) -> Array:
         """Compute the poses of the frames dh_0 ... dh_n.
 
@@ -548,7 +561,7 @@ class DhTable:
             return table.name, table.convention, [(row.name, row.joint_type) for row in table.rows]
 
         def numbers(table: DhTable) -> Array:
-            columns = [(r.theta, r.d, r.a, r.alpha, r.lower, r.upper, r.velocity) for r in table.rows]
+            columns = [(r.theta, r.d, r.a, r.alpha, r.lower, r.upper, r.velocity, r.effort) for r in table.rows]
             return np.concatenate([np.ravel(columns), table.base.ravel(), table.tool.ravel()])
 
         same = names(self) == names(other)

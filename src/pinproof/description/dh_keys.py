@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from pinproof.common.file_keys import ANGLE, NUMBER, TEXT, FileKey, KeyTable, any_of, list_of, numbers
 
-__all__ = ["CONVENTIONS", "JOINT_TYPES", "LARGEST", "ROW", "TABLE", "TRANSFORM"]
+__all__ = ["CONVENTIONS", "DEFAULT_EFFORT", "JOINT_TYPES", "LARGEST", "ROW", "TABLE", "TRANSFORM"]
 
 CONVENTIONS = ("standard", "modified")
 JOINT_TYPES = ("revolute", "prismatic", "continuous")
 
 LARGEST = 1e6
 """Metres, radians, m/s, rad/s. Larger numbers are typing errors; sines would lose digits and products overflow."""
+
+DEFAULT_EFFORT = 100.0
+"""N m or N. Default effort limit, because a URDF must state one; a typical value for small arms."""
 
 VALUE = {"$ref": NUMBER, "minimum": -LARGEST, "maximum": LARGEST}
 
@@ -77,6 +80,13 @@ ROW = KeyTable(
             any_of({**VALUE, "exclusiveMinimum": 0}, {"type": "null"}),
             "velocity limit; by default pi rad/s or 1 m/s",
             "rad/s or m/s",
+        ),
+        FileKey(
+            "effort",
+            any_of({**VALUE, "exclusiveMinimum": 0}, {"type": "null"}),
+            "largest torque or force; no result depends on it",
+            "N m or N",
+            DEFAULT_EFFORT,
         ),
     ),
     {

@@ -5,8 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from pinproof.common.file_keys import INTEGER, PLAIN_NUMBER, FileKey, KeyTable, any_of, list_of, mapping_to
+from pinproof.common.yaml_file import YAML_SUFFIXES
 
-__all__ = ["INTERPOLANTS", "META", "MOTION", "POINT", "RECORD", "UNITS"]
+__all__ = ["INTERPOLANTS", "META", "MOTION", "POINT", "READ", "RECORD", "UNITS", "WRITTEN"]
 
 INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
 """The names of the interpolants in the metadata of a file."""
@@ -18,6 +19,9 @@ UNITS = {
     "accelerations": "rad/s^2 or m/s^2",
 }
 """The units in the metadata of a file; a cubic has no accelerations."""
+
+WRITTEN, READ = (".json", ".csv"), (".json", ".csv", *YAML_SUFFIXES)
+"""The suffixes of motion files that are written and read."""
 
 NAME: dict[str, Any] = {"type": "string"}
 COUNT = {**INTEGER, "minimum": 0}

@@ -22,10 +22,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.file_keys import KeyTable
-from pinproof.common.files import read_text
+from pinproof.common.files import read_text, unknown_suffix
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, UNITS
+from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, UNITS, WRITTEN
 from pinproof.motion.motion_record import MotionRecord, read_records
 
 __all__ = [
@@ -363,7 +363,7 @@ _READERS: dict[str, Callable[[Reader, str], Record]] = {
 def write(path: str | Path, record: Record) -> None:
     """Write ``record`` in the format of the file extension; the complete file replaces the target."""
     target = Path(path)
-    text = _by_extension(target, _WRITERS, "written")(record)
+    text = _by_extension(target, _WRITERS, WRITTEN)(record)
     temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
         try:
@@ -379,13 +379,11 @@ def write(path: str | Path, record: Record) -> None:
 def read(path: str | Path) -> Record:
     """Read an output of :func:`write`, or a JointTrajectory message with positions and velocities."""
     source = Path(path)
-    parse = _by_extension(source, _READERS, "read")
+    parse = _by_extension(source, _READERS, READ)
     return parse(Reader(source), read_text(source, TrajectoryError))
 
 
-def _by_extension(path: Path, codecs: dict[str, Codec], done: str) -> Codec:
+def _by_extension(path: Path, codecs: dict[str, Codec], valid: tuple[str, ...]) -> Codec:
     if path.suffix.lower() not in codecs:
-        raise TrajectoryError(
-            path, f"a trajectory is {done} as {', '.join(codecs)}, not {path.suffix or 'a file without extension'}"
-        )
+        raise TrajectoryError(path, unknown_suffix(path, valid))
     return codecs[path.suffix.lower()]

@@ -27,6 +27,8 @@ __all__ = ["open_picks", "read_picks"]
 
 Value = TypeVar("Value")
 
+SUFFIXES = (*YAML_SUFFIXES, ".json", TABLE_SUFFIX)
+
 
 def read_picks(path: str | Path) -> Picks:
     """Read a complete picks file; see :func:`open_picks`.
@@ -61,7 +63,7 @@ def open_picks(path: str | Path) -> PickSource:
     path = Path(path)
     if path.suffix.lower() == TABLE_SUFFIX:
         return PickTable(path)
-    content = read_yaml(path, PICKS.names, PicksError, suffixes=(*YAML_SUFFIXES, ".json"))
+    content = read_yaml(path, PICKS.names, PicksError, suffixes=SUFFIXES)
     refuse_unknown(PicksError, path, "key", content, PICKS.names, "")
     stated = content.get("picks", [])
     table = isinstance(stated, str) and Path(stated).suffix.lower() == TABLE_SUFFIX

@@ -15,7 +15,7 @@ import numpy as np
 
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificate import proven_millimetres
-from pinproof.common.files import write_text_whole
+from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import PickProblem, Picks
@@ -275,7 +275,7 @@ class PickReport:
         """
         kind = Path(path).suffix.lower()
         if kind not in SUFFIXES:
-            raise InputError(f"{path}: the suffix of a report is {', '.join(SUFFIXES)}, not {kind or 'empty'}")
+            raise InputError(f"{path}: {unknown_suffix(Path(path), SUFFIXES)}")
         if kind == ".html":
             from pinproof.picks.report.page import write_page
 

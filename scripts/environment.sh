@@ -51,19 +51,44 @@ install_into_venv() {
     fi
     # An interrupted first run leaves an environment without pip.
     "$venv/bin/python" -m pip --version >/dev/null 2>&1 || "$venv/bin/python" -m ensurepip >/dev/null || return 1
-    "$venv/bin/python" -m pip install -qq --disable-pip-version-check --editable "$root${extra:+[$extra]}" >&2 || return 1
+    # Only the Python part is installed here; scripts/build compiles the core into the source tree.
+    "$venv/bin/python" -m pip install -qq --disable-pip-version-check --config-settings wheel.cmake=false \
+        --config-settings wheel.py-api=py3 --config-settings editable.mode=inplace \
+        --editable "$root[core${extra:+,$extra}]" >&2 || return 1
     fingerprint "" >"$venv/.installed-plain"
     if [[ -n "$extra" ]]; then fingerprint "$extra" >"$venv/.installed-$extra"; fi
 }
 
-# prepare_venv [EXTRA]: install pinproof with the extra into .venv unless it is up to date.
+# Whether the core was compiled for this environment after the last change of its sources.
+core_is_current() {
+    local stamp="$venv/.core-compiled"
+    [[ -f "$stamp" && -z "$(find "$root/src/core" "$root/scripts/build" -newer "$stamp" -print -quit)" ]] &&
+        compgen -G "$root/src/pinproof/_core.*.so" >/dev/null
+}
+
+compile_core() {
+    local log="$venv/core-build.log"
+    touch "$venv/.core-started" # a change during the compilation makes the result out of date
+    if ! "$root/scripts/build" "$venv/bin/python" >"$log"; then
+        cat -- "$log" >&2
+        return 1
+    fi
+    mv -- "$venv/.core-started" "$venv/.core-compiled"
+}
+
+# prepare_venv [EXTRA]: install pinproof with the extra into .venv and compile the core, unless both are up to date.
 prepare_venv() {
     local extra="${1:-}"
-    if is_current "$extra"; then return; fi
+    if is_current "$extra" && core_is_current; then return; fi
     (
         flock 9 # if several first runs start together, one installs and the others wait
-        if is_current "$extra"; then exit; fi
-        say "installing pinproof${extra:+[$extra]} into .venv; this happens once and takes about a minute ..."
-        install_into_venv "$extra" || { say "the installation failed; see the lines above"; exit 1; }
+        if ! is_current "$extra"; then
+            say "installing pinproof${extra:+[$extra]} into .venv; this happens once and takes about a minute ..."
+            install_into_venv "$extra" || { say "the installation failed; see the lines above"; exit 1; }
+        fi
+        if ! core_is_current; then
+            say "compiling the core ..."
+            compile_core || { say "the core could not be compiled; see the lines above"; exit 1; }
+        fi
     ) 9>"$root/.venv.lock"
 }

@@ -1,0 +1,51 @@
+// NumPy arrays at the boundary between Python and the core: types of the arguments, and arrays for results.
+#pragma once
+
+#include <nanobind/nanobind.h>
+#include <nanobind/ndarray.h>
+
+#include <cstddef>
+#include <cstdint>
+#include <initializer_list>
+#include <memory>
+#include <numeric>
+#include <stdexcept>
+#include <string>
+
+namespace pinproof {
+
+namespace nb = nanobind;
+
+// Arguments: C-contiguous arrays of doubles on the CPU, read only. Python converts before it calls.
+using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using Stack = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using Indices = nb::ndarray<const std::int64_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using IndexMatrix = nb::ndarray<const std::int64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+
+// A NumPy array that owns its memory.
+template <class Number>
+struct OwnedArray {
+    Number* data;
+    nb::ndarray<nb::numpy, Number> array;
+};
+
+// An array of a result, not initialised.
+template <class Number = double>
+OwnedArray<Number> new_array(std::initializer_list<std::size_t> shape) {
+    std::size_t count = 1;
+    for (std::size_t side : shape) count *= side;
+    auto memory = std::make_unique<Number[]>(count > 0 ? count : 1);
+    Number* data = memory.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<Number*>(p); });
+    return {data, nb::ndarray<nb::numpy, Number>(data, shape.size(), shape.begin(), owner)};
+}
+
+// Refuse an argument whose size differs from what the core is about to read or write.
+inline void require_size(const char* name, std::size_t found, std::size_t expected) {
+    if (found != expected)
+        throw std::invalid_argument(std::string(name) + " has size " + std::to_string(found) + ", expected " +
+                                    std::to_string(expected));
+}
+
+}  // namespace pinproof

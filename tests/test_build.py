@@ -1,0 +1,83 @@
+"""``scripts/build`` selects a compiler, and says what to install where there is none."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+pytestmark = pytest.mark.slow  # starts other processes
+
+TOOLS = ("bash", "cat", "cut", "dirname", "grep", "mkdir", "readlink")
+"""The programs that the script calls besides the compiler, CMake and Python."""
+
+
+def executable(file: Path, *lines: str) -> None:
+    file.write_text("\n".join(["#!/bin/bash", *lines, ""]), encoding="utf-8")
+    file.chmod(0o755)
+
+
+@pytest.fixture
+def build(tmp_path: Path) -> Path:
+    """A checkout with the script only, and a folder of programs: CMake prints its arguments, pip always fails."""
+    (tmp_path / "scripts").mkdir()
+    shutil.copy(ROOT / "scripts" / "build", tmp_path / "scripts")
+    programs = tmp_path / "programs"
+    programs.mkdir()
+    for name in TOOLS:
+        (programs / name).symlink_to(shutil.which(name) or name)
+    executable(programs / "python", '[[ "$1" == -c ]] && echo test-tag')
+    executable(programs / "cmake", 'printf "%s\\n" "$@"')
+    return tmp_path
+
+
+def run(build: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    programs = build / "programs"
+    environment = {"PATH": str(programs), **variables}
+    command = [programs / "bash", build / "scripts" / "build", programs / "python"]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def chosen(done: subprocess.CompletedProcess[str]) -> str:
+    assert done.returncode == 0, done.stderr
+    (compiler,) = [line for line in done.stdout.splitlines() if line.startswith("-DCMAKE_CXX_COMPILER=")]
+    return Path(compiler.partition("=")[2]).name
+
+
+def test_a_new_enough_compiler_is_chosen_before_an_old_one(build: Path) -> None:
+    executable(build / "programs" / "g++", "echo 9")
+    executable(build / "programs" / "g++-12", '[[ "$1" == -dumpversion ]] && echo 12 || echo GCC')
+    assert chosen(run(build)) == "g++-12"
+
+
+def test_an_old_clang_is_not_chosen(build: Path) -> None:
+    executable(build / "programs" / "clang++", '[[ "$1" == -dumpversion ]] && echo 13 || echo clang')
+    executable(build / "programs" / "clang++-15", '[[ "$1" == -dumpversion ]] && echo 15 || echo clang')
+    assert chosen(run(build)) == "clang++-15"
+
+
+def test_the_variable_cxx_selects_the_compiler(build: Path) -> None:
+    executable(build / "programs" / "g++", "echo 12")
+    assert chosen(run(build, CXX="/opt/own-c++")) == "own-c++"
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root may call apt without sudo")
+def test_apt_installs_a_compiler_if_it_may(build: Path) -> None:
+    programs = build / "programs"
+    executable(programs / "env", 'while [[ "$1" == *=* ]]; do shift; done', 'exec "$@"')
+    created = f"printf '%s\\n' '#!/bin/bash' 'echo 12' >{programs}/g++; {shutil.which('chmod')} +x {programs}/g++"
+    executable(programs / "apt-get", f'[[ "$1" == install ]] && {{ {created}; }} || true')
+    assert chosen(run(build)) == "g++"
+
+
+def test_without_any_compiler_one_line_states_what_to_install(build: Path) -> None:
+    done = run(build)
+    assert done.returncode != 0
+    last = done.stderr.splitlines()[-1]
+    assert "g++" in last
+    assert "clang++" in last

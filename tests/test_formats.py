@@ -118,7 +118,10 @@ EVERYTHING: dict[str, Any] = {
     "dh": {
         **samples.DH,
         "base": {"matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.1], [0, 0, 0, 1]]},
-        "rows": [*samples.DH["rows"], {"name": "j4", "type": "continuous", "theta": 0, "d": 0, "a": 0, "alpha": 0, "effort": 50}],
+        "rows": [
+            *samples.DH["rows"],
+            {"name": "j4", "type": "continuous", "theta": 0, "d": 0, "a": 0, "alpha": 0, "effort": 50},
+        ],
     },
     "limits": {
         "joint_limits": {

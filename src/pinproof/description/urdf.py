@@ -482,7 +482,8 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
             etree.SubElement(copy, "axis", xyz=" ".join(repr(float(v)) for v in unit))
         if kind in ("revolute", "prismatic"):
             # The parser of Pinocchio requires limits; those in use are in JointLimits.
-            etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort="1e9")
+            effort = "1e9" if joint.effort is None else repr(joint.effort)
+            etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort=effort)
     return str(etree.tostring(robot, encoding="unicode"))
 
 

@@ -187,7 +187,14 @@ EVERYTHING: dict[str, Any] = {
 """For each format that is read a file in which nearly every key occurs."""
 
 OTHER_PICKS = {
-    **EVERYTHING["picks"],
+    **{key: value for key, value in EVERYTHING["picks"].items() if key != "fingers"},
+    "robot": "arm.urdf.xacro",
+    "srdf": "arm.srdf",
+    "package_dirs": ["."],
+    "xacro_args": {"length": 0.5, "name": "arm", "long": True},
+    "limits": "joint_limits.yaml",
+    "held": {"finger": 0.04},
+    "cup": {"radius": 0.015, "gap": 0.001, "tilt": 0.1},
     "defaults": TURNED,
     "tip": {"rpy": [0, 0, 0]},
     "picks": [
@@ -205,6 +212,8 @@ OTHER_PICKS["picks"][0]["object"].pop("rpy")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("formats")
     trimesh.creation.box((100, 100, 100)).export(folder / "part.stl")
+    for name in ("arm.srdf", "joint_limits.yaml"):
+        (folder / name).touch()
     return folder
 
 
@@ -336,7 +345,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"|is not a valid name|is not a valid robot name|full rotations|is too long"
     r"|coordinates are limited|number of seconds|must be an integer"
     # the number of picks, the files
-    r"|pattern\.grid has|there is no file"
+    r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers|the cup has the radius"
 )
 """Reasons for which a reader refuses a file that its schema accepts, because a schema cannot state them."""
 

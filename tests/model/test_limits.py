@@ -141,3 +141,10 @@ def test_effort_limits_survive_both_conversions_and_files(suffix: str, tmp_path)
     there = pp.load_robot(tmp_path / "again.urdf").arm()
     assert there.limits.effort.tolist() == again.effort.tolist() == table.effort.tolist() == arm.limits.effort.tolist()
     assert set(table.effort) == {150.0, 28.0}
+
+
+def test_inside_counts_values_beyond_a_limit_by_rounding_as_the_limit():
+    limits = pp.JointLimits(-ONE, ONE, ONE)
+    many = np.array([[1.0, -1.0], [1.0 + 9e-10, -1.0 - 9e-10], [1.0 + 2e-9, 0.0], [0.0, np.nan]])
+    assert limits.inside(many).tolist() == [True, True, False, False]
+    assert limits.inside(many[:, None]).shape == (4, 1)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import pinproof as pp
-from pinproof.cli.complete import robot_names
 from pinproof.cli.console import (
     check_output_files,
     print_error,
@@ -25,11 +24,11 @@ from pinproof.cli.options import (
     Html,
     IgnoreRecord,
     Json,
+    Robot,
     SceneOptions,
     ToolOptions,
     load_motion,
     parse_configuration,
-    with_held_joints,
 )
 from pinproof.errors import InputError, MeshError
 from pinproof.motion.motion_keys import READ
@@ -41,8 +40,6 @@ if TYPE_CHECKING:
     from pinproof.collision import CheckResult
 
 __all__ = ["view"]
-
-DH_TABLE_SUFFIXES = (".yaml", ".yml", ".csv")
 
 
 @dataclass(frozen=True)
@@ -72,14 +69,7 @@ class PngOptions:
 
 
 def view(
-    robot: Annotated[
-        str,
-        typer.Argument(
-            help="A catalogue name such as ur5, a robot file, or a DH table (.yaml, .csv).",
-            metavar="ROBOT",
-            autocompletion=robot_names,
-        ),
-    ],
+    robot: Robot,
     motion: Annotated[
         Path | None,
         typer.Argument(help=f"A motion file to play ({', '.join(READ)}).", metavar="[MOTION]"),
@@ -115,7 +105,7 @@ def view(
     if motion is not None and (q is not None or branches):
         option = "--branches" if q is None else "--q"
         raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
-    arm, world = _arm(robot, chain, tool), scene_options.load()
+    arm, world = chain.arm(robot, tool=tool), scene_options.load()
     content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": tool.attachments.bodies}
     if motion is not None:
         checker = scene_options.checker(arm, world, tool)
@@ -141,21 +131,6 @@ def view(
             pp.write_html(html, arm, world, **content)
     written = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
     print_json(written) if as_json else print_line(f"wrote {' and '.join(written.values())}")
-
-
-def _arm(robot: str, chain: ChainOptions, tool: ToolOptions) -> pp.Arm:
-    if Path(robot).suffix not in DH_TABLE_SUFFIXES:
-        return chain.arm(robot, tool=tool)
-    from pinproof.model import load_robot_from_text
-
-    if chain.group is not None or chain.srdf is not None:
-        raise InputError(
-            "--group and --srdf cannot be used with a DH table, which describes a single chain; remove them"
-        )
-    text = pp.dh_to_urdf(pp.DhTable.load(robot))
-    return with_held_joints(
-        load_robot_from_text(text, name=robot).arm(chain.tcp, base=chain.base), tool, tool.picks.tcp
-    )
 
 
 def _check(

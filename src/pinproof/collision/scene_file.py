@@ -18,21 +18,7 @@ import pinocchio as pin
 import yaml
 
 from pinproof.collision.scene_keys import OBSTACLE, POSE, SCENE, SHAPES
-from pinproof.collision.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    HeightMap,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Shape,
-    Sphere,
-)
+from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
 from pinproof.common.files import is_file, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import (
     MOST_REACH,
@@ -60,18 +46,6 @@ __all__ = [
     "write_scene",
 ]
 
-KINDS: dict[str, Any] = {
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "capsule": Capsule,
-    "cone": Cone,
-    "ellipsoid": Ellipsoid,
-    "half_space": HalfSpace,
-    "convex_hull": ConvexHull,
-    "point_cloud": PointCloud,
-    "height_map": HeightMap,
-}
-"""The classes of the shapes whose keys are the names of their fields."""
 
 LARGEST_INDEX = 2**53
 """Up to this number every integer is a double."""
@@ -101,8 +75,7 @@ def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
     missing = [key for key in table.required if key not in stated]
     if missing:
         raise InputError(f"{kind} does not state its {' and '.join(missing)}")
-    made: Shape = KINDS[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
-    return made
+    return SHAPES_BY_KEY[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
 
 
 def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
@@ -116,7 +89,7 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
         file = Path(shape.path).resolve()
         inside = file.relative_to(folder) if file.is_relative_to(folder) else file
         return "mesh", {"path": inside.as_posix(), "scale": _listed(shape.scale), **how}
-    kind = next((kind for kind, made in KINDS.items() if type(shape) is made), None)
+    kind = next((kind for kind, made in SHAPES_BY_KEY.items() if type(shape) is made), None)
     if kind is None:
         raise InputError(f"a {type(shape).__name__} has no key in files; valid: {', '.join(SHAPES)}")
     return kind, {field.name: _listed(getattr(shape, field.name)) for field in fields(shape)}

@@ -17,13 +17,13 @@ from pinproof.collision.scene_keys import POSE
 from pinproof.common.file_keys import KeyTable
 from pinproof.common.yaml_file import LinedMapping, refuse_millimetres
 from pinproof.errors import FileError, InputError, UnknownNameError
-from pinproof.picks.input.pick import OBJECT, STEPS, WAYS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names
+from pinproof.picks.input.pick import MOVES, OBJECT, STEPS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names
 from pinproof.picks.input.picks_keys import GRID, PATTERN, PLACE, SPIN_RANGE, TOLERANCE
 from pinproof.spatial import SE3, finite
 
 __all__ = ["is_turned", "make_pick", "mapping_of", "picks_of_row"]
 
-WAY_KEYS = tuple(f"{way}{part}" for way in WAYS for part in ("", "_direction", "_frame"))
+MOVE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
 
 LARGEST_PATTERN = 100_000
 """Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
@@ -65,7 +65,7 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "place": _place,
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
-    return Pick(name, **_way(stated), **settings)
+    return Pick(name, **_moves(stated), **settings)
 
 
 def mapping_of(key: str, stated: object, table: KeyTable) -> dict[str, Any]:
@@ -80,10 +80,10 @@ def mapping_of(key: str, stated: object, table: KeyTable) -> dict[str, Any]:
     return stated
 
 
-def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
+def _moves(stated: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that picks and places share: pose, frame, approach and retreat."""
     settings: dict[str, Any] = {}
-    for key in (*POSE.names, "frame", *WAY_KEYS):
+    for key in (*POSE.names, "frame", *MOVE_KEYS):
         if key in stated:
             settings[key] = _text(key, stated[key]) if key.endswith("frame") else numbers_of(key, stated[key])
     placed = pose_of({key: settings.pop(key) for key in POSE.names if key in settings})
@@ -127,13 +127,13 @@ def _place(stated: object) -> PlaceTarget:
     if "object_pose" not in settings:
         if "xyz" not in tip or len(tip) < 2:
             raise InputError("place does not state its xyz and rpy or quat_xyzw, or its object_pose")
-        return PlaceTarget(**_way(settings), support=support)
+        return PlaceTarget(**_moves(settings), support=support)
     if tip:
         raise InputError(
             f"place states {' and '.join(tip)} of the tip, and object_pose; only one or the other is possible"
         )
     final = mapping_of("place.object_pose", settings.pop("object_pose"), POSE)
-    return PlaceTarget(**_way({**settings, **final}), support=support, pose_of=OBJECT)
+    return PlaceTarget(**_moves({**settings, **final}), support=support, pose_of=OBJECT)
 
 
 def _support(stated: object, of: str = "") -> tuple[str, ...] | None:

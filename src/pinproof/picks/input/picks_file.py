@@ -14,11 +14,12 @@ from typing import Any, TypeVar
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scene_keys import POSE
+from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
-from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks
+from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
 from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, picks_of_row
-from pinproof.picks.input.picks_keys import DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PICK, PICKS
+from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PICK, PICKS
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
@@ -76,6 +77,7 @@ def open_picks(path: str | Path) -> PickSource:
         tip=_shared(path, content, "tip", {}, _tip),
         tool=_bodies(path, content, "tool"),
         fingers=_fingers(path, content),
+        cup=_shared(path, content, "cup", None, _cup),
         gripper=tuple(_names(path, content, "gripper")),
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
@@ -83,6 +85,10 @@ def open_picks(path: str | Path) -> PickSource:
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
+        srdf=_file(path, content, "srdf"),
+        package_dirs=_folders(path, content),
+        xacro_args=_xacro_args(path, content),
+        limits=_file(path, content, "limits"),
         tcp=_text(path, content, "tcp"),
         scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
         home=_shared(path, content, "home", {}, _home),
@@ -116,8 +122,7 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
     try:
         return read(stated)
     except InputError as error:
-        line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
-        raise PicksError(path, str(error), f"{line}key {key}") from error
+        raise PicksError(path, str(error), content.place(key)) from error
 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
@@ -175,6 +180,13 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
         if not isinstance(name, str):
             raise PicksError(path, f"{name!r} is not a name", f"key {key}")
     return names
+
+
+def _cup(stated: object) -> SuctionCup | None:
+    if stated is None:
+        return None
+    settings = mapping_of("", stated, CUP)
+    return SuctionCup(**{key: _number(key, value) for key, value in settings.items()})
 
 
 def _grip_limits(stated: object) -> GripLimits:
@@ -239,8 +251,47 @@ def _robot(path: Path, content: LinedMapping) -> str | None:
     return str(path.parent / name)
 
 
+def _file(path: Path, content: LinedMapping, key: str) -> Path | None:
+    """An existing file, relative to the picks file."""
+    name = _text(path, content, key)
+    if name is None:
+        return None
+    if not is_file(path.parent / name):
+        raise PicksError(
+            path, f"there is no file {path.parent / name}; paths are relative to this file", content.place(key)
+        )
+    return path.parent / name
+
+
+def _folders(path: Path, content: LinedMapping) -> tuple[Path, ...]:
+    """The package folders, relative to the picks file."""
+    stated = content.get("package_dirs", [])
+    names = [stated] if isinstance(stated, str) else stated
+    place = content.place("package_dirs")
+    if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):
+        raise PicksError(path, f"holds {stated!r}, not a list of folders", place)
+    for name in names:
+        if not (path.parent / name).is_dir():
+            raise PicksError(path, f"there is no folder {path.parent / name}; paths are relative to this file", place)
+    return tuple(path.parent / name for name in names)
+
+
+def _xacro_args(path: Path, content: LinedMapping) -> dict[str, str]:
+    stated, place = content.get("xacro_args", {}), content.place("xacro_args")
+    if not isinstance(stated, dict):
+        raise PicksError(path, f"holds {stated!r}, not a mapping of argument names to values", place)
+    if stated and not (content.get("robot") or "").endswith(".xacro"):
+        raise PicksError(path, "is valid only if the robot is a file that ends in .xacro", place)
+    found = {}
+    for name, value in stated.items():
+        if isinstance(value, (dict, list)) or value is None:
+            raise PicksError(path, f"argument {name!r} is {value!r}; it must be a number or a text", place)
+        found[str(name)] = str(value).lower() if isinstance(value, bool) else str(value)
+    return found
+
+
 def _text(path: Path, content: LinedMapping, key: str) -> str | None:
     value = content.get(key)
     if value is not None and (not isinstance(value, str) or not value):
-        raise PicksError(path, f"holds {value!r}, not a name", f"key {key}")
+        raise PicksError(path, f"holds {value!r}, not a name", content.place(key))
     return value

@@ -16,11 +16,22 @@ from pinproof.common.file_keys import (
     mapping_to,
     numbers,
 )
-from pinproof.picks.input.pick import LONGEST_WAY, MOST_STEPS, ROOT, STEPS, TIP, GripperFingers, Pick, PlaceTarget
+from pinproof.picks.input.pick import (
+    LONGEST_MOVE,
+    MOST_STEPS,
+    ROOT,
+    STEPS,
+    TIP,
+    GripperFingers,
+    Pick,
+    PlaceTarget,
+    SuctionCup,
+)
 from pinproof.picks.input.settings import GripLimits
 
 __all__ = [
     "COLUMNS",
+    "CUP",
     "DEFAULTS",
     "FINGERS",
     "FRAME",
@@ -58,7 +69,7 @@ def _ways(owner: type, begin: str, end: str) -> tuple[FileKey, ...]:
         keys += (
             FileKey(
                 way,
-                {"$ref": NUMBER, "minimum": 0, "maximum": LONGEST_WAY},
+                {"$ref": NUMBER, "minimum": 0, "maximum": LONGEST_MOVE},
                 f"length of the straight line {text}; 0 for none",
                 "m",
                 default_of(owner, way),
@@ -241,6 +252,30 @@ FINGERS = KeyTable(
 )
 
 
+CUP = KeyTable(
+    "cup",
+    "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
+    (
+        FileKey("radius", NUMBER, "radius of the face, above 0", "m", required=True),
+        FileKey(
+            "gap",
+            NUMBER,
+            "largest distance of any point of the rim from the surface of the object along the axis; bellows allow "
+            "more than a flat cup",
+            "m",
+            default_of(SuctionCup, "gap"),
+        ),
+        FileKey(
+            "tilt",
+            NUMBER,
+            "largest angle between the face and the surface at its rim",
+            "rad",
+            default_of(SuctionCup, "tilt"),
+        ),
+    ),
+)
+
+
 def _limit(name: str, text: str, unit: str) -> FileKey:
     return FileKey(name, POSITIVE, text, unit, default_of(GripLimits, name))
 
@@ -268,7 +303,23 @@ PICKS = KeyTable(
     "A picks file: the picks, and the robot, scene and gripper that they share. Files that it names are relative to "
     "its folder.",
     (
-        FileKey("robot", TEXT, "a name of the catalogue, or a robot file (URDF, xacro, MJCF)"),
+        FileKey("robot", TEXT, "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)"),
+        FileKey("srdf", TEXT, "an SRDF file of the robot"),
+        FileKey(
+            "package_dirs",
+            any_of(TEXT, list_of(TEXT)),
+            "a folder, or a list of folders, that contain ROS packages",
+            "",
+            [],
+        ),
+        FileKey(
+            "xacro_args",
+            mapping_to({"type": ["string", "number", "boolean"]}),
+            "values of the arguments of a xacro file",
+            "",
+            {},
+        ),
+        FileKey("limits", TEXT, "a file of [joint limits](limits.md)"),
         FileKey("tcp", TEXT, "the tcp frame of the arm; by default that of the robot"),
         FileKey(
             "held",
@@ -289,6 +340,7 @@ PICKS = KeyTable(
         FileKey("tip", POSE, "tcp_from_tip: the frame that is moved to the poses of picks", "", {}),
         FileKey("tool", list_of(OBSTACLE), "bodies that move with the tcp; poses are tcp_from_body", "", []),
         FileKey("fingers", FINGERS, "two moving fingers that are not part of the robot"),
+        FileKey("cup", CUP, "a suction cup at the tip, instead of fingers; its body is one of `tool`"),
         FileKey(
             "gripper",
             list_of({"type": "string"}),

@@ -94,6 +94,16 @@ CONTACT = _table(
     ),
 )
 
+CUP = _table(
+    "cup",
+    "The contact of a suction cup.",
+    FileKey("contact_area", LENGTH, "area of its face near the surface", "m²", required=True),
+    FileKey(
+        "gap", PLAIN_NUMBER, "largest distance of the rim; negative if the rim is inside the part", "m", required=True
+    ),
+    FileKey("tilt", LENGTH, "angle between face and surface", "rad", required=True),
+)
+
 GRIP = _table(
     "grip",
     "How the part is held.",
@@ -101,10 +111,11 @@ GRIP = _table(
     FileKey(
         "tip_distance",
         OPTIONAL,
-        "for a tool without fingers: distance from its tip to the surface of the part",
+        "for a tool without fingers or cup: distance from its tip to the surface of the part",
         "m",
         required=True,
     ),
+    FileKey("cup", any_of(CUP, {"type": "null"}), "the contact of a suction cup", required=True),
 )
 
 VERDICT = _table(
@@ -196,4 +207,5 @@ REPORT = _table(
     FileKey("notes", list_of(WORDS), "what the verdicts do not cover", required=True),
     FileKey("picks", list_of(VERDICT), "the verdicts in the order of the file", required=True),
     FileKey("problems", list_of(PROBLEM), "rows that could not be read", required=True),
+    FileKey("not_judged", COUNT, "number of picks without a verdict, because the run was interrupted"),
 )

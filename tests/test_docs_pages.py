@@ -14,12 +14,12 @@ from .pages import ROOT, blocks, reader_folder, run_page, run_python
 DOCS = ROOT / "docs"
 PAGES = sorted(
     str(page.relative_to(DOCS))
-    for page in [
+    for page in (
         DOCS / "index.md",
         DOCS / "notebooks.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),
-    ]
+    )
 )
 
 

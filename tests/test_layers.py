@@ -32,6 +32,7 @@ PACKAGES = (
     "planning",
     "viewer",
     "picks",
+    "formats",
     "benchmarks",
     "cli",
 )
@@ -63,10 +64,10 @@ class Import:
 
 
 def source_files(package: Path) -> Iterator[tuple[Path, str]]:
-    """Every module of the source tree with its package; the top-level ``__init__`` is left out."""
+    """Every module of the source tree with its package; the top-level ``__init__`` and ``__main__`` are left out."""
     for file in sorted(package.rglob("*.py")):
         parts = file.relative_to(package).with_suffix("").parts
-        if parts != ("__init__",):
+        if parts not in (("__init__",), ("__main__",)):
             yield file, parts[0]
 
 

@@ -87,12 +87,13 @@ _HOME = {  # package: the names that the top level exports
         "screen_picks",
         "validate_picks",
     ),
+    "pinproof.formats": ("file_schema",),
 }
 _MODULE_OF = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = sorted([*_MODULE_OF, "__version__"])
 
-_PACKAGES = ("collision", "errors", "ik", "model", "motion", "picks", "planning", "verifier", "viewer")
+_PACKAGES = ("collision", "errors", "formats", "ik", "model", "motion", "picks", "planning", "verifier", "viewer")
 """Packages with further names, imported at first use: ``pp.picks.PickBudget``."""
 
 if TYPE_CHECKING:
@@ -125,6 +126,9 @@ if TYPE_CHECKING:
         NoAnswer as NoAnswer,
         PinproofError as PinproofError,
         UnknownNameError as UnknownNameError,
+    )
+    from pinproof.formats import (
+        file_schema as file_schema,
     )
     from pinproof.ik import (
         AnalyticIk as AnalyticIk,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -188,7 +189,7 @@ def test_missing_data_of_a_robot_is_listed(run: Run) -> None:
         ("dh2urdf", "dh.yaml", "-o", "dh.yaml"),
         ("view", "arm.urdf", "--html", "arm.urdf"),
         ("view", "arm.urdf", "--html", "link_to_arm"),
-        ("view", "arm.urdf", "--motion", "motion.json", "--html", "motion.json"),
+        ("view", "arm.urdf", "motion.json", "--html", "motion.json"),
         ("certify", "arm.urdf", "motion.json", "--html", "motion.json"),
         ("certify", "arm.urdf", "motion.json", "--scene", "scene.yaml", "--html", "scene.yaml"),
         ("plan", "arm.urdf", "--goal", "home", "--scene", "scene.yaml", "--html", "scene.yaml"),
@@ -219,3 +220,45 @@ def test_no_command_overwrites_its_input_or_writes_only_some_outputs(
     assert text.count("\n") == 1
     assert {path.name for path in tmp_path.iterdir()} == {*files, "folder", "link_to_arm"}
     assert {name: (tmp_path / name).read_bytes() for name in files} == files
+
+
+@pytest.mark.parametrize("robot", ["ur5", "generic_6dof"])
+def test_the_table_of_ik_solutions_fits_into_80_columns(run: Run, robot: str) -> None:
+    code, out, _ = run("ik", robot, "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--all")
+    names, header, *rows = out.splitlines()
+    arm = pp.load_robot(robot).arm()
+    assert names == ", ".join(f"q{k} = {name}" for k, name in enumerate(arm.joint_names, start=1))
+    assert header.split() == [f"q{k}" for k in range(1, 7)]
+    assert code == 0
+    assert len(rows) > 1
+    assert max(map(len, [header, *rows[:-1]])) <= 80
+    target = pp.pose((0.4, 0.1, 0.3), (math.pi, 0, 0))
+    for row in rows[:-1]:
+        found = arm.forward_kinematics([float(value) for value in row.split()])
+        assert found.isApprox(target, 1e-4)
+
+
+def test_a_missing_mesh_is_not_taken_for_a_file_in_a_folder(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "m.urdf"
+    geometry = '<collision><geometry><mesh filename="package://parts/a.stl"/></geometry></collision>'
+    file.write_text(
+        f'<robot name="m"><link name="a">{geometry}</link><link name="b"/><joint name="j" type="revolute">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/>'
+        "</joint></robot>"
+    )
+    code, _, err = run("check", str(file), "--tcp", "b", "--q", "home")
+    assert code == 2
+    assert "package://parts/a.stl: the mesh of link 'a' was not found" in err
+    assert "does not exist" not in err
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a"])
+def test_every_reader_names_the_suffixes_in_the_same_words(name: str) -> None:
+    readers = (pp.Scene.load, pp.read_picks, pp.DhTable.load, pp.Trajectory.load, pp.JointLimits.load)
+    reports = []
+    for read in readers:
+        with pytest.raises(pp.FileError) as error:
+            read(name)
+        reports.append(str(error.value).partition("; valid: "))
+    assert len({problem for problem, _, _ in reports}) == 1
+    assert all(".yaml" in valid for _, _, valid in reports)

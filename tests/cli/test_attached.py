@@ -94,7 +94,7 @@ def test_a_motion_planned_with_a_tool_is_not_certified_without_it(run: Run, tool
     (record,) = pp.Trajectory.load("motion.json").certified
     assert (list(record.attached), record.obstacles, record.status) == (["rod"], ("far",), "FREE")
     motion = ("ur5", "motion.json", "--scene", "far.yaml")
-    for command in (("certify", *motion), ("view", "ur5", "--motion", *motion[1:], "--html", "again.html")):
+    for command in (("certify", *motion), ("view", "ur5", *motion[1:], "--html", "again.html")):
         code, out, err = run(*command)
         assert (code, out) == (2, "")
         assert all(word in err for word in ("rod", "--tool-of", "--attached", "--ignore-record"))

@@ -40,7 +40,7 @@ def test_a_configuration_in_a_scene_is_checked_and_its_contacts_marked(run: Run)
 
 
 def test_a_motion_is_certified_for_its_caption(run: Run) -> None:
-    code, _, _ = run("arm.urdf", "--motion", "motion.json", "--scene", "scene.yaml", "--html", "a.html")
+    code, _, _ = run("arm.urdf", "motion.json", "--scene", "scene.yaml", "--html", "a.html")
     assert code == 0
     assert '<p class="verdict free" id="verdict">FREE</p>' in Path("a.html").read_text(encoding="utf-8")
 
@@ -67,7 +67,7 @@ def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
     ("words", "expected"),
     [
         (("--time", "1", "--html", "a.html"), "--time"),
-        (("--motion", "motion.json", "--q", "home", "--html", "a.html"), "--q"),
+        (("motion.json", "--q", "home", "--html", "a.html"), "--q"),
         (("--png", "a.png", "--size", "large"), "WIDTHxHEIGHT"),
         (("--png", "a.png", "--html", "a.png"), "a.png"),
     ],

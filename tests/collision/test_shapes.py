@@ -7,7 +7,20 @@ import pickle
 import numpy as np
 import pytest
 
-from pinproof import Cone, ConvexHull, Ellipsoid, HalfSpace, HeightMap, InputError, Mesh, Obstacle, PointCloud
+from pinproof import (
+    Box,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    InputError,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Sphere,
+)
 
 TETRAHEDRON = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
@@ -100,3 +113,20 @@ def test_a_point_cloud_contains_each_cell_once():
 
 def test_half_spaces_are_equal():
     assert HalfSpace() == HalfSpace()
+
+
+@pytest.mark.parametrize(
+    ("create", "named"),
+    [
+        (lambda: Box([1, 1, 1]), r"Box\(x, y, z\)"),
+        (lambda: Box(1, 1, 1, 1), r"Box\(x, y, z\)"),
+        (lambda: Box(1, 1, [1]), "Box.z"),
+        (lambda: Sphere(r=0.1), r"Sphere\(radius\)"),
+        (lambda: Cylinder(0.1), r"Cylinder\(radius, length\)"),
+        (lambda: HalfSpace(0.1), r"HalfSpace\(\)"),
+        (lambda: Mesh(), r"Mesh\(path, scale"),
+    ],
+)
+def test_wrong_arguments_are_answered_with_the_right_call(create, named: str):
+    with pytest.raises(InputError, match=named):
+        create()

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.description.dh import DhRow, DhTable, parse_number
+from pinproof.common.yaml_file import parse_number
+from pinproof.description.dh import DhRow, DhTable
 from pinproof.errors import DhTableError, FileError, InputError
 from pinproof.spatial import pose
 
@@ -265,5 +266,5 @@ def test_saving_into_a_folder_that_is_not_there_names_the_file(tmp_path):
 
 
 def test_saving_under_an_unknown_ending_is_refused(tmp_path):
-    with pytest.raises(DhTableError, match=r"unknown kind of file '\.json'"):
+    with pytest.raises(DhTableError, match=r"unknown file type '\.json'"):
         DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard").save(tmp_path / "arm.json")

@@ -100,7 +100,7 @@ def test_collada_unit_is_read(tmp_path):
         ("a.obj", "v 0 0 0\n", "no triangle|cannot be read"),
         ("a.obj", TRIANGLES.replace("v 1 0 0", "v nan 0 0"), "not finite"),
         ("a.stl", "nonsense", "cannot be read|no triangle"),
-        ("a.txt", "", "mesh format"),
+        ("a.txt", "", "unknown file type"),
     ],
 )
 def test_unusable_mesh_is_refused(tmp_path, name, text, message):

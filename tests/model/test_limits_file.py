@@ -115,10 +115,34 @@ def test_files_without_sense_are_refused_with_place(tmp_path, text, message):
 
 def test_limits_of_jerk_are_checked_and_kept(tmp_path):
     one = np.ones(2)
-    limits = pp.JointLimits(-one, one, one, one, "cell", [5.0, 6.0])
+    limits = pp.JointLimits(-one, one, one, one, [5.0, 6.0], acceleration_source="cell")
     assert limits.jerk_source == "given by the caller"
     assert limits.replace(["a", "b"], {"a": (0.0, 1.0)}).jerk.tolist() == [5.0, 6.0]
     assert not limits.jerk.flags.writeable
     for jerk in ([5.0], [0.0, 1.0], [-1.0, 1.0]):
         with pytest.raises(pp.InputError, match="jerk"):
-            pp.JointLimits(-one, one, one, one, "", jerk)
+            pp.JointLimits(-one, one, one, one, jerk)
+
+
+def test_degrees_are_converted_and_radians_are_not(robot, tmp_path):
+    text = (
+        "joint_limits: {elbow_joint: {has_position_limits: true, min_position: !degrees -90, max_position: !radians 2}}"
+    )
+    arm = robot.arm(tcp="tool0", limits=pp.JointLimits.load(written(tmp_path, text)))
+    assert (arm.limits.lower[2], arm.limits.upper[2]) == (-np.pi / 2, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [("!deg 90", "!degrees, !radians"), ("!degrees far", "'far' is not a number"), ("!degrees [1]", "")],
+)
+def test_other_tags_and_values_are_refused_with_their_line(value: str, reason: str, tmp_path):
+    text = f"joint_limits:\n  j: {{has_velocity_limits: true, max_velocity: {value}}}"
+    with pytest.raises(pp.FileError, match=rf"line 2: .*{reason}"):
+        pp.JointLimits.load(written(tmp_path, text))
+
+
+def test_an_effort_limit_replaces_that_of_the_urdf(robot, tmp_path):
+    text = "joint_limits: {elbow_joint: {has_effort_limits: true, max_effort: 12}}"
+    limits = robot.arm(tcp="tool0", limits=pp.JointLimits.load(written(tmp_path, text))).limits
+    assert limits.effort.tolist() == [150.0, 150.0, 12.0, 28.0, 28.0, 28.0]

@@ -306,7 +306,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path):
 
 
 def test_other_endings_and_places_that_do_not_exist_are_refused(tmp_path, trajectory):
-    with pytest.raises(TrajectoryError, match=r"written as \.json, \.csv, not \.txt"):
+    with pytest.raises(TrajectoryError, match=r"unknown file type .\.txt.; valid: \.json, \.csv$"):
         trajectory.save(tmp_path / "t.txt")
     with pytest.raises(TrajectoryError, match="cannot be written"):
         trajectory.save(tmp_path / "no" / "t.json")

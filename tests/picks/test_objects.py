@@ -232,3 +232,74 @@ def test_frames_hang_on_each_other_and_not_in_circles(arm) -> None:
     circle = {"tray": pp.picks.NamedFrame(pp.pose(), "rack"), "rack": pp.picks.NamedFrame(pp.pose(), "tray")}
     reason = judge(arm, there, frames=circle).reason
     assert all(word in reason for word in ("cycle", "tray", "rack"))
+
+
+FINAL = pp.pose((0.40, -0.33, 0.015), (0, 0, 0.7))
+"""The requested final pose of the bolt."""
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.1])
+@pytest.mark.parametrize("aside", [(0.0, 0.0, 0.0), (0.002, -0.001, 0.003)])
+def test_a_place_stated_as_the_pose_of_the_object_puts_it_there(arm, turn: float, aside) -> None:
+    grasp = pp.pose((0.45, 0.15, 0.035), DOWN) * pp.pose(aside, (0, 0, turn))
+    place = pp.picks.PlaceTarget(FINAL, pose_of="object")
+    verdict = judge(arm, replace(PICK, pose=grasp, place=place))
+    recheck(verdict, arm)
+    final = verdict.motions[-1].scene["bolt"].pose
+    np.testing.assert_allclose(final.homogeneous, FINAL.homogeneous, atol=1e-6)
+    # The independent product: the tip at the release is final object * (grasp^-1 * object at the grasp)^-1.
+    tip_from_object = np.linalg.inv(grasp.homogeneous) @ bolt(0.45, 0.15).pose.homogeneous
+    released = arm.root_from_base * arm.forward_kinematics(verdict.trajectory(verdict.release_time))
+    tip = released.homogeneous @ pp.pose((0, 0, TIP)).homogeneous
+    np.testing.assert_allclose(tip, FINAL.homogeneous @ np.linalg.inv(tip_from_object), atol=1e-5)
+
+
+def test_a_place_stated_as_the_pose_of_a_shape_uses_the_pose_that_it_is_held_with(arm) -> None:
+    held = pp.Obstacle("part", pp.Box(0.02, 0.02, 0.03), pp.pose((0.001, 0, 0.016), (0, 0, 0.4)))
+    frames = {"tray": pp.picks.NamedFrame(pp.pose((0.42, -0.35, 0), (0, 0, 0.3)))}
+    wanted = pp.pose((0.01, 0, 0.02), DOWN)
+    by_object = pp.picks.PlaceTarget(wanted, "tray", pose_of="object")
+    by_tip = pp.picks.PlaceTarget(wanted * held.pose.inverse(), "tray")
+    pick = replace(PICK, pose=pp.pose((0.45, -0.05, 0.06), DOWN), carried=held)
+    verdicts = [judge(arm, replace(pick, place=place), frames=frames) for place in (by_object, by_tip)]
+    for verdict in verdicts:
+        recheck(verdict, arm)
+        final = verdict.motions[-1].scene["part"].pose
+        np.testing.assert_allclose(final.homogeneous, (frames["tray"].pose * wanted).homogeneous, atol=1e-6)
+    assert verdicts[0].trajectory.duration == pytest.approx(verdicts[1].trajectory.duration, abs=1e-6)
+
+
+def test_every_grasp_of_a_family_puts_the_object_at_the_same_pose(arm) -> None:
+    spin = pp.picks.GraspSpin((2.0,))
+    verdict = judge(arm, replace(PICK, spin=spin, place=pp.picks.PlaceTarget(FINAL, pose_of="object")))
+    recheck(verdict, arm)
+    np.testing.assert_allclose(verdict.motions[-1].scene["bolt"].pose.homogeneous, FINAL.homogeneous, atol=1e-6)
+
+
+def test_suggestions_for_a_place_of_the_object_hold(arm) -> None:
+    far = pp.pose((0.95, 0, 0.015), (0, 0, 0.7))
+    pick = replace(PICK, place=pp.picks.PlaceTarget(far, pose_of="object"))
+    picker = pp.Obstacle("picker", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0, 0, 0.05)))
+    scene = pp.Scene([table(), bolt(0.45, 0.15)], allowed=[("base_link", "table")])
+    shared = {"tip": pp.pose((0, 0, TIP)), "tool": (picker,), "margin": 0.002}
+    budget = pp.picks.PickBudget(compared=1, remedies=4)
+    (verdict,) = pp.validate_picks(arm, scene, pp.Picks((pick,), **shared), budget=budget).verdicts
+    assert verdict.failed is Stage.PLACE
+    assert verdict.suggestions
+    for suggestion in verdict.suggestions:
+        changed = pp.picks.apply_suggestion(pick, suggestion)
+        assert changed.place.pose_of == "object"
+        recheck(judge(arm, changed), arm)
+
+
+def test_a_shift_of_a_place_moves_the_object_and_a_rotation_of_pick_and_place_does_not_fit() -> None:
+    pick = replace(PICK, place=pp.picks.PlaceTarget(FINAL, pose_of="object"))
+    moved = pp.picks.apply_suggestion(pick, "move the place 20 mm along -x (base frame)").place.pose
+    np.testing.assert_allclose(moved.translation, FINAL.translation - [0.02, 0, 0], atol=1e-15)
+    with pytest.raises(InputError, match="pose of the object"):
+        pp.picks.apply_suggestion(pick, "turn the pick and the place by 15 deg about the z axis of the tip")
+
+
+def test_an_unknown_kind_of_pose_of_a_place_is_refused() -> None:
+    with pytest.raises(pp.UnknownNameError, match="valid: object, tip"):
+        pp.picks.PlaceTarget(FINAL, pose_of="part")

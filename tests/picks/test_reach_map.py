@@ -199,3 +199,15 @@ def test_directions_all_round_weigh_the_sphere_evenly() -> None:
     directions = pp.picks.approach_directions(half_angle=np.pi, count=500)
     assert np.abs(directions.mean(axis=0)).max() < 0.01
     assert np.abs(directions.T @ directions / 500 - np.eye(3) / 3).max() < 0.01
+
+
+@pytest.mark.parametrize("directions", ["down", [[0, 0, 1], [0, 1]], [0, 0], [[0, 0, "x"]], [0, 0, np.nan]])
+def test_directions_that_are_not_numbers_are_refused_with_the_valid_shape(directions) -> None:
+    with pytest.raises(pp.InputError, match="directions"):
+        pp.picks.tool_orientations(directions)
+
+
+def test_one_direction_is_the_same_as_a_list_of_one() -> None:
+    one, several = pp.picks.tool_orientations((0, 1, 0), 2), pp.picks.tool_orientations([(0, 1, 0)], 2)
+    np.testing.assert_array_equal(one, several)
+    assert one.shape == (2, 3, 3)

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
-from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -13,13 +11,14 @@ import pytest
 import pinproof as pp
 from pinproof.picks import PickStatus, Stage, StageResult
 from pinproof.picks.input.pick import PickProblem
-from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES, SCHEMA
+from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES
+from pinproof.picks.report.report_keys import SCHEMA
 
 PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")
 
 
 def schema() -> dict:
-    return json.loads(files("pinproof.picks.report").joinpath("schema.json").read_text(encoding="utf-8"))
+    return pp.file_schema("report")
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +73,7 @@ def test_a_row_has_the_motions_the_score_and_the_refuted_branches(reports) -> No
 
 
 def test_the_schema_names_every_verdict_and_the_version() -> None:
-    verdicts = schema()["$defs"]["pick"]["properties"]["verdict"]["enum"]
+    verdicts = schema()["$defs"]["verdict"]["properties"]["verdict"]["enum"]
     assert {status.value for status in PickStatus} <= set(verdicts)
     assert schema()["properties"]["schema"]["const"] == SCHEMA
 

@@ -183,3 +183,15 @@ def test_sources_that_differ_have_different_digests(write) -> None:
     assert len({source.digest() for source in made}) == len(made)
     assert pp.picks.PickTable(write(header + "a,1,2,4\n"), defaults=rpy).digest() == made[-1].digest()
     assert PickList(pp.Picks((pp.Pick("p", pp.pose((1, 2, 3))),))).digest() == made[3].digest()
+
+
+@pytest.mark.parametrize(
+    ("rows", "occurs"),
+    [("1,0,0,0,0,0,\n", {False}), ("1,0,0,0,0,0,a\n", {True}), ("1,0,0,0,0,0,a\n1,0,0,0,0,0,\n", {True, False})],
+)
+def test_a_source_knows_whether_its_picks_state_an_object(write, rows: str, occurs: set[bool]) -> None:
+    table = pp.picks.open_picks(write("x,y,z,roll,pitch,yaw,object\n" + rows))
+    assert table.with_object == occurs
+    assert PickList(table.load()).with_object == occurs
+    if len(occurs) == 1:
+        assert pp.picks.PickGrid(table.load().picks[0], (2, 1, 1), (1, 0, 0)).with_object == occurs

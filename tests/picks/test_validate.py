@@ -208,3 +208,16 @@ def test_the_stage_reports_how_far_the_best_configuration_got(arms) -> None:
     blocked = pp.Pick("part", pick.pose, approach=0.02, retreat=0.16, retreat_direction=tuple(aside))
     (verdict,) = pp.validate_picks(arm, cell, pp.Picks((blocked,), margin=0.002)).verdicts
     assert verdict.failed is Stage.RETREAT
+
+
+@pytest.mark.parametrize(
+    ("objects", "empty", "held"),
+    [((), False, False), ((None,), True, False), (("block",), False, True), ((None, "block"), True, True)],
+)
+def test_notes_on_objects_apply_only_to_the_picks_that_state_them(stick, objects, empty: bool, held: bool) -> None:
+    block = pp.Obstacle("block", pp.Box(0.1, 0.1, 0.1), pp.pose((9, 9, 9)))
+    pose = pp.pose((30, 0, 0))
+    picks = [pp.Pick(f"pick {k}", pose, carried=carried) for k, carried in enumerate(objects)]
+    notes = "\n".join(pp.validate_picks(stick, pp.Scene([block]), picks).notes)
+    assert ("empty gripper" in notes) == empty
+    assert ("holding force" in notes) == held

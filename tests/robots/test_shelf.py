@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from pinproof.collision import CollisionChecker, Scene
+from pinproof.common.yaml_file import parse_number
 from pinproof.conversion import dh_to_urdf
 from pinproof.description import DhTable
-from pinproof.description.dh import parse_number
 from pinproof.description.packages import example_robot_data
 from pinproof.model import Arm, load_robot
 

@@ -141,7 +141,7 @@ def _overlaps_json(report: pp.collision.OverlapReport) -> dict[str, object]:
 
 
 def _print_joints(robot_info: pp.model.RobotInfo) -> None:
-    header = ("joint", "type", "limits", "speed", "accel.", "role")
+    header = ("joint", "type", "limits", "speed", "accel.", "effort", "role")
     _print_columns([header, *(_row(joint) for joint in robot_info.joints if joint.role != "fixed")])
 
 
@@ -152,13 +152,14 @@ def _print_columns(rows: Sequence[Sequence[str]]) -> None:
 
 
 def _row(joint: JointInfo) -> tuple[str, ...]:
-    low, high, speed, acceleration = (
-        "-" if v is None else f"{v:.4g}" for v in (joint.lower, joint.upper, joint.velocity, joint.acceleration)
+    low, high, speed, acceleration, effort = (
+        "-" if v is None else f"{v:.4g}"
+        for v in (joint.lower, joint.upper, joint.velocity, joint.acceleration, joint.effort)
     )
     role = {"arm": "arm", "follower": f"= {joint.mimic}", "held": "held at neutral", "fixed": "fixed"}[joint.role]
     if joint.held_at is not None:
         role = f"held at {joint.held_at:.4g}"
-    return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, role
+    return joint.name, joint.type, f"{low} .. {high}", speed, acceleration, effort, role
 
 
 def _geometry_counts(robot_info: pp.model.RobotInfo) -> str:

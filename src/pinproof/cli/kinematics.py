@@ -142,6 +142,10 @@ def ik(
         raise typer.Exit(1)
 
 
+COLUMN = 10
+"""Characters of a joint value in a table."""
+
+
 def _print_all(found: pp.IkBranches, as_json: bool) -> None:
     """Print the distinct IK solutions, nearest to ``q0`` first, and count those that differ by full rotations."""
     names = found.arm.joint_names
@@ -149,9 +153,10 @@ def _print_all(found: pp.IkBranches, as_json: bool) -> None:
         rows = [dict(zip(names, q.tolist(), strict=True)) for q in found.branches]
         print_json({"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message})
     else:
-        print_line("  ".join(f"{name[-14:]:>14s}" for name in names))
+        print_line(", ".join(f"q{k} = {name}" for k, name in enumerate(names, start=1)))
+        print_line(" ".join(f"{f'q{k}':>{COLUMN}s}" for k in range(1, len(names) + 1)))  # 7 joints fit into 80 columns
         for q in found.branches:
-            print_line("  ".join(f"{_decimals(value):>14s}" for value in q))
+            print_line(" ".join(f"{_decimals(value):>{COLUMN}s}" for value in q))
         windings = f" ({len(found)} with full rotations)" if len(found) > len(found.branches) else ""
         print_line(f"{found.message}{windings}")
     if not found.ok:

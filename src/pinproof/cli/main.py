@@ -31,6 +31,7 @@ from pinproof.cli.motion import check, plan
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
+from pinproof.cli.schema import schema
 from pinproof.cli.view import view
 from pinproof.errors import FileError, NoAnswer, PinproofError, UnitWarning
 
@@ -69,6 +70,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
+    "schema": schema,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
 }
@@ -201,7 +203,7 @@ def _usage_message(error: Exception) -> str | None:
 
 def _file_hint(error: PinproofError) -> str:
     """A file with a similar name, or the folder that does not exist, for an input file that is missing."""
-    if not isinstance(error, FileError):
+    if not isinstance(error, FileError) or "://" in error.path:  # a URI of a mesh
         return ""
     path = Path(error.path)
     try:

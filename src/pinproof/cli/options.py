@@ -356,7 +356,7 @@ def numbers(text: str, option: str) -> list[float]:
     InputError
         For a part that is not a number; the message names the option and the part.
     """
-    from pinproof.description.dh import parse_number
+    from pinproof.common.yaml_file import parse_number
 
     values = []
     for part in text.replace(",", " ").split():

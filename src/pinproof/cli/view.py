@@ -31,6 +31,7 @@ from pinproof.cli.options import (
     parse_configuration,
 )
 from pinproof.errors import InputError, MeshError
+from pinproof.motion.motion_keys import READ
 
 if TYPE_CHECKING:
     import numpy as np
@@ -69,8 +70,11 @@ class PngOptions:
 
 def view(
     robot: Robot,
+    motion: Annotated[
+        Path | None,
+        typer.Argument(help=f"A motion file to play ({', '.join(READ)}).", metavar="[MOTION]"),
+    ] = None,
     q: Configuration = None,
-    motion: Annotated[Path | None, typer.Option(help="A motion file (.json, .csv) to play.")] = None,
     branches: Annotated[
         bool, typer.Option("--branches", help="Also show all other IK solutions for the tcp pose of --q, transparent.")
     ] = False,
@@ -99,7 +103,8 @@ def view(
     check_output_files([html, png_options.png], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
     size = png_options.pixels()
     if motion is not None and (q is not None or branches):
-        raise InputError(f"{'--branches' if q is None else '--q'} and --motion cannot be combined; remove one of them")
+        option = "--branches" if q is None else "--q"
+        raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
     arm, world = chain.arm(robot, tool=tool), scene_options.load()
     content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": tool.attachments.bodies}
     if motion is not None:

@@ -346,8 +346,8 @@ class Certificate:
     def save(self, path: str | Path) -> None:
         """Write the proof to a ``.json`` or ``.json.gz`` file, for ``pinproof.verifier`` to re-check anywhere.
 
-        The format is described in docs/certificates.md. The verifier has accepted every file that is written; where its
-        bounds are less tight than those of :func:`certify`, intervals are bisected further. The file is written
+        The format is described in docs/formats/proof.md. The verifier has accepted every file that is written; where
+        its bounds are less tight than those of :func:`certify`, intervals are bisected further. The file is written
         atomically.
 
         Raises

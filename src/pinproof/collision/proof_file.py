@@ -1,6 +1,6 @@
 """Proof files: the evidence for each pair in each interval, writing a file, and verifying it against your own setup.
 
-The format is described in docs/certificates.md. :mod:`pinproof.verifier` reads it and has accepted every file written.
+The format is described in docs/formats/proof.md. :mod:`pinproof.verifier` reads it and has accepted every file written.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from pinproof.collision.shapes import Obstacle
 from pinproof.common.display import html_block, html_list, html_table, outline, shortened
-from pinproof.common.files import write_text_whole
+from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 
@@ -167,11 +167,12 @@ class Scene:
             If the file cannot be read or its content is invalid; the message names the obstacle and the key.
         """
         from pinproof.collision.moveit import is_moveit, read_moveit_scene
-        from pinproof.collision.scene_file import SCENE_KEYS, read_scene
+        from pinproof.collision.scene_file import read_scene
+        from pinproof.collision.scene_keys import SCENE
         from pinproof.common.yaml_file import read_yaml
 
         path = Path(path)
-        stated = read_yaml(path, SCENE_KEYS, SceneError)
+        stated = read_yaml(path, SCENE.names, SceneError)
         content = (read_moveit_scene if is_moveit(stated) else read_scene)(path, stated)
         try:
             return cls(**content._asdict(), source=path)
@@ -203,9 +204,6 @@ def _pairs(what: str, stated: Iterable[Sequence[str]]) -> tuple[tuple[str, str],
     return tuple(pairs)
 
 
-KEYS = ("attached", "allowed_contacts", "held", "tip")
-TIP_KEYS = ("xyz", "rpy", "quat_xyzw")
-
 Value = TypeVar("Value")
 
 
@@ -213,17 +211,8 @@ Value = TypeVar("Value")
 class Attachments:
     """Bodies that the arm carries at its tcp: a tool, a part, or both.
 
-    The file format is::
-
-        attached:                              # bodies that move with the tcp; poses are tcp_from_body
-          - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
-          - {name: part, mesh: {path: part.stl, scale: 0.001}, xyz: [0, 0, 0.12], rpy: [0, 0, pi/2]}
-        allowed_contacts:                      # optional: pairs of bodies that may touch
-          - [picker, part]
-        held: {rail: 0.5}                      # optional: joints outside the arm, rad or m
-        tip: {xyz: [0, 0, 0.105]}              # optional: tcp_from_tip, the point of the tool that reaches a target
-
-    Each body has the keys of an obstacle (:mod:`pinproof.collision.scene_file`). Unknown keys are refused.
+    :meth:`load` reads them from a YAML file, whose keys are in :mod:`pinproof.collision.scene_keys`;
+    docs/formats/attached.md describes them with an example.
 
     Parameters
     ----------
@@ -260,11 +249,12 @@ class Attachments:
             If the file cannot be read or its content is invalid; the message names file, line and key.
         """
         from pinproof.collision.scene_file import pairs_of, read_obstacle
+        from pinproof.collision.scene_keys import ATTACHED
         from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown, require_list
 
         path = Path(path)
-        content = read_yaml(path, KEYS, SceneError)
-        refuse_unknown(SceneError, path, "key", content, KEYS, "")
+        content = read_yaml(path, ATTACHED.names, SceneError)
+        refuse_unknown(SceneError, path, "key", content, ATTACHED.names, "")
         if "attached" not in content:
             raise SceneError(path, "has no attached bodies; list them under 'attached:'")
         bodies: list[Obstacle] = []
@@ -296,7 +286,7 @@ class Attachments:
 
         path = Path(path)
         if path.suffix.lower() not in YAML_SUFFIXES:
-            raise SceneError(path, f"unknown suffix {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+            raise SceneError(path, unknown_suffix(path, YAML_SUFFIXES))
         folder = path.resolve().parent
         content: dict[str, Any] = {"attached": [stated_obstacle(body, folder) for body in self.bodies]}
         if self.allowed:
@@ -334,9 +324,11 @@ def _held(stated: object) -> dict[str, float]:
 
 def _tip(stated: object) -> SE3:
     from pinproof.collision.scene_file import pose_of
+    from pinproof.collision.scene_keys import POSE
 
     if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping with the keys {', '.join(TIP_KEYS)}")
-    if unknown := [key for key in stated if key not in TIP_KEYS]:
-        raise InputError(f"unknown key {unknown[0]!r}; valid: {', '.join(TIP_KEYS)}")
+        raise InputError(f"holds {stated!r}, not a mapping with the keys {', '.join(POSE.names)}")
+    for key in stated:
+        if key not in POSE.names:
+            raise UnknownNameError("key", key, POSE.names)
     return pose_of(stated)

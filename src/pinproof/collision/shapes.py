@@ -22,6 +22,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.hulls import refuse_flat
+from pinproof.common.validation import named_arguments
 from pinproof.errors import InputError
 from pinproof.spatial import finite, frozen, rigid
 
@@ -136,6 +137,7 @@ class _ByContent:
         return tuple(stated)
 
 
+@named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class ConvexHull(_ByContent):
     """The convex hull of ``points`` (V, 3)."""
@@ -147,6 +149,7 @@ class ConvexHull(_ByContent):
         refuse_flat(self.points, "ConvexHull.points")
 
 
+@named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Mesh(_ByContent):
     """A triangle mesh, from a file or from arrays (:meth:`from_arrays`).
@@ -220,6 +223,7 @@ class Mesh(_ByContent):
         return cls(None, 1.0, hull, hollow, vertices, triangles)  # type: ignore[arg-type]  # made arrays there
 
 
+@named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class PointCloud(_ByContent):
     """Points of a sensor: every cell of a grid that contains a point is solid, like the leaves of an octree.
@@ -269,6 +273,7 @@ class PointCloud(_ByContent):
         return cells[np.unique(keys, return_index=True)[1]]
 
 
+@named_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class HeightMap(_ByContent):
     """Ground over a rectangle about the origin, solid from its surface down to ``bottom``.
@@ -314,6 +319,7 @@ class _Sized:
             object.__setattr__(self, field.name, number)
 
 
+@named_arguments
 @dataclass(frozen=True)
 class Box(_Sized):
     """A box with the full sides x, y, z."""
@@ -323,6 +329,7 @@ class Box(_Sized):
     z: float
 
 
+@named_arguments
 @dataclass(frozen=True)
 class Sphere(_Sized):
     """A sphere."""
@@ -330,6 +337,7 @@ class Sphere(_Sized):
     radius: float
 
 
+@named_arguments
 @dataclass(frozen=True)
 class Cylinder(_Sized):
     """A cylinder about z, ``length`` from end to end."""
@@ -338,6 +346,7 @@ class Cylinder(_Sized):
     length: float
 
 
+@named_arguments
 @dataclass(frozen=True)
 class Capsule(_Sized):
     """A cylinder about z, ``length`` long without its two hemispherical caps."""
@@ -346,6 +355,7 @@ class Capsule(_Sized):
     length: float
 
 
+@named_arguments
 @dataclass(frozen=True)
 class Cone(_Sized):
     """A cone about z with its tip at z = ``length`` / 2 and its base of ``radius`` at z = -``length`` / 2."""
@@ -354,6 +364,7 @@ class Cone(_Sized):
     length: float
 
 
+@named_arguments
 @dataclass(frozen=True)
 class Ellipsoid(_Sized):
     """An ellipsoid with the semi-axes rx, ry, rz along x, y, z."""
@@ -363,6 +374,7 @@ class Ellipsoid(_Sized):
     rz: float
 
 
+@named_arguments
 @dataclass(frozen=True)
 class HalfSpace:
     """A half-space, such as a floor, wall or ceiling: all points with z <= 0 in its own frame are solid."""

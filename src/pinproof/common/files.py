@@ -19,6 +19,7 @@ __all__ = [
     "read_bytes",
     "read_text",
     "refuse_unreadable",
+    "unknown_suffix",
     "write_bytes_whole",
     "write_text_whole",
 ]
@@ -60,6 +61,12 @@ def read_text(path: Path, error: type[FileError], *, largest: int = LARGEST_TEXT
         hint = "it looks like UTF-16" if data.startswith(_UTF_16) else f"{caught.reason}"
         line = data.count(b"\n", 0, caught.start) + 1
         raise error(path, f"is not UTF-8 text ({hint}); save it as UTF-8", f"line {line}") from caught
+
+
+def unknown_suffix(path: Path, valid: Iterable[str]) -> str:
+    """The text of an error for a file whose name has another suffix than the valid ones."""
+    stated = f"unknown file type {path.suffix!r}" if path.suffix else "the file name has no suffix"
+    return f"{stated}; valid: {', '.join(valid)}"
 
 
 def refuse_unreadable(path: Path, error: type[FileError], *, largest: int | None, remedy: str = "") -> None:

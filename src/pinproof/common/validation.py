@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 from collections.abc import Mapping
 from numbers import Integral, Real
@@ -11,13 +13,43 @@ import numpy as np
 
 from pinproof.errors import InputError
 
-__all__ = ["ReadOnlyDict", "Rng", "random_generator", "require_integer", "require_positive", "seed_sequence"]
+__all__ = [
+    "ReadOnlyDict",
+    "Rng",
+    "named_arguments",
+    "random_generator",
+    "require_integer",
+    "require_positive",
+    "seed_sequence",
+]
 
 Key = TypeVar("Key")
 Value = TypeVar("Value")
+Kind = TypeVar("Kind", bound=type)
 
 Rng = int | np.random.Generator
 """A seed, or a generator whose state advances."""
+
+
+def named_arguments(kind: Kind) -> Kind:
+    """Make a class raise InputError, with the names of its arguments, if arguments are missing or unknown.
+
+    A decorator of dataclasses whose calls are mistaken easily, such as ``Box([1, 1, 1])`` for ``Box(1, 1, 1)``.
+    """
+    create: Any = kind.__init__  # type: ignore[misc]  # of the class, not of an instance
+    signature = inspect.signature(kind)
+
+    @functools.wraps(create)
+    def checked(self: Any, *args: Any, **kwargs: Any) -> None:
+        try:
+            signature.bind(*args, **kwargs)
+        except TypeError as error:
+            call = f"{kind.__name__}({', '.join(signature.parameters)})"
+            raise InputError(f"{kind.__name__}: {error}; write {call}") from None
+        create(self, *args, **kwargs)
+
+    kind.__init__ = checked  # type: ignore[misc]
+    return kind
 
 
 def require_positive(name: str, value: float, *, zero: bool = False, below: float = math.inf) -> None:

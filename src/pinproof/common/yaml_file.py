@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path
@@ -16,12 +17,14 @@ from yaml.reader import Reader
 from yaml.resolver import Resolver
 from yaml.scanner import Scanner
 
-from pinproof.common.files import read_text
+from pinproof.common.files import read_text, unknown_suffix
 from pinproof.errors import FileError, UnknownNameError
 
 __all__ = [
+    "NUMBER_PATTERN",
     "YAML_SUFFIXES",
     "LinedMapping",
+    "parse_number",
     "read_yaml",
     "refuse_unknown",
     "require_list",
@@ -60,7 +63,7 @@ def read_yaml(
         Type of the exception if the file cannot be read; the message states file and line.
     """
     if path.suffix.lower() not in suffixes:
-        raise error(path, f"unknown file type {path.suffix!r}; valid: {', '.join(suffixes)}")
+        raise error(path, unknown_suffix(path, suffixes))
     remedy = "put meshes and points in mesh files, picks in a CSV table"
     text = _END_MARK.sub("\n", read_text(path, error, largest=LARGEST_YAML, remedy=remedy))
     if odd := _NO_YAML.search(text):
@@ -197,5 +200,56 @@ def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
     return value
 
 
+def _angle(loader: _LinedLoader, node: yaml.ScalarNode) -> float:
+    """Construct ``!degrees 90`` and ``!radians 1.5``, which are tags of xacro and MoveIt, as radians."""
+    try:
+        value = parse_number(loader.construct_scalar(node))
+    except (ValueError, ConstructorError) as error:
+        raise ConstructorError(None, None, f"the value of {node.tag}: {error}", node.start_mark) from error
+    return math.radians(value) if node.tag == "!degrees" else value
+
+
+def _unknown_tag(_loader: _LinedLoader, node: yaml.Node) -> None:
+    raise ConstructorError(None, None, f"unknown tag {node.tag!r}; valid: {', '.join(ANGLE_TAGS)}", node.start_mark)
+
+
+ANGLE_TAGS = ("!degrees", "!radians")
+for _tag in ANGLE_TAGS:
+    _LinedLoader.add_constructor(_tag, _angle)
+_LinedLoader.add_constructor(None, _unknown_tag)
+
 for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
     _LinedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _made)
+
+
+_DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
+_PLAIN = rf"[+-]?{_DECIMAL}(?:[eE][+-]?[0-9]+)?"
+_WITH_PI = rf"([+-]?)(?:({_DECIMAL})\s*\*\s*)?pi(?:\s*/\s*({_DECIMAL}))?"
+_WITH_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
+
+NUMBER_PATTERN = rf"^\s*(?:{_PLAIN}|{_WITH_PI})\s*$"
+"""The texts that :func:`parse_number` accepts, as a regular expression for JSON Schema."""
+
+
+def parse_number(value: object) -> float:
+    """Parse a number of a file: a number, or text such as ``0.33``, ``1e-3``, ``-pi/2`` or ``3*pi/4``.
+
+    Raises
+    ------
+    ValueError
+        For anything else; expressions are not evaluated.
+    """
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("the integer is too large for a double") from None
+    text = value.strip() if isinstance(value, str) else ""
+    if re.fullmatch(_PLAIN, text):
+        return float(text)
+    match = re.fullmatch(_WITH_PI, text)
+    if match is None or (match[3] is not None and float(match[3]) == 0.0):
+        comma = ": use a decimal point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
+        raise ValueError(f"{value!r} is not a number{comma}; write a decimal number or [-][k*]pi[/m]")
+    size = float(match[2] or 1) * math.pi / float(match[3] or 1)
+    return -size if match[1] == "-" else size

@@ -60,7 +60,6 @@ from pinproof.errors import InputError
 
 __all__ = [
     "DENSITY",
-    "EFFORT",
     "GENERATED_BODIES",
     "TCP",
     "Body",
@@ -346,8 +345,6 @@ def _along(point: Array, direction: Array) -> Array:
 
 
 TCP = "tool0"
-EFFORT = 100.0
-"""N m or N. A URDF must state an effort limit, but a DH table has none. This typical value is not used by pinproof."""
 COLOURS = {"arm": (0.85, 0.86, 0.88, 1.0), "joint": (0.16, 0.38, 0.62, 1.0)}
 
 
@@ -420,8 +417,8 @@ def _limit(row: DhRow) -> Any:
     import yourdfpy
 
     if row.joint_type == "continuous":
-        return yourdfpy.Limit(effort=EFFORT, velocity=row.velocity)
-    return yourdfpy.Limit(effort=EFFORT, velocity=row.velocity, lower=row.lower, upper=row.upper)
+        return yourdfpy.Limit(effort=row.effort, velocity=row.velocity)
+    return yourdfpy.Limit(effort=row.effort, velocity=row.velocity, lower=row.lower, upper=row.upper)
 
 
 def _fixed(name: str, parent: str, child: str, origin: Any) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.disk_cache import cached, content_digest
-from pinproof.common.files import read_bytes
+from pinproof.common.files import read_bytes, unknown_suffix
 from pinproof.description.packages import MeshFile
 from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError
@@ -60,7 +60,7 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
     """
     path = Path(path)
     if path.suffix.lower() not in MESH_SUFFIXES:
-        raise MeshError(path, f"unknown mesh format {path.suffix!r}; valid: {', '.join(MESH_SUFFIXES)}")
+        raise MeshError(path, unknown_suffix(path, MESH_SUFFIXES))
     vertices, triangles = _load(path)
     if len(triangles) == 0:
         raise MeshError(path, "has no triangles")

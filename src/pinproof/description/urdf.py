@@ -222,7 +222,7 @@ class Mimic:
 class UrdfJoint:
     """A joint of a URDF; limits are None where the file states none.
 
-    A limit beyond :data:`UNBOUNDED` and a velocity limit of 0, which means "unknown" in practice, are None too.
+    A limit beyond :data:`UNBOUNDED`, and a velocity or effort limit of 0 ("unknown" in practice), are None too.
     """
 
     name: str
@@ -233,6 +233,7 @@ class UrdfJoint:
     upper: float | None
     velocity: float | None
     mimic: Mimic | None
+    effort: float | None = None
 
 
 def read_joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
@@ -260,7 +261,7 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
         vector = numbers(axis, "xyz", 3, source)
         if np.abs(vector).max() < SMALLEST_AXIS:
             raise UrdfError(source, f"joint {name!r} has the axis {list(vector)}, which has no direction", place(axis))
-    lower, upper, velocity = _limits(element, name, kind, source)
+    lower, upper, velocity, effort = _limits(element, name, kind, source)
     mimic = element.find("mimic")
     rule = None
     if mimic is not None and kind != "fixed":
@@ -269,27 +270,31 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
         if max(abs(rule.multiplier), abs(rule.offset)) > FARTHEST:
             what = f"mimic joint {name!r} has the multiplier {rule.multiplier:g} and the offset {rule.offset:g}"
             raise UrdfError(source, f"{what}; the limit is {FARTHEST:g}", place(mimic))
-    return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule)
+    return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule, effort)
 
 
 def _limits(
     element: Element, name: str, kind: str, source: str | Path
-) -> tuple[float | None, float | None, float | None]:
-    """Return lower, upper, velocity; a missing limit is None, not the 0 of the URDF specification."""
+) -> tuple[float | None, float | None, float | None, float | None]:
+    """Return lower, upper, velocity, effort; a missing limit is None, not the 0 of the URDF specification."""
     limit = element.find("limit")
     if limit is None or kind == "fixed":
-        return None, None, None
+        return None, None, None, None
     spelt_attributes(limit, ("lower", "upper", "velocity", "effort"), source)
     lower = number(limit, "lower", source) if limit.get("lower") is not None else None
     upper = number(limit, "upper", source) if limit.get("upper") is not None else None
     if lower is not None and upper is not None and lower > upper:
         raise UrdfError(source, f"joint {name!r} has lower = {lower} above upper = {upper}", place(limit))
-    velocity = number(limit, "velocity", source) if limit.get("velocity") is not None else None
+    velocity, effort = (
+        number(limit, key, source) if limit.get(key) is not None else None for key in ("velocity", "effort")
+    )
     if velocity is not None and velocity < 0:
         raise UrdfError(source, f"joint {name!r} has the negative velocity limit {velocity}", place(limit))
+    if effort is not None and effort < 0:
+        raise UrdfError(source, f"joint {name!r} has the negative effort limit {effort}", place(limit))
     if kind == "continuous":
         lower = upper = None
-    return _usable(lower), _usable(upper), _usable(velocity) or None
+    return _usable(lower), _usable(upper), _usable(velocity) or None, _usable(effort) or None
 
 
 def _usable(bound: float | None) -> float | None:
@@ -508,7 +513,8 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
             etree.SubElement(copy, "axis", xyz=" ".join(repr(float(v)) for v in unit))
         if kind in ("revolute", "prismatic"):
             # The parser of Pinocchio requires limits; those in use are in JointLimits.
-            etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort="1e9")
+            effort = "1e9" if joint.effort is None else repr(joint.effort)
+            etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort=effort)
     return str(etree.tostring(robot, encoding="unicode"))
 
 

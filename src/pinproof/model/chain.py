@@ -179,7 +179,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
 
 def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLimits:
     """Return the limits of the joints; infinite positions and NaN velocities where the file states none."""
-    lower, upper, velocity = [], [], []
+    lower, upper, velocity, effort = [], [], [], []
     for name in names:
         joint = urdf.joints[name]
         low = -np.inf if joint.lower is None else joint.lower
@@ -204,7 +204,9 @@ def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLi
         lower.append(low)
         upper.append(high)
         velocity.append(np.nan if np.isinf(speed) else speed)
-    return JointLimits(np.array(lower), np.array(upper), np.array(velocity))
+        effort.append(np.nan if joint.effort is None else joint.effort)
+    efforts = None if np.isnan(effort).all() else np.array(effort)
+    return JointLimits(np.array(lower), np.array(upper), np.array(velocity), effort=efforts)
 
 
 def reduced_model(urdf: Urdf, model: pin.Model, moving: set[str], held: Mapping[str, float]) -> pin.Model:

@@ -124,6 +124,8 @@ class JointInfo:
         outside the arm, held at ``held_at`` (rad or m; None for a floating or planar joint). ``fixed``: a fixed joint.
     lower, upper, velocity, acceleration
         The limits in use, in rad or m, per s, per s^2; None if unlimited or unknown.
+    effort
+        The largest torque or force, in N m or N; None if unknown.
     mimic
         ``"multiplier * leader + offset"`` of a mimic joint, else empty.
     """
@@ -139,6 +141,7 @@ class JointInfo:
     acceleration: float | None
     held_at: float | None = None
     mimic: str = ""
+    effort: float | None = None
 
 
 @dataclass(frozen=True)

@@ -584,10 +584,11 @@ def _joint(arm: Arm, name: str) -> JointInfo:
             velocity=_known(limits.velocity[i]),
             acceleration=_known(limits.acceleration[i]),
             mimic=mimic,
+            effort=None if limits.effort is None else _known(limits.effort[i]),
         )
     role: Role = "follower" if name in arm.followers else "fixed" if joint.type == "fixed" else "held"
     held_at = arm.held.get(name) if role == "held" else None
-    return JointInfo(*ends, role, joint.lower, joint.upper, joint.velocity, None, held_at, mimic)
+    return JointInfo(*ends, role, joint.lower, joint.upper, joint.velocity, None, held_at, mimic, joint.effort)
 
 
 def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:

@@ -22,9 +22,10 @@ from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Array, ends_meet
+from pinproof.motion.motion_keys import INTERPOLANTS
 from pinproof.motion.motion_record import MotionRecord, read_records
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import INTERPOLANTS, NANO, whole_nanoseconds
+from pinproof.motion.trajectory_files import NANO, whole_nanoseconds
 
 __all__ = ["SCHEMA", "EventKind", "MotionProgram", "ProgramEvent", "ProgramSegment", "certificate_id"]
 

@@ -406,7 +406,7 @@ class Campaign:
                 "judge": judge_words(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
-            "notes": list(self._setup.not_covered()),
+            "notes": list(self._setup.not_covered(self._picks.with_object)),
             "excluded_pairs": [[*pair.owners, pair.reason] for pair in checker.excluded],
         }
         return dict(json.loads(to_line(header)))

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.common.files import write_bytes_whole, write_text_whole
+from pinproof.common.files import unknown_suffix, write_bytes_whole, write_text_whole
 from pinproof.common.validation import Rng, require_integer
 from pinproof.errors import FileError, InputError
 from pinproof.ik import Clik
@@ -352,7 +352,7 @@ def _read_map(path: str | Path) -> ReachMap:
 def _kind(path: str | Path, known: tuple[str, ...]) -> str:
     kind = Path(path).suffix.lower()
     if kind not in known:
-        raise InputError(f"{path}: the suffix must be {' or '.join(known)}, not {kind or 'empty'}")
+        raise InputError(f"{path}: {unknown_suffix(Path(path), known)}")
     return kind
 
 

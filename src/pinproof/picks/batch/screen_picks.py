@@ -261,6 +261,10 @@ class _Poses(PickSource):
     def digest(self) -> str:
         raise NotImplementedError
 
+    @property
+    def with_object(self) -> frozenset[bool]:
+        return frozenset([False])
+
 
 class _Numbered(Sequence[str]):
     """``pose_0``, ``pose_1``, ..."""

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.common.files import write_text_whole
+from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.picks.batch.proposals import Wanted, proposals_for
@@ -339,7 +339,7 @@ class ScreenResult:
             If the file cannot be written.
         """
         if Path(path).suffix.lower() != ".csv":
-            raise InputError(f"{path}: the suffix of a screening result is .csv")
+            raise InputError(f"{path}: {unknown_suffix(Path(path), ['.csv'])}")
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(("name", "status", "grasp", *FIGURES, *self.joint_names))

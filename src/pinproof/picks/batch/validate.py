@@ -16,6 +16,7 @@ from pinproof.model import Arm
 from pinproof.picks.batch.workers import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
+from pinproof.picks.input.sources import PickList
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
@@ -120,7 +121,7 @@ def _report(setup: PickSetup, picks: Picks, found: Mapping[int, PickVerdict]) ->
         tuple(found[index] for index in sorted(found)),
         picks.problems,
         arm.limits.acceleration_source,
-        setup.not_covered(picks.picks),
+        setup.not_covered(PickList(picks).with_object),
         setup,
         not_judged=len(picks.picks) - len(found),
     )

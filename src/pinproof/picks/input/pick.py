@@ -105,7 +105,7 @@ class GraspTolerance:
     tilt: float = 0.0
 
     def __post_init__(self) -> None:
-        sides = np.full(3, self.position) if np.ndim(self.position) == 0 else self.position
+        sides = self.position if isinstance(self.position, Iterable) else (self.position,) * 3
         position = finite("tolerance.position", sides, (3,))
         tilt = float(finite("tolerance.tilt", [self.tilt], (1,))[0])
         if (position < 0).any() or tilt < 0:
@@ -302,8 +302,8 @@ class SuctionCup:
 
 Direction = tuple[float, float, float]
 
-TIP, ROOT = "tip", "root"
-"""The frame of a direction: the tool's tip or the robot's root link."""
+TIP, ROOT, OBJECT = "tip", "root", "object"
+"""The frame of a direction is the tip or the root link; the pose of a place is that of the tip or the object."""
 
 MOVES = ("approach", "retreat")
 
@@ -319,7 +319,8 @@ class PlaceTarget:
     ----------
     pose
         ``frame_from_tip`` at the release. For a family of grasps it is the pose of the nominal grasp, so that the final
-        pose of the object is the same for every member.
+        pose of the object is the same for every member. With ``pose_of="object"`` it is ``frame_from_object``, the
+        final pose of the object itself.
     frame
         As for :class:`Pick`.
     approach, approach_direction, approach_frame
@@ -329,6 +330,8 @@ class PlaceTarget:
     support
         The obstacle or obstacles that the object is put onto; by default those within 1 mm below it. Stored as a tuple
         of names.
+    pose_of
+        ``"tip"`` or ``"object"``.
     """
 
     pose: SE3
@@ -340,8 +343,11 @@ class PlaceTarget:
     retreat_direction: Direction = (0.0, 0.0, -1.0)
     retreat_frame: str = TIP
     support: str | Sequence[str] | None = None
+    pose_of: str = TIP
 
     def __post_init__(self) -> None:
+        if self.pose_of not in (TIP, OBJECT):
+            raise UnknownNameError("pose_of", self.pose_of, (TIP, OBJECT), "place")
         object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, "place"))
         for move in MOVES:

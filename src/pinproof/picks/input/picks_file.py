@@ -1,74 +1,25 @@
-"""Picks as files, in YAML or JSON.
+"""Picks files in YAML or JSON, and tables of picks in CSV.
 
-::
-
-    robot: ur5                             # a catalogue name, or a robot file or DH table relative to this file
-    srdf: arm.srdf                         # optional: an SRDF of the robot, relative to this file
-    package_dirs: [ros]                    # optional: folders with ROS packages, relative to this file
-    xacro_args: {length: 0.5}              # optional: values for the arguments of a xacro file
-    limits: joint_limits.yaml              # optional: joint limits in MoveIt's format, relative to this file
-    tcp: tool0                             # optional: the arm's tcp frame
-    held: {rail: 0.5}                      # optional: values of joints outside the arm
-    scene: scene.yaml                      # relative to this file
-    margin: 0.002                          # smallest allowed distance (m) between any two bodies
-    home: {shoulder_pan_joint: 0, ...}     # optional: where transits start; by default the robot's own
-    tip: {xyz: [0, 0, 0.105]}              # tcp_from_tip: the frame that is moved to the pick poses
-    tool:                                  # bodies that move with the tcp; poses are tcp_from_body
-      - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
-    fingers:                               # two more, fully closed; the first opens along the axis
-      {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
-    cup: {radius: 0.015, gap: 0.001, tilt: 0.1}  # a suction cup at the tip instead of fingers; gap (m) and tilt (rad)
-    gripper: [panda_hand, ...]             # more links of the robot that may touch the object
-    grip_limits: {area: 4.0e-6, tip: 0.005}  # optional criteria for holding a part, see :class:`GripLimits`
-    frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
-    defaults: {rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
-    picks:
-      - {name: bolt_1, xyz: [0.46, 0.15, 0.035]}
-      - name: part
-        frame: tray                        # root by default; a named frame, an obstacle, or a fixed link
-        xyz: [0, 0, 0.02]
-        spin: free                         # about the approach; or an angle, a list, {range: [a, b], steps: 12}
-        tolerance: {position: [0.005, 0.005, 0], tilt: 0.1}
-        approach_direction: [0, 0, 1]      # in approach_frame: tip (default) or root
-        retreat_frame: root                # frame of retreat_direction
-        object: part_{i}_{j}               # an obstacle of the scene; or a shape, its pose tip_from_object
-        support: tray_floor                # or a list of names; by default what lies within 1 mm below the object
-        place: {frame: tray, xyz: [0, 0.3, 0.02], rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
-        pattern: {grid: {counts: [4, 3, 1], step: [0.05, 0.05, 0]}}    # part[0,0], part[0,1], ...
-
-Fingers of the robot are joints outside the arm with two values: open before the grasp, and on the object from the grasp
-to the release. The links they move may touch the object, and mimic joints follow::
-
-    held: {panda_finger_joint1: {open: 0.04, grip: 0.02}}
-
-Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); see :class:`Pick` and :class:`PlaceTarget` for the keys.
-``defaults`` apply where a pick states nothing; an orientation is required. An invalid row is reported as a problem and
-the others are kept; invalid shared settings are an error. Instead of the list, ``picks: many.csv`` names a table of any
-length (:mod:`pinproof.picks.input.sources`), relative to this file.
+The keys are in :mod:`pinproof.picks.input.picks_keys`, and docs/formats/picks.md describes them with an example. An
+invalid row is reported as a problem and the others are kept; invalid shared settings are an error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
+from pinproof.collision.scene_keys import POSE
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
-from pinproof.picks.input.pick_row import (
-    DEFAULT_KEYS,
-    PICK_KEYS,
-    POSE_KEYS,
-    is_turned,
-    make_pick,
-    mapping_of,
-    picks_of_row,
-)
+from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, picks_of_row
+from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PICK, PICKS
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
@@ -77,12 +28,7 @@ __all__ = ["open_picks", "read_picks"]
 
 Value = TypeVar("Value")
 
-FILE_KEYS = (
-    "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip", "tool",
-    "fingers", "cup", "gripper", "grip_limits", "frames", "defaults", "picks",
-)  # fmt: skip
-HELD_KEYS = ("open", "grip")
-FINGER_KEYS = ("opening", "grip", "axis", "bodies")
+SUFFIXES = (*YAML_SUFFIXES, ".json", TABLE_SUFFIX)
 
 
 def read_picks(path: str | Path) -> Picks:
@@ -107,8 +53,8 @@ def open_picks(path: str | Path) -> PickSource:
     Parameters
     ----------
     path
-        The file: YAML or JSON, with the keys described in :mod:`pinproof.picks.input.picks_file`, or a table (CSV)
-        with the columns described in :mod:`pinproof.picks.input.sources`.
+        The file: YAML or JSON with the keys of :data:`~pinproof.picks.input.picks_keys.PICKS`, or a table (CSV) with
+        the columns of :data:`~pinproof.picks.input.picks_keys.COLUMNS`.
 
     Raises
     ------
@@ -118,8 +64,8 @@ def open_picks(path: str | Path) -> PickSource:
     path = Path(path)
     if path.suffix.lower() == TABLE_SUFFIX:
         return PickTable(path)
-    content = read_yaml(path, FILE_KEYS, PicksError, suffixes=(*YAML_SUFFIXES, ".json"))
-    refuse_unknown(PicksError, path, "key", content, FILE_KEYS, "")
+    content = read_yaml(path, PICKS.names, PicksError, suffixes=SUFFIXES)
+    refuse_unknown(PicksError, path, "key", content, PICKS.names, "")
     stated = content.get("picks", [])
     table = isinstance(stated, str) and Path(stated).suffix.lower() == TABLE_SUFFIX
     rows = [] if table else require_list(PicksError, path, "picks", stated)
@@ -181,7 +127,7 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
     """The defaults, validated with a pick made from them, because an error would recur in every row."""
-    settings = dict(mapping_of("", stated, DEFAULT_KEYS))
+    settings = dict(mapping_of("", stated, DEFAULTS))
     turned = {} if is_turned(settings) else {"rpy": [0, 0, 0]}
     make_pick("defaults", {"xyz": [0, 0, 0], "object": "any", **turned, **settings}, path)
     return settings
@@ -190,8 +136,8 @@ def _defaults(stated: object, path: Path) -> dict[str, Any]:
 def _picks(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> list[Pick]:
     """The picks of a row; their names are added to ``taken``."""
     if not isinstance(row, LinedMapping):
-        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK_KEYS)}")
-    refuse_unknown(PicksError, path, "key", row, PICK_KEYS, "")
+        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
+    refuse_unknown(PicksError, path, "key", row, PICK.names, "")
     name = row.get("name")
     if not isinstance(name, str) or not name:
         raise InputError(f"has the name {name!r}; a pick needs a name (text, in quotes if it is a number)")
@@ -207,7 +153,7 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
         raise InputError(f"holds {stated!r}, not a mapping of names to frames")
     found = {}
     for name, frame in stated.items():
-        settings = dict(mapping_of(str(name), frame, (*POSE_KEYS, "frame")))
+        settings = dict(mapping_of(str(name), frame, FRAME))
         parent = settings.pop("frame", "")
         if not isinstance(parent, str):
             raise InputError(f"{name}: its frame {parent!r} is not a name")
@@ -218,10 +164,7 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
 def _fingers(path: Path, content: LinedMapping) -> GripperFingers | None:
     if "fingers" not in content:
         return None
-    settings = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGER_KEYS))
-    missing = [key for key in FINGER_KEYS if key not in settings and key != "axis"]
-    if missing:
-        raise PicksError(path, f"does not state {' and '.join(missing)}", "key fingers")
+    settings = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGERS))
     bodies = _bodies(path, settings, "bodies")
     numbers = {key: value for key, value in settings.items() if key != "bodies"}
 
@@ -242,19 +185,17 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
 def _cup(stated: object) -> SuctionCup | None:
     if stated is None:
         return None
-    settings = mapping_of("", stated, tuple(each.name for each in fields(SuctionCup)))
-    if "radius" not in settings:
-        raise InputError("does not state its radius")
+    settings = mapping_of("", stated, CUP)
     return SuctionCup(**{key: _number(key, value) for key, value in settings.items()})
 
 
 def _grip_limits(stated: object) -> GripLimits:
-    settings = mapping_of("", stated, tuple(each.name for each in fields(GripLimits)))
+    settings = mapping_of("", stated, GRIP_LIMITS)
     return GripLimits(**{key: _number(key, value) for key, value in settings.items()})
 
 
 def _tip(stated: object) -> SE3:
-    return pose_of(mapping_of("", stated, POSE_KEYS))
+    return pose_of(mapping_of("", stated, POSE))
 
 
 def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle, ...]:
@@ -287,13 +228,11 @@ def _home(stated: object) -> dict[str, float]:
 def _held(stated: object, when: str) -> dict[str, float]:
     """The joint values of the open or of the gripping hand; for the latter only joints that state one."""
     if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping of joint names to values, or to {' and '.join(HELD_KEYS)}")
+        raise InputError(f"holds {stated!r}, not a mapping of joint names to values, or to {' and '.join(HELD.names)}")
     found: dict[str, float] = {}
     for name, value in stated.items():
         if isinstance(value, dict):
-            values = mapping_of(str(name), value, HELD_KEYS)
-            if set(values) != set(HELD_KEYS):
-                raise InputError(f"{name} does not state its {' and its '.join(HELD_KEYS)}")
+            values = mapping_of(str(name), value, HELD)
             found[str(name)] = _number(f"{name}.{when}", values[when])
         elif when == "open":
             found[str(name)] = _number(str(name), value)

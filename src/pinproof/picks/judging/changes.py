@@ -182,8 +182,9 @@ def _apply_turn(
     turn = SE3(rotation_about(about / np.linalg.norm(about), np.radians(float(degrees))), np.zeros(3))
     if not and_place:
         return replace(pick, pose=pick.pose * turn)
-    if pick.place is None:
-        raise InputError(f"{text!r} does not fit pick {pick.name!r}: it has no place")
+    if pick.place is None or pick.place.pose_of != TIP:
+        what = "it has no place" if pick.place is None else "its place is stated as the pose of the object"
+        raise InputError(f"{text!r} does not fit pick {pick.name!r}: {what}")
     return replace(pick, pose=pick.pose * turn, place=replace(pick.place, pose=pick.place.pose * turn))
 
 
@@ -251,7 +252,7 @@ def shifted(pick: Pick, shifts: Iterable[Shift], words: Words) -> list[Candidate
 
 def _keeps_place(task: Task, pick: Pick) -> bool:
     """Whether the place moves with the grasp, so that the object is still put down at the requested pose."""
-    return pick.place is not None and task.from_scene
+    return pick.place is not None and pick.place.pose_of == TIP and task.from_scene
 
 
 def turns(task: Task, pick: Pick) -> list[Candidate]:
@@ -304,7 +305,7 @@ def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Words]:
     """The result of :func:`shifts_of` for the place."""
     if task.place is None or pick.place is None:
         raise InputError(f"pick {pick.name!r} has no place")
-    rotation = (task.place.pose * pick.place.pose.inverse()).rotation
+    rotation = task.root_from(pick.place.frame).rotation
     shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
     return shifts, lambda by: move_place_words(pick, by)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -144,29 +144,34 @@ class PickSetup:
             raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
         return recertify(Task(pick, self.cell), program)
 
-    def not_covered(self, picks: Iterable[Pick] | None = None) -> tuple[str, ...]:
-        """What the verdicts on some picks do not cover, one sentence each; without ``picks``, on any picks."""
-        with_object = {pick.carried is not None for pick in picks} if picks is not None else {False, True}
+    def not_covered(self, with_object: Collection[bool]) -> tuple[str, ...]:
+        """What the verdicts do not cover, one sentence each.
+
+        Parameters
+        ----------
+        with_object
+            Which of True and False occur: picks that state an object, and picks that do not.
+        """
         checker = self.checker
         urdf = checker.arm.robot.urdf
         solid = {geometry.link for geometry in urdf.collisions}
         visual_only = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
-        carried = "picks without `object:` are judged with an empty gripper after the grasp"
-        fingers = (
-            "gripping force and slip of the part; for picks with `object:`, only contact of the fingers on opposite "
-            "sides of the part is checked"
-        )
-        tip = (
-            "the holding force of a tool without fingers; for picks with `object:`, only a distance of at most "
-            f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
-        )
-        if self.shared.cup is not None:
-            tip = (
-                "the holding force of the suction cup; for picks with `object:`, only that its rim lies on the surface "
-                "of the part is checked"
+        notes = []
+        if False in with_object:
+            notes.append("picks without `object:` are judged with an empty gripper after the grasp")
+        if True in with_object and self.cell.fingers:
+            notes.append(
+                "gripping force and slip of the part; only contact of the fingers on opposite sides of it is checked"
             )
-        notes = [carried] if False in with_object else []
-        notes += [fingers if self.cell.fingers else tip] if True in with_object else []
+        elif True in with_object and self.shared.cup is not None:
+            notes.append(
+                "the holding force of the suction cup; only that its rim lies on the surface of the part is checked"
+            )
+        elif True in with_object:
+            notes.append(
+                "the holding force of a tool without fingers; only a distance of at most "
+                f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
+            )
         if not solid:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
         elif has_generated_bodies(urdf):

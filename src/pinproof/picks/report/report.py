@@ -17,7 +17,7 @@ import numpy as np
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
-from pinproof.common.files import file_stems, write_text_whole
+from pinproof.common.files import file_stems, unknown_suffix, write_text_whole
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.model.limits import guess_note
@@ -26,12 +26,13 @@ from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickVerdict, StageResult
+from pinproof.picks.report.report_keys import SCHEMA
 from pinproof.spatial import xyz_rpy
 
 if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
 
-__all__ = ["COLUMNS", "CSV_COLUMNS", "REPORT_SUFFIXES", "SCHEMA", "PickReport", "problem_row", "proofs", "verdict_row"]
+__all__ = ["COLUMNS", "CSV_COLUMNS", "REPORT_SUFFIXES", "PickReport", "problem_row", "proofs", "verdict_row"]
 
 
 def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
@@ -142,12 +143,6 @@ CSV_COLUMNS = (
 """The columns of the CSV, with plain numbers in metres, seconds and radians; cells without a value are empty.
 
 ``motions`` has the names of the parts in order. ``refuted`` has one line for each configuration.
-"""
-
-SCHEMA = "pinproof/picks/2"
-"""The version of the JSON format (JSON Schema: ``schema.json`` in this folder), raised by breaking changes.
-
-Version 2 adds ``member``, ``refuted``, ``release_time``, ``score`` and ``motions`` to each pick.
 """
 
 
@@ -311,7 +306,7 @@ class PickReport:
         """
         kind = Path(path).suffix.lower()
         if kind not in REPORT_SUFFIXES:
-            raise InputError(f"{path}: the suffix of a report is {', '.join(REPORT_SUFFIXES)}, not {kind or 'empty'}")
+            raise InputError(f"{path}: {unknown_suffix(Path(path), REPORT_SUFFIXES)}")
         if kind == ".html":
             from pinproof.picks.report.page import write_page
 

@@ -60,3 +60,8 @@ def test_using_a_name_loads_only_what_it_needs() -> None:
 
 def test_the_probe_detects_a_slow_library() -> None:
     assert "scipy" in loaded_by("import scipy")
+
+
+def test_help_of_the_command_line_loads_no_kinematics() -> None:
+    heavy = SLOW - {"typer"}
+    assert loaded_by("import pinproof.cli.main") & heavy == set()

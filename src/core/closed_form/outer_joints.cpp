@@ -215,7 +215,8 @@ Pairs solve_separately(const Loop& loop, const Equations& e, const Curve& of_x, 
     Pairs found;
     for (int i = 0; i < xs.count; ++i) {
         const JointState& x = xs.state[i];
-        const ErrorBound x_error = x_free ? ErrorBound{} : root_error(of_x_only, x, error);
+        const ErrorBound x_error =
+            x_free ? ErrorBound{} : root_error(of_x_only, x, {error.rounding, error.tolerance + left_out});
         const JointState dx = derivative(x, e.x.prismatic);
         const double growth = std::abs(u.of(e.f.row_times(0, dx), e.f.row_times(1, dx)));
         Conditioning y_conditioning;
@@ -372,7 +373,7 @@ void refine(const Equations& e, Pair& pair) {
     }
 }
 
-// The errors where both equations contain both unknowns, from the inverse of their Jacobian; up to four roots may
+// The errors where both equations contain both unknowns, also if one hardly does, from the inverse of their Jacobian; up to four roots may
 // coincide, which an error d moves by d^(1/4).
 void estimate_errors(const Equations& e, const ErrorBound& error, Pair& pair) {
     const Derivatives by(e, pair.x, pair.y);
@@ -502,8 +503,10 @@ OuterSolutions solve_outer_joints(const Loop& loop, const LoopTolerances& tolera
     const MiddleJoint middle(loop, problem, tolerances, assume_free);
     for (int i = 0; i < pairs.count; ++i) {
         Pair& pair = pairs.pair[i];
-        if (regularity >= kExact && !pair.assumed) refine(e, pair);
-        if (out.by_quartic) estimate_errors(e, tolerances.error, pair);
+        if (regularity >= kExact) {
+            if (!pair.assumed) refine(e, pair);
+            estimate_errors(e, tolerances.error, pair);
+        }
         middle.add(pair, x_is_c, out);
     }
     return out;

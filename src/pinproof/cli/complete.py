@@ -9,7 +9,6 @@ import typer
 
 import pinproof as pp
 from pinproof.errors import PinproofError
-from pinproof.model.loading import ROBOT_SUFFIXES
 
 __all__ = ["file_names", "group_names", "link_names", "method_names", "planner_names", "robot_names"]
 
@@ -17,6 +16,7 @@ __all__ = ["file_names", "group_names", "link_names", "method_names", "planner_n
 def robot_names(incomplete: str) -> list[str]:
     """Catalogue names and existing robot files."""
     from pinproof.description import catalogue_names
+    from pinproof.model.loading import ROBOT_SUFFIXES
 
     return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_SUFFIXES)(incomplete)]
 

@@ -23,8 +23,6 @@ from pinproof.cli.options import (
     ToolOptions,
     parse_configuration,
 )
-from pinproof.collision.certificate import notes_of
-from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 
 __all__ = ["check", "plan"]
@@ -43,6 +41,9 @@ def check(
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
+    from pinproof.collision.certificate import notes_of
+    from pinproof.collision.overlaps import overlap_hint
+
     arm = chain.arm(robot, tool=tool)
     checker = scene_options.checker(arm, tool=tool)
     configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))

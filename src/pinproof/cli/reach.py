@@ -14,7 +14,6 @@ import typer
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line, print_note
 from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
-from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 from pinproof.units import warn_of_millimetres
 
@@ -105,6 +104,8 @@ def reach(
 
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
+    from pinproof.collision.overlaps import overlap_hint
+
     outputs = output or []
     _check_suffixes(outputs)
     check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])

@@ -194,7 +194,6 @@ def test_a_stretched_elbow_with_parallel_wrist_axes_is_solved(ur5, q):
     assert_claims_hold(ur5, np.array([q]))
 
 
-@pytest.mark.xfail(strict=True, reason="the left-out part of an equation in two_curves is missing in the error of x")
 def test_a_double_root_between_two_simple_ones_is_not_called_impossible():
     arm = pp.load_robot("pr2_left").arm(tcp="l_wrist_flex_link", base="torso_lift_link")
     q = [2.2853981634, -0.2175600694796525, 0.0, -2.290377654558246, 1.5707958056617823, -1.1164156898720963]

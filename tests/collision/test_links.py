@@ -9,7 +9,7 @@ import trimesh
 from pinproof import CollisionChecker, InputError, UnknownNameError
 from pinproof.collision.links import link_bodies, meshes_of
 from pinproof.errors import MeshError
-from pinproof.model.robot import load_robot, load_robot_from_text
+from pinproof.model import load_robot, load_robot_from_text
 
 
 def test_one_word_or_a_mapping_speaks_for_every_link():

@@ -13,10 +13,10 @@ import pytest
 import pinproof as pp
 from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
 from pinproof.benchmarks.plan_methods import OURS, STEPS, PlanAnswer, PlanMethod
-from pinproof.benchmarks.plan_page import COLUMNS
 from pinproof.benchmarks.plan_peers import PEERS
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems
-from pinproof.benchmarks.plan_run import check_motion, curve_length
+from pinproof.benchmarks.plan_run import curve_length, motion_faults
+from pinproof.benchmarks.plan_table import COLUMNS
 from pinproof.errors import FileError, InputError
 from pinproof.motion import JointPath
 
@@ -141,20 +141,18 @@ def test_problems_with_a_colliding_goal_are_listed_and_not_solved(mbm: Path) -> 
 
 
 def test_the_check_finds_a_motion_through_a_wall(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
-    checked = check_motion(straight(problem), problem, exact)
-    assert any(" touches " in fault for fault in checked.faults)
-    assert checked.length == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
+    assert any(" touches " in fault for fault in motion_faults(straight(problem), problem, exact))
 
 
 def test_the_check_finds_wrong_ends_and_violated_limits(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
     elsewhere = JointPath([problem.start + 1e-3, problem.start], problem.arm.joint_names)
-    assert check_motion(elsewhere, problem, exact).faults[:2] == (
+    assert motion_faults(elsewhere, problem, exact)[:2] == (
         "does not begin at the start",
         "does not end at a goal",
     )
     far = problem.start.copy()
     far[0] = problem.arm.limits.upper[0] + 0.1
-    beyond = check_motion(straight(problem, far), problem, exact).faults
+    beyond = motion_faults(straight(problem, far), problem, exact)
     assert "joint_1 is 0.1 outside its limits" in beyond
 
 
@@ -162,6 +160,7 @@ def test_the_length_of_a_timed_motion_is_that_of_its_path(problem: PlanProblem) 
     path = straight(problem, problem.start + 0.3)
     timed = pp.time_parametrise(path, problem.arm.limits)
     assert curve_length(path) == path.length
+    assert curve_length(straight(problem)) == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
     assert curve_length(timed) == pytest.approx(path.length, rel=1e-9)
 
 
@@ -169,10 +168,19 @@ def test_an_unsafe_motion_of_our_planner_is_listed(monkeypatch: pytest.MonkeyPat
     def through(problem: PlanProblem, checker: pp.CollisionChecker):
         return lambda seed: PlanAnswer(straight(problem), {"plan": 1.0}, certified=True, clearance=0.1)
 
-    monkeypatch.setattr("pinproof.benchmarks.plan_run.OURS", PlanMethod(OURS.key, OURS.label, through))
+    monkeypatch.setattr("pinproof.benchmarks.plan_run.own_method", lambda name: PlanMethod(OURS, OURS, through))
     table = plan_benchmark(["generic_6dof"], sets=["narrow_slot"], problems=1, peers=False)
     assert [row.name for row in table.unsafe] == ["generic_6dof/narrow_slot/1"]
     assert "## Unsafe: pinproof" in plan_markdown(table)
+
+
+def test_another_planner_is_a_method_of_its_own() -> None:
+    pytest.importorskip("ompl")
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, planners=["rrt_connect", "ompl"], peers=False)
+    assert [(row.method, row.certified, row.faults) for row in table.rows] == [
+        ("pinproof", True, ()),
+        ("pinproof_ompl", True, ()),
+    ]
 
 
 # -- peers -------------------------------------------------------------------------------------------------------------
@@ -206,7 +214,7 @@ def test_an_error_of_a_peer_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch
     assert table.left_out == {"peer on generic_6dof/shelf/1": "ZeroDivisionError: theirs"}
 
 
-@pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}])
+@pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}, {"planners": ["poetry"]}])
 def test_invalid_settings_are_refused(wrong: dict) -> None:
     with pytest.raises(InputError):
         plan_benchmark(["generic_6dof"], **wrong)

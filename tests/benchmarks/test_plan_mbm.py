@@ -19,7 +19,7 @@ URDF = """<robot name="slider"><link name="base"/><link name="tool"/>
 
 def test_both_layouts_name_the_set_and_the_robot(mbm: Path) -> None:
     (found,) = find_sets(mbm)
-    assert (found.full_set, found.numbers, found.robot) == ("mbm/box", (1, 2), "panda")
+    assert (found.full_set, tuple(found.files), found.robot) == ("mbm/box", (1, 2), "panda")
 
 
 def test_the_path_may_be_a_single_set(mbm: Path) -> None:

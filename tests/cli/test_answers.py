@@ -54,7 +54,7 @@ def test_ik_keeps_a_margin_without_a_scene_too(run: Run) -> None:
     assert json.loads(out)["ok"] is False
 
 
-@pytest.mark.parametrize("method", ["clik", "analytic", "damped-least-squares", "pseudo-inverse", "fabrik"])
+@pytest.mark.parametrize("method", pp.ik.IK_METHODS)
 def test_every_ik_method_agrees_with_fk(run: Run, method: str) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--method", method, "--json")
     q = " ".join(str(value) for value in json.loads(out)["q"].values())

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from pinproof.benchmarks.plan_run import CheckedMotion
 from pinproof.cli.main import main
 
 SMALL = ("bench", "ik", "ur5", "--points", "3", "--no-peers", "--methods", "clik, fabrik")
@@ -88,9 +87,7 @@ def test_planning_as_json(run) -> None:
 
 
 def test_an_unsafe_motion_is_exit_code_1(run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "pinproof.benchmarks.plan_run.check_motion", lambda *_: CheckedMotion(("link_6 touches board_1",), 1, 1.0)
-    )
+    monkeypatch.setattr("pinproof.benchmarks.plan_run.motion_faults", lambda *_: ("link_6 touches board_1",))
     code, out, _ = run(*PLAN)
     assert code == 1
     assert "link_6 touches board_1" in out

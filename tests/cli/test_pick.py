@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 import pinproof as pp
-from pinproof.cli.console import file_stems
 from pinproof.cli.main import main
+from pinproof.common.files import file_stems
 from pinproof.description import robots_folder
 
 ROOT = Path(__file__).parents[2]
@@ -107,7 +107,7 @@ def test_a_folder_gets_the_report_and_every_good_motion(run: Run, write) -> None
     names = {path.name for path in Path("made/out").iterdir()}
     stems = ("pin", "_out", "report_2", "_red_a")
     assert names == {"report.json", "report.md", "report.csv", "report.html"} | {
-        f"{s}.{end}" for s in stems for end in ("html", "json")
+        f"{s}.{end}" for s in stems for end in ("json", "program.json")
     }
     arm = pp.load_robot("generic_6dof").arm()
     for stem in stems:
@@ -118,8 +118,9 @@ def test_a_folder_gets_the_report_and_every_good_motion(run: Run, write) -> None
 
 
 def test_file_names_differ_and_stay_in_their_folder() -> None:
-    names = ["a", "A", "a/b", "a b", "..", "", "report", "Schraube_ö", "a_2"]
-    assert file_stems(names) == ["a", "A_2", "a_b", "a_b_2", "pick", "pick_2", "report_2", "Schraube_ö", "a_2_2"]
+    names = ["a", "A", "a/b", "a b", "..", "", "report", "Schraube_ö", "a_2", "a.program"]
+    stems = ["a", "A_2", "a_b", "a_b_2", "pick", "pick_2", "report_2", "Schraube_ö", "a_2_2", "a_program"]
+    assert file_stems(names) == stems
 
 
 @pytest.mark.parametrize(

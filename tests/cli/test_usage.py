@@ -45,7 +45,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
         ("fk ur5 --fram tool0", "(did you mean --frame)"),
         ("fk ur5 --q 0 1 0", '--q "0 -pi/2 0"'),
         ("fk ur5 --q 0 -pi/2", '--q "0 -pi/2 0"'),
-        ("ik ur5 --method klik", "'klik' is not one of 'clik', 'analytic', 'damped-least-squares'"),
+        ("ik ur5 --method klik", "unknown IK method 'klik'; valid: clik"),
         ("check ur5 --margin -1", "--margin"),
         ("fk ur55", "'ur55'"),
         ("fk ur5 --tcp tol0", "tool0"),
@@ -189,7 +189,7 @@ def test_tab_completes_commands_options_robots_files_frames_and_groups(complete:
     assert complete("pinproof fk u") == [name for name in sorted(catalogue_names()) if name.startswith("u")]
     Path("mine.urdf").write_text("")
     Path("mine.yaml").write_text("")
-    assert complete("pinproof view m") == ["mine.urdf"]
+    assert complete("pinproof view m") == ["mine.urdf", "mine.yaml"]
     assert complete("pinproof fk ur5 --frame wrist_") == ["wrist_1_link", "wrist_2_link", "wrist_3_link"]
     assert complete(f"pinproof fk {robots_folder()}/ur5/u") == [f"{robots_folder()}/ur5/ur5.urdf"]
     assert complete("pinproof ik panda --group arm") == ["arm", "arm_and_hand"]

@@ -13,8 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, write_urdf
-from pinproof.conversion.from_dh import rpy_of, urdf_text
 from pinproof.description import DhRow, DhTable
+from pinproof.description.dh_urdf import rpy_of, urdf_text
 from pinproof.errors import ConversionError, FileError, InputError
 from pinproof.model import load_robot, load_robot_from_text
 from pinproof.spatial import pose
@@ -171,7 +171,7 @@ def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic
         assert re.search(old, text), "the tampering must find its place"
         return re.sub(old, new, text)
 
-    monkeypatch.setattr("pinproof.conversion.from_dh.urdf_text", tampered)
+    monkeypatch.setattr("pinproof.description.dh_urdf.urdf_text", tampered)
     path = tmp_path / "arm.urdf"
     path.write_text("what stood here before", encoding="utf-8")
     with pytest.raises(ConversionError, match=words):

@@ -13,8 +13,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf
-from pinproof.conversion.from_dh import DENSITY, link_bodies
 from pinproof.description import DhRow, DhTable
+from pinproof.description.dh_urdf import DENSITY, link_bodies
 from pinproof.model import load_robot_from_text
 
 HALF = math.pi / 2

@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, urdf_to_dh
-from pinproof.conversion.proof import prove_table_equals_arm
 from pinproof.conversion.to_dh import COINCIDENT, FARTHEST, PARALLEL, Axis, frame_on
 from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm, load_robot, load_robot_from_text
+from pinproof.model.dh_proof import prove_table_equals_arm
 from pinproof.spatial import pose
 
 HALF = math.pi / 2

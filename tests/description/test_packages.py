@@ -78,7 +78,7 @@ def test_third_slash_is_no_absolute_path(tmp_path):
 def test_missing_mesh_names_every_place_of_the_environment(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
-    looked = locate("package://pkg/m.stl", None, []).looked_in
+    looked = locate("package://pkg/m.stl", None, []).searched
     assert {tmp_path / "ros" / "pkg" / "m.stl", tmp_path / "ament" / "share" / "pkg" / "m.stl"} <= set(looked)
 
 

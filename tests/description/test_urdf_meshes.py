@@ -71,8 +71,8 @@ def test_missing_mesh_names_link_and_every_place_searched(tmp_path, uri):
         resolved(found, "forearm")
     text = str(caught.value)
     assert "forearm" in text
-    assert found.looked_in
-    assert all(str(place) in text for place in found.looked_in)
+    assert found.searched
+    assert all(str(place) in text for place in found.searched)
     if not uri.startswith("file"):
         assert str(tmp_path / "packages") in text
 

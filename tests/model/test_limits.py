@@ -77,3 +77,10 @@ def test_values_within_rounding_of_a_limit_become_the_limit():
     assert np.isnan(snapped[2, 1])
     endless = pp.JointLimits(np.full(2, -np.inf), np.full(2, np.inf), ONE)
     assert endless.snap(np.array([1e3, -1e3])).tolist() == [1e3, -1e3]
+
+
+def test_inside_counts_values_beyond_a_limit_by_rounding_as_the_limit():
+    limits = pp.JointLimits(-ONE, ONE, ONE)
+    many = np.array([[1.0, -1.0], [1.0 + 9e-10, -1.0 - 9e-10], [1.0 + 2e-9, 0.0], [0.0, np.nan]])
+    assert limits.inside(many).tolist() == [True, True, False, False]
+    assert limits.inside(many[:, None]).shape == (4, 1)

@@ -62,22 +62,22 @@ def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str |
     assert quick.made + quick.excluded >= min(whole.made, 2)
 
 
-def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> None:
+def test_the_verdict_says_how_many_were_complete_and_how_many_were_excluded() -> None:
     made, picks = setup("ur5", "picks.yaml")
     verdict = made.judge(0, picks.picks[0])
     figures = verdict.stages[-1].figures
     assert verdict.ok
-    assert figures["whole"] >= 1
+    assert figures["complete"] >= 1
     assert figures["excluded"] > 10
     assert figures["untried"] == 0
-    assert f"best of {figures['whole'] + figures['excluded']:.0f} candidates" in verdict.reason
+    assert f"best of {figures['complete'] + figures['excluded']:.0f} candidates" in verdict.reason
 
 
 def test_a_budget_that_runs_out_is_told() -> None:
     made, picks = setup("panda", "picks.yaml", pp.picks.PickWeights(clearance=0, limit_margin=0, manipulability=0))
     short = replace(made, budget=replace(ALL, compared=1))
     figures = short.judge(0, picks.picks[0]).stages[-1].figures
-    assert figures["whole"] == 1
+    assert figures["complete"] == 1
     verdict = replace(made, budget=replace(ALL, configurations=1)).judge(1, picks.picks[1])
     assert verdict.ok
     assert verdict.stages[-1].figures["untried"] + verdict.stages[-1].figures["excluded"] > 0

@@ -13,7 +13,7 @@ import pytest
 import pinproof as pp
 from pinproof.picks import PickStatus, Stage, StageResult
 from pinproof.picks.input.pick import PickProblem
-from pinproof.picks.report.report import CSV_COLUMNS, SCHEMA, SUFFIXES
+from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES, SCHEMA
 
 PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")
 
@@ -100,7 +100,7 @@ def test_the_pose_of_a_row_makes_the_pick_again(report) -> None:
         assert np.allclose(again.homogeneous, verdict.pick.pose.homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", SUFFIXES)
+@pytest.mark.parametrize("kind", REPORT_SUFFIXES)
 def test_every_kind_of_file_names_every_row(report, tmp_path, kind: str) -> None:
     path = tmp_path / f"report{kind}"
     report.save(path)

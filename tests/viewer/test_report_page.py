@@ -26,7 +26,7 @@ from pinproof.picks import (
 )
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, PickProblem
 from pinproof.picks.report import page as page_module
-from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, Reel
+from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, PageMotions
 from pinproof.picks.report.report import verdict_row
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Phase, film
@@ -368,12 +368,12 @@ def test_a_hundred_motions_stay_within_their_bytes() -> None:
     stage, way = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
     long = SimpleNamespace(motions=(way,))
     for count in (1, 100, 1000):
-        reel = Reel.of(stage, SCENE, (), [long] * count)
-        frames = sum(len(each.times) for each in reel.films if each is not None)
-        shown = sum(each is not None for each in reel.films)
+        motions = PageMotions.of(stage, SCENE, (), [long] * count)
+        frames = sum(len(each.times) for each in motions.films if each is not None)
+        shown = sum(each is not None for each in motions.films)
         assert (frames * 28 * 4 / 3 + shown * BYTES_A_LINK) * len(stage.links) <= 1.01 * MOST_BYTES
-        assert len(reel.films[0].times) - 1 <= 60 * RATE
-    assert "more good picks are omitted" in reel.notes[1]
+        assert len(motions.films[0].times) - 1 <= 60 * RATE
+    assert "more good picks are omitted" in motions.notes[1]
 
 
 def test_what_is_carried_stands_then_moves_with_the_tcp_then_stays() -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.complete import link_names
+from pinproof.cli.complete import link_names, method_names
 from pinproof.cli.console import print_json, print_line
 from pinproof.cli.options import (
     ChainOptions,
@@ -35,25 +35,6 @@ class TaskOption(str, Enum):
     SPIN_X = "spin_x"
     SPIN_Y = "spin_y"
     SPIN_Z = "spin_z"
-
-
-class MethodOption(str, Enum):
-    """The IK methods."""
-
-    CLIK = "clik"
-    ANALYTIC = "analytic"
-    DAMPED_LEAST_SQUARES = "damped-least-squares"
-    PSEUDO_INVERSE = "pseudo-inverse"
-    FABRIK = "fabrik"
-
-
-SOLVERS = {
-    MethodOption.CLIK: "Clik",
-    MethodOption.ANALYTIC: "AnalyticIk",
-    MethodOption.DAMPED_LEAST_SQUARES: "DampedLeastSquares",
-    MethodOption.PSEUDO_INVERSE: "PseudoInverse",
-    MethodOption.FABRIK: "Fabrik",
-}
 
 
 def fk(
@@ -93,7 +74,13 @@ def ik(
     task: Annotated[
         TaskOption, typer.Option(help="What must match the target; spin_z leaves the rotation about tool z free.")
     ] = TaskOption.POSE,
-    method: Annotated[MethodOption, typer.Option(help="The IK method.")] = MethodOption.CLIK,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="The IK method: clik, analytic, damped_least_squares, pseudo_inverse or fabrik.",
+            autocompletion=method_names,
+        ),
+    ] = "clik",
     all_branches: Annotated[
         bool, typer.Option("--all", help="Print all IK solutions. Requires an arm with closed-form IK.")
     ] = False,
@@ -111,9 +98,10 @@ def ik(
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """
+    solver = pp.ik.make_ik(method)
     if not xyz and task is not TaskOption.ORIENTATION:
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
-    if all_branches and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
+    if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
         raise InputError("--all uses the closed form and full poses; remove --method and --task")
     arm, tip = chain.arm(robot, tool=tool), tool.attachments.tip
     target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
@@ -131,7 +119,7 @@ def ik(
         branches = pp.AnalyticIk().solve_all(arm, target, start)
         _print_all(branches if accept is None else branches.free(accept), as_json)
         return
-    found = getattr(pp, SOLVERS[method])().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    found = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
     if as_json:
         print_json(
             {

@@ -12,7 +12,7 @@ import pinocchio as pin
 
 from pinproof.collision.bodies import Body, shape_bodies
 from pinproof.collision.links import DECOMPOSED, EXACT
-from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, PairRules, Pairs, choose_pairs
+from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair, PairRules, Pairs, choose_pairs
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
 from pinproof.errors import InputError, UnknownNameError
@@ -36,6 +36,7 @@ __all__ = [
 ]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
 class Margins:
@@ -150,8 +151,6 @@ def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels)
     return found
 
 
-Indices = npt.NDArray[np.int64]
-
 ROUNDING = 1e-9
 """Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
 3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
@@ -175,6 +174,18 @@ class CheckedBodies:
     """(B, 15) placements; only those of bodies that never move are valid."""
     convex: npt.NDArray[np.bool_]
     """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
+    rounding: float
+    """The allowance (m) for floating-point error, which is subtracted from every distance."""
+    excluded: tuple[ExcludedPair, ...]
+    """The pairs of owners that are not checked, with the reasons."""
+    finer: tuple[FinerPair, ...]
+    """The pairs of owners that are checked with finer bodies."""
+    still_pairs: Indices
+    """The pairs that no joint moves relative to each other."""
+    numbers: Array
+    """All numbers of the checker for the compiled loops, see :mod:`pinproof.kernels.world`."""
+    indices: Indices
+    """All indices of the checker for the compiled loops."""
 
     @property
     def arm(self) -> Arm:
@@ -183,7 +194,11 @@ class CheckedBodies:
 
     @property
     def geometry_model(self) -> Any:
-        """Pinocchio's geometry model of all bodies and checked pairs, created on first access."""
+        """A copy of Pinocchio's geometry model of all bodies and checked pairs, for other libraries."""
+        return self.coal_geometry().clone()
+
+    def coal_geometry(self) -> Any:
+        """The geometry model itself, which must not be changed; created on first access."""
         if self._geometry_model is None:
             self._geometry_model = geometry_model(self.arm.model, self.bodies, self.pairs)
         return self._geometry_model
@@ -250,7 +265,7 @@ def assemble(
     added: list[Body] = []
     for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
         before = known.get((id(obstacle), link))
-        if before is None or before[1][0].link_from_body != obstacle.pose:
+        if before is None or before[0] is not obstacle:
             before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
         made[id(obstacle), link] = before
         added.extend(before[1])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import threading
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from copy import copy
@@ -41,6 +42,7 @@ from pinproof.collision.placed_bodies import (
 )
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
+from pinproof.common.display import outline
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import finite
@@ -184,6 +186,12 @@ class CollisionChecker(CheckedBodies):
         self._still: FixedPairs | None = None
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
+        attached = "".join(f", {body.name} attached" for body in self.attached)
+        margin = f"margin {self.margin * 1e3:g} mm"
+        return outline(f"CollisionChecker({self.arm.robot.name!r}, {counts}, {margin}{attached})")
 
     # -- queries ----------------------------------------------------------------------------------------------------
 
@@ -406,6 +414,28 @@ class CollisionChecker(CheckedBodies):
             digest.update(body.content())
         return digest.hexdigest()
 
+    def refuse_changes(self) -> None:
+        """Raise an exception if an array of this checker was modified in place.
+
+        Raises
+        ------
+        InputError
+            If the packed arrays or the geometry of an exact mesh differ from those when the checker was created.
+        """
+        found = [f"the geometry of {body.name}" for body in self.bodies if not body.unchanged]
+        if self._checksum != (zlib.crc32(self.numbers.tobytes()), zlib.crc32(self.indices.tobytes())):
+            found.append("its packed arrays")
+        if found:
+            raise InputError(f"the checker was modified in place ({', '.join(found)}); create a new checker")
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not name.startswith("_"):
+            raise AttributeError(
+                f"{name} of a checker is read-only; with_scene(), with_attached(), with_margin(), with_held() and "
+                "allowing() return other checkers"
+            )
+        object.__setattr__(self, name, value)
+
     def placed(self, q: Array) -> PlacedBodies:
         """Place every body at q (n,) in the workspace of this thread, without validation of q."""
         space = self.workspace
@@ -441,9 +471,19 @@ class CollisionChecker(CheckedBodies):
         self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
     ) -> None:
         self._scene, self._attached, self._allowed = scene, attached, allowed
-        self.bodies, self.pairs, self.rounding = made.bodies, tuple(made.pairs.checked), made.rounding
-        self.excluded, self.finer = tuple(made.pairs.excluded), tuple(made.pairs.finer)
-        self._world, self.at, self.still_pairs, self.convex = made.world, made.at, made.still, made.convex
+        for array in (made.at, made.still, made.convex):
+            array.setflags(write=False)
+        self.__dict__.update(
+            bodies=made.bodies,
+            pairs=tuple(made.pairs.checked),
+            rounding=made.rounding,
+            excluded=tuple(made.pairs.excluded),
+            finer=tuple(made.pairs.finer),
+            at=made.at,
+            still_pairs=made.still,
+            convex=made.convex,
+        )
+        self._world = made.world
         self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
 
@@ -461,12 +501,14 @@ class CollisionChecker(CheckedBodies):
 
         self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
-        self.margins = margins.of(owners, len(self.pairs), self.obstacles_and_links)
+        each = margins.of(owners, len(self.pairs), self.obstacles_and_links)
         if self._moved:
-            self.margins += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
-        self.margins.setflags(write=False)
-        self._margined = with_margins(self._world, self.margins)
-        self.numbers, self.indices = flatten(self._margined)
+            each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
+        each.setflags(write=False)
+        self._margined = with_margins(self._world, each)
+        numbers, indices = flatten(self._margined)
+        self.__dict__.update(margins=each, numbers=numbers, indices=indices)
+        self._checksum = zlib.crc32(numbers.tobytes()), zlib.crc32(indices.tobytes())
         self._still = None
         self._threads = threading.local()
 

@@ -262,15 +262,15 @@ def _facets(points: Array) -> tuple[Array, Array]:
 def _planes(normals: Array, offsets: Array, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
     """Clipping of lines by half-spaces (Cyrus and Beck, 1978)."""
     slope = normals @ direction
-    room = offsets - origins @ normals.T
+    depths = offsets - origins @ normals.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        at = room / slope
+        at = depths / slope
     front, back = slope < -PARALLEL, slope > PARALLEL
     entering = np.where(front, at, -np.inf)
     first = entering.argmax(axis=1)
     depth = entering[np.arange(len(origins)), first]
     out = np.where(back, at, np.inf).min(axis=1)
-    missed = (np.where(front | back, np.inf, room) < 0).any(axis=1)
+    missed = (np.where(front | back, np.inf, depths) < 0).any(axis=1)
     return np.where(missed, np.inf, depth), np.where(missed, -np.inf, out), normals[first]
 
 

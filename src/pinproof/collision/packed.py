@@ -92,7 +92,8 @@ def convex_pairs(world: w.World) -> npt.NDArray[np.bool_]:
 
 def _joints(arm: Arm) -> tuple[Array, list[pin.SE3]]:
     """The rows of the joints, and for each the rotation that takes z to its axis."""
-    model, data = arm.model, arm.model.createData()
+    model = arm.model
+    data = model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
     rows, aligned = np.zeros((model.njoints - 1, w.JOINT_COLUMNS)), []
     for k, row in enumerate(rows):
@@ -110,7 +111,7 @@ def _joints(arm: Arm) -> tuple[Array, list[pin.SE3]]:
 
 
 def _bodies(arm: Arm, bodies: Sequence[Body], aligned: Sequence[pin.SE3]) -> tuple[Array, Array]:
-    rows = np.zeros((len(bodies), w.BODY_COLUMNS))
+    rows, model = np.zeros((len(bodies), w.BODY_COLUMNS)), arm.model
     parts = [Support(np.empty((0, 3))) if body.support is None else body.support for body in bodies]
     points = np.concatenate([np.empty((0, 3)), *(part.points for part in parts)])
     discs = np.concatenate([np.empty(0), *(part.disc_radii for part in parts)])
@@ -118,7 +119,7 @@ def _bodies(arm: Arm, bodies: Sequence[Body], aligned: Sequence[pin.SE3]) -> tup
     for row, body, part in zip(rows, bodies, parts, strict=True):
         joint, place = -1, body.link_from_body
         if body.link is not None:
-            frame = arm.model.frames[arm.model.getFrameId(body.link, pin.FrameType.BODY)]
+            frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
             joint, place = int(frame.parentJoint) - 1, frame.placement * place
         if joint >= 0:
             place = aligned[joint].inverse() * place

@@ -98,7 +98,7 @@ def prove_parting(
             if separating.proof.end == first:
                 measured = full.checker.placed(at).measure(separating.pair)
                 if measured.attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
-                    return _on_whole_curve(
+                    return _on_complete_curve(
                         curve, checker, proven, _not_separated(full.checker, separating, motion, prove)
                     )
         # Pairs of bodies are omitted, not of owners: other bodies of the same owners are checked on the whole curve.
@@ -107,7 +107,7 @@ def prove_parting(
             apart |= {pair} if until > first else full.parts_of[pair]
         proven.append(prove(_Part.of(curve, first, last), full.checker.without_pairs(apart) if apart else checker))
         if not proven[-1].free:
-            return _on_whole_curve(curve, checker, proven[:-1], proven[-1])
+            return _on_complete_curve(curve, checker, proven[:-1], proven[-1])
     return _free(curve, checker, proven, separating_pairs, obstacle_tolerance)
 
 
@@ -136,15 +136,15 @@ def _free(
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
     message = "; ".join([free_sentence(clearance, len(checker.pairs), len(checker.excluded)), *map(str, partings)])
-    room = [c.tube.largest_obstacles for c in proven if c.tube is not None]
-    room += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
-        separating.room for separating in separating_pairs
+    slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
+    slack += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
+        separating.slack for separating in separating_pairs
     ]
-    tube = MotionTube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(room), 0.0))
-    whole = _on_whole_curve(curve, checker, proven[:-1], proven[-1])
-    intervals = whole.intervals + sum(separating.proof.intervals for separating in separating_pairs)
+    tube = MotionTube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
+    complete = _on_complete_curve(curve, checker, proven[:-1], proven[-1])
+    intervals = complete.intervals + sum(separating.proof.intervals for separating in separating_pairs)
     return replace(
-        whole,
+        complete,
         message=message,
         clearance=clearance,
         observed=observed,
@@ -187,7 +187,7 @@ class _SeparatingPair:
     departure: DepartureDirection
     proof: DepartureProof
     gap: float
-    room: float
+    slack: float
     of_facets: bool = False
 
     @property
@@ -284,8 +284,8 @@ def _separating_pair(
     of_facets: bool = False,
 ) -> _SeparatingPair:
     enough = float(checker.margins[pair]) + motion.obstacle_tolerance + 2 * checker.rounding
-    room = motion.gap(departure, proof.end) - enough
-    return _SeparatingPair(pair, _owners(checker, pair), departure, proof, gap, room, of_facets)
+    slack = motion.gap(departure, proof.end) - enough
+    return _SeparatingPair(pair, _owners(checker, pair), departure, proof, gap, slack, of_facets)
 
 
 def _best(
@@ -465,7 +465,7 @@ def _start_contact_verdict(
             f"{one} penetrates {other} by {-start_contact.distance * 1e3:.2f} mm at the start; parting allows "
             f"{DEEPEST * 1e3:g} mm. Correct one of the poses or shapes"
         )
-        return _on_whole_curve(curve, checker, [], replace(found, message=message))
+        return _on_complete_curve(curve, checker, [], replace(found, message=message))
     message = (
         f"{one} and {other} are {_apart(start_contact.distance)} at the start (margin "
         f"{start_contact.margin * 1e3:g} mm), and no direction separates {other} from the convex hull of {one}; "
@@ -476,7 +476,7 @@ def _start_contact_verdict(
         found, status=CertificateStatus.UNDECIDED, message=message, first_contact=None, undecided=span,
         clearance=np.nan,
     )  # fmt: skip
-    return _on_whole_curve(curve, checker, [], undecided)
+    return _on_complete_curve(curve, checker, [], undecided)
 
 
 def _apart(distance: float) -> str:
@@ -520,7 +520,7 @@ def _not_separated(
     )
 
 
-def _on_whole_curve(
+def _on_complete_curve(
     curve: Curve, checker: CollisionChecker, before: Sequence[Certificate], last: Certificate
 ) -> Certificate:
     """Return the verdict ``last`` on a part, after parts that are proven, as the verdict on the whole curve."""

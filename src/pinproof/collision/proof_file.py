@@ -250,12 +250,12 @@ def joints_of(arm: Arm) -> list[dict[str, Any]]:
 
 def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
     """The bodies of a checker, in its order."""
-    arm, sources = checker.arm, _sources(checker)
+    model, sources = checker.arm.model, _sources(checker)
     rows = []
     for body in checker.bodies:
         joint, place = -1, body.link_from_body
         if body.link is not None:
-            frame = arm.model.frames[arm.model.getFrameId(body.link, pin.FrameType.BODY)]
+            frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
             joint, place = int(frame.parentJoint) - 1, frame.placement * place
         kind = "obstacle" if body.link is None else "link" if body.owner == body.link else "attached"
         geometry = body.source or body.name

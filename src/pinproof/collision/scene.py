@@ -11,14 +11,18 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.shapes import Obstacle
+from pinproof.common.display import html_block, html_list, html_table, outline, shortened
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
-from pinproof.spatial import SE3, finite, matrix, rigid
+from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 
 if TYPE_CHECKING:
     from pinproof.common.yaml_file import LinedMapping
 
 __all__ = ["Attachments", "Scene"]
+
+SHAPE_WIDTH = 60
+"""Largest number of characters of a shape in a table of obstacles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,21 @@ class Scene:
     notes: tuple[str, ...] = ()
     source: Path | None = None
 
+    def __repr__(self) -> str:
+        things = (f"{each.name}: {shortened(repr(each.shape), SHAPE_WIDTH)}" for each in self.obstacles)
+        count = len(self.obstacles)
+        source = "" if self.source is None else f", from {self.source.name}"
+        return outline(f"Scene({count} obstacle{'' if count == 1 else 's'}{source})", things, total=count)
+
+    def _repr_html_(self) -> str:
+        rows = (
+            [each.name, shortened(repr(each.shape), SHAPE_WIDTH), *(xyz_rpy(each.pose) + 0.0)]
+            for each in self.obstacles
+        )
+        columns = ("obstacle", "shape", "x", "y", "z", "roll", "pitch", "yaw")
+        title = f"Scene of {len(self.obstacles)} obstacles (m, rad)"
+        return html_block(title, html_table(columns, rows, total=len(self.obstacles)), html_list(self.notes))
+
     def __init__(
         self,
         obstacles: Iterable[Obstacle] = (),
@@ -61,8 +80,8 @@ class Scene:
         notes: Iterable[str] = (),
         source: str | Path | None = None,
     ) -> None:
-        things = tuple(obstacles)
-        names = [obstacle.name for obstacle in things]
+        obstacles = tuple(obstacles)
+        names = [obstacle.name for obstacle in obstacles]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:
             raise InputError(f"obstacle names must differ; {', '.join(doubled)} appear more than once")
@@ -70,7 +89,7 @@ class Scene:
         for _, obstacle in pairs:
             if obstacle not in names:
                 raise UnknownNameError("obstacle", obstacle, names, "the allowed contacts of the scene")
-        object.__setattr__(self, "obstacles", things)
+        object.__setattr__(self, "obstacles", obstacles)
         object.__setattr__(self, "allowed", pairs)
         object.__setattr__(self, "disabled", _pairs("disabled", disabled))
         object.__setattr__(self, "frame", frame)
@@ -94,20 +113,31 @@ class Scene:
 
     def remove(self, *names: str) -> Scene:
         """Return a new scene without these obstacles and without their allowed contacts."""
-        gone = {self[name].name for name in names}
-        return self._with(o for o in self.obstacles if o.name not in gone)
+        removed = {self[name].name for name in names}
+        return self._with(o for o in self.obstacles if o.name not in removed)
 
     def move(self, name: str, pose: pin.SE3 | npt.ArrayLike) -> Scene:
         """Return a new scene in which the obstacle has this ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
         moved = replace(self[name], pose=pose)
         return self._with(moved if o.name == name else o for o in self.obstacles)
 
+    def transformed(self, root_from_scene: pin.SE3 | npt.ArrayLike) -> Scene:
+        """Return the scene, stated in the frame of a cell, in the frame of a robot that is placed in it.
+
+        Parameters
+        ----------
+        root_from_scene
+            The pose of the cell in the root frame of the robot, SE3 or (4, 4).
+        """
+        placement = rigid("root_from_scene", root_from_scene)
+        return self._with(replace(each, pose=placement * each.pose) for each in self.obstacles)
+
     def _with(self, obstacles: Iterable[Obstacle]) -> Scene:
-        things = tuple(obstacles)
-        gone = set(self.names) - {obstacle.name for obstacle in things}
-        allowed = [pair for pair in self.allowed if not gone & set(pair)]
+        obstacles = tuple(obstacles)
+        removed = set(self.names) - {obstacle.name for obstacle in obstacles}
+        allowed = [pair for pair in self.allowed if not removed & set(pair)]
         more = {name: getattr(self, name) for name in ("disabled", "frame", "notes", "source")}
-        return Scene(things, allowed=allowed, **more)
+        return Scene(obstacles, allowed=allowed, **more)
 
     @property
     def where(self) -> str:

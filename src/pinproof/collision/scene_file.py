@@ -51,21 +51,7 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from pinproof.collision.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    HeightMap,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Shape,
-    Sphere,
-)
+from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
 from pinproof.common.files import is_file, write_text_whole
 from pinproof.common.yaml_file import (
     MOST_REACH,
@@ -82,7 +68,6 @@ from pinproof.spatial import SE3, Array, finite, pose
 __all__ = [
     "OBSTACLE_KEYS",
     "SCENE_KEYS",
-    "SHAPE_KEYS",
     "SceneContent",
     "numbers_of",
     "pairs_of",
@@ -96,18 +81,6 @@ __all__ = [
     "write_scene",
 ]
 
-KINDS: dict[str, Any] = {
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "capsule": Capsule,
-    "cone": Cone,
-    "ellipsoid": Ellipsoid,
-    "half_space": HalfSpace,
-    "convex_hull": ConvexHull,
-    "point_cloud": PointCloud,
-    "height_map": HeightMap,
-}
-SHAPE_KEYS = ("box", *KINDS, "mesh")
 MESH_KEYS = ("path", "scale", "hull", "hollow", "vertices", "triangles")
 OPTIONAL = ("bottom",)
 
@@ -116,7 +89,7 @@ LARGEST_INDEX = 2**53
 
 
 def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
-    """Return the shape under one of :data:`SHAPE_KEYS`.
+    """Return the shape under one of the keys of :data:`~pinproof.collision.shapes.SHAPES_BY_KEY`.
 
     Raises
     ------
@@ -129,7 +102,7 @@ def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
         if not isinstance(stated, list):
             raise InputError(f"box: {stated!r} is not a list of its full sides; write box: [x, y, z]")
         return Box(*finite("box", numbers_of("box", stated), (3,)))
-    keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(KINDS[kind]))
+    keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(SHAPES_BY_KEY[kind]))
     if not isinstance(stated, dict):
         wanted = ", ".join(f"{key}: ..." for key in keys)
         raise InputError(f"{kind}: {stated!r} is not a mapping; write {kind}: {{{wanted}}}")
@@ -139,8 +112,7 @@ def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
     missing = [key for key in keys if key not in stated and key not in OPTIONAL]
     if missing:
         raise InputError(f"{kind} does not state its {' and '.join(missing)}")
-    made: Shape = KINDS[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
-    return made
+    return SHAPES_BY_KEY[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
 
 
 def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
@@ -154,9 +126,9 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
         file = Path(shape.path).resolve()
         inside = file.relative_to(folder) if file.is_relative_to(folder) else file
         return "mesh", {"path": inside.as_posix(), "scale": _listed(shape.scale), **how}
-    kind = next((kind for kind, made in KINDS.items() if type(shape) is made), None)
+    kind = next((kind for kind, made in SHAPES_BY_KEY.items() if type(shape) is made), None)
     if kind is None:
-        raise InputError(f"a {type(shape).__name__} has no key in files; known are {', '.join(SHAPE_KEYS)}")
+        raise InputError(f"a {type(shape).__name__} has no key in files; known are {', '.join(SHAPES_BY_KEY)}")
     return kind, {field.name: _listed(getattr(shape, field.name)) for field in fields(shape)}
 
 
@@ -226,7 +198,7 @@ def _listed(value: Any) -> Any:
 
 
 SCENE_KEYS = ("obstacles", "allowed_contacts", "disabled_pairs", "frame")
-OBSTACLE_KEYS = ("name", *SHAPE_KEYS, "xyz", "rpy", "quat_xyzw", "rgba")
+OBSTACLE_KEYS = ("name", *SHAPES_BY_KEY, "xyz", "rpy", "quat_xyzw", "rgba")
 
 
 class SceneContent(NamedTuple):
@@ -326,10 +298,10 @@ def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
         raise SceneError(path, f"obstacle {number} {problem}", f"line {stated.line}")
     where = f"line {stated.line}, obstacle {name!r}"
     refuse_unknown(SceneError, path, "key", stated, OBSTACLE_KEYS, where)
-    kinds = [key for key in SHAPE_KEYS if key in stated]
+    kinds = [key for key in SHAPES_BY_KEY if key in stated]
     if len(kinds) != 1:
         what = " and ".join(kinds) or "no shape"
-        raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPE_KEYS)}", where)
+        raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPES_BY_KEY)}", where)
     try:
         shape = read_shape(path, kinds[0], stated[kinds[0]], where)
         placement = pose_of({key: stated[key] for key in ("xyz", "rpy", "quat_xyzw") if key in stated})

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import codecs
 import os
+import re
 import stat
 import uuid
+from collections.abc import Iterable
 from pathlib import Path
 
 from pinproof.errors import FileError
 
 __all__ = [
     "LARGEST_TEXT",
+    "file_stems",
     "is_file",
     "read_bytes",
     "read_text",
@@ -115,3 +118,19 @@ def write_bytes_whole(path: str | Path, content: bytes) -> None:
             scratch.unlink(missing_ok=True)
     except OSError as error:
         raise FileError(target, f"cannot be written: {error.strerror or error}") from error
+
+
+def file_stems(names: Iterable[str]) -> list[str]:
+    """A file name without suffix for each name: unique, without folders, and never ``report`` or ``*.program``."""
+    stems: list[str] = []
+    used = {"report"}
+    for name in names:
+        plain = re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "pick"
+        stem = plain = plain.replace(".program", "_program")  # the suffix of program files
+        count = 1
+        while stem.lower() in used:
+            count += 1
+            stem = f"{plain}_{count}"
+        used.add(stem.lower())
+        stems.append(stem)
+    return stems

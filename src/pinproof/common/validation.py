@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from numbers import Integral, Real
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from pinproof.errors import InputError
 
-__all__ = ["Rng", "random_generator", "require_integer", "require_positive", "seed_sequence"]
+__all__ = ["ReadOnlyDict", "Rng", "random_generator", "require_integer", "require_positive", "seed_sequence"]
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
 
 Rng = int | np.random.Generator
 """A seed, or a generator whose state advances."""
@@ -54,3 +59,27 @@ def seed_sequence(rng: Rng) -> np.random.SeedSequence:
             "this Generator has no SeedSequence for independent streams; create it with numpy.random.default_rng"
         )
     return sequence
+
+
+class ReadOnlyDict(dict[Key, Value]):
+    """A copy of a mapping that cannot be changed; unlike ``types.MappingProxyType`` it can be pickled.
+
+    Parameters
+    ----------
+    content
+        The mapping.
+    remedy
+        What to do instead of changing it, for the message of the exception.
+    """
+
+    def __init__(self, content: Mapping[Key, Value], remedy: str) -> None:
+        super().__init__(content)
+        self._remedy = remedy
+
+    def _refuse(self, *_args: object, **_named: object) -> NoReturn:
+        raise TypeError(self._remedy)
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ReadOnlyDict, (dict(self), self._remedy)

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -95,9 +96,14 @@ def read_yaml(
 
 
 class LinedMapping(dict[Any, Any]):
-    """A YAML mapping with the number of the line where it starts."""
+    """A YAML mapping with the number of the line where it starts, and those of its keys."""
 
     line: int
+    lines: Mapping[Any, int] = MappingProxyType({})
+
+    def place(self, key: object) -> str:
+        """Return the position of a key for messages: ``line 3, key robot``."""
+        return f"line {self.lines[key]}, key {key}" if key in self.lines else f"key {key}"
 
 
 def require_list(error: type[FileError], path: Path, key: str, stated: object) -> list[Any]:
@@ -174,6 +180,7 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
 def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
     mapping = LinedMapping()
     mapping.line = node.start_mark.line + 1
+    mapping.lines = lines = {}
     yield mapping
     for key_node, value_node in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
@@ -183,6 +190,7 @@ def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
             raise ConstructorError(None, None, "a list or a mapping cannot be a key", key_node.start_mark)
         if key in mapping:
             raise ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
+        lines[key] = key_node.start_mark.line + 1
         mapping[key] = loader.construct_object(value_node, deep=True)
 
 

@@ -30,11 +30,11 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.conversion.proof import prove_table_equals_arm
 from pinproof.description.dh import CONVENTIONS, DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.model.chain import link_path
+from pinproof.model.dh_proof import prove_table_equals_arm
 
 __all__ = ["COINCIDENT", "FARTHEST", "PARALLEL", "Axis", "frame_on", "frames_along", "row_numbers", "urdf_to_dh"]
 

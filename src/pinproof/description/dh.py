@@ -46,6 +46,7 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
+from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.common.yaml_file import read_yaml, refuse_degree_limit, refuse_degrees, refuse_millimetres, refuse_unknown
 from pinproof.errors import DhTableError, InputError, UnknownNameError
@@ -509,6 +510,19 @@ class DhTable:
 
     def __len__(self) -> int:
         return len(self.rows)
+
+    def __repr__(self) -> str:
+        rows = (
+            f"{row.name}: {row.joint_type}, theta {row.theta:.6g}, d {row.d:.6g}, a {row.a:.6g}, alpha {row.alpha:.6g}"
+            for row in self.rows
+        )
+        return outline(f"DhTable({self.name!r}, {self.convention}, {len(self)} rows)", rows, total=len(self))
+
+    def _repr_html_(self) -> str:
+        names = ("name", "joint_type", "theta", "d", "a", "alpha", "lower", "upper", "velocity")
+        rows = ([getattr(row, name) for name in names] for row in self.rows)
+        title = f"{self.name}: DH table, {self.convention} convention (m, rad)"
+        return html_block(title, html_table([name.replace("_", " ") for name in names], rows, total=len(self)))
 
     @classmethod
     def load(cls, path: str | Path) -> DhTable:

@@ -82,7 +82,7 @@ def resolved(mesh: MeshFile, link: str) -> Path:
         If it was not found; the message states the link and the paths that were tried.
     """
     if mesh.path is None:
-        places = "\n  ".join(str(place) for place in mesh.looked_in)
+        places = "\n  ".join(str(place) for place in mesh.searched)
         raise MeshError(mesh.uri, f"the mesh of link {link!r} was not found; tried:\n  {places}")
     return mesh.path
 

@@ -16,6 +16,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.packages import MeshFile, climbs_out, locate
 from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import (
@@ -320,13 +321,16 @@ MAX_LINKS = 1000
 """Largest number of links; urdfdom recurses for each link and crashes at about 5,000."""
 
 
+JOINTS_READ_ONLY = "the joints of a robot are read-only; load a changed URDF"
+
+
 @dataclass(frozen=True, eq=False)
 class Urdf:
     """A validated robot description.
 
     ``kinematics`` is URDF text for Pinocchio: the same links, joints and inertias without geometry. Continuous joints
     are written as revolute ones, so that each joint is one angle, and mimic tags are omitted because
-    :mod:`pinproof.model` handles them.
+    :mod:`pinproof.model` handles them. ``text`` is the complete XML text.
     """
 
     name: str
@@ -337,6 +341,30 @@ class Urdf:
     collisions: tuple[LinkGeometry, ...]
     visuals: tuple[LinkGeometry, ...]
     kinematics: str
+    text: str
+
+    def text_for(self, path: Path) -> str:
+        """Return the XML text for a file at ``path``, from which all meshes that were found are found again."""
+        from lxml import etree
+
+        folder = path.resolve().parent
+        moved = {}
+        for geometry in (*self.visuals, *self.collisions):
+            mesh = geometry.mesh
+            if mesh is not None and mesh.path is not None and locate(mesh.uri, folder, ()).path != mesh.path:
+                moved[mesh.uri] = str(mesh.path.resolve())
+        root = parse_text(self.text, path)
+        for element in root.iter("mesh"):
+            uri = str(element.get("filename", "")).strip()
+            element.set("filename", moved.get(uri, uri))
+        return '<?xml version="1.0"?>\n' + str(etree.tostring(root, encoding="unicode")) + "\n"
+
+    def __repr__(self) -> str:
+        geometry = f"{len(self.collisions)} collision and {len(self.visuals)} visual geometries"
+        return f"Urdf({self.name!r}, {len(self.links)} links, {len(self.joints)} joints, {geometry})"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", ReadOnlyDict(self.joints, JOINTS_READ_ONLY))
 
     def model_joint(self, joint: str) -> str:
         """The name of a joint in ``kinematics``; it differs where a link has the same name, which Pinocchio rejects."""
@@ -383,6 +411,8 @@ def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence
 
 def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: Sequence[str | Path] = ()) -> Urdf:
     """Read the URDF from an XML element; ``source`` is used in errors, ``path`` to find relative mesh paths."""
+    from lxml import etree
+
     if root.tag != "robot":
         raise UrdfError(source, f"is not a URDF: the root element is <{root.tag}>, not <robot>", place(root))
     macro = next((e for e in root.iter() if "xacro" in e.tag.rpartition("}")[0]), None)
@@ -412,6 +442,7 @@ def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: 
         collisions=collisions,
         visuals=visuals,
         kinematics=_kinematics(root, joints),
+        text=str(etree.tostring(root, encoding="unicode")),
     )
 
 

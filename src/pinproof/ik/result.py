@@ -5,6 +5,7 @@ The errors of every result are computed by forward kinematics after the solver's
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -12,6 +13,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import outline
 from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
 from pinproof.ik.windings import nearest_winding
@@ -174,6 +176,10 @@ class IkResult:
             return self.words
         return found((self.position_error, self.orientation_error), self.iterations, self.restarts)
 
+    def __repr__(self) -> str:
+        q = ", ".join(f"{value:.6g}" for value in self.q)
+        return outline(f"IkResult({self.message})", (f"q = [{q}]",))
+
     @property
     def ok(self) -> bool:
         """Whether ``q`` is a solution."""
@@ -231,6 +237,11 @@ class IkBatch:
     def __post_init__(self) -> None:
         for name in ("q", "codes", "position_error", "orientation_error", "iterations", "restarts"):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
+
+    def __repr__(self) -> str:
+        counts = Counter(STATUSES[code].value for code in self.codes.tolist())
+        found = ", ".join(f"{count:,} {status}" for status, count in counts.most_common())
+        return f"IkBatch({len(self.codes):,} targets{': ' if found else ''}{found})"
 
     @classmethod
     def of(cls, results: Sequence[IkResult], arm: Arm, engine: str) -> IkBatch:

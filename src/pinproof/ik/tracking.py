@@ -73,6 +73,9 @@ class TrackResult:
     orientation_error: Array = field(init=False)
     reached: Flags = field(init=False)
 
+    def __repr__(self) -> str:
+        return f"TrackResult({self.message})"
+
     def __post_init__(self) -> None:
         errors = slips(self.arm, self.task, self.poses, self.q)
         measured = {

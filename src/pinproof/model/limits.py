@@ -29,16 +29,19 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import outline
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, UnknownNameError
 
-__all__ = ["AT_LIMIT", "DEFAULT_RAMP", "JointLimits", "LimitsFile", "distinct"]
+__all__ = ["AT_LIMIT", "DEFAULT_RAMP", "JointLimits", "LimitsFile", "distinct", "guess_note"]
 
 Array = npt.NDArray[np.float64]
 
 DEFAULT_RAMP = 0.5
 """Seconds in which a joint reaches its velocity limit if no acceleration limit is known (a URDF has none)."""
 
+GUESSED = "default:"
+"""The start of the source of accelerations that follow from :data:`DEFAULT_RAMP`."""
 
 AT_LIMIT = 1e-9
 """Rad or m. Joint values beyond a limit by less than this are set to the limit; rounding by adding 2 pi, by converting
@@ -90,12 +93,18 @@ class JointLimits:
     jerk: Array | None = None
     jerk_source: str = ""
 
+    def __repr__(self) -> str:
+        kinds = ("lower", "upper", "velocity", "acceleration", "jerk")
+        known = [(kind, getattr(self, kind)) for kind in kinds if getattr(self, kind) is not None]
+        rows = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known)
+        return outline(f"JointLimits({len(self.lower)} joints, acceleration: {self.acceleration_source})", rows)
+
     def __post_init__(self) -> None:
         source = self.acceleration_source or "given by the caller"
         acceleration = self.acceleration
         if acceleration is None:
             acceleration = np.asarray(self.velocity, dtype=float) / DEFAULT_RAMP
-            source = f"default: the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
+            source = f"{GUESSED} the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
         arrays = {
             "lower": self.lower,
             "upper": self.upper,
@@ -145,8 +154,13 @@ class JointLimits:
 
     def snap(self, q: Array) -> Array:
         """Return q (..., n) with values beyond a limit by less than :data:`AT_LIMIT` set to the limit."""
-        clipped = self.clip(q)
+        clipped = np.minimum(np.maximum(q, self.lower), self.upper)  # as clip, in a third of its time
         return np.asarray(np.where(np.abs(q - clipped) < AT_LIMIT, clipped, q))
+
+    def inside(self, q: Array) -> npt.NDArray[np.bool_]:
+        """Return (...,) whether q (..., n) is inside the limits after :meth:`snap`."""
+        near = self.snap(q)
+        return np.asarray(((near >= self.lower) & (near <= self.upper)).all(axis=-1))
 
     def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
         """Return one sentence for each joint of q (n,) outside its limits, without tolerance (see :meth:`snap`)."""
@@ -261,6 +275,13 @@ class LimitsFile:
             return others
         # the text must not start with "default", which marks limits that are all default values
         return f"{self.path.name}, but for {', '.join(missing)}: {others}"
+
+
+def guess_note(source: str) -> str:
+    """A sentence for durations if the source of the acceleration limits states a default; otherwise empty."""
+    if GUESSED not in source:
+        return ""
+    return f"Durations follow from guessed acceleration limits: {source.removeprefix(GUESSED).strip()}"
 
 
 def _read_limits(path: str | Path) -> LimitsFile:

@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import html_block, html_table
 from pinproof.errors import InputError
 from pinproof.motion import bezier
 from pinproof.motion.curve import Array, checked_joint_names, ends_meet, read_only
@@ -124,3 +125,8 @@ class JointPath:
 
     def __repr__(self) -> str:
         return f"JointPath({len(self.q)} waypoints, {len(self.joint_names)} joints, length {self.length:.6g})"
+
+    def _repr_html_(self) -> str:
+        rows = ([number, *q] for number, q in enumerate(self.q))
+        title = f"Path of {len(self.q)} waypoints, length {self.length:.4g} (rad or m)"
+        return html_block(title, html_table(("waypoint", *self.joint_names), rows, total=len(self.q)))

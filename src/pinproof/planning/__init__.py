@@ -3,6 +3,7 @@
 from pinproof.planning.blend import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
+from pinproof.planning.planners import DEFAULT_PLANNER, PLANNERS, Planner, make_planner
 from pinproof.planning.result import (
     LinearPlanResult,
     LinearStatus,
@@ -15,16 +16,20 @@ from pinproof.planning.rrt_connect import RrtConnect
 from pinproof.planning.simplify import SimplifyResult, shortcut, simplify
 
 __all__ = [
+    "DEFAULT_PLANNER",
+    "PLANNERS",
     "LinearPlanResult",
     "LinearStatus",
     "OmplPlanner",
     "PlanProgress",
     "PlanResult",
     "PlanStatus",
+    "Planner",
     "PosesPlanResult",
     "RrtConnect",
     "SimplifyResult",
     "blend",
+    "make_planner",
     "ompl_planners",
     "plan_linear",
     "plan_poses",

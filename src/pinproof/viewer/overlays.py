@@ -240,9 +240,6 @@ GHOST_HUES = ((0.12, 0.47, 0.80), (0.90, 0.45, 0.10), (0.16, 0.58, 0.28), (0.72,
 SAME_POSE = 1e-4
 """Metres or matrix entries. Copies that differ by less are drawn once; often joints differ only by full rotations."""
 
-RIGID_TOLERANCE = 1e-6
-"""Metres or matrix entries. Links whose pose in the tcp frame changes by less belong to the tool."""
-
 
 def ghosts_at(stage: Stage, q: Array) -> Array:
     """(k, L, 4, 4) ``root_from_link`` at the configurations q (m, n), without duplicates."""
@@ -302,24 +299,9 @@ def _different(poses: Array) -> npt.NDArray[np.int64]:
     return np.sort(np.unique(rounded, axis=0, return_index=True)[1])
 
 
-def _tool(stage: Stage) -> npt.NDArray[np.bool_]:
-    """(L,) which drawn links belong to the tool: those fixed in the tcp frame, else the last drawn link before it."""
-    rng = np.random.default_rng(0)
-    arm, drawn = stage.arm, np.array([bool(link.surfaces) for link in stage.links])
-    low, high = np.maximum(arm.limits.lower, arm.home - 1.0), np.minimum(arm.limits.upper, arm.home + 1.0)
-    samples = [arm.home, *(low + rng.random((2, arm.dof)) * (high - low))]
-    tcp_from_link = np.stack([np.linalg.inv(stage.tcp_pose(q)) @ stage.link_poses(q) for q in samples])
-    fixed = np.asarray((np.abs(tcp_from_link - tcp_from_link[0]) < RIGID_TOLERANCE).all(axis=(0, 2, 3))) & drawn
-    names, joint = [link.name for link in stage.links], arm.robot.urdf.parent_joint(arm.tcp)
-    while not fixed.any() and joint is not None:
-        fixed = np.array([name == joint.parent for name in names]) & drawn
-        joint = arm.robot.urdf.parent_joint(joint.parent)
-    return fixed
-
-
 def swept(stage: Stage, shown: Film, reach: float) -> Array:
     """(k, L, 4, 4) poses of the tool at several steps of a motion; NaN for all other links."""
-    tool = _tool(stage)
+    tool = stage.tool
     if len(shown.times) < 2 or not tool.any():
         return np.empty((0, len(stage.links), 4, 4))
     rotation = shown.poses[:, int(np.flatnonzero(tool)[0]), :3, :3]

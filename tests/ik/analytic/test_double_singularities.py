@@ -166,3 +166,31 @@ def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, toleran
     assert found.ok.mean() > 0.9
     for target in targets[~found.ok]:
         assert solver.solve(arm, target).status is IkStatus.NOT_FOUND
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [-4.0185122892, -6.0354708363, -8.8447127056e-11, -np.pi / 2, np.pi, -0.53117261234],
+        [-1.8497003017, -2.2007341673, 0.0, -np.pi / 2, np.pi, 1.2812370847],
+        [4.5460066564, 3.5531867545, 3.3008130106e-10, -np.pi / 2, -2 * np.pi, -1.9817788758],
+        [5.4613757139, -4.0290278865, 4.1281417943e-11, 4.7108220638, np.pi, -2.2257544812],
+    ],
+)
+def test_a_stretched_elbow_with_parallel_wrist_axes_is_solved(ur5, q):
+    """Branches exist only where the wrist happens to keep the elbow straight, which no scanned value meets."""
+    target = ur5.forward_kinematics(q)
+    found = pp.AnalyticIk().solve_all(ur5, target)
+    assert found.ok
+    for row in found.q:
+        assert_reaches(ur5, row, target.homogeneous)
+    assert pp.AnalyticIk().solve(ur5, target).ok
+    assert pp.AnalyticIk().solve_all_batch(ur5, [target]).ok[0]
+    assert_claims_hold(ur5, np.array([q]))
+
+
+@pytest.mark.xfail(strict=True, reason="the left-out part of an equation in two_curves is missing in the error of x")
+def test_a_double_root_between_two_simple_ones_is_not_called_impossible():
+    arm = pp.load_robot("pr2_left").arm(tcp="l_wrist_flex_link", base="torso_lift_link")
+    q = [2.2853981634, -0.2175600694796525, 0.0, -2.290377654558246, 1.5707958056617823, -1.1164156898720963]
+    assert pp.AnalyticIk().solve(arm, arm.forward_kinematics(q)).status is not IkStatus.IMPOSSIBLE

@@ -93,7 +93,7 @@ class AnalyticIk:
         known, plan = self._latest  # a lookup by the arm would take a third of the time of the solution
         if known() is not arm:
             plan = self._plan(arm)
-        reference = plan.home if q0 is None else arm.configuration(q0, "q0")
+        reference = plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
         if not (
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):
@@ -265,7 +265,8 @@ class AnalyticIk:
         """(1, n) or (count, n) the reference configurations."""
         if q0 is None:
             return plan.home[None]
-        return arm.configuration(q0, "q0")[None] if np.ndim(q0) <= 1 else finite("q0", q0, (count, arm.dof))
+        given = arm.configuration(q0, "q0")[None] if np.ndim(q0) <= 1 else finite("q0", q0, (count, arm.dof))
+        return arm.limits.snap(given)
 
     def _pose_only(self, task: TaskLike) -> Task:
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
@@ -311,7 +312,9 @@ class AnalyticIk:
         plan = self._plan(arm)
         if plan.redundant is None:
             return None
-        return plan.redundant, self._grid(arm, plan, plan.home if q0 is None else arm.configuration(q0, "q0"))
+        return plan.redundant, self._grid(
+            arm, plan, plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+        )
 
     def _grid(self, arm: Arm, plan: Plan, reference: Array) -> Array:
         """Values of the redundant joint: equidistant over its limits, and its value in the reference."""

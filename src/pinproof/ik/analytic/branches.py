@@ -10,11 +10,13 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import html_block, html_table
 from pinproof.errors import IkFailed
 from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
+from pinproof.model.limits import AT_LIMIT
 
 __all__ = ["IkBranches", "IkBranchesBatch", "Interval", "joined", "sweep", "sweep_many"]
 
@@ -308,6 +310,13 @@ class IkBranches:
     def __repr__(self) -> str:
         return f"IkBranches({self.message})"
 
+    def _repr_html_(self) -> str:
+        errors = zip(self.q, self.position_error, self.orientation_error, strict=True)
+        rows = ([number, *q, *rest] for number, (q, *rest) in enumerate(errors))
+        columns = ("branch", *self.arm.joint_names, "position error [m]", "orientation error [rad]")
+        title = f"IK branches of {self.arm.robot.name} (rad or m): {self.message}"
+        return html_block(title, html_table(columns, rows, total=len(self)))
+
 
 @dataclass(frozen=True, eq=False)
 class IkBranchesBatch:
@@ -352,7 +361,7 @@ def _windings(arm: Arm, branch: Array) -> Array:
         if not arm.periodic[joint] or not np.isfinite(upper - lower):
             choices.append([value])
             continue
-        fewest, most = np.ceil((lower - value) / TURN), np.floor((upper - value) / TURN)
+        fewest, most = np.ceil((lower - AT_LIMIT - value) / TURN), np.floor((upper + AT_LIMIT - value) / TURN)
         turns = {0.0, *np.arange(fewest, most + 1).tolist()}
         choices.append([min(max(value + k * TURN, lower), upper) if k else value for k in sorted(turns)])
     return np.array(list(product(*choices))).reshape(-1, arm.dof)

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.ik.analytic.plan import Plan
+from pinproof.ik.jacobian_methods import Clik
 from pinproof.ik.windings import TURN, difference
 from pinproof.model import Arm
 
@@ -27,6 +28,9 @@ FINE_SCAN = 720
 
 COARSE_SCAN = 24
 """Number of values for each of two joints that are both free."""
+
+SEARCHED = 1e-10
+"""M and rad: tolerance of the numerical solution whose free joints are tried if no scanned value has branches."""
 
 DOUBLY_SINGULAR = 1e-6
 """If the second smallest singular value of the Jacobian is below this, its null space has more than one dimension."""
@@ -178,13 +182,23 @@ def branches_elsewhere(arm: Arm, plan: Plan, target: Array, reference: Array, ou
     """The kernel's output and count at the values of the free joints that are closest to q0 and have branches.
 
     For targets with free joints that have no branch within the limits at their values in ``reference``. Tries SCAN
-    values of one joint, then FINE_SCAN; COARSE_SCAN values of each of two.
+    values of one joint, then FINE_SCAN; COARSE_SCAN values of each of two. At targets that are singular in several
+    ways, such as a stretched elbow with parallel wrist axes, branches may exist at single values only; these are then
+    taken from a solution of :class:`pinproof.Clik`, and the kernel computes and verifies the branches.
     """
     joints = _free(out)[:2]
     for many in (SCAN, FINE_SCAN) if len(joints) == 1 else (COARSE_SCAN,):
         found, count = _nearest_with_branches(arm, plan, target, reference, joints, many)
         if count:
             return found, count
+    numerical = Clik(position_tolerance=SEARCHED, orientation_tolerance=SEARCHED).solve(arm, target, reference, rng=0)
+    if numerical.ok:
+        moved, found = reference.copy(), np.empty(plan.shape)
+        moved[joints] = numerical.q[joints]
+        for tried in (moved, numerical.q):
+            count = plan.kernel(plan.array, target, tried, 0.0, found)
+            if count > 0:
+                return found, count
     return out, 0
 
 

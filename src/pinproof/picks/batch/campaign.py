@@ -192,6 +192,9 @@ class CampaignResult:
     to_retry: int = 0
     setup: PickSetup | None = field(default=None, repr=False, compare=False)
 
+    def __repr__(self) -> str:
+        return f"CampaignResult({self.summary}; {str(self.path)!r})"
+
     @classmethod
     def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:
         """Open the result of a finished campaign from its folder.
@@ -205,8 +208,10 @@ class CampaignResult:
         """
         path = Path(folder) / ROWS
         if not path.exists():
-            begun = (Path(folder) / JOURNAL).exists()
-            raise CampaignError(f"{folder}: " + ("this campaign is not finished; run it again" if begun else "no rows"))
+            started = (Path(folder) / JOURNAL).exists()
+            raise CampaignError(
+                f"{folder}: " + ("this campaign is not finished; run it again" if started else "no rows")
+            )
         header = read_header(path)
         verdicts: Counter[str] = Counter()
         failed_at: Counter[str] = Counter()
@@ -322,8 +327,8 @@ def _rows(path: Path) -> Iterator[dict[str, Any]]:
             for index, line in enumerate(file):
                 row = read(line)
                 if row is None or row["index"] != index:
-                    said = "is damaged or was edited; run the campaign again to judge this pick again"
-                    raise FileError(path, said, f"line {index + 2}")
+                    reason = "is damaged or was edited; run the campaign again to judge this pick again"
+                    raise FileError(path, reason, f"line {index + 2}")
                 yield row
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from error

@@ -189,8 +189,8 @@ class _Searched(Proposals):
         if number < len(self._starts):
             return _searched(self._arm, targets, self._starts[number], self._rng + number, self._span)
         wide = _searched(self._wide, targets, self._starts[0], self._rng, Span(self._wide))
-        q, limits, outside = turned_inside(self._arm, wide.q), self._arm.limits, wide.outside
-        inside = ((q >= limits.lower) & (q <= limits.upper)).all(axis=1)
+        q, outside = turned_inside(self._arm, wide.q), wide.outside
+        inside = self._arm.limits.inside(q)
         outside[wide.row[~inside]] = True
         return Proposed(wide.row[inside], np.ascontiguousarray(q[inside]), outside, np.zeros(len(targets), dtype=bool))
 

@@ -21,10 +21,10 @@ from pinproof.spatial import SE3, finite
 __all__ = ["DEFAULT_KEYS", "PICK_KEYS", "POSE_KEYS", "is_turned", "make_pick", "mapping_of", "picks_of_row"]
 
 POSE_KEYS = ("xyz", "rpy", "quat_xyzw")
-WAY_KEYS = tuple(f"{way}{part}" for way in ("approach", "retreat") for part in ("", "_direction", "_frame"))
-DEFAULT_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "spin", "tolerance", "object", "support", "place")
+MOVE_KEYS = tuple(f"{move}{part}" for move in ("approach", "retreat") for part in ("", "_direction", "_frame"))
+DEFAULT_KEYS = (*POSE_KEYS, "frame", *MOVE_KEYS, "spin", "tolerance", "object", "support", "place")
 PICK_KEYS = ("name", *DEFAULT_KEYS, "pattern")
-PLACE_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "support")
+PLACE_KEYS = (*POSE_KEYS, "frame", *MOVE_KEYS, "support")
 
 LARGEST_PATTERN = 100_000
 """Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
@@ -66,7 +66,7 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "place": _place,
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
-    return Pick(name, **_way(stated), **settings)
+    return Pick(name, **_moves(stated), **settings)
 
 
 def mapping_of(key: str, stated: object, keys: tuple[str, ...]) -> dict[str, Any]:
@@ -79,10 +79,10 @@ def mapping_of(key: str, stated: object, keys: tuple[str, ...]) -> dict[str, Any
     return stated
 
 
-def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
+def _moves(stated: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that picks and places share: pose, frame, approach and retreat."""
     settings: dict[str, Any] = {}
-    for key in (*POSE_KEYS, "frame", *WAY_KEYS):
+    for key in (*POSE_KEYS, "frame", *MOVE_KEYS):
         if key in stated:
             settings[key] = _text(key, stated[key]) if key.endswith("frame") else numbers_of(key, stated[key])
     placed = pose_of({key: settings.pop(key) for key in POSE_KEYS if key in settings})
@@ -126,7 +126,7 @@ def _place(stated: object) -> PlaceTarget:
     if "xyz" not in settings or not is_turned(settings):
         raise InputError("place does not state its xyz and rpy or quat_xyzw")
     return PlaceTarget(
-        **_way(settings), support=_support(settings["support"], "place") if "support" in settings else None
+        **_moves(settings), support=_support(settings["support"], "place") if "support" in settings else None
     )
 
 

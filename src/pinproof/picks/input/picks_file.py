@@ -2,7 +2,11 @@
 
 ::
 
-    robot: ur5                             # a catalogue name, or a URDF relative to this file
+    robot: ur5                             # a catalogue name, or a robot file or DH table relative to this file
+    srdf: arm.srdf                         # optional: an SRDF of the robot, relative to this file
+    package_dirs: [ros]                    # optional: folders with ROS packages, relative to this file
+    xacro_args: {length: 0.5}              # optional: values for the arguments of a xacro file
+    limits: joint_limits.yaml              # optional: joint limits in MoveIt's format, relative to this file
     tcp: tool0                             # optional: the arm's tcp frame
     held: {rail: 0.5}                      # optional: values of joints outside the arm
     scene: scene.yaml                      # relative to this file
@@ -13,6 +17,7 @@
       - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
     fingers:                               # two more, fully closed; the first opens along the axis
       {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
+    cup: {radius: 0.015, gap: 0.001, tilt: 0.1}  # a suction cup at the tip instead of fingers; gap (m) and tilt (rad)
     gripper: [panda_hand, ...]             # more links of the robot that may touch the object
     grip_limits: {area: 4.0e-6, tip: 0.005}  # optional criteria for holding a part, see :class:`GripLimits`
     frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
@@ -51,9 +56,10 @@ from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
+from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
-from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks
+from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
 from pinproof.picks.input.pick_row import (
     DEFAULT_KEYS,
     PICK_KEYS,
@@ -72,8 +78,8 @@ __all__ = ["open_picks", "read_picks"]
 Value = TypeVar("Value")
 
 FILE_KEYS = (
-    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "grip_limits",
-    "frames", "defaults", "picks",
+    "robot", "srdf", "package_dirs", "xacro_args", "limits", "tcp", "held", "scene", "margin", "home", "tip", "tool",
+    "fingers", "cup", "gripper", "grip_limits", "frames", "defaults", "picks",
 )  # fmt: skip
 HELD_KEYS = ("open", "grip")
 FINGER_KEYS = ("opening", "grip", "axis", "bodies")
@@ -125,6 +131,7 @@ def open_picks(path: str | Path) -> PickSource:
         tip=_shared(path, content, "tip", {}, _tip),
         tool=_bodies(path, content, "tool"),
         fingers=_fingers(path, content),
+        cup=_shared(path, content, "cup", None, _cup),
         gripper=tuple(_names(path, content, "gripper")),
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
@@ -132,6 +139,10 @@ def open_picks(path: str | Path) -> PickSource:
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
+        srdf=_file(path, content, "srdf"),
+        package_dirs=_folders(path, content),
+        xacro_args=_xacro_args(path, content),
+        limits=_file(path, content, "limits"),
         tcp=_text(path, content, "tcp"),
         scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
         home=_shared(path, content, "home", {}, _home),
@@ -165,8 +176,7 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
     try:
         return read(stated)
     except InputError as error:
-        line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
-        raise PicksError(path, str(error), f"{line}key {key}") from error
+        raise PicksError(path, str(error), content.place(key)) from error
 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
@@ -227,6 +237,15 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
         if not isinstance(name, str):
             raise PicksError(path, f"{name!r} is not a name", f"key {key}")
     return names
+
+
+def _cup(stated: object) -> SuctionCup | None:
+    if stated is None:
+        return None
+    settings = mapping_of("", stated, tuple(each.name for each in fields(SuctionCup)))
+    if "radius" not in settings:
+        raise InputError("does not state its radius")
+    return SuctionCup(**{key: _number(key, value) for key, value in settings.items()})
 
 
 def _grip_limits(stated: object) -> GripLimits:
@@ -293,8 +312,47 @@ def _robot(path: Path, content: LinedMapping) -> str | None:
     return str(path.parent / name)
 
 
+def _file(path: Path, content: LinedMapping, key: str) -> Path | None:
+    """An existing file, relative to the picks file."""
+    name = _text(path, content, key)
+    if name is None:
+        return None
+    if not is_file(path.parent / name):
+        raise PicksError(
+            path, f"there is no file {path.parent / name}; paths are relative to this file", content.place(key)
+        )
+    return path.parent / name
+
+
+def _folders(path: Path, content: LinedMapping) -> tuple[Path, ...]:
+    """The package folders, relative to the picks file."""
+    stated = content.get("package_dirs", [])
+    names = [stated] if isinstance(stated, str) else stated
+    place = content.place("package_dirs")
+    if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):
+        raise PicksError(path, f"holds {stated!r}, not a list of folders", place)
+    for name in names:
+        if not (path.parent / name).is_dir():
+            raise PicksError(path, f"there is no folder {path.parent / name}; paths are relative to this file", place)
+    return tuple(path.parent / name for name in names)
+
+
+def _xacro_args(path: Path, content: LinedMapping) -> dict[str, str]:
+    stated, place = content.get("xacro_args", {}), content.place("xacro_args")
+    if not isinstance(stated, dict):
+        raise PicksError(path, f"holds {stated!r}, not a mapping of argument names to values", place)
+    if stated and not (content.get("robot") or "").endswith(".xacro"):
+        raise PicksError(path, "is valid only if the robot is a file that ends in .xacro", place)
+    found = {}
+    for name, value in stated.items():
+        if isinstance(value, (dict, list)) or value is None:
+            raise PicksError(path, f"argument {name!r} is {value!r}; it must be a number or a text", place)
+        found[str(name)] = str(value).lower() if isinstance(value, bool) else str(value)
+    return found
+
+
 def _text(path: Path, content: LinedMapping, key: str) -> str | None:
     value = content.get(key)
     if value is not None and (not isinstance(value, str) or not value):
-        raise PicksError(path, f"holds {value!r}, not a name", f"key {key}")
+        raise PicksError(path, f"holds {value!r}, not a name", content.place(key))
     return value

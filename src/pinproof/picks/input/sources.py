@@ -35,7 +35,7 @@ from pinproof.description.dh import other_separator
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
 from pinproof.picks.input.pick_row import picks_of_row
-from pinproof.spatial import SE3, finite
+from pinproof.spatial import SE3, finite, frozen, rigid
 
 __all__ = ["TABLE_SUFFIX", "PickGrid", "PickList", "PickSource", "PickTable", "as_source"]
 
@@ -64,6 +64,10 @@ class PickSource(ABC):
     def digest(self) -> str:
         """A hash of all picks."""
 
+    def transformed(self, root_from_picks: SE3) -> PickSource:
+        """The same picks, transformed as by :meth:`Picks.transformed`."""
+        return _TransformedSource(self, frozen(rigid("root_from_picks", root_from_picks)))
+
     def load(self) -> Picks:
         """All picks in memory."""
         items = list(self.part(0, len(self)))
@@ -71,6 +75,34 @@ class PickSource(ABC):
         return replace(
             self.shared, picks=picks, problems=tuple(item for item in items if isinstance(item, PickProblem))
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _TransformedPart:
+    part: Iterable[Pick | PickProblem]
+    placement: SE3
+
+    def __iter__(self) -> Iterator[Pick | PickProblem]:
+        return (item.transformed(self.placement) if isinstance(item, Pick) else item for item in self.part)
+
+
+class _TransformedSource(PickSource):
+    """The picks of another source in the frame of a robot that is placed in their cell."""
+
+    def __init__(self, source: PickSource, placement: SE3) -> None:
+        self._source, self._placement = source, placement
+        self.shared = source.shared.transformed(placement)
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
+        """The picks from index ``start`` to ``stop`` (exclusive)."""
+        return _TransformedPart(self._source.part(start, stop), self._placement)
+
+    def digest(self) -> str:
+        """A hash of all picks."""
+        return digest((self._source.digest(), self._placement))
 
 
 class PickList(PickSource):

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm, JointLimits
+from pinproof.model.limits import AT_LIMIT
 
 __all__ = [
     "TURN",
@@ -101,9 +102,12 @@ def widened(arm: Arm) -> Arm:
 
 
 def turned_inside(arm: Arm, q: Array) -> Array:
-    """The same poses with joints of q (..., n) outside their limits moved inside by full rotations where possible."""
-    lower, upper = arm.limits.lower, arm.limits.upper
-    turned = q + np.ceil((lower - q) / TURN) * TURN
+    """The same poses with joints of q (..., n) outside their limits moved inside by full rotations where possible.
+
+    Values beyond a limit by rounding are set to the limit.
+    """
+    lower, upper, q = arm.limits.lower, arm.limits.upper, arm.limits.snap(q)
+    turned = arm.limits.snap(q + np.ceil((lower - AT_LIMIT - q) / TURN) * TURN)
     return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)
 
 

@@ -29,6 +29,7 @@ from pinproof.picks.input.pick import (
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
+from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.spatial import SE3, matrix
 
 __all__ = ["SUPPORT_GAP", "Cell", "Task"]
@@ -263,6 +264,8 @@ class Task:
                 if self.pick.approach_frame != TIP:
                     along = self.grasp(member).rotation.T @ along
                 self._grips[member.words] = grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
+            elif self.cell.shared.cup is not None:
+                self._grips[member.words] = grip_by_cup(self.cell.shared.cup, tip, part)
             else:
                 self._grips[member.words] = grip_by_tip(tip, part, limits)
         return self._grips[member.words]

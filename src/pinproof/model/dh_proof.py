@@ -1,4 +1,4 @@
-"""Verification of conversions between URDF and DH table by comparing the forward kinematics of both."""
+"""Verification that a URDF and a DH table are equal, by comparing the forward kinematics of both."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.description.dh import DhTable
+from pinproof.description.dh_urdf import TCP
 from pinproof.errors import ConversionError, PinproofError
-from pinproof.model import Arm, load_robot_from_text
+from pinproof.model.robot import Arm, load_robot_from_text
 
 __all__ = [
     "CONFIGURATIONS",
@@ -31,7 +32,7 @@ CONFIGURATIONS = 16
 and cosines, so two different tables differ at almost every q; several configurations exclude agreement by chance."""
 
 
-def prove_urdf_equals_table(table: DhTable, urdf: str, *, tcp: str) -> None:
+def prove_urdf_equals_table(table: DhTable, urdf: str) -> None:
     """Compare a URDF with its table at dh_0 ... dh_n and the tool, through Pinocchio, at zero and random q.
 
     Joint names, their order, limits and velocities are compared as well. Configurations are drawn from a fixed seed:
@@ -43,7 +44,7 @@ def prove_urdf_equals_table(table: DhTable, urdf: str, *, tcp: str) -> None:
         If a frame or a joint differs (the message states which, and by how much), or if Pinocchio rejects the URDF.
     """
     try:
-        _compare_all(table, load_robot_from_text(urdf, name=f"URDF of {table.name}").arm(tcp=tcp))
+        _compare_all(table, load_robot_from_text(urdf, name=f"URDF of {table.name}").arm(TCP))
     except ConversionError:
         raise
     except PinproofError as error:  # the URDF is rejected or a frame is missing

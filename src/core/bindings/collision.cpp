@@ -250,7 +250,7 @@ void bind_workspace(nb::module_& module) {
             [](Workspace& self, const Vector& q) {
                 return judge(self, configuration(q, self.world().space().tree.dof));
             },
-            nb::arg("q"), "CONTACT, NOT_FINITE, or the number of pairs that are left to the caller.")
+            nb::arg("q").noconvert(), "CONTACT, NOT_FINITE, or the number of pairs that are left to the caller.")
         .def(
             "judge_many",
             [](Workspace& self, const Matrix& configurations) {

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof._core import NOT_FINITE
+from pinproof._core import CONTACT, NOT_FINITE
 from pinproof.collision.assembly import (
     Assembly,
     CheckedBodies,
@@ -95,8 +95,6 @@ class CheckResult:
         return "; ".join(str(contact) for contact in self.contacts) or "free"
 
 
-DOUBLE = np.dtype(np.float64)
-
 CHUNK = 64
 """Number of configurations that a thread processes at a time."""
 
@@ -167,7 +165,7 @@ class CollisionChecker(CheckedBodies):
         housing: float | None = None,
     ) -> None:
         urdf = arm.robot.urdf
-        self._arm, self._shape = arm, (arm.dof,)
+        self._arm = arm
         self._link_bodies = LinkBodies(urdf.collisions, meshes_of(urdf.links, link_meshes))
         unexplained = () if trust_disabled else unexplained_pairs(arm.robot)
         length = HOUSING_SHARE * arm.robot.size if housing is None else checked_margin("housing", housing)
@@ -192,16 +190,20 @@ class CollisionChecker(CheckedBodies):
 
     def is_free(self, q: npt.ArrayLike) -> bool:
         """Whether every checked pair is proven farther apart than its margin at q (n,). Ignores joint limits."""
-        if type(q) is np.ndarray and q.dtype is DOUBLE and q.shape == self._shape:
-            return self.is_free_unchecked(q)
-        return self.is_free_unchecked(self.arm.configuration(q))
+        try:
+            left = self._threads.judge(q)
+        except (AttributeError, TypeError, ValueError):  # the first query of a thread, or not (n,) contiguous doubles
+            return self.is_free_unchecked(self.arm.configuration(q))
+        if left == CONTACT:
+            return False
+        return not self.still.touching if left == 0 else self.is_free_unchecked(self.arm.configuration(q))
 
     def is_free_unchecked(self, q: Array) -> bool:
         """:meth:`is_free` without validation of q (n,), for inner loops."""
         space = self.workspace
         left = space.judge(q)
         if left == 0:
-            return not (self._still or self.still).touching
+            return not self.still.touching
         if left == NOT_FINITE:
             self.arm.configuration(q)  # raises
         if left < 0:
@@ -504,7 +506,8 @@ class CollisionChecker(CheckedBodies):
         try:
             return self._threads.space
         except AttributeError:
-            space = self._threads.space = PlacedBodies(self, self.world)
+            space = PlacedBodies(self, self.world)
+            self._threads.space, self._threads.judge = space, space.core_judge
             return space
 
     def _batch(self, judge: Callable[[Array], npt.NDArray[Any]], many: Array, threads: int) -> npt.NDArray[Any]:

@@ -53,6 +53,8 @@ class PlacedBodies:
         self._moves = 0
         self._coal: CoalWorkspace | None = None
         self._convex: MeasureConvex | None = None
+        self.core_judge = self._core.judge
+        """:meth:`judge` for a contiguous array of doubles, without preparation for :meth:`any_left_touches`."""
         self.judge_many = self._core.judge_many
         """(N,) the result of :meth:`judge` for each row of Q (N, n)."""
         self.root_from_body = self._core.root_from_body
@@ -63,7 +65,7 @@ class PlacedBodies:
 
         Or a negative number: ``CONTACT`` of the core if another pair is in contact, ``NOT_FINITE`` if q is not finite.
         """
-        left: int = self._core.judge(q)
+        left: int = self._core.judge(np.ascontiguousarray(q, dtype=float))
         if left > 0:
             self._moved(q)
         return left

@@ -372,6 +372,7 @@ def test_a_mesh_of_arrays_that_is_open_is_refused():
         shape_bodies("a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
 
 
+@pytest.mark.filterwarnings("ignore::pinproof.errors.UnitWarning")
 @pytest.mark.parametrize("size", [1e-6, 1e-4, 1.0, 1e3])
 def test_sizes_from_a_micrometre_to_a_kilometre(slider, size):
     """The gap to a ball is right at every size that is allowed, to the rounding of that size."""

@@ -138,5 +138,5 @@ def test_too_few_joints_and_unknown_frames_are_refused():
         robot.arm().forward_kinematics([0.0] * 3)
     with pytest.raises(pp.UnknownNameError, match=r"unknown frame 'tool'.*valid: tool0"):
         robot.arm(tcp="tool")
-    with pytest.raises(pp.UnknownNameError, match=r"unknown robot 'ur5e'.*valid: ur5"):
-        pp.load_robot("ur5e")
+    with pytest.raises(pp.UnknownNameError, match=r"unknown robot 'ur5x'.*valid: ur5"):
+        pp.load_robot("ur5x")

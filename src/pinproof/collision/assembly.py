@@ -271,6 +271,9 @@ def assemble(
 LARGEST_MESH = 30.0
 """Metres. A larger mesh, with no side below a metre, is assumed to be in millimetres."""
 
+LARGEST_SMALL_PART = 3.0
+"""Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
+
 
 def warn_of_units(arm: Arm, bodies: Sequence[Body], scene: Scene) -> None:
     """Warn of links, attached objects and obstacles that are implausibly large, as meshes in millimetres are."""
@@ -285,7 +288,7 @@ def warn_of_units(arm: Arm, bodies: Sequence[Body], scene: Scene) -> None:
             name, most = f"{name} (a mesh in millimetres needs scale: 0.001)", LARGEST_MESH
         elif body.link is not None:
             name = f"size of {body.owner!r} (a mesh in millimetres needs the scale 0.001)"
-            sides, most = [max(sides)], max(FAR * arm.robot.size, 1.0)
+            sides, most = [max(sides)], max(FAR * arm.robot.size, LARGEST_SMALL_PART)
         warned.add(body.owner)
         warn_of_millimetres(name, sides, most=most, stacklevel=3)
 

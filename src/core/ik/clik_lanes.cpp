@@ -9,11 +9,6 @@
 #include "geometry/sincos.h"
 
 namespace pinproof {
-namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-}  // namespace
 
 // The factors L D L^T of A A^T + shift I for A given by its columns, see Factor6.
 class ClikLanes::Factor {
@@ -201,6 +196,7 @@ void ClikLanes::observe() {
         else
             descent.here = reached[lane] != 0;
     }
+    for (int lane = 0; lane < kLanes; ++lane) running_[lane] = descents_[lane].state == State::running ? -1 : 0;
 }
 
 // See Posture::jacobian.
@@ -267,9 +263,7 @@ void ClikLanes::bounded_step() {
         pull.linear = pull.linear + fixed_[i] * jacobian_[i].linear;
         pull.angular = pull.angular + fixed_[i] * jacobian_[i].angular;
     }
-    LaneMask running;
-    for (int lane = 0; lane < kLanes; ++lane) running[lane] = descents_[lane].state == State::running ? -1 : 0;
-    for (LaneMask again = running; any(again);) {
+    for (LaneMask again = running_; any(again);) {
         rule_step(damping, pull);
         again = LaneMask{};
         for (std::size_t i = 0; i < q_.size(); ++i) {
@@ -277,7 +271,7 @@ void ClikLanes::bounded_step() {
             step_[i] = held_[i] ? fixed_[i] : step_[i] + fixed_[i];
             const Lanes there = q_[i] + step_[i];
             const Lanes low = all_lanes(range.stop_lower()), high = all_lanes(range.stop_upper());
-            const LaneMask outside = ((there < low) | (there > high)) & ~held_[i] & running;
+            const LaneMask outside = ((there < low) | (there > high)) & ~held_[i] & running_;
             if (!any(outside)) continue;
             again |= outside;
             held_[i] |= outside;
@@ -310,9 +304,7 @@ void ClikLanes::rule_step(Lanes damping, const LaneTwist& pull) {
         }
         // Lanes in which the step is short enough repeat it.
         const LaneMask too_long = ~(exists & (largest <= solver_.max_step));
-        LaneMask running;
-        for (int lane = 0; lane < kLanes; ++lane) running[lane] = descents_[lane].state == State::running ? -1 : 0;
-        if (!any(too_long & running)) return;
+        if (!any(too_long & running_)) return;
         damping = too_long ? ClikStep::kGrowth * damping : damping;
     }
     const LaneMask too_long = largest > solver_.max_step;
@@ -328,11 +320,11 @@ void ClikLanes::move() {
     for (int lane = 0; lane < kLanes; ++lane) {
         LaneDescent& descent = descents_[lane];
         if (descent.state != State::running) continue;
-        ++descent.progress.iterations;
         const double smallest = descent.here ? IkSolver::kGoalConverged : IkSolver::kSmallestStep;
-        if (largest[lane] > smallest) continue;
-        --descent.progress.iterations;
-        descent.state = State::ended;
+        if (largest[lane] <= smallest)
+            descent.state = State::ended;
+        else
+            ++descent.progress.iterations;
     }
     for (std::size_t i = 0; i < q_.size(); ++i) {
         const JointRange& range = solver_.ranges[i];

@@ -68,7 +68,8 @@ class ClikLanes {
     const IkSolver& solver_;
     const double damping_;
     LaneDescent descents_[kLanes];
-    LaneFrame start_;  // target_from_base
+    LaneMask running_ = {};  // the lanes whose descent takes a step
+    LaneFrame start_;        // target_from_base
     std::vector<Lanes> q_;
     std::vector<double> values_, sines_, cosines_;  // of the joints: kLanes numbers for each
     struct Axis {

@@ -180,8 +180,11 @@ const Candidate& Search::conclude() {
     return found_;
 }
 
-SearchEngine::SearchEngine(const IkSolver& solver) : descents_(std::in_place_type<Descent>, solver) {
-    if (std::holds_alternative<ClikStep>(solver.rule)) descents_.emplace<ClikLanes>(solver);
+SearchEngine::SearchEngine(const IkSolver& solver) {
+    if (std::holds_alternative<ClikStep>(solver.rule))
+        descents_.emplace<ClikLanes>(solver);
+    else
+        descents_.emplace<Descent>(solver);
 }
 
 const Candidate& SearchEngine::next(Search& search, long long count, bool polish) {

@@ -51,7 +51,7 @@ class Seeds {
 struct Candidate {
     std::vector<double> q;  // a solution, or the configuration with the smallest residual
     PoseError error;
-    bool fulfils;                            // the task within the limits, by forward kinematics after the loop
+    bool fulfils = false;                    // the task within the limits, by forward kinematics after the loop
     long long iterations = 0, attempts = 0;  // for this target
 };
 
@@ -123,7 +123,7 @@ class SearchEngine {
     void solve_rows(std::vector<Search>& searches, Rows& rows, long long count, Begin begin, Done done);
 
   private:
-    std::variant<Descent, ClikLanes> descents_;
+    std::variant<std::monostate, ClikLanes, Descent> descents_;  // ClikLanes for Clik, Descent for the other methods
 };
 
 template <class Begin, class Done>

@@ -81,6 +81,7 @@ ClikLanes::ClikLanes(const IkSolver& solver)
     : solver_(solver),
       damping_(std::get<ClikStep>(solver.rule).damping),
       q_(solver.chain.dof),
+      best_(solver.chain.dof),
       values_(kLanes * solver.chain.joints.size()),
       sines_(values_.size()),
       cosines_(values_.size()),
@@ -88,31 +89,25 @@ ClikLanes::ClikLanes(const IkSolver& solver)
       jacobian_(solver.chain.dof),
       step_(solver.chain.dof),
       fixed_(solver.chain.dof),
-      held_(solver.chain.dof),
-      posture_(solver.chain),
-      columns_(solver.chain.dof),
-      lane_q_(solver.chain.dof),
-      lane_moved_(solver.chain.dof),
-      lane_step_(solver.chain.dof) {
-    for (LaneDescent& descent : descents_) descent.best.resize(solver.chain.dof);
+      held_(solver.chain.dof) {
     for (int lane = 0; lane < kLanes; ++lane) start_.set(lane, Transform{});
 }
 
 void ClikLanes::start(int lane, const Transform& target_from_base, const Goal& goal, const Stall& stall,
                       const std::vector<double>& q) {
     start_.set(lane, target_from_base);
-    for (std::size_t i = 0; i < q.size(); ++i) q_[i][lane] = q[i];
+    for (std::size_t i = 0; i < q.size(); ++i) best_[i][lane] = q_[i][lane] = q[i];
     LaneDescent& descent = descents_[lane];
     descent.state = State::running;
     descent.progress = Progress{};
     descent.stall = stall;
     descent.goal = &goal;
-    descent.best = q;
+    if (goal.exists() && !goal_steps_) goal_steps_.emplace(solver_.chain);
 }
 
 Progress ClikLanes::take(int lane, std::vector<double>& q) {
     descents_[lane].state = State::idle;
-    q = descents_[lane].best;
+    for (std::size_t i = 0; i < q.size(); ++i) q[i] = best_[i][lane];
     return descents_[lane].progress;
 }
 
@@ -190,7 +185,7 @@ void ClikLanes::observe() {
         const auto [next, best] = descent.progress.observe(reached[lane] != 0, squared_[lane], descent.goal->exists(),
                                                            descent.stall, solver_.max_iterations);
         if (best)
-            for (std::size_t i = 0; i < q_.size(); ++i) descent.best[i] = q_[i][lane];
+            for (std::size_t i = 0; i < q_.size(); ++i) best_[i][lane] = q_[i][lane];
         if (next == Progress::Next::stop)
             descent.state = State::ended;
         else
@@ -241,11 +236,13 @@ void ClikLanes::apply_task() {
 // The steps of the goals of satisfied tasks, into the fixed part of the step.
 void ClikLanes::compute_goal_steps() {
     std::fill(fixed_.begin(), fixed_.end(), Lanes{});
+    if (!goal_steps_) return;
+    std::vector<double> q(q_.size());
     for (int lane = 0; lane < kLanes; ++lane) {
         if (!descents_[lane].here) continue;
-        for (std::size_t i = 0; i < q_.size(); ++i) lane_q_[i] = q_[i][lane];
-        goal_step(*descents_[lane].goal, solver_.chain, lane_q_.data(), posture_, columns_, lane_moved_, lane_step_);
-        for (std::size_t i = 0; i < q_.size(); ++i) fixed_[i][lane] = lane_step_[i];
+        for (std::size_t i = 0; i < q.size(); ++i) q[i] = q_[i][lane];
+        const std::vector<double>& step = goal_steps_->at(*descents_[lane].goal, q.data());
+        for (std::size_t i = 0; i < q.size(); ++i) fixed_[i][lane] = step[i];
     }
 }
 

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <variant>
 #include <vector>
 
@@ -94,7 +95,7 @@ class Search {
     const IkSolver& solver_;
     const Seeds& seeds_;
     Goal goal_;
-    Posture posture_;
+    std::optional<Posture> posture_;       // made for the first flips
     Transform target_, target_from_base_;  // base_from_target and its inverse
     std::vector<double> q0_, q_, best_, flipped_;
     std::vector<float> distances_;  // of the seeds from the target

@@ -144,11 +144,7 @@ nb::tuple residual_and_jacobian(const Task& task, const Matrix& target_from_tcp,
 nb::object goal_step_of(const Goal& goal, const Chain& chain, const Vector& q) {
     require_size("q", q.shape(0), chain.dof);
     checked_goal(goal, chain.dof);
-    Posture posture(chain);
-    Jacobian jacobian(chain.dof);
-    Doubles moved(chain.dof), step(chain.dof);
-    goal_step(goal, chain, q.data(), posture, jacobian, moved, step);
-    return array_of(step);
+    return array_of(GoalSteps(chain).at(goal, q.data()));
 }
 
 void bind_step_rules(nb::module_& module) {

@@ -37,8 +37,6 @@ class BoxDescent {
     // Move q along the part of a motion that preserves the residual, and descend; returns the squared residual.
     double wander(std::vector<double>& q, std::vector<double>& motion);
 
-    Posture& posture() { return posture_; }
-
   private:
     const Chain& chain_;
     const Task& task_;

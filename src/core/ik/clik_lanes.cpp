@@ -9,11 +9,6 @@
 #include "geometry/sincos.h"
 
 namespace pinproof {
-namespace {
-
-constexpr double kInfinity = std::numeric_limits<double>::infinity();
-
-}  // namespace
 
 // The factors L D L^T of A A^T + shift I for A given by its columns, see Factor6.
 class ClikLanes::Factor {
@@ -86,6 +81,7 @@ ClikLanes::ClikLanes(const IkSolver& solver)
     : solver_(solver),
       damping_(std::get<ClikStep>(solver.rule).damping),
       q_(solver.chain.dof),
+      best_(solver.chain.dof),
       values_(kLanes * solver.chain.joints.size()),
       sines_(values_.size()),
       cosines_(values_.size()),
@@ -93,31 +89,25 @@ ClikLanes::ClikLanes(const IkSolver& solver)
       jacobian_(solver.chain.dof),
       step_(solver.chain.dof),
       fixed_(solver.chain.dof),
-      held_(solver.chain.dof),
-      posture_(solver.chain),
-      columns_(solver.chain.dof),
-      lane_q_(solver.chain.dof),
-      lane_moved_(solver.chain.dof),
-      lane_step_(solver.chain.dof) {
-    for (LaneDescent& descent : descents_) descent.best.resize(solver.chain.dof);
+      held_(solver.chain.dof) {
     for (int lane = 0; lane < kLanes; ++lane) start_.set(lane, Transform{});
 }
 
 void ClikLanes::start(int lane, const Transform& target_from_base, const Goal& goal, const Stall& stall,
                       const std::vector<double>& q) {
     start_.set(lane, target_from_base);
-    for (std::size_t i = 0; i < q.size(); ++i) q_[i][lane] = q[i];
+    for (std::size_t i = 0; i < q.size(); ++i) best_[i][lane] = q_[i][lane] = q[i];
     LaneDescent& descent = descents_[lane];
     descent.state = State::running;
     descent.progress = Progress{};
     descent.stall = stall;
     descent.goal = &goal;
-    descent.best = q;
+    if (goal.exists() && !goal_steps_) goal_steps_.emplace(solver_.chain);
 }
 
 Progress ClikLanes::take(int lane, std::vector<double>& q) {
     descents_[lane].state = State::idle;
-    q = descents_[lane].best;
+    for (std::size_t i = 0; i < q.size(); ++i) q[i] = best_[i][lane];
     return descents_[lane].progress;
 }
 
@@ -195,12 +185,13 @@ void ClikLanes::observe() {
         const auto [next, best] = descent.progress.observe(reached[lane] != 0, squared_[lane], descent.goal->exists(),
                                                            descent.stall, solver_.max_iterations);
         if (best)
-            for (std::size_t i = 0; i < q_.size(); ++i) descent.best[i] = q_[i][lane];
+            for (std::size_t i = 0; i < q_.size(); ++i) best_[i][lane] = q_[i][lane];
         if (next == Progress::Next::stop)
             descent.state = State::ended;
         else
             descent.here = reached[lane] != 0;
     }
+    for (int lane = 0; lane < kLanes; ++lane) running_[lane] = descents_[lane].state == State::running ? -1 : 0;
 }
 
 // See Posture::jacobian.
@@ -245,11 +236,13 @@ void ClikLanes::apply_task() {
 // The steps of the goals of satisfied tasks, into the fixed part of the step.
 void ClikLanes::compute_goal_steps() {
     std::fill(fixed_.begin(), fixed_.end(), Lanes{});
+    if (!goal_steps_) return;
+    std::vector<double> q(q_.size());
     for (int lane = 0; lane < kLanes; ++lane) {
         if (!descents_[lane].here) continue;
-        for (std::size_t i = 0; i < q_.size(); ++i) lane_q_[i] = q_[i][lane];
-        goal_step(*descents_[lane].goal, solver_.chain, lane_q_.data(), posture_, columns_, lane_moved_, lane_step_);
-        for (std::size_t i = 0; i < q_.size(); ++i) fixed_[i][lane] = lane_step_[i];
+        for (std::size_t i = 0; i < q.size(); ++i) q[i] = q_[i][lane];
+        const std::vector<double>& step = goal_steps_->at(*descents_[lane].goal, q.data());
+        for (std::size_t i = 0; i < q.size(); ++i) fixed_[i][lane] = step[i];
     }
 }
 
@@ -267,9 +260,7 @@ void ClikLanes::bounded_step() {
         pull.linear = pull.linear + fixed_[i] * jacobian_[i].linear;
         pull.angular = pull.angular + fixed_[i] * jacobian_[i].angular;
     }
-    LaneMask running;
-    for (int lane = 0; lane < kLanes; ++lane) running[lane] = descents_[lane].state == State::running ? -1 : 0;
-    for (LaneMask again = running; any(again);) {
+    for (LaneMask again = running_; any(again);) {
         rule_step(damping, pull);
         again = LaneMask{};
         for (std::size_t i = 0; i < q_.size(); ++i) {
@@ -277,7 +268,7 @@ void ClikLanes::bounded_step() {
             step_[i] = held_[i] ? fixed_[i] : step_[i] + fixed_[i];
             const Lanes there = q_[i] + step_[i];
             const Lanes low = all_lanes(range.stop_lower()), high = all_lanes(range.stop_upper());
-            const LaneMask outside = ((there < low) | (there > high)) & ~held_[i] & running;
+            const LaneMask outside = ((there < low) | (there > high)) & ~held_[i] & running_;
             if (!any(outside)) continue;
             again |= outside;
             held_[i] |= outside;
@@ -310,9 +301,7 @@ void ClikLanes::rule_step(Lanes damping, const LaneTwist& pull) {
         }
         // Lanes in which the step is short enough repeat it.
         const LaneMask too_long = ~(exists & (largest <= solver_.max_step));
-        LaneMask running;
-        for (int lane = 0; lane < kLanes; ++lane) running[lane] = descents_[lane].state == State::running ? -1 : 0;
-        if (!any(too_long & running)) return;
+        if (!any(too_long & running_)) return;
         damping = too_long ? ClikStep::kGrowth * damping : damping;
     }
     const LaneMask too_long = largest > solver_.max_step;
@@ -328,11 +317,11 @@ void ClikLanes::move() {
     for (int lane = 0; lane < kLanes; ++lane) {
         LaneDescent& descent = descents_[lane];
         if (descent.state != State::running) continue;
-        ++descent.progress.iterations;
         const double smallest = descent.here ? IkSolver::kGoalConverged : IkSolver::kSmallestStep;
-        if (largest[lane] > smallest) continue;
-        --descent.progress.iterations;
-        descent.state = State::ended;
+        if (largest[lane] <= smallest)
+            descent.state = State::ended;
+        else
+            ++descent.progress.iterations;
     }
     for (std::size_t i = 0; i < q_.size(); ++i) {
         const JointRange& range = solver_.ranges[i];

@@ -6,6 +6,7 @@
 // target, which uses one lane, has the same result as in a batch.
 #pragma once
 
+#include <optional>
 #include <vector>
 
 #include "geometry/lanes.h"
@@ -41,8 +42,7 @@ class ClikLanes {
         Progress progress;
         Stall stall = {};
         const Goal* goal = nullptr;
-        std::vector<double> best;  // (n,)
-        bool here = false;         // the task is satisfied at the current q
+        bool here = false;  // the task is satisfied at the current q
     };
 
     // Residuals, twists or columns of Jacobians.
@@ -68,8 +68,9 @@ class ClikLanes {
     const IkSolver& solver_;
     const double damping_;
     LaneDescent descents_[kLanes];
-    LaneFrame start_;  // target_from_base
-    std::vector<Lanes> q_;
+    LaneMask running_ = {};  // the lanes whose descent takes a step
+    LaneFrame start_;        // target_from_base
+    std::vector<Lanes> q_, best_;
     std::vector<double> values_, sines_, cosines_;  // of the joints: kLanes numbers for each
     struct Axis {
         LaneVec3 origin, direction;
@@ -81,10 +82,7 @@ class ClikLanes {
     std::vector<LaneTwist> jacobian_;
     std::vector<Lanes> step_, fixed_;
     std::vector<LaneMask> held_;
-    // Scratch of a goal.
-    Posture posture_;
-    Jacobian columns_;
-    std::vector<double> lane_q_, lane_moved_, lane_step_;
+    std::optional<GoalSteps> goal_steps_;  // made for the first goal
 };
 
 }  // namespace pinproof

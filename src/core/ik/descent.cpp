@@ -21,10 +21,10 @@ Descent::Descent(const IkSolver& solver)
       step_(solver.chain.dof),
       fixed_(solver.chain.dof),
       best_(solver.chain.dof),
-      scratch_(solver.chain.dof),
       held_(solver.chain.dof),
       decomposition_(solver.chain.dof),
-      passes_(solver.chain.joints.size()) {}
+      passes_(solver.chain.joints.size()),
+      goal_steps_(solver.chain) {}
 
 Progress Descent::run(const Frame& target_from_base, const Goal& goal, const Stall& stall, std::vector<double>& q) {
     const Chain& chain = solver_.chain;
@@ -43,10 +43,7 @@ Progress Descent::run(const Frame& target_from_base, const Goal& goal, const Sta
         if (fabrik && squared > fabrik->squared_handover) {
             passes_.step(chain, solver_.ranges, task, posture_, q.data(), progress.iterations, progress.waited, step_);
         } else {
-            if (here) {
-                goal_step(goal, chain, q.data(), posture_, jacobian_, scratch_, fixed_);
-                posture_.evaluate(chain, target_from_base, q.data());
-            }
+            if (here) fixed_ = goal_steps_.at(goal, q.data());
             posture_.jacobian(chain, jacobian_);
             task.apply(posture_.tcp(), jacobian_);
             double kept = squared;

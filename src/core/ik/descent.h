@@ -31,10 +31,11 @@ class Descent {
     Jacobian jacobian_;
     std::vector<double> step_;   // of the joints
     std::vector<double> fixed_;  // its part that is known before the rule: the step of a goal, and motions to limits
-    std::vector<double> best_, scratch_;
+    std::vector<double> best_;
     std::vector<char> held_;  // the joints that are held at a limit
     SingularValues decomposition_;
     FabrikPasses passes_;
+    GoalSteps goal_steps_;
 };
 
 }  // namespace pinproof

@@ -14,33 +14,36 @@ constexpr double kFiniteStep = 1e-5;
 // rad or m: the largest motion of a joint for a goal in one step, so that the task remains nearly satisfied.
 constexpr double kLongestGoalStep = 0.2;
 
-double log_manipulability_at(const Chain& chain, const double* q, Posture& posture, Jacobian& jacobian) {
-    posture.evaluate(chain, Frame{}, q);
-    posture.jacobian(chain, jacobian);
-    return log_manipulability(jacobian);
-}
-
 }  // namespace
 
-void goal_step(const Goal& goal, const Chain& chain, const double* q, Posture& posture, Jacobian& jacobian,
-               std::vector<double>& moved, std::vector<double>& step) {
+GoalSteps::GoalSteps(const Chain& chain)
+    : chain_(chain), posture_(chain), jacobian_(chain.dof), moved_(chain.dof), step_(chain.dof) {}
+
+const std::vector<double>& GoalSteps::at(const Goal& goal, const double* q) {
     double largest = 0.0;
-    std::copy(q, q + chain.dof, moved.begin());
-    for (std::size_t i = 0; i < chain.dof; ++i) {
+    moved_.assign(q, q + chain_.dof);
+    for (std::size_t i = 0; i < chain_.dof; ++i) {
         if (goal.kind == Goal::Kind::manipulability) {
-            moved[i] = q[i] + kFiniteStep;
-            const double above = log_manipulability_at(chain, moved.data(), posture, jacobian);
-            moved[i] = q[i] - kFiniteStep;
-            const double below = log_manipulability_at(chain, moved.data(), posture, jacobian);
-            moved[i] = q[i];
-            step[i] = goal.gain * (above - below) / (2.0 * kFiniteStep);
+            moved_[i] = q[i] + kFiniteStep;
+            const double above = log_manipulability_at(moved_);
+            moved_[i] = q[i] - kFiniteStep;
+            const double below = log_manipulability_at(moved_);
+            moved_[i] = q[i];
+            step_[i] = goal.gain * (above - below) / (2.0 * kFiniteStep);
         } else {
-            step[i] = goal.gain * goal.weight[i] * (goal.posture[i] - q[i]);
+            step_[i] = goal.gain * goal.weight[i] * (goal.posture[i] - q[i]);
         }
-        largest = std::max(largest, std::abs(step[i]));
+        largest = std::max(largest, std::abs(step_[i]));
     }
     if (largest > kLongestGoalStep)
-        for (double& one : step) one *= kLongestGoalStep / largest;
+        for (double& one : step_) one *= kLongestGoalStep / largest;
+    return step_;
+}
+
+double GoalSteps::log_manipulability_at(const std::vector<double>& q) {
+    posture_.evaluate(chain_, Frame{}, q.data());
+    posture_.jacobian(chain_, jacobian_);
+    return log_manipulability(jacobian_);
 }
 
 }  // namespace pinproof

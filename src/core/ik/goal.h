@@ -23,9 +23,21 @@ struct Goal {
     bool exists() const { return kind != Kind::none; }
 };
 
-// The step (n,) of a goal at q (n,) before its projection into the null space. `posture`, `jacobian` and `moved` (n,)
-// are scratch; the posture is left at another configuration than q.
-void goal_step(const Goal& goal, const Chain& chain, const double* q, Posture& posture, Jacobian& jacobian,
-               std::vector<double>& moved, std::vector<double>& step);
+// Computes the steps of goals for one chain, which must exist as long as it.
+class GoalSteps {
+  public:
+    explicit GoalSteps(const Chain& chain);
+
+    // The step (n,) of a goal at q (n,) before its projection into the null space.
+    const std::vector<double>& at(const Goal& goal, const double* q);
+
+  private:
+    double log_manipulability_at(const std::vector<double>& q);
+
+    const Chain& chain_;
+    Posture posture_;
+    Jacobian jacobian_;
+    std::vector<double> moved_, step_;
+};
 
 }  // namespace pinproof

@@ -82,7 +82,7 @@ void Seeds::measure(const Task& task, const Transform& base_from_target, std::ve
 }
 
 Search::Search(const IkSolver& solver, const Seeds& seeds, const Goal& goal)
-    : solver_(solver), seeds_(seeds), goal_(goal), posture_(solver.chain), flipped_(solver.chain.dof) {}
+    : solver_(solver), seeds_(seeds), goal_(goal) {}
 
 void Search::begin(const Transform& base_from_target, const double* q0) {
     target_ = base_from_target;
@@ -136,6 +136,7 @@ void Search::finish(const Progress& progress) {
 
 // The closest of the flips of q and of the seeds; a joint without a range is mirrored about zero.
 void Search::flip_or_seed() {
+    if (!posture_) posture_.emplace(solver_.chain);
     seeds_.measure(solver_.task, target_, distances_);
     const Seeds::Weights weight = seeds_.weights(solver_.task);
     const Frame start = frame_of(target_from_base_);
@@ -144,9 +145,9 @@ void Search::flip_or_seed() {
     flipped_ = q_;
     for (std::size_t i = 0; i < q_.size(); ++i) {
         flipped_[i] = mirrored(solver_.ranges[i], q_[i]);
-        posture_.evaluate(solver_.chain, start, flipped_.data());
+        posture_->evaluate(solver_.chain, start, flipped_.data());
         flipped_[i] = q_[i];
-        const Frame& tcp = posture_.tcp();
+        const Frame& tcp = posture_->tcp();
         const double trace = tcp.x[0] + tcp.y[1] + tcp.z[2];
         const double distance = weight.distance * dot(tcp.origin, tcp.origin) - weight.spin * trace;
         if (distance < least) {
@@ -180,8 +181,11 @@ const Candidate& Search::conclude() {
     return found_;
 }
 
-SearchEngine::SearchEngine(const IkSolver& solver) : descents_(std::in_place_type<Descent>, solver) {
-    if (std::holds_alternative<ClikStep>(solver.rule)) descents_.emplace<ClikLanes>(solver);
+SearchEngine::SearchEngine(const IkSolver& solver) {
+    if (std::holds_alternative<ClikStep>(solver.rule))
+        descents_.emplace<ClikLanes>(solver);
+    else
+        descents_.emplace<Descent>(solver);
 }
 
 const Candidate& SearchEngine::next(Search& search, long long count, bool polish) {

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstddef>
+#include <optional>
 #include <variant>
 #include <vector>
 
@@ -51,7 +52,7 @@ class Seeds {
 struct Candidate {
     std::vector<double> q;  // a solution, or the configuration with the smallest residual
     PoseError error;
-    bool fulfils;                            // the task within the limits, by forward kinematics after the loop
+    bool fulfils = false;                    // the task within the limits, by forward kinematics after the loop
     long long iterations = 0, attempts = 0;  // for this target
 };
 
@@ -94,7 +95,7 @@ class Search {
     const IkSolver& solver_;
     const Seeds& seeds_;
     Goal goal_;
-    Posture posture_;
+    std::optional<Posture> posture_;       // made for the first flips
     Transform target_, target_from_base_;  // base_from_target and its inverse
     std::vector<double> q0_, q_, best_, flipped_;
     std::vector<float> distances_;  // of the seeds from the target
@@ -123,7 +124,7 @@ class SearchEngine {
     void solve_rows(std::vector<Search>& searches, Rows& rows, long long count, Begin begin, Done done);
 
   private:
-    std::variant<Descent, ClikLanes> descents_;
+    std::variant<std::monostate, ClikLanes, Descent> descents_;  // ClikLanes for Clik, Descent for the other methods
 };
 
 template <class Begin, class Done>

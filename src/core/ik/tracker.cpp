@@ -69,11 +69,10 @@ Tracker::Tracker(const TrackingTask& tracking, std::vector<double> q0)
       began_(q_.size()),
       rate_(q_.size()),
       goal_(tracking.goal),
+      goal_steps_(tracking.chain),
       best_(q_.size()),
       motion_(q_.size()),
-      trial_(q_.size()),
-      moved_(q_.size()),
-      scratch_(q_.size()) {}
+      trial_(q_.size()) {}
 
 void Tracker::step(const Transform& base_from_target, double duration) {
     descent_.target_from_base = frame_of(inverse(base_from_target));
@@ -118,7 +117,7 @@ double Tracker::cycle() {
 void Tracker::move_for_goal(double duration) {
     best_ = q_;
     goal_.gain = std::min(1.0, tracking_.goal.gain * duration);
-    goal_step(goal_, tracking_.chain, q_.data(), descent_.posture(), scratch_, moved_, motion_);
+    motion_ = goal_steps_.at(goal_, q_.data());
     if (slips(descent_.wander(q_, motion_))) q_ = best_;
 }
 

@@ -68,8 +68,8 @@ class Tracker {
     std::vector<double> rate_;   // of the last cycle, without the motion of the goal
     Side side_ = Side::unknown;  // to which a deviating arm belongs
     Goal goal_;                  // with the gain of a cycle
-    std::vector<double> best_, motion_, trial_, moved_;
-    Jacobian scratch_;
+    GoalSteps goal_steps_;
+    std::vector<double> best_, motion_, trial_;
     std::vector<double> determinant_;  // (n, n)
 };
 

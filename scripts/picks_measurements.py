@@ -275,7 +275,7 @@ def screen_rows(cell: PickCell, count: int, seed: int) -> Iterator[ScreenRow]:
 
         def reach(targets: Array = targets) -> None:
             for start in range(0, count, CHUNK):
-                reach_only.look(targets[start : start + CHUNK])
+                reach_only.screen(targets[start : start + CHUNK])
 
         def screen_pick_objects() -> None:
             screen_picks(cell.arm, cell.scene, picks, home=setup.home)

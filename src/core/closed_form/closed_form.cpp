@@ -204,10 +204,17 @@ void ClosedFormSolver::to_values(int first, int count) {
     }
     for (int row = 0; row < 6; ++row) {
         const PlannedJoint& joint = plan_.joints[source_[row]];
-        double value[kLanes] = {};
-        for (int b = 0; b < count; ++b) {
-            const JointState& state = solutions_.solution[first + b].state[row];
-            value[b] = joint.prismatic ? plan_.size * state.first : angle_of(state.second, state.first);
+        // One lane for each solution, the rest as the last one; loops over all lanes are vectorised.
+        alignas(64) double value[kLanes], first_of_state[kLanes], second_of_state[kLanes];
+        for (int b = 0; b < kLanes; ++b) {
+            const JointState& state = solutions_.solution[first + std::min(b, count - 1)].state[row];
+            first_of_state[b] = state.first;
+            second_of_state[b] = state.second;
+        }
+        if (joint.prismatic) {
+            for (int b = 0; b < kLanes; ++b) value[b] = plan_.size * first_of_state[b];
+        } else {
+            for (int b = 0; b < kLanes; ++b) value[b] = angle_of(second_of_state[b], first_of_state[b]);
         }
         if (joint.is_virtual()) {
             for (int b = 0; b < count; ++b)
@@ -215,12 +222,16 @@ void ClosedFormSolver::to_values(int first, int count) {
                                plan_.virtual_tolerance + kNear * solutions_.solution[first + b].error;
             continue;
         }
-        for (int b = 0; b < count; ++b) {
-            if (!joint.prismatic)
-                value[b] = nearest_winding(value[b], joint.lower, joint.upper, kLimitSlack, reference_[joint.index]);
-            outside_[b] = std::max(outside_[b], std::max(joint.lower - value[b], value[b] - joint.upper));
-            configurations_.q[joint.index][b] = value[b];
+        double* const q = configurations_.q[joint.index];
+        if (joint.prismatic) {
+            std::copy(value, value + kLanes, q);
+        } else {
+            const double reference = reference_[joint.index];
+            for (int b = 0; b < kLanes; ++b)
+                q[b] = nearest_winding(value[b], joint.lower, joint.upper, kLimitSlack, reference);
         }
+        for (int b = 0; b < kLanes; ++b)
+            outside_[b] = std::max(outside_[b], std::max(joint.lower - q[b], q[b] - joint.upper));
     }
     if (plan_.locked >= 0) {
         const PlannedJoint& joint = plan_.joints[plan_.locked];

@@ -8,8 +8,8 @@
 namespace pinproof {
 namespace {
 
-// Maximum number of iterations, after which the current bounds are returned; polytopes need 4 to 8, discs edge on edge up
-// to 30.
+// Maximum number of iterations, after which the current bounds are returned; polytopes need 4 to 8, discs edge on edge
+// up to 30.
 constexpr int kIterations = 64;
 
 // Fraction of |v|^2 by which an iteration must improve; smaller improvements are rounding errors.
@@ -130,8 +130,8 @@ void weigh(Simplex& simplex) {
     simplex.size = kept;
 }
 
-// The point of the simplex closest to the origin. False if the simplex is so flat that its weights are meaningless: then
-// a single vertex remains, which is a convex combination too.
+// The point of the simplex closest to the origin. False if the simplex is so flat that its weights are meaningless:
+// then a single vertex remains, which is a convex combination too.
 bool move_to_nearest(Simplex& simplex, Vec3& nearest) {
     weigh(simplex);
     double total = 0.0;

@@ -59,7 +59,7 @@ class OmplPlanner:
     planner
         The name of the planner, one of :func:`ompl_planners`.
     time_limit
-        Time (s) after which the planner ends. Loading or compiling the kernels does not count.
+        Time (s) after which the planner ends.
     max_edges
         Maximum number of edges that are checked. This budget does not depend on the clock.
     resolution

@@ -83,7 +83,7 @@ class PlanResult:
     samples
         Number of random samples.
     seconds
-        Duration of the search, without loading or compiling the kernels.
+        Duration of the search.
     gap
         Smallest distance (rad or m, Euclidean) between the tree of the start and that of the goals; 0 for a path, NaN
         if there was no search.

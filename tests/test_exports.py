@@ -13,7 +13,8 @@ import pytest
 
 import pinproof as pp
 
-PACKAGES = sorted(f"pinproof.{found.name}" for found in pkgutil.iter_modules(pp.__path__) if found.name != "__main__")
+INTERNAL = {"__main__", "_core"}
+PACKAGES = sorted(f"pinproof.{each.name}" for each in pkgutil.iter_modules(pp.__path__) if each.name not in INTERNAL)
 MODULES = sorted(
     found.name
     for found in pkgutil.walk_packages(pp.__path__, "pinproof.")

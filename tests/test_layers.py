@@ -18,6 +18,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "pinproof"
 PACKAGES = (
     "verifier",
     "errors",
+    "_core",
     "spatial",
     "common",
     "kernels",

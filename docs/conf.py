@@ -6,6 +6,9 @@ import sys
 from importlib.metadata import version as version_of
 from pathlib import Path
 
+from pygments.lexers.special import TextLexer
+from sphinx.application import Sphinx
+
 sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
 
 project = "pinproof"
@@ -43,3 +46,8 @@ html_static_path = ["_static"]
 html_css_files = ["pages.css"]
 html_show_sourcelink = False
 html_math_renderer = "mathml"
+
+
+def setup(app: Sphinx) -> None:
+    """Register "csv" as plain text; Pygments has no lexer for it."""
+    app.add_lexer("csv", TextLexer)

@@ -27,20 +27,20 @@ import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from unittest import mock
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"^(?:`([\w./-]+)`:\n\n)?^```([^\s`]*)[^\n]*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 EXIT_CODE = re.compile(r"# exit code (\d)\s*$")
 PROGRAM = 'if __name__ == "__main__":'
-RUN_CLI = (
-    "import sys; sys.argv[0] = 'pinproof'\nfrom pinproof.cli import main\nif __name__ == '__main__': sys.exit(main())"
-)
 USAGE = 2
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 PATIENCE = 1800.0
-"""Time limit of one command in seconds; far longer than any command needs on a busy machine."""
+"""Time limit of a program in seconds; far longer than any program needs on a busy machine."""
 
 Compare = Callable[["Block", str], None]
+Run = Callable[..., tuple[int, str, str]]
+"""The type of ``run_main``."""
 
 
 @dataclass(frozen=True)
@@ -108,20 +108,35 @@ def run_python(source: str, page: Path, names: dict[str, object]) -> str:
 
 def run_program(source: str, where: str) -> str:
     Path("program.py").write_text(source, encoding="utf-8")
-    return output_of([sys.executable, "program.py"], 0, where)
+    done = subprocess.run([sys.executable, "program.py"], capture_output=True, text=True, check=False, timeout=PATIENCE)
+    assert done.returncode == 0, f"{where}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
+    return done.stdout
 
 
 def run_command(words: list[str], code: int, where: str) -> str:
+    """The stdout of a command of pinproof; fails unless the exit code is ``code``."""
     assert words[0] == "pinproof", f"{where}: {shlex.join(words)!r} is not a command of pinproof"
-    return output_of([sys.executable, "-c", RUN_CLI, *words[1:]], code, where)
+    with mock.patch.dict(os.environ, {"COLUMNS": "120", "TERM": "dumb"}):
+        ended, out, err = run_main(*words[1:])
+    assert ended == code, f"{where}: exit code {ended}\n{out}\n{err}"
+    return out + (err if code == USAGE else "")
 
 
-def output_of(command: list[str], code: int, where: str) -> str:
-    """The stdout of a command; fails unless the exit code is ``code``."""
-    env = {**os.environ, "COLUMNS": "120", "TERM": "dumb"}
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=PATIENCE, env=env)
-    assert done.returncode == code, f"{where}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
-    return done.stdout + (done.stderr if code == USAGE else "")
+def run_main(*words: str) -> tuple[int, str, str]:
+    """Run ``pinproof WORDS`` in this process: exit code, stdout and stderr."""
+    from pinproof.cli.main import main
+
+    code = 0
+    with (
+        contextlib.redirect_stdout(io.StringIO()) as out,
+        contextlib.redirect_stderr(io.StringIO()) as err,
+        mock.patch.object(sys, "argv", ["pinproof", *words]),
+    ):
+        try:
+            main()
+        except SystemExit as ended:
+            code = int(ended.code or 0)
+    return code, out.getvalue(), err.getvalue()
 
 
 @contextlib.contextmanager

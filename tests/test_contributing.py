@@ -21,7 +21,7 @@ def packages_of_the_table() -> list[str]:
 
 def test_the_table_names_every_package() -> None:
     folders = {file.parent.name for file in PACKAGE.glob("*/__init__.py")}
-    modules = {file.stem for file in PACKAGE.glob("*.py")} - {"__init__"}
+    modules = {file.stem for pattern in ("*.py", "*.pyi") for file in PACKAGE.glob(pattern)} - {"__init__", "__main__"}
     assert sorted(packages_of_the_table()) == sorted(folders | modules)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,15 @@ import pinproof as pp
 from .pages import ROOT, blocks, reader_folder, run_page, run_python
 
 DOCS = ROOT / "docs"
-PAGES = sorted(str(page.relative_to(DOCS)) for page in [DOCS / "index.md", *(DOCS / "tutorials").glob("*.md")])
+PAGES = sorted(
+    str(page.relative_to(DOCS))
+    for page in (
+        DOCS / "index.md",
+        DOCS / "notebooks.md",
+        *(DOCS / "tutorials").glob("*.md"),
+        *(DOCS / "formats").glob("*.md"),
+    )
+)
 
 
 @pytest.mark.slow
@@ -31,6 +40,25 @@ def test_the_fragments_of_a_page_run_with_an_arm_and_a_path(page: str, tmp_path:
     with reader_folder(tmp_path):
         for block in blocks(DOCS / page, "python"):
             run_python("\n" * block.line + block.text, DOCS / page, names)
+
+
+@pytest.mark.slow
+def test_the_cells_of_the_page_on_notebooks_display_html(tmp_path: Path) -> None:
+    names: dict[str, object] = {}
+    displayed = []
+    with reader_folder(tmp_path):
+        for block in blocks(DOCS / "notebooks.md", "python"):
+            *statements, last = ast.parse(block.text).body
+            exec(compile(ast.Module(statements, []), block.text, "exec"), names)
+            if not isinstance(last, ast.Expr):
+                exec(compile(ast.Module([last], []), block.text, "exec"), names)
+                continue
+            value = eval(compile(ast.Expression(last.value), block.text, "eval"), names)
+            if value is not None:
+                displayed.append(value._repr_html_())
+    assert len(displayed) == 5
+    assert all(text.startswith("<") and text.endswith(">") for text in displayed)
+    assert "srcdoc=" in displayed[-1]
 
 
 def test_the_pictures_of_the_manual_are_small() -> None:

@@ -1,4 +1,4 @@
-"""What is exported is what ``__all__`` says: sorted, complete, and there."""
+"""``__all__`` is sorted and complete, and every name exists."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def test_all_of_a_module_is_sorted_and_resolves(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PACKAGES)
-def test_all_of_a_room_is_complete(name: str) -> None:
+def test_all_lists_every_public_name_of_a_package(name: str) -> None:
     package = importlib.import_module(name)
     own = {
         each
@@ -107,7 +107,7 @@ def test_all_of_a_room_is_complete(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in PACKAGES if name != "pinproof.cli"])
-def test_init_of_a_room_only_hands_names_on(name: str) -> None:
+def test_an_init_file_only_exports_names(name: str) -> None:
     package = importlib.import_module(name)
     if not hasattr(package, "__path__"):
         return  # a single module

@@ -7,12 +7,13 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 SLOW = {
     "coal",
     "distributed",
     "matplotlib",
     "meshcat",
-    "numba",
     "pinocchio",
     "scipy",
     "toppra",
@@ -36,12 +37,20 @@ def test_importing_the_package_loads_nothing_slow() -> None:
     assert loaded_by("import pinproof") == set()
 
 
-@pytest.mark.parametrize(
-    "package",
-    ["errors", "description", "model", "conversion", "motion", "ik", "collision", "planning", "viewer", "picks"],
-)
-def test_importing_a_package_loads_only_its_requirements(package: str) -> None:
-    assert loaded_by(f"import pinproof.{package}") <= FOUNDATION
+def test_importing_the_packages_loads_only_their_requirements() -> None:
+    packages = [
+        "errors",
+        "description",
+        "model",
+        "conversion",
+        "motion",
+        "ik",
+        "collision",
+        "planning",
+        "viewer",
+        "picks",
+    ]
+    assert loaded_by("; ".join(f"import pinproof.{package}" for package in packages)) <= FOUNDATION
 
 
 def test_using_a_name_loads_only_what_it_needs() -> None:
@@ -49,5 +58,10 @@ def test_using_a_name_loads_only_what_it_needs() -> None:
     assert loaded_by("import pinproof; pinproof.pose()") <= FOUNDATION
 
 
-def test_the_probe_sees_a_slow_library() -> None:
+def test_the_probe_detects_a_slow_library() -> None:
     assert "scipy" in loaded_by("import scipy")
+
+
+def test_help_of_the_command_line_loads_no_kinematics() -> None:
+    heavy = SLOW - {"typer"}
+    assert loaded_by("import pinproof.cli.main") & heavy == set()

@@ -67,6 +67,7 @@ def test_open_resources_of_a_passing_test_are_an_error(tmp_path: Path) -> None:
     assert not re.search(r"^1 failed, 3 passed", out, re.MULTILINE), out
 
 
+@pytest.mark.slow
 def test_a_process_reacts_to_sigint_if_the_suite_ignores_it(tmp_path: Path) -> None:
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
@@ -81,6 +82,7 @@ def test_a_process_reacts_to_sigint_if_the_suite_ignores_it(tmp_path: Path) -> N
     assert process.returncode == -signal.SIGINT
 
 
+@pytest.mark.slow
 def test_waiting_ends_if_the_process_ends_before_the_event() -> None:
     command = [sys.executable, "-c", "raise SystemExit(5)"]
     with started(command) as process, pytest.raises(AssertionError, match="ended with 5"):

@@ -19,6 +19,7 @@ def found(text: str) -> list[str]:
     return [each.word for each in CHECK["words_to_avoid"]([CHECK["Text"]("Markdown", Path("page.md"), 1, text)])]
 
 
+@pytest.mark.slow
 def test_few_words_to_avoid_are_left() -> None:
     rate = CHECK["rate_per_1000"]()
     assert rate < LIMIT, f"{rate:.2f} per 1,000 words; python scripts/check_language.py --list prints them"

@@ -9,6 +9,7 @@ import ast
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -19,9 +20,9 @@ PACKAGES = (
     "verifier",
     "errors",
     "_core",
+    "units",
     "spatial",
     "common",
-    "kernels",
     "description",
     "model",
     "conversion",
@@ -31,14 +32,15 @@ PACKAGES = (
     "planning",
     "viewer",
     "picks",
+    "formats",
     "benchmarks",
     "cli",
 )
 SIBLINGS = ({"ik", "collision"},)
 BEHIND_THE_MODEL = {"pinocchio", "coal", "hppfcl"}
 MAY_TOUCH_THEM = {"spatial", "model", "collision", "viewer"}
-HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "numba", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
-HEAVY_ALLOWED = {"cli": {"typer"}, "kernels": {"numba"}}
+HEAVY = {"dask", "distributed", "matplotlib", "meshcat", "scipy", "toppra", "trimesh", "typer", "yourdfpy"}
+HEAVY_ALLOWED = {"cli": {"typer"}}
 VERIFIER_NEEDS = {"numpy", *sys.stdlib_module_names}
 
 
@@ -62,15 +64,20 @@ class Import:
 
 
 def source_files(package: Path) -> Iterator[tuple[Path, str]]:
-    """Every module of the source tree with its package; the top-level ``__init__`` is left out."""
+    """Every module of the source tree with its package; the top-level ``__init__`` and ``__main__`` are left out."""
     for file in sorted(package.rglob("*.py")):
         parts = file.relative_to(package).with_suffix("").parts
-        if parts != ("__init__",):
+        if parts not in (("__init__",), ("__main__",)):
             yield file, parts[0]
 
 
-def imports(package: Path) -> Iterator[Import]:
+@cache
+def imports(package: Path) -> tuple[Import, ...]:
     """Every import of every module, relative ones made absolute."""
+    return tuple(read_imports(package))
+
+
+def read_imports(package: Path) -> Iterator[Import]:
     for file, name in source_files(package):
         parent = ("pinproof", *file.relative_to(package).parent.parts)
 

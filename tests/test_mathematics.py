@@ -1,4 +1,4 @@
-"""The mathematics page runs as printed, and says of the code what the code does."""
+"""The mathematics page runs as printed and agrees with the code."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_links_lead_somewhere() -> None:
 
 @pytest.mark.slow
 def test_the_picture_is_drawn_by_its_script(tmp_path: Path) -> None:
-    """In a process of its own: matplotlib is loaded there only."""
+    """In a separate process, so that only it loads matplotlib."""
     target = tmp_path / "bisection.png"
     program = "import runpy, sys, pathlib; runpy.run_path(sys.argv[1])['draw'](pathlib.Path(sys.argv[2]))"
     script = ROOT / "scripts" / "draw_bisection.py"

@@ -14,9 +14,6 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-# Both tests share one wheel, so they run on one worker.
-pytestmark = pytest.mark.xdist_group("wheel")
-
 SMOKE = """
 import pathlib, sys
 import pinproof as pp
@@ -49,7 +46,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return built
 
 
-def test_wheel_holds_robots_types_and_licence(wheel: Path) -> None:
+def test_the_wheel_contains_robots_types_and_licence(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     robots = {str(file.relative_to(ROOT)) for file in (ROOT / "robots").rglob("*") if file.is_file()}
     assert robots

@@ -50,6 +50,7 @@ __all__ = [
     "SceneError",
     "TimingError",
     "TrajectoryError",
+    "UnitWarning",
     "UnknownNameError",
     "UrdfError",
     "ViewerError",
@@ -110,6 +111,10 @@ class UnknownNameError(InputError):
 
 class NoClosedForm(InputError):
     """An arm that :class:`pinproof.AnalyticIk` does not support; the message states the reason and an alternative."""
+
+
+class UnitWarning(UserWarning):
+    """A number that is plausible only in another unit: degrees instead of radians, millimetres instead of metres."""
 
 
 class FileError(PinproofError):

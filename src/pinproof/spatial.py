@@ -14,7 +14,9 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof._core import all_finite, is_rigid, not_rigid
 from pinproof.errors import InputError
+from pinproof.units import warn_of_degrees
 
 __all__ = [
     "RIGID_TOLERANCE",
@@ -29,6 +31,7 @@ __all__ = [
     "pose",
     "rigid",
     "rigid_many",
+    "rigid_matrix",
     "twist_size",
     "xyz_rpy",
 ]
@@ -106,7 +109,8 @@ def pose(
     xyz
         (3,) position in metres.
     rpy
-        (3,) roll, pitch, yaw about fixed axes in radians: R = Rz(yaw) Ry(pitch) Rx(roll).
+        (3,) roll, pitch, yaw about fixed axes in radians: R = Rz(yaw) Ry(pitch) Rx(roll). Angles beyond two full
+        rotations give a :class:`pinproof.errors.UnitWarning`, because they are probably degrees.
     quat_xyzw
         (4,) quaternion, scalar last; it is normalised. Pass either ``rpy`` or ``quat_xyzw``.
 
@@ -124,7 +128,8 @@ def pose(
             raise InputError(f"quat_xyzw has length {largest:g}; a rotation needs a quaternion of length 1")
         quaternion /= largest  # so that no square overflows
         return pin.SE3(pin.Quaternion(quaternion / np.linalg.norm(quaternion)), position)
-    roll, pitch, yaw = finite("rpy", (0.0, 0.0, 0.0) if rpy is None else rpy, (3,))
+    roll, pitch, yaw = finite("rpy", (0.0, 0.0, 0.0) if rpy is None else rpy, (3,)).tolist()
+    warn_of_degrees("rpy", (roll, pitch, yaw))
     return pin.SE3(pin.rpy.rpyToMatrix(roll, pitch, yaw), position)
 
 
@@ -197,6 +202,16 @@ def rigid(name: str, value: pin.SE3 | npt.ArrayLike) -> pin.SE3:
     return pin.SE3(rotation, m[:3, 3])
 
 
+def rigid_matrix(name: str, value: pin.SE3 | npt.ArrayLike) -> Array:
+    """As :func:`rigid`, but returns the (4, 4) matrix, which is faster."""
+    source: Any = value.homogeneous if isinstance(value, pin.SE3) else value
+    if type(source) is np.ndarray and source.dtype == np.float64 and source.shape == (4, 4):
+        copy = np.array(source, order="C")
+        if is_rigid(copy):
+            return copy
+    return matrix(rigid(name, value))
+
+
 def rigid_many(name: str, values: npt.ArrayLike | Sequence[pin.SE3]) -> Array:
     """Return validated copies (N, 4, 4) of N transforms, given as an array or a sequence; see :func:`rigid`.
 
@@ -215,18 +230,8 @@ def rigid_many(name: str, values: npt.ArrayLike | Sequence[pin.SE3]) -> Array:
             raise InputError(f"{name} must be (N, 4, 4) or a sequence of poses, not {type(values).__name__}") from error
         checked = [rigid(f"{name}[{index}]", value).homogeneous for index, value in enumerate(sequence)]
         return np.array(checked, dtype=float).reshape(-1, 4, 4)
-    many = np.array(values)
-    rotations = many[:, :3, :3]
-    off = np.abs(np.swapaxes(rotations, 1, 2) @ rotations - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    mirrored = np.einsum("ni,ni->n", np.cross(rotations[:, :, 0], rotations[:, :, 1]), rotations[:, :, 2]) < 0
-    # The comparisons are also true for NaN; these transforms are repaired or rejected one by one.
-    odd = (
-        ~(off <= 1e-14)
-        | mirrored
-        | (many[:, 3] != (0.0, 0.0, 0.0, 1.0)).any(axis=1)
-        | ~np.isfinite(many[:, :3, 3]).all(axis=1)
-    )
-    for index in np.flatnonzero(odd):
+    many = np.array(values, order="C")
+    for index in not_rigid(many):  # repaired or rejected one by one
         many[index] = rigid(f"{name}[{index}]", many[index]).homogeneous
     return many
 
@@ -245,16 +250,22 @@ def finite(name: str, value: npt.ArrayLike, shape: tuple[int | None, ...]) -> Ar
         If the shape differs or a number is not finite; the message states ``name``, both shapes or the index.
     """
     try:
-        array = np.array(value, dtype=float)
+        array = np.array(value, dtype=float, order="C")
     except (TypeError, ValueError, OverflowError) as error:
         raise InputError(f"{name} must be numbers of shape {_shape_text(shape)}: {error}") from error
-    if array.ndim != len(shape) or any(w is not None and w != s for w, s in zip(shape, array.shape, strict=True)):
+    if array.shape != shape and (
+        array.ndim != len(shape) or any(w is not None and w != s for w, s in zip(shape, array.shape, strict=True))
+    ):
         raise InputError(f"{name} must have the shape {_shape_text(shape)}; it has {array.shape}")
-    if not np.isfinite(array).all():
+    if not all_finite(array):
         place = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         index = place[0] if len(place) == 1 else place
         raise InputError(f"{name} holds {array[place]} at index {index}; all numbers must be finite")
     return array
+
+
+def _fits(shape: tuple[int, ...], expected: tuple[int | None, ...]) -> bool:
+    return len(shape) == len(expected) and all(w in (None, s) for s, w in zip(shape, expected, strict=True))
 
 
 def _shape_text(shape: tuple[int | None, ...]) -> str:

@@ -27,6 +27,7 @@ def table(request: pytest.FixtureRequest) -> CollisionTable:
     return collision_benchmark(["ur5"], problems=1, configurations=30, box_counts=(1, 4), edges=5)
 
 
+@pytest.mark.slow
 def test_every_part_is_there(table: CollisionTable) -> None:
     assert len(table.checks) == 5
     assert {row.robot for row in table.checks} == {"ur5"}
@@ -36,6 +37,7 @@ def test_every_part_is_there(table: CollisionTable) -> None:
     assert table.provenance["seed"] == 0
 
 
+@pytest.mark.slow
 def test_times_are_separate_for_free_and_colliding_configurations(table: CollisionTable) -> None:
     for row in (*table.checks, *table.growth):
         for times in (row.is_free, row.check, row.clearance, row.coal, row.coal_tree, row.coal_distances):
@@ -45,12 +47,14 @@ def test_times_are_separate_for_free_and_colliding_configurations(table: Collisi
         assert row.missed_contacts == 0
 
 
+@pytest.mark.slow
 def test_proofs_of_planned_paths_are_free(table: CollisionTable) -> None:
     (row,) = table.proofs
     assert row.free == row.paths >= 4
     assert 0 < row.median_ms <= row.p95_ms <= row.largest_ms
 
 
+@pytest.mark.slow
 def test_the_table_is_written_and_read(table: CollisionTable, tmp_path: Path) -> None:
     data, page, picture = write_collision_table(table, tmp_path)
     assert CollisionTable.load(data) == table
@@ -64,6 +68,7 @@ def test_the_table_is_written_and_read(table: CollisionTable, tmp_path: Path) ->
         CollisionTable.load(data)
 
 
+@pytest.mark.slow
 def test_wrong_verdicts_are_listed(table: CollisionTable) -> None:
     assert table.wrong == ()
     wrong = replace(table, edges=(replace(table.edges[0], wrong=("ur5, seed 0, scene 0, edge 0: FREE, but ...",)),))
@@ -77,6 +82,7 @@ def test_invalid_settings_are_refused(how: dict) -> None:
         collision_benchmark([], **how)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("robot", ROBOTS)
 def test_no_verdict_on_random_edges_is_wrong(robot: str) -> None:
     row = check_edges(robot, 36, seed=7)
@@ -87,6 +93,7 @@ def test_no_verdict_on_random_edges_is_wrong(robot: str) -> None:
     assert row.checked > 60 * row.free
 
 
+@pytest.mark.slow
 def test_each_scene_depends_only_on_its_number() -> None:
     few, more = check_edges("ur5", 12, seed=1), check_edges("ur5", 24, seed=1)
     assert few.free <= more.free
@@ -104,6 +111,7 @@ def touching() -> tuple[pp.JointPath, pp.CollisionChecker, pp.CollisionChecker]:
     return pp.JointPath([start, end], arm.joint_names), checker, meshes
 
 
+@pytest.mark.slow
 def test_correct_verdicts_pass_the_check(touching: tuple) -> None:
     path, checker, meshes = touching
     certificate = pp.certify(path, checker)
@@ -152,6 +160,7 @@ def test_scenes_and_edges_are_the_same_for_the_same_seed() -> None:
     np.testing.assert_array_equal(one.q, two.q)
 
 
+@pytest.mark.slow
 def test_the_script_prints_the_table() -> None:
     command = [sys.executable, str(ROOT / "scripts" / "benchmark_collision.py"), "--only-edges", "5"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

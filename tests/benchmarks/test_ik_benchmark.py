@@ -72,7 +72,7 @@ def test_rows_contain_the_figures_of_the_textbook(table: IkTable) -> None:
 def test_provenance_is_complete(table: IkTable) -> None:
     origin = table.provenance
     assert set(origin) == {"versions", "cpu", "cores", "system", "load", "seed", "commit", "date"}
-    assert all(origin["versions"][name] for name in ("python", "pinproof", "pin", "numba", "numpy"))
+    assert all(origin["versions"][name] for name in ("python", "pinproof", "pin", "numpy"))
     assert origin["cpu"]
     assert origin["cores"] >= 1
     assert origin["seed"] == 0
@@ -121,6 +121,7 @@ def test_without_peers_only_own_methods_run() -> None:
     assert {row.method for row in made.rows} == {"clik"}
 
 
+@pytest.mark.slow
 def test_plots_are_png_files(table: IkTable, tmp_path: Path) -> None:
     written = write_ik_table(table, tmp_path)
     assert [path.name for path in written] == ["ik.json", "ik.md", "ik_latency.png", "ik_steps.png"]

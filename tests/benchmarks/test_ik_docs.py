@@ -28,7 +28,7 @@ def test_the_page_shows_the_stored_table(stored: DocsIkTable) -> None:
 
 def test_the_stored_table_is_complete(stored: DocsIkTable) -> None:
     assert stored.settings["points"] == 10_000
-    assert all(stored.part(robot, asked) for robot in stored.robots for asked in PARTS)
+    assert all(stored.part(robot, request) for robot in stored.robots for request in PARTS)
     assert {row.samples for row in stored.success} == {100_000}
 
 

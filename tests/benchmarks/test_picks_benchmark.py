@@ -24,11 +24,12 @@ def table() -> PicksTable:
     return picks_benchmark(["generic_6dof"], picks=4, poses=200, campaign=0, overhead=20)
 
 
+@pytest.mark.slow
 def test_every_part_is_there(table: PicksTable) -> None:
-    whole = table.verdicts[0]
-    assert (whole.cell, whole.verdict, whole.picks) == ("generic_6dof", "all", 4)
+    complete = table.verdicts[0]
+    assert (complete.cell, complete.verdict, complete.picks) == ("generic_6dof", "all", 4)
     assert sum(row.picks for row in table.verdicts[1:]) == 4
-    assert 0 < whole.median_ms <= whole.p95_ms <= whole.largest_ms
+    assert 0 < complete.median_ms <= complete.p95_ms <= complete.largest_ms
     assert [row.poses for row in table.screening] == ["picks", "random configurations"]
     for row in table.screening:
         assert 0 < row.free <= 1
@@ -37,6 +38,7 @@ def test_every_part_is_there(table: PicksTable) -> None:
     assert table.provenance["seed"] == 0
 
 
+@pytest.mark.slow
 def test_the_table_is_written_and_read(table: PicksTable, tmp_path: Path) -> None:
     data, page = write_picks_table(table, tmp_path)
     assert PicksTable.load(data) == table
@@ -48,6 +50,7 @@ def test_the_table_is_written_and_read(table: PicksTable, tmp_path: Path) -> Non
         PicksTable.load(data)
 
 
+@pytest.mark.slow
 def test_speed_ups_are_relative_to_one_process(table: PicksTable) -> None:
     rows = [CampaignRow("ur5", f"{n} process", 100, 10.0 / n + 1.0, 100 / (10.0 / n + 1.0), 10.0 * n) for n in (1, 2)]
     page = picks_markdown(replace(table, campaigns=tuple(rows)))
@@ -76,6 +79,7 @@ def test_invalid_settings_are_refused(how: dict) -> None:
         picks_benchmark(**{"cells": [], **how})
 
 
+@pytest.mark.slow
 def test_the_script_prints_the_table() -> None:
     command = [sys.executable, str(ROOT / "scripts" / "benchmark_picks.py"), "generic_6dof", "--picks", "2"]
     command += ["--poses", "0", "--campaign", "0", "--overhead", "0"]

@@ -13,10 +13,10 @@ import pytest
 import pinproof as pp
 from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
 from pinproof.benchmarks.plan_methods import OURS, STEPS, PlanAnswer, PlanMethod
-from pinproof.benchmarks.plan_page import COLUMNS
 from pinproof.benchmarks.plan_peers import PEERS
 from pinproof.benchmarks.plan_problems import OWN_SCENES, PlanProblem, own_problems
-from pinproof.benchmarks.plan_run import check_motion, curve_length
+from pinproof.benchmarks.plan_run import curve_length, motion_faults
+from pinproof.benchmarks.plan_table import COLUMNS
 from pinproof.errors import FileError, InputError
 from pinproof.motion import JointPath
 
@@ -43,6 +43,7 @@ def straight(problem: PlanProblem, *through: np.ndarray) -> JointPath:
     return JointPath([problem.start, *through, problem.goals[0]], problem.arm.joint_names)
 
 
+@pytest.mark.slow
 def test_every_own_scene_is_solved_certified_and_safe(table: PlanTable) -> None:
     assert table.sets("generic_6dof") == tuple(OWN_SCENES)
     assert [(row.solved, row.certified, row.faults) for row in table.rows] == [(True, True, ())] * len(OWN_SCENES)
@@ -50,6 +51,7 @@ def test_every_own_scene_is_solved_certified_and_safe(table: PlanTable) -> None:
     assert table.left_out == {}
 
 
+@pytest.mark.slow
 def test_rows_are_complete_and_the_same_seed_gives_the_same_motion(table: PlanTable) -> None:
     for row in table.rows:
         assert set(row.ms) == set(STEPS)
@@ -113,7 +115,7 @@ def test_the_page_lists_failures_and_faults(table: PlanTable) -> None:
     assert "- x: why" in page
 
 
-def test_files_hold_the_table(table: PlanTable, tmp_path: Path) -> None:
+def test_the_table_is_saved_to_files(table: PlanTable, tmp_path: Path) -> None:
     data, page, picture = write_plan_table(table, tmp_path)
     assert PlanTable.load(data) == table
     assert page.read_text(encoding="utf-8").endswith(plan_markdown(table))
@@ -122,9 +124,9 @@ def test_files_hold_the_table(table: PlanTable, tmp_path: Path) -> None:
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
     (tmp_path / "planning.json").write_text(json.dumps({"rows": []}), encoding="utf-8")
-    with pytest.raises(FileError, match="planning"):
+    with pytest.raises(FileError, match="does not hold a table of planning"):
         PlanTable.load(tmp_path / "planning.json")
-    with pytest.raises(InputError, match="planning"):
+    with pytest.raises(InputError, match="is not a table of planning"):
         PlanTable.from_dict({})
 
 
@@ -141,20 +143,18 @@ def test_problems_with_a_colliding_goal_are_listed_and_not_solved(mbm: Path) -> 
 
 
 def test_the_check_finds_a_motion_through_a_wall(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
-    checked = check_motion(straight(problem), problem, exact)
-    assert any(" touches " in fault for fault in checked.faults)
-    assert checked.length == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
+    assert any(" touches " in fault for fault in motion_faults(straight(problem), problem, exact))
 
 
 def test_the_check_finds_wrong_ends_and_violated_limits(problem: PlanProblem, exact: pp.CollisionChecker) -> None:
     elsewhere = JointPath([problem.start + 1e-3, problem.start], problem.arm.joint_names)
-    assert check_motion(elsewhere, problem, exact).faults[:2] == (
+    assert motion_faults(elsewhere, problem, exact)[:2] == (
         "does not begin at the start",
         "does not end at a goal",
     )
     far = problem.start.copy()
     far[0] = problem.arm.limits.upper[0] + 0.1
-    beyond = check_motion(straight(problem, far), problem, exact).faults
+    beyond = motion_faults(straight(problem, far), problem, exact)
     assert "joint_1 is 0.1 outside its limits" in beyond
 
 
@@ -162,6 +162,7 @@ def test_the_length_of_a_timed_motion_is_that_of_its_path(problem: PlanProblem) 
     path = straight(problem, problem.start + 0.3)
     timed = pp.time_parametrise(path, problem.arm.limits)
     assert curve_length(path) == path.length
+    assert curve_length(straight(problem)) == pytest.approx(np.linalg.norm(problem.goals[0] - problem.start))
     assert curve_length(timed) == pytest.approx(path.length, rel=1e-9)
 
 
@@ -169,10 +170,19 @@ def test_an_unsafe_motion_of_our_planner_is_listed(monkeypatch: pytest.MonkeyPat
     def through(problem: PlanProblem, checker: pp.CollisionChecker):
         return lambda seed: PlanAnswer(straight(problem), {"plan": 1.0}, certified=True, clearance=0.1)
 
-    monkeypatch.setattr("pinproof.benchmarks.plan_run.OURS", PlanMethod(OURS.key, OURS.label, through))
+    monkeypatch.setattr("pinproof.benchmarks.plan_run.own_method", lambda name: PlanMethod(OURS, OURS, through))
     table = plan_benchmark(["generic_6dof"], sets=["narrow_slot"], problems=1, peers=False)
     assert [row.name for row in table.unsafe] == ["generic_6dof/narrow_slot/1"]
     assert "## Unsafe: pinproof" in plan_markdown(table)
+
+
+def test_another_planner_is_a_method_of_its_own() -> None:
+    pytest.importorskip("ompl")
+    table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, planners=["rrt_connect", "ompl"], peers=False)
+    assert [(row.method, row.certified, row.faults) for row in table.rows] == [
+        ("pinproof", True, ()),
+        ("pinproof_ompl", True, ()),
+    ]
 
 
 # -- peers -------------------------------------------------------------------------------------------------------------
@@ -206,7 +216,7 @@ def test_an_error_of_a_peer_does_not_end_the_run(monkeypatch: pytest.MonkeyPatch
     assert table.left_out == {"peer on generic_6dof/shelf/1": "ZeroDivisionError: theirs"}
 
 
-@pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}])
+@pytest.mark.parametrize("wrong", [{"problems": 0}, {"repeats": 0}, {"sets": ["poetry"]}, {"planners": ["poetry"]}])
 def test_invalid_settings_are_refused(wrong: dict) -> None:
     with pytest.raises(InputError):
         plan_benchmark(["generic_6dof"], **wrong)
@@ -215,5 +225,5 @@ def test_invalid_settings_are_refused(wrong: dict) -> None:
 def test_a_scene_without_a_problem_is_left_out_with_the_reason(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pinproof.benchmarks.plan_problems.SCENES", 0)
     table = plan_benchmark(["generic_6dof"], sets=["shelf"], problems=1, peers=False)
-    assert "shelf" in table.left_out["generic_6dof/shelf"]
+    assert "no start and goal for 'generic_6dof'" in table.left_out["generic_6dof/shelf"]
     assert plan_markdown(table)

@@ -3,34 +3,19 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
+
+from ..pages import Run
 
 Q = (0.3, -1.2, 1.4, -0.5, 0.7, 0.2)
 TEXT = " ".join(map(str, Q))
-
-Run = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
-    """Run a command line in this process: exit code, stdout, stderr."""
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
 
 
 def test_fk_prints_the_pose_of_the_arm(run: Run) -> None:
@@ -54,7 +39,7 @@ def test_ik_keeps_a_margin_without_a_scene_too(run: Run) -> None:
     assert json.loads(out)["ok"] is False
 
 
-@pytest.mark.parametrize("method", ["clik", "analytic", "damped-least-squares", "pseudo-inverse", "fabrik"])
+@pytest.mark.parametrize("method", pp.ik.IK_METHODS)
 def test_every_ik_method_agrees_with_fk(run: Run, method: str) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--method", method, "--json")
     q = " ".join(str(value) for value in json.loads(out)["q"].values())
@@ -99,8 +84,8 @@ def test_check_within_rounding_of_a_limit_is_inside(run: Run) -> None:
     assert json.loads(out)["outside_limits"] == []
     code, out, _ = run("check", "ur5", "--q", f"0 -1.5 {np.pi + 2e-8!r} 0 0 0")
     assert code == 1
-    said = next(line for line in out.splitlines() if "elbow_joint" in line and "is outside" in line)
-    assert float(said.split()[2]) > float(said.split()[-1].rstrip("]"))
+    text = next(line for line in out.splitlines() if "elbow_joint" in line and "is outside" in line)
+    assert float(text.split()[2]) > float(text.split()[-1].rstrip("]"))
 
 
 def test_plan_into_an_obstacle_names_it(run: Run, tmp_path: Path) -> None:
@@ -117,16 +102,16 @@ def test_plan_keeps_limits_of_a_file_and_of_jerk(run: Run, tmp_path: Path) -> No
     limits, motion = tmp_path / "joint_limits.yaml", tmp_path / "motion.json"
     limits.write_text("joint_limits:\n  shoulder_pan_joint: {has_velocity_limits: true, max_velocity: 0.25}\n")
     goal = " ".join(str(value) for value in pp.load_robot("ur5").arm().home + np.array([0.5, 0, 0, 0, 0, 0]))
-    asked = ("plan", "ur5", "--goal", goal, "--limits", str(limits), "-o", str(motion))
-    code, _, _ = run(*asked, "--jerk", "30")
+    request = ("plan", "ur5", "--goal", goal, "--limits", str(limits), "-o", str(motion))
+    code, _, _ = run(*request, "--jerk", "30")
     assert code == 0
     written = pp.Trajectory.load(motion)
     assert written.interpolant == "quintic"
     assert written.max_velocity().max() <= 0.25 * (1 + 1e-9)
     assert written.max_jerk().max() <= 30 * (1 + 1e-9)
-    code, _, said = run(*asked, "--jerk", "gentle")
+    code, _, expected = run(*request, "--jerk", "gentle")
     assert code == 2
-    assert "--jerk" in said
+    assert "--jerk" in expected
 
 
 def test_certify_reports_the_first_contact_of_a_motion(run: Run, tmp_path: Path) -> None:
@@ -147,10 +132,10 @@ def test_a_free_motion_beyond_the_limits_is_exit_code_1(run: Run, tmp_path: Path
     fast = arm.home + np.array([0.5, 0, 0, 0, 0, 0])
     pp.Trajectory([0.0, 0.01], [arm.home, fast], np.zeros((2, 6)), arm.joint_names).save(motion)
     code, out, _ = run("certify", "ur5", str(motion), "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 1
-    assert told["status"] == "FREE"
-    assert told["outside_limits"][0].startswith("shoulder_pan_joint reaches a velocity of 75")
+    assert data["status"] == "FREE"
+    assert data["outside_limits"][0].startswith("shoulder_pan_joint reaches a velocity of 75")
     turned = arm.home + np.array([0, 0, np.pi, 0, 0, 0])
     pp.Trajectory([0.0, 9.0], [arm.home, turned], np.zeros((2, 6)), arm.joint_names).save(motion)
     code, out, _ = run("certify", "ur5", str(motion))
@@ -168,7 +153,7 @@ def test_a_recovered_table_becomes_the_same_arm(run: Run, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("fk", "ur55"), "ur5"),
         (("fk", "ur5", "--q", "0 1"), "shoulder_pan_joint"),
@@ -181,21 +166,21 @@ def test_a_recovered_table_becomes_the_same_arm(run: Run, tmp_path: Path) -> Non
         (("dh2urdf", "nowhere.csv", "-o", "x.urdf"), "nowhere.csv"),
     ],
 )
-def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_a_usage_error_is_one_line_and_exit_code_2(run: Run, words: tuple[str, ...], expected: str) -> None:
     code, out, err = run(*words)
     assert code == 2
     assert out == ""
-    assert said in err
+    assert expected in err
     assert "Traceback" not in err
 
 
 def test_missing_data_of_a_robot_is_listed(run: Run) -> None:
     code, out, _ = run("info", "ur5", "--json")
-    told = json.loads(out)
+    data = json.loads(out)
     assert code == 0
-    assert told["dof"] == 6
-    assert told["pairs"]["checked"] > 0
-    assert any("acceleration" in sentence for sentence in told["missing"])
+    assert data["dof"] == 6
+    assert data["pairs"]["checked"] > 0
+    assert any("acceleration" in sentence for sentence in data["missing"])
 
 
 @pytest.mark.parametrize(
@@ -204,7 +189,7 @@ def test_missing_data_of_a_robot_is_listed(run: Run) -> None:
         ("dh2urdf", "dh.yaml", "-o", "dh.yaml"),
         ("view", "arm.urdf", "--html", "arm.urdf"),
         ("view", "arm.urdf", "--html", "link_to_arm"),
-        ("view", "arm.urdf", "--motion", "motion.json", "--html", "motion.json"),
+        ("view", "arm.urdf", "motion.json", "--html", "motion.json"),
         ("certify", "arm.urdf", "motion.json", "--html", "motion.json"),
         ("certify", "arm.urdf", "motion.json", "--scene", "scene.yaml", "--html", "scene.yaml"),
         ("plan", "arm.urdf", "--goal", "home", "--scene", "scene.yaml", "--html", "scene.yaml"),
@@ -229,9 +214,51 @@ def test_no_command_overwrites_its_input_or_writes_only_some_outputs(
     for name, content in files.items():
         (tmp_path / name).write_bytes(content)
     (tmp_path / "link_to_arm").symlink_to("arm.urdf")
-    code, _, said = run(*words)
+    code, _, text = run(*words)
     assert code == 2
-    assert said.startswith(f"pinproof: {words[-1]}: ")
-    assert said.count("\n") == 1
+    assert text.startswith(f"pinproof: {words[-1]}: ")
+    assert text.count("\n") == 1
     assert {path.name for path in tmp_path.iterdir()} == {*files, "folder", "link_to_arm"}
     assert {name: (tmp_path / name).read_bytes() for name in files} == files
+
+
+@pytest.mark.parametrize("robot", ["ur5", "generic_6dof"])
+def test_the_table_of_ik_solutions_fits_into_80_columns(run: Run, robot: str) -> None:
+    code, out, _ = run("ik", robot, "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--all")
+    names, header, *rows = out.splitlines()
+    arm = pp.load_robot(robot).arm()
+    assert names == ", ".join(f"q{k} = {name}" for k, name in enumerate(arm.joint_names, start=1))
+    assert header.split() == [f"q{k}" for k in range(1, 7)]
+    assert code == 0
+    assert len(rows) > 1
+    assert max(map(len, [header, *rows[:-1]])) <= 80
+    target = pp.pose((0.4, 0.1, 0.3), (math.pi, 0, 0))
+    for row in rows[:-1]:
+        found = arm.forward_kinematics([float(value) for value in row.split()])
+        assert found.isApprox(target, 1e-4)
+
+
+def test_a_missing_mesh_is_not_taken_for_a_file_in_a_folder(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "m.urdf"
+    geometry = '<collision><geometry><mesh filename="package://parts/a.stl"/></geometry></collision>'
+    file.write_text(
+        f'<robot name="m"><link name="a">{geometry}</link><link name="b"/><joint name="j" type="revolute">'
+        '<parent link="a"/><child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" effort="1"/>'
+        "</joint></robot>"
+    )
+    code, _, err = run("check", str(file), "--tcp", "b", "--q", "home")
+    assert code == 2
+    assert "package://parts/a.stl: the mesh of link 'a' was not found" in err
+    assert "does not exist" not in err
+
+
+@pytest.mark.parametrize("name", ["a.txt", "a"])
+def test_every_reader_names_the_suffixes_in_the_same_words(name: str) -> None:
+    readers = (pp.Scene.load, pp.read_picks, pp.DhTable.load, pp.Trajectory.load, pp.JointLimits.load)
+    reports = []
+    for read in readers:
+        with pytest.raises(pp.FileError) as error:
+            read(name)
+        reports.append(str(error.value).partition("; valid: "))
+    assert len({problem for problem, _, _ in reports}) == 1
+    assert all(".yaml" in valid for _, _, valid in reports)

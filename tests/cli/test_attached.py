@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
+
+from ..pages import Run
 
 HOME = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
 MOVED = HOME + np.array([0.3, 0.1, 0.0, 0.0, 0.0, 0.2])
@@ -23,11 +23,9 @@ tool: [{ROD}]
 picks: [{{name: one, xyz: [0.4, 0.1, 0.3], rpy: [pi, 0, 0]}}]
 """
 
-Run = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def run(run: Run, tmp_path: Path) -> Run:
     """Run a command in a folder with a tool, and a plate that only the tool touches at home: exit code and texts."""
     arm = pp.load_robot("ur5").arm()
     at = arm.forward_kinematics(HOME)
@@ -38,16 +36,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
     (tmp_path / "rod.yaml").write_text(f"attached: [{ROD}]\n")
     (tmp_path / "thick.yaml").write_text(f"attached: [{ROD.replace('0.02', '0.03')}]\n")
     pp.time_parametrise(pp.JointPath([HOME, MOVED], arm.joint_names), arm.limits).save(tmp_path / "bare.json")
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return run
 
 
 def text(q: np.ndarray) -> str:
@@ -57,6 +46,7 @@ def text(q: np.ndarray) -> str:
 TOOLS = pytest.mark.parametrize("tool", [("--tool-of", "picks.yaml"), ("--attached", "rod.yaml")])
 
 
+@pytest.mark.slow
 @TOOLS
 def test_every_command_judges_the_arm_with_its_tool(run: Run, tool: tuple[str, str]) -> None:
     around = ("--scene", "plate.yaml")
@@ -95,6 +85,7 @@ def test_ik_brings_the_tip_of_the_tool_to_the_pose(run: Run) -> None:
     assert (code, "--task" in err) == (2, True)
 
 
+@pytest.mark.slow
 @TOOLS
 def test_a_motion_planned_with_a_tool_is_not_certified_without_it(run: Run, tool: tuple[str, str]) -> None:
     ends = ("--start", text(HOME), "--goal", text(MOVED), "--scene", "far.yaml")
@@ -103,7 +94,7 @@ def test_a_motion_planned_with_a_tool_is_not_certified_without_it(run: Run, tool
     (record,) = pp.Trajectory.load("motion.json").certified
     assert (list(record.attached), record.obstacles, record.status) == (["rod"], ("far",), "FREE")
     motion = ("ur5", "motion.json", "--scene", "far.yaml")
-    for command in (("certify", *motion), ("view", "ur5", "--motion", *motion[1:], "--html", "again.html")):
+    for command in (("certify", *motion), ("view", "ur5", *motion[1:], "--html", "again.html")):
         code, out, err = run(*command)
         assert (code, out) == (2, "")
         assert all(word in err for word in ("rod", "--tool-of", "--attached", "--ignore-record"))
@@ -161,6 +152,7 @@ def test_changes_that_weaken_nothing_are_noted(run: Run) -> None:
     assert "changed after it was certified" in out
 
 
+@pytest.mark.slow
 def test_a_proof_of_the_bare_arm_is_refused_for_the_arm_with_a_tool(run: Run) -> None:
     words = ("certify", "ur5", "bare.json", "--scene", "far.yaml")
     assert run(*words, "--save-proof", "bare_proof.json")[0] == 0
@@ -173,6 +165,7 @@ def test_a_proof_of_the_bare_arm_is_refused_for_the_arm_with_a_tool(run: Run) ->
     assert (code, "ROBOT" in err) == (2, True)
 
 
+@pytest.mark.slow
 def test_motions_of_picks_record_their_tool_and_what_they_carry(run: Run, tmp_path: Path) -> None:
     Path("carry.yaml").write_text(
         PICKS.replace("rpy:", "object: {name: cube, box: [0.02, 0.02, 0.02], xyz: [0, 0, 0.01]}, rpy:")

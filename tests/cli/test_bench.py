@@ -7,24 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from pinproof.benchmarks.plan_run import CheckedMotion
-from pinproof.cli.main import main
-
 SMALL = ("bench", "ik", "ur5", "--points", "3", "--no-peers", "--methods", "clik, fabrik")
-
-
-@pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
-    """Run a command line in this process: exit code, stdout, stderr."""
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
 
 
 def test_the_table_is_markdown_with_the_selected_methods(run) -> None:
@@ -36,7 +19,7 @@ def test_the_table_is_markdown_with_the_selected_methods(run) -> None:
 
 
 @pytest.mark.slow
-def test_json_and_files_hold_the_same_run(run, tmp_path: Path) -> None:
+def test_json_and_files_contain_the_same_run(run, tmp_path: Path) -> None:
     code, out, _ = run(*SMALL, "--json", "--output", str(tmp_path / "new"))
     assert code == 0
     assert json.loads(out) == json.loads((tmp_path / "new" / "ik.json").read_text(encoding="utf-8"))
@@ -88,9 +71,7 @@ def test_planning_as_json(run) -> None:
 
 
 def test_an_unsafe_motion_is_exit_code_1(run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        "pinproof.benchmarks.plan_run.check_motion", lambda *_: CheckedMotion(("link_6 touches board_1",), 1, 1.0)
-    )
+    monkeypatch.setattr("pinproof.benchmarks.plan_run.motion_faults", lambda *_: ("link_6 touches board_1",))
     code, out, _ = run(*PLAN)
     assert code == 1
     assert "link_6 touches board_1" in out

@@ -6,58 +6,49 @@ import json
 import shutil
 import signal
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from pinproof.cli import pick
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
 from pinproof.picks import Campaign
 
+from ..pages import Run
 from ..processes import PATIENCE, RUN_CLI, started, wait_for
 
-Run = Callable[..., tuple[int, str, str]]
 SHARED = "robot: generic_6dof\nscene: scene.yaml\nmargin: 0.002\ntip: {xyz: [0, 0, 0.005]}\n"
 DEFAULTS = "defaults: {rpy: [pi, 0, 0], approach: 0.02, retreat: 0.02}\npicks: many.csv\n"
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def run(run: Run, tmp_path: Path) -> Run:
     """Run a command line in this process, in a folder with a file of picks: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
     shutil.copy(robots_folder() / "generic_6dof" / "scene.yaml", tmp_path)
     (tmp_path / "picks.yaml").write_text(SHARED + DEFAULTS)
     table(3)
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return run
 
 
 def table(count: int, *more: str) -> None:
-    """A table of good picks beside the picks file, and what is to stand behind them."""
+    """A table of good picks beside the picks file, followed by further rows."""
     rows = [f"pin_{k},{0.4 - 0.0005 * k},-0.15,0.035" for k in range(count)]
     Path("many.csv").write_text("\n".join(["name,x,y,z", *rows, *more]) + "\n")
 
 
+@pytest.mark.slow
 def test_rows_stream_to_the_folder_and_all_good_is_0(run: Run) -> None:
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1")
     assert (code, err) == (0, "")
-    assert out.startswith("3 of 3 picks good\nnot covered: ")
+    assert out.startswith("3 of 3 picks good\nnot covered: picks without `object:`")
     assert out.endswith("wrote out/rows.jsonl\n")
     header, *rows = [json.loads(line) for line in Path("out/rows.jsonl").read_text().splitlines()]
     assert header["setup"]["robot"].startswith("generic_6dof ")
     assert [row["name"] for row in rows] == ["pin_0", "pin_1", "pin_2"]
 
 
-def test_the_rows_become_a_page_beside_them(run: Run) -> None:
+@pytest.mark.slow
+def test_rows_of_a_campaign_are_written_as_a_page(run: Run) -> None:
     code, out, _ = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "-o", "page.html")
     assert code == 0
     assert out.endswith("wrote page.html\n")
@@ -66,49 +57,50 @@ def test_the_rows_become_a_page_beside_them(run: Run) -> None:
     assert '"motions":[null,null,null]' in page
 
 
-def test_one_that_is_not_good_is_1_and_another_campaign_in_the_folder_2(run: Run) -> None:
+@pytest.mark.slow
+def test_a_failed_pick_is_1_and_another_campaign_in_the_folder_is_2(run: Run) -> None:
     table(1, "far,2,0,0", "torn,nan,0,0")
     first = run("pick", "picks.yaml", "--campaign", "out", "--workers", "1", "--json")
     again = run("pick", "picks.yaml", "--campaign", "out", "--json")
     assert (first[0], first[2]) == (again[0], again[2]) == (1, "")
-    told = json.loads(again[1])
-    assert told == {**json.loads(first[1]), "resumed": 3}
-    assert told["summary"] == "1 of 3 picks good; failed: 1 at reach, 1 at input"
-    assert told["verdicts"] == {"good": 1, "impossible": 1, "unreadable": 1}
+    data = json.loads(again[1])
+    assert data == {**json.loads(first[1]), "resumed": 3}
+    assert data["summary"] == "1 of 3 picks good; failed: 1 at reach, 1 at input"
+    assert data["verdicts"] == {"good": 1, "impossible": 1, "unreadable": 1}
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", "--seed", "1")
     assert (code, out) == (2, "")
-    assert "seed" in err
+    assert "out/rows.jsonl: belongs to another campaign, which differs in seed (0 there, 1 here). " in err
     assert err.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_workers_change_no_report(run: Run) -> None:
+def test_the_report_does_not_depend_on_workers(run: Run) -> None:
     table(2, "far,2,0,0")
     code, here, _ = run("pick", "picks.yaml", "--json")
     assert (code, here) == run("pick", "picks.yaml", "--json", "--workers", "1")[:2]
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("-o", "report.json"), ".html"),
-        (("--workers", "2", "--dask", "tcp://127.0.0.1:1"), "--workers and --dask"),
-        (("--dask", "tcp://127.0.0.1:1"), "tcp://127.0.0.1:1"),
-        (("--dask", "nonsense"), "nonsense"),
+        (("--workers", "2", "--dask", "tcp://127.0.0.1:1"), "--workers and --dask cannot be combined"),
+        (("--dask", "tcp://127.0.0.1:1"), "no Dask scheduler answers at tcp://127.0.0.1:1: "),
+        (("--dask", "nonsense"), "no Dask scheduler answers at nonsense: "),
     ],
 )
-def test_wrong_usage_is_2(run: Run, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], said: str) -> None:
+def test_wrong_usage_is_2(run: Run, monkeypatch: pytest.MonkeyPatch, words: tuple[str, ...], expected: str) -> None:
     monkeypatch.setattr(pick, "CONNECT_SECONDS", 1)
     code, out, err = run("pick", "picks.yaml", "--campaign", "out", *words)
     assert (code, out) == (2, "")
-    assert said in err
+    assert expected in err
     assert not Path("out/rows.jsonl").exists()
 
 
-def test_a_folder_that_cannot_be_is_2(run: Run) -> None:
+def test_a_folder_that_cannot_be_created_is_2(run: Run) -> None:
     code, out, err = run("pick", "picks.yaml", "--campaign", "scene.yaml/out")
     assert (code, out) == (2, "")
-    assert "scene.yaml/out" in err
+    assert "scene.yaml/out: cannot be created: Not a directory" in err
     assert err.count("\n") == 1
 
 

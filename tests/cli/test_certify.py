@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
+
+from ..pages import Run
 
 HOME = np.array([0.0, -1.57, 1.57, -1.57, -1.57, 0.0])
 
-Run = Callable[..., tuple[int, str, str]]
-
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def run(run: Run, tmp_path: Path) -> Run:
     """Run ``certify`` in a folder with a motion and a scene: exit code, stdout, stderr."""
     arm = pp.load_robot("ur5").arm()
     q = HOME + np.array([[0, 0, 0, 0, 0, 0], [0.3, 0.1, 0, 0, 0, 0.2]])
@@ -28,16 +27,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
     wall = pp.Box(0.02, 1.0, 1.0)
     across = arm.forward_kinematics(q.mean(axis=0)).translation
     pp.Scene([pp.Obstacle("wall", wall, pp.pose(across))]).save(tmp_path / "wall.yaml")
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", "certify", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return partial(run, "certify")
 
 
 def test_a_proof_is_saved_and_verified_by_the_same_command(run: Run) -> None:

@@ -2,46 +2,42 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import tempfile
-from collections.abc import Iterator
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
 
-from ..viewer.browser import Browser, find_browser
+from ..pages import Run, run_main
+from ..viewer.browser import Browser
 
-RUN_CLI = "import sys; sys.argv[0] = 'pinproof'; from pinproof.cli import main; main()"
 SMALLEST_LINK = 40
 """Pixels of 1280 x 720 in which a link can still be made out."""
 
 
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
-    """The folder of the demo and the finished process."""
+def demo(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[int, str, str]]:
+    """The folder of the demo; its exit code, stdout and stderr."""
     folder = tmp_path_factory.mktemp("demo")
-    ran = subprocess.run(
-        [sys.executable, "-c", RUN_CLI, "demo"], cwd=folder, capture_output=True, text=True, check=False
-    )
-    return folder, ran
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        return folder, run_main("demo")
 
 
+@pytest.mark.slow
 def test_the_demo_prints_its_verdicts_and_writes_page_and_motion(demo) -> None:
-    folder, ran = demo
-    # A machine that never ran it says once that it compiles.
-    assert (ran.returncode, [line for line in ran.stderr.splitlines() if "compiling" not in line]) == (0, [])
-    assert all(f"bolt_{k}" in ran.stdout for k in range(1, 8))
-    assert "4 of 7 picks good; failed: 2 at grasp, 1 at reach" in ran.stdout
-    assert "bolt_1: FREE: collision-free: at least " in ran.stdout
+    folder, (code, out, err) = demo
+    assert (code, err) == (0, "")
+    assert all(f"bolt_{k}" in out for k in range(1, 8))
+    assert "4 of 7 picks good; failed: 2 at grasp, 1 at reach" in out
+    assert re.search(r"bolt_1: FREE: collision-free: at least [\d.]+ mm", out)
     assert {path.name for path in folder.iterdir()} == {"pick.html", "pick.json"}
 
 
+@pytest.mark.slow
 def test_the_motion_written_is_the_one_that_was_certified(demo) -> None:
     folder, _ = demo
     arm = pp.load_robot("ur5").arm("tool0")
@@ -57,42 +53,20 @@ def test_the_motion_written_is_the_one_that_was_certified(demo) -> None:
     assert min(np.linalg.norm(tip - [0.46, 0.15, 0.035]) for tip in tips) < 1e-6
 
 
-@pytest.mark.parametrize("told", ["html", "output"])
-def test_a_place_that_cannot_be_written_to_is_2(
-    told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["pinproof", "demo", f"--{told}", f"no/pick.{told}"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 2
-    err = capsys.readouterr().err
-    assert f"no/pick.{told}" in err
+@pytest.mark.parametrize("option", ["html", "output"])
+def test_an_output_in_a_missing_folder_is_a_usage_error(option: str, run: Run) -> None:
+    code, _, err = run("demo", f"--{option}", f"no/pick.{option}")
+    assert code == 2
+    assert f"no/pick.{option}" in err
     assert err.count("\n") == 1
 
 
 @pytest.mark.slow
-def test_the_page_is_written_to_the_stated_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys) -> None:
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("sys.argv", ["pinproof", "demo", "--html", "shown.html", "-o", "sent.json", "--seed", "3"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert not ended.value.code
-    assert "wrote shown.html and sent.json" in capsys.readouterr().out
-    assert {path.name for path in tmp_path.iterdir()} == {"shown.html", "sent.json"}
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
-    executable = find_browser()
-    if executable is None:
-        pytest.skip("no Chromium: none of chromium, chromium-browser, google-chrome is on PATH and CHROMIUM is not set")
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        started = Browser(executable, Path(profile))
-        try:
-            yield started
-        finally:
-            started.close()
+def test_page_and_motion_are_written_to_the_stated_files(run: Run) -> None:
+    code, out, _ = run("demo", "--html", "shown.html", "-o", "sent.json", "--seed", "3")
+    assert code == 0
+    assert "wrote shown.html and sent.json" in out
+    assert {path.name for path in Path().iterdir()} == {"shown.html", "sent.json"}
 
 
 def check_page(browser: Browser, path: Path, seconds: float) -> None:

@@ -1,4 +1,4 @@
-"""Every command's help holds one example, and each example runs as printed; so does its --json."""
+"""The help of every command has an example that runs as printed, also with --json."""
 
 from __future__ import annotations
 
@@ -13,63 +13,59 @@ import pytest
 
 from pinproof.cli.main import COMMANDS
 
-from ..processes import PATIENCE, RUN_CLI
+from ..pages import Run
+from ..processes import RUN_CLI
 
 ROBOTS = Path(__file__).parents[2] / "robots"
 
 BEFORE = {"certify": 'plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json'}
-"""What an example needs to have been run before it."""
+"""Commands that must run before an example."""
 
-HONEST_NO = {"pick": 1}
-"""Examples whose answer is a "no": some of the bolts cannot be picked."""
-
-
-def run(words: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-c", RUN_CLI, *shlex.split(words)],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=PATIENCE,
-    )
-
-
-def example(command: str) -> str:
-    lines = [line.strip() for line in (COMMANDS[command].__doc__ or "").splitlines()]
-    (found,) = [line for line in lines if line.startswith("Example: ")]
-    return found.removeprefix("Example: pinproof ")
+NEGATIVE = {"pick": 1}
+"""Exit codes of examples with a negative result: some of the bolts cannot be picked."""
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
-    """An empty folder of a user who has the robots beside it."""
-    shutil.copytree(ROBOTS, tmp_path / "robots")
-    return tmp_path
+def example(run: Run) -> Run:
+    """Run the example of a command in a folder with the robots: exit code, stdout, stderr."""
+    shutil.copytree(ROBOTS, "robots")
+
+    def call(command: str, *more: str) -> tuple[int, str, str]:
+        if command in BEFORE:
+            assert run(*shlex.split(BEFORE[command]))[0] == 0
+        lines = [line.strip() for line in (COMMANDS[command].__doc__ or "").splitlines()]
+        (found,) = [line for line in lines if line.startswith("Example: ")]
+        return run(*shlex.split(found.removeprefix("Example: pinproof ")), *more)
+
+    return call
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_the_example_of_a_command_runs(command: str, folder: Path) -> None:
-    if command in BEFORE:
-        assert run(BEFORE[command], folder).returncode == 0
-    done = run(example(command), folder)
-    assert done.returncode == HONEST_NO.get(command, 0), done.stdout + done.stderr
-    assert done.stdout.strip()
+def test_the_example_of_a_command_runs(command: str, example: Run) -> None:
+    code, out, err = example(command)
+    assert code == NEGATIVE.get(command, 0), out + err
+    assert out.strip()
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("command", sorted(COMMANDS))
-def test_json_is_all_that_stands_on_stdout(command: str, folder: Path) -> None:
-    if command in BEFORE:
-        assert run(BEFORE[command], folder).returncode == 0
-    done = run(example(command) + " --json", folder)
-    assert done.returncode == HONEST_NO.get(command, 0), done.stdout + done.stderr
-    assert isinstance(json.loads(done.stdout), dict)
+def test_stdout_is_one_json_document_with_json(command: str, example: Run, capfd: pytest.CaptureFixture[str]) -> None:
+    code, out, err = example(command, "--json")
+    assert code == NEGATIVE.get(command, 0), out + err
+    assert isinstance(json.loads(out), dict)
+    assert capfd.readouterr().out == ""  # of libraries that write to the file descriptor
+
+
+def test_the_help_of_a_command_shows_its_example(run: Run) -> None:
+    code, out, _ = run("fk", "--help")
+    assert code == 0
+    assert "Example:" in out
 
 
 @pytest.mark.slow
-def test_the_help_of_a_command_shows_its_example(folder: Path) -> None:
-    done = run("fk --help", folder)
-    assert done.returncode == 0
-    assert "Example:" in done.stdout
+def test_the_program_has_exit_code_and_output_of_the_command(run: Run) -> None:
+    done = subprocess.run([sys.executable, "-c", RUN_CLI, "fk", "ur5"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == run("fk", "ur5")
+    done = subprocess.run([sys.executable, "-c", RUN_CLI, "fk", "ur55"], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == run("fk", "ur55")

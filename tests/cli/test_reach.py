@@ -3,34 +3,25 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
 
-Run = Callable[..., tuple[int, str, str]]
+from ..pages import Run, run_main
+
 CELL = robots_folder() / "generic_6dof"
 REGION = ("--region", "0.2 0.6 -0.3 0.3 0.06 0.06", "--step", "0.2", "--spins", "2")
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def run(run: Run) -> Run:
     """Run a command line in this process, in an empty folder: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", "reach", "generic_6dof", *REGION, *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return partial(run, "reach", "generic_6dof", *REGION)
 
 
 def test_the_tool_of_a_picks_file_is_a_collision_body(run: Run) -> None:
@@ -69,9 +60,9 @@ def test_a_new_placement_is_compared_with_the_previous_one(run: Run) -> None:
     )
     checker = pp.CollisionChecker(arm, seen)
     after = pp.reach_map(checker, before.region, before.orientations, world_from_root=stands)
-    code, told, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "--json")
-    assert json.loads(told)["won"] == (after.free & ~before.free).sum()
-    assert json.loads(told)["lost"] == (before.free & ~after.free).sum()
+    code, data, _ = run(*scene, "--place", "-0.2 0 0 0.3", "--against", "here.npz", "--json")
+    assert json.loads(data)["won"] == (after.free & ~before.free).sum()
+    assert json.loads(data)["lost"] == (before.free & ~after.free).sum()
 
 
 def test_a_base_in_collision_is_reported(run: Run) -> None:
@@ -85,3 +76,45 @@ def test_a_malformed_placement_is_refused(run: Run) -> None:
     code, _, err = run("--place", "1 2")
     assert code == 2
     assert "--place" in err
+
+
+SIDEWAYS = """convention: standard
+rows:
+  - {name: j1, theta: 0, d: 0.3, a: 0, alpha: pi/2}
+  - {name: j2, theta: 0, d: 0, a: 0.4, alpha: 0}
+  - {name: j3, theta: 0, d: 0, a: 0.3, alpha: 0}
+"""
+"""An arm whose tool always points along a horizontal axis."""
+
+
+@pytest.fixture
+def any_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Run:
+    """Run ``pinproof reach`` for any robot, in a folder with the arm above."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "side.yaml").write_text(SIDEWAYS)
+    return lambda *words: run_main("reach", *words, *REGION)
+
+
+def test_orientations_that_the_arm_never_takes_are_reported(any_run: Run) -> None:
+    code, out, _ = any_run("side.yaml", "-o", "map.html")
+    assert code == 1
+    assert "takes none of the 2 orientations" in out
+    assert "--orientations all" in out
+    page = Path("map.html").read_text()
+    assert "NOT VALIDATED" not in page
+    assert '"verdict still" id="verdict">MAP<' in page
+    code, out, _ = any_run("side.yaml", "--json")
+    assert "takes none" in json.loads(out)["note"]
+
+
+def test_a_region_out_of_reach_is_no_matter_of_orientations(any_run: Run) -> None:
+    code, out, _ = any_run("ur5", "--place", "9 0 0")
+    assert code == 1
+    assert "takes none" not in out
+
+
+def test_straight_down_is_one_of_all_orientations(any_run: Run) -> None:
+    any_run("scara", "--orientations", "all", "-o", "map.npz")
+    axes = pp.ReachMap.load("map.npz").orientations[:, :, 2]
+    assert len(axes) == 12 * 2
+    assert (np.abs(axes - [0, 0, -1]).max(axis=1) < 1e-12).sum() == 2

@@ -3,38 +3,27 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-from pinproof.cli.main import main
 from pinproof.description import robots_folder
 
+from ..pages import Run
 from ..viewer.conftest import BASE, LINKS, UPPER, small_arm, swing
-
-Run = Callable[..., tuple[int, str, str]]
 
 
 @pytest.fixture
-def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Run:
+def run(run: Run) -> Run:
     """Run ``pinproof view`` in a folder with a robot, a scene and a motion: exit code, stdout, stderr."""
-    monkeypatch.chdir(tmp_path)
     upper = UPPER.format(kind="visual") + UPPER.format(kind="collision")
     Path("arm.urdf").write_text(LINKS.format(name="swing", base=BASE, upper=upper))
     Path("scene.yaml").write_text(
         "obstacles:\n  - {name: post, cylinder: {radius: 0.05, length: 1.0}, xyz: [0, 0.4, 0.5]}\n"
     )
     swing(small_arm(), 0.0, 0.8).save("motion.json")
-
-    def call(*words: str) -> tuple[int, str, str]:
-        monkeypatch.setattr("sys.argv", ["pinproof", "view", *words])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        out, err = capsys.readouterr()
-        return int(ended.value.code or 0), out, err
-
-    return call
+    return partial(run, "view")
 
 
 def settings(page: str) -> dict:
@@ -51,7 +40,7 @@ def test_a_configuration_in_a_scene_is_checked_and_its_contacts_marked(run: Run)
 
 
 def test_a_motion_is_certified_for_its_caption(run: Run) -> None:
-    code, _, _ = run("arm.urdf", "--motion", "motion.json", "--scene", "scene.yaml", "--html", "a.html")
+    code, _, _ = run("arm.urdf", "motion.json", "--scene", "scene.yaml", "--html", "a.html")
     assert code == 0
     assert '<p class="verdict free" id="verdict">FREE</p>' in Path("a.html").read_text(encoding="utf-8")
 
@@ -75,18 +64,18 @@ def test_a_dh_table_is_shown_with_its_branches_as_ghosts(run: Run) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "expected"),
     [
         (("--time", "1", "--html", "a.html"), "--time"),
-        (("--motion", "motion.json", "--q", "home", "--html", "a.html"), "--q"),
+        (("motion.json", "--q", "home", "--html", "a.html"), "--q"),
         (("--png", "a.png", "--size", "large"), "WIDTHxHEIGHT"),
         (("--png", "a.png", "--html", "a.png"), "a.png"),
     ],
 )
-def test_contradicting_options_are_refused(run: Run, words: tuple[str, ...], said: str) -> None:
+def test_contradicting_options_are_refused(run: Run, words: tuple[str, ...], expected: str) -> None:
     code, _, err = run("arm.urdf", *words)
     assert code == 2
-    assert said in err
+    assert expected in err
     assert not Path("a.html").exists()
 
 

@@ -98,10 +98,10 @@ def mesh_file(tmp_path_factory):
 
 
 class Oracle:
-    """The distances of a checker's pairs by other means.
+    """The distances of a checker's pairs, computed independently.
 
     Fresh coal objects (hulls as closed meshes from SciPy's Qhull, not as coal's convex shapes), placed by forward
-    kinematics of the whole robot. Being wholly inside a mesh is not seen: the oracle is never the stricter one.
+    kinematics of the complete robot. A body inside a mesh is not detected: the oracle is never the stricter one.
     """
 
     def __init__(self, checker: CollisionChecker) -> None:
@@ -122,9 +122,13 @@ class Oracle:
             local += [thing.pose for thing in things]
             frames += [frame] * len(things)
         self.shapes, self.local = shapes, local
+        for shape in shapes:
+            shape.computeLocalAABB()
+        self.radii = np.array([shape.aabb_radius for shape in shapes])
         self.frames = [None if f is None else self.model.getFrameId(f, pin.FrameType.BODY) for f in frames]
 
-    def distances(self, q):
+    def places(self, q):
+        """The poses of all shapes at q."""
         arm, model = self.arm, self.model
         values = dict(arm.held) | dict(zip(arm.joint_names, q, strict=True))
         for joint in arm.robot.urdf.joints.values():
@@ -138,17 +142,29 @@ class Oracle:
         for frame, local in zip(self.frames, self.local, strict=True):
             placed = local if frame is None else self.data.oMf[frame] * local
             places.append(coal.Transform3s(placed.rotation, placed.translation))
+        return places
+
+    def distance(self, places, i, j) -> float:
         request = coal.DistanceRequest()
         request.gjk_tolerance, request.gjk_max_iterations = 1e-9, 2000
-        return np.array(
-            [
-                coal.distance(self.shapes[i], places[i], self.shapes[j], places[j], request, coal.DistanceResult())
-                for i, j in self.pairs
-            ]
-        )
+        return coal.distance(self.shapes[i], places[i], self.shapes[j], places[j], request, coal.DistanceResult())
+
+    def distances(self, q):
+        places = self.places(q)
+        return np.array([self.distance(places, i, j) for i, j in self.pairs])
 
     def clearance(self, q) -> float:
-        return float(self.distances(q).min(initial=np.inf))
+        """The smallest distance. Pairs whose bounding spheres are farther apart than that are not measured."""
+        places = self.places(q)
+        centres = np.array([at.transform(shape.aabb_center) for at, shape in zip(places, self.shapes, strict=True)])
+        first, second = np.array(self.pairs, dtype=int).reshape(-1, 2).T
+        gaps = np.linalg.norm(centres[first] - centres[second], axis=1) - self.radii[first] - self.radii[second]
+        least = np.inf
+        for k in np.argsort(gaps):
+            if gaps[k] > least:
+                break
+            least = min(least, self.distance(places, first[k], second[k]))
+        return float(least)
 
 
 def _link_shape(geometry):
@@ -220,7 +236,7 @@ def path():
 
 @pytest.fixture(scope="session")
 def first_touch():
-    """The first parameter of a curve at which a checker sees contact."""
+    """The first parameter of a curve at which a checker reports contact."""
     return _first_touch
 
 

@@ -48,7 +48,7 @@ def test_it_is_the_same_as_one_that_was_made_so(cell, pairs) -> None:
     assert again.fingerprint() == direct.fingerprint()
 
 
-def test_names_that_stand_for_nothing_are_refused(cell) -> None:
+def test_names_without_a_body_are_refused(cell) -> None:
     with pytest.raises(UnknownNameError, match="screw"):
         pp.CollisionChecker(*cell).allowing(("screw", "table"))
 

@@ -14,7 +14,7 @@ from pinproof.errors import SceneError
 ROD = pp.Obstacle("rod", pp.Cylinder(radius=0.02, length=0.1), pp.pose((0.1, 0.2, 0.3), (0.4, 0.5, 0.6)))
 
 
-def test_what_is_saved_is_read_back(tmp_path: Path) -> None:
+def test_a_saved_file_is_read_back(tmp_path: Path) -> None:
     corners = np.vstack([np.zeros(3), np.eye(3)])
     block = pp.Obstacle("block", pp.Mesh.from_arrays(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
     given = pp.collision.Attachments(
@@ -49,7 +49,7 @@ def test_what_is_saved_is_read_back(tmp_path: Path) -> None:
         ("attached: []\ntip: {xyz: [0, 0]}", ("line 2", "key tip")),
     ],
 )
-def test_what_has_no_meaning_is_refused_with_its_place(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
+def test_meaningless_values_are_refused_with_their_location(tmp_path: Path, text: str, words: tuple[str, ...]) -> None:
     file = tmp_path / "tool.yaml"
     file.write_text(text)
     with pytest.raises(SceneError) as caught:

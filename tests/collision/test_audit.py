@@ -20,8 +20,9 @@ def swing(arm):
     return pp.JointPath([HOME, HOME + np.array([1.5, 0, 0, 0, 0, 0])], arm.joint_names)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("thickness", [5e-3, 0.1])
-def test_a_plate_across_the_way_is_seen(arm, thickness):
+def test_a_plate_across_the_path_is_detected(arm, thickness):
     half_way = arm.forward_kinematics(HOME + np.array([0.75, 0, 0, 0, 0, 0])).translation
     plate = pp.Obstacle("plate", pp.Box(0.4, thickness, 0.4), pp.pose(half_way, (0, 0, 0.75)))
     checker = pp.CollisionChecker(arm, pp.Scene([plate]), link_meshes="mesh")
@@ -45,7 +46,7 @@ def test_a_free_swing_is_clean_and_dense(arm):
     assert f"{seen.distance * 1e3:.1f} mm" in seen.message
 
 
-def test_a_start_inside_a_closed_box_mesh_is_seen(arm):
+def test_a_start_inside_a_closed_box_mesh_is_detected(arm):
     import trimesh
 
     hull = trimesh.creation.box((6, 6, 6))

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import (
@@ -37,6 +37,8 @@ from pinproof.collision.hulls import Solid
 from pinproof.collision.shapes import Shape
 from pinproof.collision.surfaces import Ground, cell_faces, ground_surface
 from pinproof.errors import MeshError
+
+from ..examples import examples
 
 BALL = 0.01
 """The radius of the ball that the slider carries."""
@@ -118,7 +120,7 @@ def corner_distance(point):
 
 
 def ground_prisms() -> list[trimesh.Trimesh]:
-    """The ground as the union of prisms under its triangles, each cell cut in the higher of the two ways."""
+    """The ground as the union of prisms under its triangles, each cell cut by the higher of the two diagonals."""
     ny, nx = GROUND.heights.shape
     x, y = np.linspace(-0.45, 0.45, nx), np.linspace(-0.3, 0.3, ny)
     prisms = []
@@ -164,6 +166,7 @@ SIZED = {
 ALL = {**SIZED, **{name: shape for name, (shape, _) in KINDS.items()}}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
     shape, distance = KINDS[kind]
@@ -174,13 +177,13 @@ def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
         checker = CollisionChecker(slider, Scene([Obstacle("thing", shape, at)]))
         for x in rng.uniform(-0.6, 0.6, 12):
             point = at.actInv(np.array([x, 0, 0]))
-            expected, said = distance(point) - BALL, checker.clearance([x])
+            expected, text = distance(point) - BALL, checker.clearance([x])
             if expected > GJK_SLACK:
-                assert said == pytest.approx(expected, abs=GJK_SLACK)
+                assert text == pytest.approx(expected, abs=GJK_SLACK)
                 assert checker.is_free([x])
                 outside += 1
             elif expected < -GJK_SLACK:
-                assert said <= 0
+                assert text <= 0
                 assert not checker.is_free([x])
                 inside += 1
             margin = max(expected, 0) + 1e-3
@@ -192,7 +195,7 @@ def test_distance_to_a_ball_is_what_it_is_by_other_means(slider, kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [*KINDS])
-def test_the_bounds_of_a_body_hold_it(kind):
+def test_the_bounds_of_a_body_contain_it(kind):
     """No point nearer than the box, nor farther out than the support function, is at distance 0."""
     shape, distance = KINDS[kind]
     body = shape_body("thing", "thing", None, shape, HERE)
@@ -208,7 +211,6 @@ def test_the_bounds_of_a_body_hold_it(kind):
 @given(
     st.tuples(*[st.floats(1e-3, 2)] * 3), st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda u: np.linalg.norm(u) > 0.1)
 )
-@settings(deadline=None)
 def test_supports_of_cones_and_ellipsoids_are_reached_and_never_passed(sizes, direction):
     u = np.array(direction) / np.linalg.norm(direction)
     angles = np.linspace(0, 2 * np.pi, 721)
@@ -250,7 +252,7 @@ def test_every_kind_survives_pickle(slider):
     assert [copy.clearance([x]) for x in (-1.0, 0.0, 0.7)] == [checker.clearance([x]) for x in (-1.0, 0.0, 0.7)]
 
 
-def test_the_fingerprint_sees_every_number():
+def test_the_fingerprint_depends_on_every_number():
     def content(shape):
         return shape_body("thing", "thing", None, shape, HERE).content()
 
@@ -308,7 +310,7 @@ def overlapping(turned: bool) -> trimesh.Trimesh:
 
 @pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("inverted", [False, True])
-def test_overlapping_parts_are_solid_whichever_way_they_turn(slider, turned, inverted):
+def test_overlapping_parts_are_solid_in_any_orientation(slider, turned, inverted):
     mesh = overlapping(turned)
     if inverted:
         mesh.invert()
@@ -320,8 +322,8 @@ def test_overlapping_parts_are_solid_whichever_way_they_turn(slider, turned, inv
     assert checker.is_free([0.37])
 
 
-def test_cavities_and_what_stands_in_them():
-    """A box in the cavity of a box is solid; the cavity about it is not, whichever way the whole file turns."""
+def test_bodies_inside_cavities():
+    """A box in the cavity of a box is solid; the cavity about it is not, in any orientation."""
     sides = (1.0, 0.8, 0.6, 0.4, 0.2)
     for flip in (False, True):
         boxes = [trimesh.creation.box((s, s, s)) for s in sides]
@@ -335,8 +337,9 @@ def test_cavities_and_what_stands_in_them():
         assert {x: solid.contains(np.array([[x, 0.001, 0.002]])) for x in wanted} == wanted
 
 
+@pytest.mark.slow
 @given(st.floats(-0.5, 0.5), st.floats(-0.4, 0.4), st.floats(-0.2, 0.3))
-@settings(deadline=None, max_examples=300)
+@examples(300)
 def test_the_ground_contains_what_its_closed_surface_winds_about(x, y, z):
     vertices, triangles = ground_surface(GROUND)
     surface = Solid(vertices, triangles)
@@ -346,7 +349,7 @@ def test_the_ground_contains_what_its_closed_surface_winds_about(x, y, z):
         assert Ground(GROUND).contains(point[None]) == surface.contains(point[None])
 
 
-def test_the_ground_covers_both_ways_of_cutting_its_cells():
+def test_the_ground_covers_both_triangulations_of_its_cells():
     heights = np.array([[0.0, 0.2], [0.2, 0.0]])
     ground = Ground(HeightMap(heights, 1, 1))
     assert ground.contains(np.array([[0.0, 0.0, 0.199]]))  # over the middle: between the two high corners
@@ -369,6 +372,7 @@ def test_a_mesh_of_arrays_that_is_open_is_refused():
         shape_bodies("a", None, Mesh.from_arrays(CORNER.vertices[:6], CORNER.faces[:4]), HERE)
 
 
+@pytest.mark.filterwarnings("ignore::pinproof.errors.UnitWarning")
 @pytest.mark.parametrize("size", [1e-6, 1e-4, 1.0, 1e3])
 def test_sizes_from_a_micrometre_to_a_kilometre(slider, size):
     """The gap to a ball is right at every size that is allowed, to the rounding of that size."""

@@ -1,4 +1,4 @@
-"""Certificates: FREE is proven, COLLIDING shows where, UNDECIDED says so; each unsound shortcut has its test."""
+"""Certificates: FREE is proven, COLLIDING has a first contact, UNDECIDED an interval; unsound shortcuts have tests."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def hollow_box(mesh_file, kind):
     return Scene([Obstacle("room", Mesh(mesh_file(trimesh.creation.box((2.4, 2.4, 2.4))), hull=False))])
 
 
-def test_inside_a_room_of_thin_walls_is_free_and_inside_a_solid_is_not(ur5, mesh_file, path):
+def test_a_body_inside_thin_walls_is_free_and_inside_a_solid_collides(ur5, mesh_file, path):
     move = path(ur5, ur5.home, ur5.home + np.array([0.5, 0.1, 0.1, 0, 0, 0]))
     assert certify(move, CollisionChecker(ur5, hollow_box(mesh_file, "walls"))).status is FREE
     certificate = certify(move, CollisionChecker(ur5, hollow_box(mesh_file, "solid")))
@@ -74,8 +74,8 @@ def test_a_graze_is_never_judged_wrongly(slider, gap, margin, path):
             certificate.or_raise()
 
 
-def test_a_contact_that_begins_exactly_at_a_knot_is_told(slider):
-    """The proof creeps up to the wall from the left; it must not stop there, undecided, without a look behind."""
+def test_a_contact_that_begins_exactly_at_a_knot_is_reported(slider):
+    """The intervals shrink at the wall from the left; the contact behind it must still be found."""
     wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.1 + 0.01 + 0.05, 0, 0)))])
     certificate = certify(JointPath([[0.0], [0.1], [0.3]], slider.joint_names), CollisionChecker(slider, wall))
     assert certificate.status is COLLIDING
@@ -92,7 +92,7 @@ def test_a_smaller_tolerance_decides_a_graze(slider, path):
     assert certify(move, checker, tolerance=1e-8).status is FREE
 
 
-def test_what_is_proven_at_the_tolerance_is_taken(slider, path):
+def test_a_result_proven_at_the_tolerance_is_accepted(slider, path):
     """Free by 1.5 tolerances: less than the share of the clearance that is aimed at, and proven all the same."""
     beside = Scene([Obstacle("wall", Box(2, 0.1, 0.1), pose((0, 0.06 + 1.5e-4, 0)))])
     certificate = certify(path(slider, [0.0], [0.3]), CollisionChecker(slider, beside))
@@ -103,7 +103,7 @@ def test_what_is_proven_at_the_tolerance_is_taken(slider, path):
 # -- curves ------------------------------------------------------------------------------------------------------------
 
 
-def test_a_whole_turn_whose_ends_are_equal_is_looked_at(planar_2r, path, first_touch):
+def test_a_full_rotation_with_equal_ends_is_checked(planar_2r, path, first_touch):
     peg = Scene([Obstacle("peg", Sphere(0.02), pose((-0.9, 0, 0.03)))])
     checker = CollisionChecker(planar_2r, peg)
     long_way = path(planar_2r, [0, 0], [2 * np.pi, 0])
@@ -126,7 +126,7 @@ def test_a_cubic_that_swings_out_and_returns_is_not_judged_by_its_ends(slider, f
     assert certify(swing, far).clearance <= 0.035
 
 
-def test_a_cubic_that_swings_both_ways_is_not_judged_by_its_ends_and_middle(slider, first_touch):
+def test_a_cubic_is_not_judged_by_its_ends_and_middle_only(slider, first_touch):
     """Ends and middle are the same configuration; between them the slide goes 0.19 m out on either side."""
     swing = CubicPath(np.zeros((2, 1)), [[2.0], [2.0]], [0.0, 1.0], slider.joint_names)
     assert swing(0.0) == swing(0.5) == swing(1.0) == 0.0
@@ -138,7 +138,7 @@ def test_a_cubic_that_swings_both_ways_is_not_judged_by_its_ends_and_middle(slid
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_a_path_of_no_length_is_judged_where_it_stands(slider, count, path):
+def test_a_path_of_length_zero_is_checked_at_its_configuration(slider, count, path):
     wall = Scene([Obstacle("wall", Box(0.1, 1, 1), pose((0.3, 0, 0)))])
     checker = CollisionChecker(slider, wall)
     free = certify(path(slider, *[[0.0]] * count), checker)
@@ -161,7 +161,7 @@ def test_a_start_and_an_end_in_contact_are_shown(slider, path):
 
 
 def test_the_first_contact_is_the_first(ur5, path, first_touch, assert_free_until):
-    """Two pegs in the way; also on the same motion as a timed trajectory, whose parameter is seconds."""
+    """Two pegs on the path; also on the same motion as a timed trajectory, whose parameter is seconds."""
     pan, start = np.eye(6)[0], ur5.home
     end = start + 1.6 * pan
     on_the_way = [ur5.forward_kinematics(start + angle * pan) for angle in (1.2, 0.7)]
@@ -221,7 +221,7 @@ def test_the_arm_against_itself(ur5, path, first_touch):
 
 
 def test_a_mimic_follower_sweeps(arm_from_links, path):
-    """The follower turns three times as far as its leader, past a peg that no sample at the ends sees."""
+    """The follower turns three times as far as its leader, past a peg that samples at the ends miss."""
     bar = '<box size="0.02 0.02 0.3"/>@0 0 0.15'
     robot = arm_from_links(
         {"root": "", "a": '<sphere radius="0.01"/>', "b": bar, "tip": ""},
@@ -240,8 +240,8 @@ def test_a_mimic_follower_sweeps(arm_from_links, path):
     assert certify(path(arm, [0.0], [0.5]), checker).status is FREE
 
 
-def test_a_held_body_that_does_not_move_is_judged_too(arm_from_links, path):
-    """A second branch, outside the arm, stands in an obstacle: no joint of the arm moves it."""
+def test_a_held_body_that_does_not_move_is_checked(arm_from_links, path):
+    """A second branch, outside the arm, is in an obstacle: no joint of the arm moves it."""
     ball = '<sphere radius="0.05"/>'
     robot = arm_from_links(
         {"root": "", "arm": ball, "tip": "", "other": ball},
@@ -278,7 +278,7 @@ def test_a_contact_outweighs_a_pair_that_stays_undecided(arm_from_links, path):
 # -- the certificate ---------------------------------------------------------------------------------------------------
 
 
-def test_a_spent_budget_is_undecided_and_says_so(ur5, path):
+def test_a_spent_budget_is_undecided_and_reported(ur5, path):
     certificate = certify(path(ur5, ur5.home, ur5.home + 0.5), CollisionChecker(ur5), max_intervals=1)
     assert certificate.status is UNDECIDED
     assert "max_intervals" in certificate.message
@@ -304,7 +304,7 @@ def test_nothing_to_check_is_free_at_any_distance(slider, path):
     assert certificate.pairs == 0
 
 
-def test_what_was_left_out_is_listed(panda, path):
+def test_excluded_pairs_are_listed_with_the_reason(panda, path):
     scene = Scene([Obstacle("table", Box(1, 1, 0.1), pose((0, 0, -0.05)))], allowed=[("panda_link0", "table")])
     certificate = certify(path(panda, panda.home, panda.home), CollisionChecker(panda, scene, margin=0.001))
     listed = {frozenset(pair.owners): pair.reason for pair in certificate.excluded}
@@ -353,7 +353,7 @@ def test_other_joints_and_settings_that_make_no_sense_are_refused(ur5, slider, p
             certify(path(ur5, ur5.home), checker, **setting)
 
 
-def test_what_overflows_is_not_proven_by_the_pair_after_it(arm_from_links, path):
+def test_an_overflowing_pair_is_not_proven_by_the_next_pair(arm_from_links, path):
     # Three of the four pairs get NaN for a bound, the last one a number; bodies of the first pair touch on the way.
     cube = '<box size="0.2 0.2 0.2"/>'
     arm = arm_from_links(

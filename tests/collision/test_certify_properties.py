@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import (
@@ -24,6 +24,8 @@ from pinproof import (
     pose,
 )
 from pinproof.motion import CubicPath
+
+from ..examples import examples
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +62,7 @@ def random_curve(rng, arm, checker):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "xarm7", "stanford"])
-@settings(max_examples=16, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(16)
 @given(seed=st.integers(0, 2**32 - 1), margin=st.sampled_from([0.0, 0.002, 0.01]))
 def test_no_verdict_is_wrong(oracle, torus, name, seed, margin):
     arm, rng = load_robot(name).arm(), np.random.default_rng(seed)

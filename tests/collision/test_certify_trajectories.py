@@ -46,7 +46,7 @@ def test_a_file_has_the_certificate_of_what_was_saved(slider, tmp_path, ending, 
     assert not before.matches(other, slider, checker.scene)
 
 
-def test_an_undecided_span_tells_how_far_apart_its_bodies_are_though_the_proof_gave_the_pair_up_unmeasured():
+def test_an_undecided_interval_reports_the_distance_of_its_bodies():
     """A rod swings 0.2 mm above a plate, and the proof may not cut finely enough."""
     arm = pp.load_robot("ur5").arm(tcp="tool0")
     rod = pp.Obstacle("rod", pp.Cylinder(radius=0.004, length=0.2), pp.pose((0, 0, 0.1)))

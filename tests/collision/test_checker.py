@@ -137,7 +137,7 @@ def test_threads_get_equal_answers(ur5):
         assert list(pool.map(checker.clearance, many)) == alone
 
 
-def test_an_answer_does_not_depend_on_what_was_asked_before(ur5):
+def test_a_result_does_not_depend_on_earlier_queries(ur5):
     """Pinocchio's own requests start GJK where the last query ended; answers moved by up to 7e-7 m then."""
     many = random_q(ur5, 150)
     first, second = CollisionChecker(ur5), CollisionChecker(ur5)
@@ -201,7 +201,7 @@ def test_pairs_disabled_without_a_reason_are_checked_unless_trusted(ur5):
     assert pair in found
 
 
-def test_a_matrix_of_a_scene_is_trusted_only_when_told(ur5):
+def test_an_allowed_collision_matrix_is_used_only_on_request(ur5):
     pair = ("base_link", "wrist_3_link")
     scene = Scene(disabled=[pair])
     assert frozenset(pair) in checked(CollisionChecker(ur5, scene))
@@ -262,7 +262,7 @@ def test_adjacency_does_not_reach_along_a_link_without_geometry_that_has_length(
 
 
 @pytest.mark.parametrize("kinds", [("prismatic", "revolute"), ("revolute", "prismatic")])
-def test_adjacency_does_not_reach_across_an_empty_link_that_a_joint_slides(arm_from_links, kinds):
+def test_links_on_both_sides_of_an_empty_prismatic_link_are_not_adjacent(arm_from_links, kinds):
     robot = arm_from_links(
         {"rail": '<sphere radius="0.05"/>@1.3 0 0', "empty": "", "bar": '<box size="0.5 0.02 0.02"/>', "tip": ""},
         [
@@ -305,7 +305,7 @@ def test_an_attached_object_collides_and_is_listed(ur5):
     assert reasons(allowing)[frozenset(("gripper", "part"))] == "allowed by the caller"
 
 
-def test_held_joints_stay_where_told_and_matter():
+def test_held_joints_keep_their_values_and_change_the_kinematics():
     robot = load_robot("panda")
     fingers = {"panda_finger_joint1": 0.04}
     if robot.urdf.joints["panda_finger_joint2"].mimic is None:

@@ -1,4 +1,4 @@
-"""Why height maps and point clouds are triangles here: what coal makes of its own height fields and octrees."""
+"""Why height maps and point clouds are triangles here: defects of coal's height fields and octrees."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The traps of coal and Pinocchio that this room steps over: each is shown there, then the right answer here."""
+"""Traps of coal and Pinocchio: each is shown in the library, then the correct result of this package."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def overlap(a, at_a, b, at_b) -> bool:
     return bool(coal.collide(a, places[0], b, places[1], coal.CollisionRequest(), coal.CollisionResult()))
 
 
-def test_build_convex_representation_is_no_hull_but_ours_is(mesh_file):
+def test_build_convex_representation_is_not_a_hull_but_ours_is(mesh_file):
     """A torus as an STL has it, each triangle with its own corners; its hull fills the hole."""
     torus = trimesh.creation.torus(0.2, 0.05)
     torus.unmerge_vertices()
@@ -57,7 +57,7 @@ def test_a_ball_wholly_inside_a_closed_mesh_touches_it(slider, mesh_file, hull):
     assert checker.clearance([0.3]) == pytest.approx(0.09, abs=1e-6)
 
 
-def test_a_mesh_wholly_inside_a_body_and_the_other_way_round(slider, mesh_file):
+def test_a_mesh_inside_a_body_and_a_body_inside_a_mesh_collide(slider, mesh_file):
     small = Mesh(mesh_file(trimesh.creation.box((0.02, 0.02, 0.02))), hull=False)
     big = Mesh(mesh_file(trimesh.creation.icosphere(radius=0.3)), hull=False)
     for tool, thing in ((small, big), (big, small)):
@@ -115,6 +115,7 @@ def test_a_hull_of_nothing_is_refused(mesh_file, name):
         shape_bodies("flat", None, Mesh(path), pin.SE3.Identity())
 
 
+@pytest.mark.slow
 def test_coal_crashes_on_the_hull_of_a_flat_mesh():
     program = (
         "import coal, numpy as np\n"
@@ -177,7 +178,7 @@ def test_the_margin_is_honoured_on_both_sides(slider, mesh_file, margin, obstacl
         assert checker.clearance([outside]) > margin
 
 
-def test_gjk_is_as_near_as_its_slack_says():
+def test_gjk_distances_are_within_the_slack():
     """A cylinder against triangles: the distance of a point to a cylinder is known, and convex over the triangle."""
     rng = np.random.default_rng(3)
     request = coal.DistanceRequest()
@@ -258,4 +259,4 @@ def test_a_mesh_on_which_qhull_gives_up_is_refused_by_name():
         except MeshError as error:
             refused.append(str(error))
     assert refused
-    assert all("hull=False" in said for said in refused)
+    assert all("hull=False" in expected for expected in refused)

@@ -1,4 +1,4 @@
-"""Mesh obstacles in their own shape: a bin is open, whatever its mesh; the pieces hold all of it and hardly more."""
+"""Mesh obstacles as convex pieces: a bin stays open, and the pieces contain the mesh with little excess."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull as Hull
 
@@ -17,6 +17,8 @@ from pinproof.collision.bodies import MOST_EXCESS, shape_bodies
 from pinproof.collision.convex_pieces import convex_pieces
 from pinproof.collision.hulls import Solid
 from pinproof.verifier import verify
+
+from ..examples import examples
 
 HERE = pose()
 ROUNDING = 1e-9
@@ -103,8 +105,9 @@ def held(points, parts):
     return inside
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
-def test_the_pieces_hold_every_point_and_reach_no_farther_than_stated(name):
+def test_the_pieces_contain_every_point_within_the_stated_excess(name):
     mesh = SHAPES[name]
     assert mesh.is_watertight
     bodies = shape_bodies(name, None, mesh_of(mesh), HERE)
@@ -153,8 +156,9 @@ def polycube(seed):
     return Solid(np.array(vertices) @ turn.T, np.array(faces)), np.concatenate(points) @ turn.T
 
 
+@pytest.mark.slow
 @given(st.integers(0, 10_000), st.sampled_from([4, 12, 64]))
-@settings(deadline=None, max_examples=40)
+@examples(15)
 def test_random_blocks_are_held_however_few_the_pieces(seed, most):
     solid, points = polycube(seed)
     assume(solid is not None and solid.watertight)
@@ -180,6 +184,7 @@ def test_a_ball_inside_an_open_bin_does_not_touch_it(slider, tmp_path):
     assert not filled.is_free([0.0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*SHAPES, "bowl"])
 def test_nothing_that_touches_the_triangles_is_called_free(slider, name):
     mesh = bowl() if name == "bowl" else SHAPES[name]
@@ -199,7 +204,7 @@ def test_nothing_that_touches_the_triangles_is_called_free(slider, name):
     assert seen == {True, False}
 
 
-def test_what_no_few_pieces_fit_is_used_as_its_triangles_and_the_certificate_says_so(slider, path, mesh_file):
+def test_a_mesh_without_few_convex_pieces_is_used_as_triangles_with_a_note(slider, path, mesh_file):
     checker = CollisionChecker(slider, Scene([Obstacle("bowl", Mesh(mesh_file(bowl())), pose((0, 0, 0.05)))]))
     (body,) = [body for body in checker.bodies if body.owner == "bowl"]
     assert body.support is None
@@ -235,7 +240,7 @@ def test_a_convex_mesh_is_one_body_without_a_note(slider, path):
 
 
 def test_an_attached_mesh_follows_the_same_rule(slider):
-    """A bin that is carried around a post that stands in it."""
+    """A bin that is carried around a post inside it."""
     post = Scene([Obstacle("post", Box(0.02, 0.02, 0.1), pose((0.1, 0, -0.7)))])
     for hull, free in ((None, True), (False, True), (True, False)):
         carried = Obstacle("bin", mesh_of(STRAIGHT, hull=hull), pose((0, 0, -0.7)))
@@ -260,13 +265,13 @@ def test_a_proof_beside_a_bin_can_be_saved_and_verified(slider, path, tmp_path):
     assert verify(json.loads((tmp_path / "proof.json").read_text())).ok
 
 
-def test_a_scene_file_keeps_what_was_said_about_a_mesh(tmp_path):
+def test_a_scene_file_keeps_the_settings_of_a_mesh(tmp_path):
     STRAIGHT.export(tmp_path / "bin.stl")
-    said = {"own": {}, "hull": {"hull": True}, "exact": {"hull": False}, "bare": {"hollow": True}}
-    scene = Scene([Obstacle(name, Mesh(tmp_path / "bin.stl", **how)) for name, how in said.items()])
+    expected = {"own": {}, "hull": {"hull": True}, "exact": {"hull": False}, "bare": {"hollow": True}}
+    scene = Scene([Obstacle(name, Mesh(tmp_path / "bin.stl", **how)) for name, how in expected.items()])
     scene.save(tmp_path / "scene.yaml")
     again = Scene.load(tmp_path / "scene.yaml")
-    assert [(again[n].shape.hull, again[n].shape.hollow) for n in said] == [
+    assert [(again[n].shape.hull, again[n].shape.hollow) for n in expected] == [
         (None, False), (True, False), (False, False), (False, True),
     ]  # fmt: skip
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull as Hull
 
@@ -15,6 +15,8 @@ from pinproof.collision.decomposition import PIECES, clusters
 from pinproof.collision.hulls import Solid
 from pinproof.description.meshes import read_mesh
 from pinproof.spatial import pose as placed
+
+from ..examples import examples
 
 ROUNDING = 1e-9
 
@@ -59,8 +61,9 @@ SHAPES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SHAPES)
-def test_every_point_of_surface_and_inside_is_held(name):
+def test_every_point_of_surface_and_inside_is_contained(name):
     mesh = SHAPES[name]()
     assert mesh.is_watertight
     parts = cover(mesh)
@@ -72,22 +75,23 @@ def test_every_point_of_surface_and_inside_is_held(name):
     assert len(parts) <= PIECES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "most"), [("ring", 1.2), ("tray", 1.4), ("two balls", 1.05)])
-def test_what_is_not_convex_is_covered_closely(name, most):
+def test_a_concave_mesh_is_covered_closely(name, most):
     mesh = SHAPES[name]()
     volume = sum(Hull(part).volume for part in cover(mesh))
     assert mesh.volume * (1 - 1e-9) <= volume <= most * mesh.volume
     assert mesh.convex_hull.volume > 1.5 * mesh.volume
 
 
-def test_what_is_convex_stays_one():
+def test_a_convex_mesh_remains_one_body():
     assert len(cover(SHAPES["box"]())) == 1
 
 
 @pytest.mark.slow
 @given(st.integers(0, 10_000), st.integers(1, 8))
-@settings(deadline=None, max_examples=25)
-def test_any_bunch_of_triangles_is_held(seed, pieces):
+@examples(25)
+def test_random_triangles_are_inside_their_decomposition(seed, pieces):
     """Triangles that enclose nothing, thin and flat ones among them, large ones across many cells."""
     rng = np.random.default_rng(seed)
     corners = rng.normal(size=(12, 1, 3)) + rng.normal(size=(12, 3, 3)) * rng.choice([0.01, 0.5, 3.0], (12, 1, 1))
@@ -117,14 +121,14 @@ def test_a_decomposed_robot_touches_whatever_its_meshes_touch():
     kinds = {how: CollisionChecker(arm, scene, link_meshes=dict.fromkeys(bent, how)) for how in hows}
     touched = dict.fromkeys(kinds, 0)
     for q in np.random.default_rng(4).uniform(*arm.limits.sampling_range(), (150, 6)):
-        said = {how: {frozenset(c.bodies) for c in checker.check(q).contacts} for how, checker in kinds.items()}
-        assert said["mesh"] <= said["decomposed"] <= said["hull"]
-        for how, contacts in said.items():
+        expected = {how: {frozenset(c.bodies) for c in checker.check(q).contacts} for how, checker in kinds.items()}
+        assert expected["mesh"] <= expected["decomposed"] <= expected["hull"]
+        for how, contacts in expected.items():
             touched[how] += len(contacts)
     assert touched["mesh"] <= touched["decomposed"] < touched["hull"]
 
 
-def test_what_lies_wholly_in_a_decomposed_link_touches_it():
+def test_a_body_inside_a_decomposed_link_collides():
     arm = load_robot("ur5").arm()
     geometry = next(g for g in arm.robot.urdf.collisions if g.link == "forearm_link")
     mesh = read_mesh(geometry.mesh.path, geometry.size)

@@ -40,7 +40,7 @@ def same(one, other, arm):
     assert one.excluded == other.excluded
 
 
-def test_a_derived_checker_is_the_one_made_anew(ur5):
+def test_a_derived_checker_equals_a_new_one(ur5):
     checker = CollisionChecker(ur5, Scene([BALL, TABLE]))
     same(checker.with_margin(0.01), CollisionChecker(ur5, checker.scene, margin=0.01), ur5)
     same(checker.with_scene(Scene([TABLE])), CollisionChecker(ur5, Scene([TABLE])), ur5)
@@ -52,7 +52,7 @@ def test_a_derived_checker_is_the_one_made_anew(ur5):
     same(pickle.loads(pickle.dumps(checker)).with_attached(TOOL), checker.with_attached(TOOL), ur5)
 
 
-def test_deriving_leaves_the_checker_as_it_was(ur5):
+def test_deriving_does_not_change_the_checker(ur5):
     checker, fresh = CollisionChecker(ur5, Scene([BALL])), CollisionChecker(ur5, Scene([BALL]))
     checker.is_free(np.zeros(6))
     derived = [checker.with_margin(0.1), checker.with_scene(Scene()), checker.with_attached(TOOL)]
@@ -114,7 +114,7 @@ def test_a_batch_is_its_configurations(ur5, mesh_file, threads):
 
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), -float("inf")])
-def test_what_is_no_number_is_never_free(ur5, bad):
+def test_nan_is_never_free(ur5, bad):
     checker = CollisionChecker(ur5)
     q = np.zeros(6)
     q[3] = bad
@@ -139,8 +139,8 @@ def test_bodies_are_placed_where_pinocchio_places_them(name):
             np.testing.assert_allclose(at[:3, 3], placed.oMg[i].translation, atol=1e-9 * size, err_msg=body.name)
 
 
-def test_no_answer_depends_on_what_was_asked_before(ur5):
-    """Pairs that touched lately are asked first; whether there is a contact must not change with that."""
+def test_no_result_depends_on_earlier_queries(ur5):
+    """Pairs that touched recently are tested first; the result must not depend on that."""
     checker, many = CollisionChecker(ur5, Scene([BALL, TABLE])), random_q(ur5, 300)
     fresh = [CollisionChecker.is_free(checker.with_margin(0.0), q) for q in many]
     assert 20 < sum(fresh) < 280

@@ -37,7 +37,7 @@ def owners(checker):
     return [contact.bodies for contact in checker.check([0.0]).contacts]
 
 
-def test_what_only_the_hull_touches_is_judged_by_several_hulls(ring):
+def test_contacts_of_the_hull_only_are_checked_by_several_hulls(ring):
     coarse = CollisionChecker(ring, Scene([rod(0.05), BALL]), margin=0.01)
     assert owners(coarse) == [("ring", "rod")]
     fine = coarse.finer_at([0.0])
@@ -51,7 +51,7 @@ def test_what_only_the_hull_touches_is_judged_by_several_hulls(ring):
     assert coarse.finer == ()
 
 
-def test_what_several_hulls_touch_too_is_judged_by_the_mesh(ring):
+def test_contacts_of_several_hulls_are_checked_by_the_mesh(ring):
     widest = HOLE * np.sqrt(2) * 0.985  # the ring has flat sides
     coarse = CollisionChecker(ring, Scene([rod(widest)]))
     fine = coarse.finer_at([0.0])
@@ -110,7 +110,7 @@ def test_whatever_is_derived_keeps_it(ring):
     assert fine.fingerprint() != coarse.fingerprint()
 
 
-def test_the_certificate_names_the_owners_and_says_what_was_judged_how(ring, path):
+def test_the_certificate_names_owners_and_their_geometry(ring, path):
     coarse = CollisionChecker(ring, Scene([rod(0.05), BALL]))
     fine = coarse.finer_at([0.0])
     free = certify(path(ring, [-0.5], [0.5]), fine)
@@ -122,7 +122,7 @@ def test_the_certificate_names_the_owners_and_says_what_was_judged_how(ring, pat
 
 
 @pytest.mark.parametrize("side", [0.05, HOLE * np.sqrt(2) * 0.985])
-def test_free_by_closer_bodies_is_free_under_a_dense_look_at_the_meshes(ring, path, side):
+def test_free_with_finer_bodies_is_free_in_dense_samples_of_the_meshes(ring, path, side):
     """Several hulls, and the exact mesh that coal judges."""
     fine = CollisionChecker(ring, Scene([rod(side)])).finer_at([0.0])
     curve = path(ring, [-0.2], [0.2])
@@ -135,6 +135,7 @@ def test_free_by_closer_bodies_is_free_under_a_dense_look_at_the_meshes(ring, pa
     assert verdict.first_contact.bodies == ("ring", "rod")
 
 
+@pytest.mark.slow
 def test_random_edges_of_an_arm_that_starts_within_its_hulls(ur5, path):
     """Balls near a UR5's forearm and upper arm: free by closer bodies, and then so by exact meshes, densely."""
     rng, proven = np.random.default_rng(0), 0

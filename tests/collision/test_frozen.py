@@ -8,10 +8,22 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinproof import Box, CollisionChecker, JointPath, Mesh, Obstacle, Scene, Sphere, certify, pose
+from pinproof import (
+    Box,
+    CollisionChecker,
+    InputError,
+    JointPath,
+    Mesh,
+    Obstacle,
+    Scene,
+    Sphere,
+    certify,
+    load_robot,
+    pose,
+)
 
 
-def test_what_a_checker_was_made_of_cannot_be_changed_behind_it(panda):
+def test_the_inputs_of_a_checker_cannot_be_changed_afterwards(panda):
     post = Obstacle("post", Box(0.1, 0.1, 0.1), pose((1.0, 0.0, 1.5)))
     tool = Obstacle("tool", Sphere(0.01), pose((0.0, 0.0, 0.12)))
     scene = Scene([post])
@@ -32,7 +44,10 @@ def test_what_a_checker_was_made_of_cannot_be_changed_behind_it(panda):
     for array in (checker.margins, checker.bodies[0].box, checker.bodies[0].support.points, panda.scale, panda.offset):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
-    for name in ("arm", "scene", "attached", "margin"):
+    for array in (checker.convex, checker.still_pairs):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0
+    for name in ("arm", "scene", "attached", "margin", "bodies", "pairs", "margins", "world", "rounding", "excluded"):
         with pytest.raises(AttributeError):
             setattr(checker, name, None)
     for listed in (checker.pairs, checker.excluded, checker.finer, checker.bodies):
@@ -54,6 +69,58 @@ def test_the_held_joints_of_an_arm_cannot_be_changed_in_place(panda):
     assert again.held == before
     with pytest.raises(TypeError, match="with_held"):
         again.held["panda_finger_joint1"] = 0.04
+
+
+@pytest.mark.parametrize("robot_name", ["panda", "ur5", "pr2_left"])
+def test_the_pinocchio_models_of_an_arm_and_its_robot_are_copies(robot_name):
+    arm = load_robot(robot_name).arm()
+    scene = Scene([Obstacle("post", Box(0.1, 0.1, 1.0), pose((0.0, 0.0, 4.0)))])
+    checker = CollisionChecker(arm, scene, link_meshes="mesh")
+    move = JointPath(np.array([arm.home, arm.home + 0.01]), arm.joint_names)
+    before, at_home = certify(move, checker), arm.forward_kinematics(arm.home)
+    for model in (arm.model, arm.robot.model):
+        for joint in range(1, model.njoints):
+            model.jointPlacements[joint].translation += 0.3
+        model.frames[model.nframes - 1].placement = pose((0.0, 0.0, 9.0))
+    geometry = checker.geometry_model
+    for body in geometry.geometryObjects:
+        body.placement = pose((0.0, 0.0, 9.0))
+    geometry.removeAllCollisionPairs()
+    assert arm.forward_kinematics(arm.home) == at_home
+    assert arm.robot.arm(arm.tcp, base=arm.base).forward_kinematics(arm.home) == at_home
+    for again in (checker, CollisionChecker(arm, scene, link_meshes="mesh")):
+        after = certify(move, again)
+        assert (after.status, after.clearance, after.pairs) == (before.status, before.clearance, before.pairs)
+        assert again.clearance(arm.home) == checker.clearance(arm.home)
+        assert after.matches(move, arm, scene)
+
+
+def test_an_arm_and_its_robot_are_read_only(panda):
+    for name in ("robot", "base", "tcp", "joint_names", "limits", "held", "scale", "offset", "root_from_base", "model"):
+        with pytest.raises(AttributeError):
+            setattr(panda, name, None)
+    for mapping in (panda.robot.home, panda.robot.urdf.joints, panda.robot.srdf.groups):
+        with pytest.raises(TypeError, match="read-only"):
+            mapping.clear()
+    again = pickle.loads(pickle.dumps(panda))
+    assert again.robot.home == panda.robot.home
+    assert again.forward_kinematics(panda.home) == panda.forward_kinematics(panda.home)
+    narrow = panda.with_limits(panda.limits)
+    with pytest.raises(AttributeError, match="with_limits"):
+        narrow.limits = panda.limits
+
+
+def test_certify_refuses_a_checker_whose_mesh_was_modified(panda):
+    move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
+    checker = CollisionChecker(panda, link_meshes="mesh")
+    assert certify(move, checker).free
+    mesh = next(body for body in checker.bodies if body.solid is not None)
+    mesh.geometry.vertices()[0] += 1.0
+    try:
+        with pytest.raises(InputError, match=mesh.name):
+            certify(move, checker)
+    finally:
+        mesh.geometry.vertices()[0] -= 1.0  # bodies of mesh files are shared by all checkers of the process
 
 
 def test_a_pose_given_to_an_obstacle_is_copied():
@@ -99,3 +166,12 @@ def test_a_mesh_file_changed_later_matches_no_certificate(panda, tmp_path):
     again = certify(move, CollisionChecker(panda, scene))
     assert again.status.name == "COLLIDING"
     assert again.matches(move, panda, scene)
+
+
+def test_a_certificate_does_not_match_a_scene_that_disables_other_pairs(panda):
+    move = JointPath(np.array([panda.home, panda.home + 0.05]), panda.joint_names)
+    post = Obstacle("post", Box(0.1, 0.1, 1.0), pose((0.3, 0.0, 2.5)))
+    scene = Scene([post], disabled=[("panda_link0", "panda_link5")])
+    certificate = certify(move, CollisionChecker(panda, scene, trust_disabled=True))
+    assert certificate.matches(move, panda, scene)
+    assert not certificate.matches(move, panda, Scene([post]))

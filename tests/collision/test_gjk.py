@@ -6,10 +6,12 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pinproof import _core
+
+from ..examples import examples
 
 SIGNS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 numbers = st.floats(-2.0, 2.0, allow_subnormal=False)
@@ -43,7 +45,7 @@ BALL, POINT = ([[0, 0, 0]], 0.0, 0.3, 0.0), ([[0, 0, 0]], 0.0, 0.0, 0.0)
 CYLINDER, ELLIPSOID = ([[0, 0, -0.5], [0, 0, 0.5]], 0.2, 0.0, 0.0), ([[0, 0, 0]], 0.0, 0.0, (0.1, 0.2, 0.3))
 
 
-@settings(deadline=None, max_examples=200)
+@examples(200)
 @given(at=st.tuples(numbers, numbers, numbers), start=st.tuples(numbers, numbers, numbers))
 @example(at=(0.0, 2.0, 6e-8), start=(0.0, 0.0, 0.0))
 def test_distance_of_axis_aligned_boxes_is_exact_from_any_start(at, start):
@@ -61,7 +63,7 @@ def test_distance_of_axis_aligned_boxes_is_exact_from_any_start(at, start):
         assert upper == 0.0
 
 
-@settings(deadline=None, max_examples=200)
+@examples(200)
 @given(at=st.tuples(numbers, numbers, numbers))
 def test_distance_of_curved_bodies_to_a_point_is_exact(at):
     x, y, z = at
@@ -75,7 +77,7 @@ def test_distance_of_curved_bodies_to_a_point_is_exact(at):
             assert upper - lower <= 1e-7
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(data=st.data())
 def test_support_gap_and_witness_points_equal_the_bounds(data):
     shapes = data.draw(st.lists(st.sampled_from([box(0.2, 0.3, 0.4), CYLINDER, ELLIPSOID]), min_size=2, max_size=2))

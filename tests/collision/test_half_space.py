@@ -43,7 +43,7 @@ def test_a_ball_before_a_wall_without_end(slider, path, margin, others):
 
 
 @pytest.mark.parametrize("depth", [0.3, 1000.0])
-def test_what_is_wholly_behind_the_plane_is_in_contact(slider, path, depth):
+def test_a_body_behind_the_plane_is_in_contact(slider, path, depth):
     certificate = certify(path(slider, [0.5 + depth], [0.5 + 2 * depth]), CollisionChecker(slider, Scene([WALL])))
     assert certificate.status is COLLIDING
     assert certificate.first_contact.time == 0.0
@@ -51,7 +51,7 @@ def test_what_is_wholly_behind_the_plane_is_in_contact(slider, path, depth):
 
 
 @pytest.mark.parametrize("angle", [0.3, 1.2, 2.9])
-def test_a_leaning_wall_is_met_where_it_stands(slider, path, angle):
+def test_contact_with_a_tilted_wall_is_found_at_its_surface(slider, path, angle):
     """Its plane passes through x = 0.5, leaning by an angle from the floor's."""
     normal = np.array([-np.sin(angle), 0, np.cos(angle)])
     leaning = Obstacle("wall", HalfSpace(), pose((0.5, 0, 0), (0, -angle, 0)))
@@ -64,7 +64,7 @@ def test_a_leaning_wall_is_met_where_it_stands(slider, path, angle):
 
 @pytest.mark.parametrize("exact", [True, False])
 def test_a_tool_that_coal_must_judge_sweeps_over_a_floor(ur5, mesh_file, path, exact):
-    """The arm swings a bar towards the floor; a hull and a mesh, which has no support function, are told alike."""
+    """The arm swings a bar towards the floor; a hull and a mesh, which has no support function, have equal results."""
     bar = mesh_file(trimesh.creation.box((0.03, 0.03, 0.3)))
     tool = Obstacle("bar", Mesh(bar, hull=not exact), pose((0, 0, 0.16)))
     floor = Scene([Obstacle("floor", HalfSpace())], allowed=[("base_link", "floor")])
@@ -81,7 +81,7 @@ def test_a_tool_that_coal_must_judge_sweeps_over_a_floor(ur5, mesh_file, path, e
         assert checker.clearance(q) >= raised.clearance
 
 
-def test_a_floor_may_stand_elsewhere_by_its_tolerance(slider, path):
+def test_a_floor_may_be_displaced_by_its_tolerance(slider, path):
     floor = Obstacle("floor", HalfSpace(), pose((0, 0, -0.06)))
     checker, move = CollisionChecker(slider, Scene([floor])), path(slider, [-1.0], [1.0])
     certificate = certify(move, checker, obstacle_tolerance=0.04)

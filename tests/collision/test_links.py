@@ -1,4 +1,4 @@
-"""How a robot's link meshes are met: hull, triangles or several hulls, for all links or link by link."""
+"""Geometry of link meshes: hull, triangles or several hulls, for all links or for each link."""
 
 from __future__ import annotations
 
@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 import trimesh
 
-from pinproof import CollisionChecker, InputError, UnknownNameError
+from pinproof import CollisionChecker, InputError, UnknownNameError, load_robot
 from pinproof.collision.links import link_bodies, meshes_of
 from pinproof.errors import MeshError
-from pinproof.model.robot import load_robot, load_robot_from_text
+from pinproof.model.robot import load_robot_from_text
 
 
-def test_one_word_or_a_mapping_speaks_for_every_link():
+def test_one_name_or_a_mapping_sets_the_geometry_of_every_link():
     links = ("base", "upper", "fore")
     assert meshes_of(links, "mesh") == dict.fromkeys(links, "mesh")
     assert meshes_of(links, {"fore": "mesh"}) == {"base": "hull", "upper": "hull", "fore": "mesh"}
-    told = meshes_of(links, {"fore": "mesh", "*": "decomposed"})
-    assert told == {"base": "decomposed", "upper": "decomposed", "fore": "mesh"}
+    data = meshes_of(links, {"fore": "mesh", "*": "decomposed"})
+    assert data == {"base": "decomposed", "upper": "decomposed", "fore": "mesh"}
 
 
-@pytest.mark.parametrize("told", ["exact", {"base": "exact"}, {"bse": "hull"}, {"*": "all"}])
-def test_what_does_not_exist_is_refused(told):
+@pytest.mark.parametrize("data", ["exact", {"base": "exact"}, {"bse": "hull"}, {"*": "all"}])
+def test_unknown_links_and_kinds_of_geometry_are_refused(data):
     with pytest.raises(UnknownNameError):
-        meshes_of(("base", "upper"), told)
+        meshes_of(("base", "upper"), data)
     with pytest.raises(InputError):
         meshes_of(("base",), None)
 
 
-def test_each_link_is_met_as_told(ur5):
+def test_each_link_uses_the_requested_geometry(ur5):
     checker = CollisionChecker(ur5, link_meshes={"forearm_link": "mesh", "upper_arm_link": "decomposed"})
     bodies = {link: [b for b in checker.bodies if b.owner == link and not b.level] for link in ur5.robot.urdf.links}
     assert [b.support is None for b in bodies["forearm_link"]] == [True]
@@ -39,7 +39,7 @@ def test_each_link_is_met_as_told(ur5):
 
 
 @pytest.mark.parametrize("how", ["mesh", "decomposed"])
-def test_an_open_mesh_is_hulled_and_says_so(tmp_path, how):
+def test_an_open_mesh_is_replaced_by_its_hull_with_a_note(tmp_path, how):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     trimesh.Trimesh(box.vertices, box.faces[1:], process=False).export(tmp_path / "open.stl")
     robot = load_robot_from_text(
@@ -88,7 +88,7 @@ def test_pairs_that_an_srdf_disables_without_a_reason_are_met_by_closer_hulls(ur
     assert not [b for b in CollisionChecker(ur5, trust_disabled=True).bodies if b.level]
 
 
-def test_a_geometry_without_parts_stands_beside_the_parts_of_its_link(tmp_path):
+def test_a_geometry_without_parts_is_drawn_with_the_parts_of_its_link(tmp_path):
     """Where an SRDF disables a pair without a reason: a ring is met in parts, the box on the same link as it is."""
     trimesh.creation.annulus(0.2, 0.25, 0.05).export(tmp_path / "ring.stl")
     box = '<collision><origin xyz="0 0 0.5"/><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'

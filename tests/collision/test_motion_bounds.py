@@ -39,6 +39,7 @@ class Bounds:
         return bound.distance, bound.growth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "stanford", "planar_2r"])
 def test_no_pair_comes_nearer_than_its_rough_bound_allows(request, oracle, name):
     """Anywhere in the box about q, tolerance and growth included."""
@@ -61,8 +62,10 @@ def test_no_pair_comes_nearer_than_its_rough_bound_allows(request, oracle, name)
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof", "stanford", "planar_2r"])
 @pytest.mark.parametrize("straight", [True, False])
 def test_no_support_gap_shrinks_by_more_than_its_close_bound_allows(request, name, straight):
-    """Along the curve, off it by the tolerance, and off it by what the growth is said to hold for; for every way of
-    sharing the joints between the two bodies. The gap is that of supports in a direction carried by the middle link."""
+    """Along the curve, off it by the tolerance, and off it by the amount for which the growth is valid; for every
+    division of the joints between the two bodies. The gap is that of supports in a direction that the
+    middle link carries.
+    """
     arm = load_robot("stanford").arm() if name == "stanford" else request.getfixturevalue(name)
     scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.5, 0.3, 0.4)))])
     checker = CollisionChecker(arm, scene, attached=[Obstacle("tool", Box(0.02, 0.02, 0.2), pose((0, 0, 0.1)))])
@@ -119,7 +122,7 @@ def test_a_folded_planar_arm_is_not_judged_by_the_least_radius_or_by_exchanged_r
 
 
 def test_a_folded_planar_arm_is_not_judged_with_roles_exchanged_joint_by_joint(arm_from_links, path, first_touch):
-    """The tip is folded back onto the shoulder, a peg stands at the elbow, both small.
+    """The tip is folded back onto the shoulder, a peg is at the elbow, both small.
 
     The tip is near the first axis and the peg near the second: taking joint 1 by the tip and joint 2 by the peg bounds
     the approach by 3 cm. In fact the tip runs into the peg, 0.5 m away, when each joint has turned by 60 degrees; a
@@ -144,7 +147,7 @@ def test_a_folded_planar_arm_is_not_judged_with_roles_exchanged_joint_by_joint(a
 
 
 def test_the_proven_clearance_is_never_above_the_true_one(slider, path):
-    """Straight at a cylinder that is 0.1 m away in the end; its bounding box is turned so that it settles nothing."""
+    """Straight at a cylinder that is 0.1 m away in the end; its bounding box is rotated so that it proves nothing."""
     post = Obstacle("post", Cylinder(0.3, 1), pose((0.71, 0, 0), (0, 0, np.pi / 4)))
     certificate = certify(path(slider, [0.0], [0.3]), CollisionChecker(slider, Scene([post])))
     assert certificate.status is FREE

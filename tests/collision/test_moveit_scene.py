@@ -89,7 +89,7 @@ def test_a_plane_becomes_the_half_space_behind_it(read, coef):
         assert (scene["plane"].pose.actInv(point)[2] <= 0) == behind
 
 
-def test_meshes_are_solid_where_watertight_and_hulled_where_not_and_said(read, tmp_path):
+def test_watertight_meshes_are_solid_and_others_hulls_with_a_note(read, tmp_path):
     cube = trimesh.creation.box((0.2, 0.2, 0.2))
     inline = {
         "vertices": [dict(zip("xyz", v, strict=True)) for v in cube.vertices.tolist()],
@@ -121,7 +121,7 @@ def test_the_matrix_allows_links_against_objects_and_disables_links_against_link
     assert scene.disabled == (("base", "hand"),)
 
 
-def test_an_entry_stands_before_a_default_and_two_defaults_must_agree(read):
+def test_an_entry_overrides_a_default_and_two_defaults_must_agree(read):
     matrix = entries(["base", "table"], [])
     matrix |= {"default_entry_names": ["base", "hand", "tip", "cup"], "default_entry_values": [True, True, False, True]}
     with pytest.raises(SceneError, match="'cup' touch anything by default, but not tip"):
@@ -167,7 +167,7 @@ def test_a_frame_the_file_does_not_place_must_be_the_root_of_the_robot(read, ur5
 
 
 @pytest.mark.parametrize(
-    ("objects", "more", "said"),
+    ("objects", "more", "expected"),
     [
         ([box(operation=1)], {}, "operation 1"),
         ([box(colour="red")], {}, "'colour'"),
@@ -195,8 +195,8 @@ def test_a_frame_the_file_does_not_place_must_be_the_root_of_the_robot(read, ur5
         ([], {"fixed_frame_transforms": [3]}, "PlanningScene"),
     ],
 )
-def test_what_cannot_be_obeyed_is_refused_by_name(read, objects, more, said):
-    with pytest.raises(SceneError, match=said) as caught:
+def test_unsupported_objects_of_a_moveit_scene_are_refused_by_name(read, objects, more, expected):
+    with pytest.raises(SceneError, match=expected) as caught:
         read(objects, **more)
     assert "cell.yaml" in str(caught.value)
 

@@ -1,4 +1,4 @@
-"""What a certificate takes for granted is said in it."""
+"""The assumptions of a certificate are its notes."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def notes(path, arm, *obstacles, **settings):
 
 
 def test_hulled_links_are_named_and_counted(ur5, path):
-    said, closer = notes(path, ur5)
-    assert said.startswith("base_link, shoulder_link, ")
-    assert "(7 in all)" in said
-    assert "convex hull" in said
+    expected, closer = notes(path, ur5)
+    assert expected.startswith("base_link, shoulder_link, ")
+    assert "(7 in all)" in expected
+    assert "convex hull" in expected
     assert "base_link and upper_arm_link" in closer
     assert "several hulls" in closer
     assert "SRDF" in closer
@@ -34,8 +34,8 @@ def test_a_mesh_that_is_not_watertight_is_named(slider, mesh_file, path):
     box = trimesh.creation.box((0.4, 0.4, 0.4))
     open_box = mesh_file(trimesh.Trimesh(box.vertices, box.faces[1:], process=False))
     sheet = Obstacle("open", Mesh(open_box, hull=False, hollow=True))
-    (said,) = notes(path, slider, sheet)
-    assert said.startswith("open: not watertight")
+    (text,) = notes(path, slider, sheet)
+    assert text.startswith("open: not watertight")
 
 
 def test_certificate_names_a_link_whose_open_mesh_is_replaced_by_its_hull(tmp_path, path):
@@ -54,9 +54,9 @@ def test_certificate_names_a_link_whose_open_mesh_is_replaced_by_its_hull(tmp_pa
 
 
 def test_note_on_a_point_cloud_names_resolution_and_unobserved_space(slider, path):
-    (said,) = notes(path, slider, Obstacle("seen", PointCloud(np.array([[0.5, 0.5, 0.5]]), 0.01)))
-    assert "seen: point cloud in cells of 0.01 m" in said
-    assert "unobserved" in said
+    (expected,) = notes(path, slider, Obstacle("seen", PointCloud(np.array([[0.5, 0.5, 0.5]]), 0.01)))
+    assert "seen: point cloud in cells of 0.01 m" in expected
+    assert "unobserved" in expected
 
 
 def test_notes_of_a_scene_file_are_repeated(slider, path):
@@ -73,14 +73,14 @@ def test_links_with_visual_geometry_only_are_named(path):
         '<limit velocity="1" effort="1"/></joint>'
         '<joint name="end" type="fixed"><parent link="arm"/><child link="tip"/></joint>'
     )
-    for solid, said in (
+    for solid, expected in (
         (body, "tip: visible, but without collision geometry"),
         ("", "the robot has no collision geometry"),
     ):
         parts = link.format("base", solid) + link.format("arm", solid) + link.format("tip", "")
         arm = load_robot_from_text(f'<robot name="r">{parts}{joints}</robot>').arm(tcp="tip")
         (note,) = notes(path, arm)
-        assert said in note
+        assert expected in note
 
 
 def test_there_are_no_notes_without_assumptions(slider, path):

@@ -49,7 +49,7 @@ def boxes_apart(arm, q):
     return coal.distance(box, at[0], box, at[1], coal.DistanceRequest(), coal.DistanceResult())
 
 
-def test_many_short_steps_between_joints_are_no_housing(chain):
+def test_many_short_offsets_between_joints_are_not_a_link(chain):
     arm = chain(8, 0.05)
     curled = np.full(8, 0.864)
     assert boxes_apart(arm, curled) < -0.005
@@ -229,7 +229,7 @@ def test_a_motion_of_the_panda_into_its_own_hand_is_not_free(panda, panda_meshes
     assert certificate.status.name == "COLLIDING"
 
 
-def test_free_is_never_said_of_pairs_that_are_excluded(panda, slider):
+def test_excluded_pairs_are_never_reported_as_free(panda, slider):
     stay = certify(JointPath(np.array([panda.home, panda.home]), panda.joint_names), CollisionChecker(panda))
     assert stay.free
     assert f"{len(stay.excluded)} pairs are excluded" in stay.message
@@ -241,6 +241,7 @@ def test_free_is_never_said_of_pairs_that_are_excluded(panda, slider):
 # -- hulls that are too coarse ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["pr2_left", "baxter_left", "romeo_left"])
 def test_a_pair_is_left_out_only_if_it_touches_in_nearly_all_configurations(name):
     """The pairs that an SRDF or the catalogue names, against shares counted here by coal with other samples."""
@@ -274,6 +275,7 @@ def test_a_pair_is_left_out_only_if_it_touches_in_nearly_all_configurations(name
         assert near >= 0.9 * len(Q), pair
 
 
+@pytest.mark.slow
 def test_links_whose_hulls_overlap_and_whose_meshes_do_not_are_checked_by_their_meshes():
     arm = load_robot("pr2_left").arm()
     finer = {frozenset(pair.owners): pair.by for pair in CollisionChecker(arm).finer}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import (
@@ -32,6 +32,8 @@ from pinproof import (
 )
 from pinproof.collision.separation import DepartureDirection, MovingBody, directions_to_facets
 from pinproof.motion import CubicPath, bezier
+
+from ..examples import examples
 
 FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
 
@@ -63,7 +65,7 @@ def verdict(gantry, *waypoints, sink=0.0, support=TABLE, part=PART, scene=(), **
 
 
 @pytest.mark.parametrize("sink", [-0.001, 0.0, 0.0005, 0.00099])
-def test_straight_up_is_free_and_says_by_what_proof(gantry, sink):
+def test_a_vertical_lift_is_free_and_names_its_proof(gantry, sink):
     certificate = verdict(gantry, [0, 0, 0], [0, 0.3, 0], sink=sink)
     assert certificate.status is FREE
     (parting,) = certificate.partings
@@ -129,8 +131,8 @@ def test_a_tilt_that_lets_no_edge_down_is_free(gantry):
     assert verdict(gantry, [0, 0, 0], [0, 0.1, 0.3]).status is FREE
 
 
-def test_a_lift_that_arcs_back_is_told_from_one_that_does_not(gantry):
-    """Two cubic lifts to the same height; one dips below its start on the way."""
+def test_a_lift_that_returns_to_its_support_is_detected(gantry):
+    """Two cubic lifts to the same height; one dips below its start."""
     checker = CollisionChecker(gantry, Scene([TABLE]), attached=[PART], margin=MARGIN)
     ends = np.array([[0, 0, 0], [0.05, 0.1, 0.0]])
     for slope, status in ((0.0, FREE), (0.2, FREE), (-0.02, COLLIDING)):
@@ -139,7 +141,7 @@ def test_a_lift_that_arcs_back_is_told_from_one_that_does_not(gantry):
         assert certify(curve, checker, parting=[("part", "table")]).status is status
 
 
-def test_what_is_in_the_way_is_still_seen_on_all_of_the_curve(gantry):
+def test_a_plate_in_the_path_is_detected_on_the_complete_curve(gantry):
     for height, first in ((0.11, 0), (0.2, 0), (0.35, 1)):
         beam = Obstacle("beam", Box(0.02, 1, 0.02), pose((0 if first == 0 else 0.5, 0, height + 0.02)))
         certificate = verdict(gantry, [0, 0, 0], [0, 0.3, 0], [0.6, 0.3, 0], scene=[beam])
@@ -200,14 +202,14 @@ def test_two_supports_are_left_each_in_its_own_direction(gantry):
     assert certify(JointPath(aslant, gantry.joint_names), checker, parting=both[:1]).status is COLLIDING
 
 
-def test_a_support_that_may_stand_elsewhere(gantry):
+def test_a_support_with_a_position_tolerance(gantry):
     moved = verdict(gantry, [0, 0, 0], [0, 0.3, 0], obstacle_tolerance=0.0005)
     assert moved.status is FREE
     assert moved.tube.largest_obstacles <= 0.0005 + 1e-9
     assert verdict(gantry, [0, 0, 0], [0, 0.3, 0], obstacle_tolerance=0.0011).status is COLLIDING
 
 
-def test_what_makes_no_sense_is_refused(gantry):
+def test_invalid_partings_are_refused(gantry):
     checker = CollisionChecker(
         gantry, Scene([TABLE]), attached=[PART, Obstacle("other", Sphere(0.01), pose((0, 0, 1)))]
     )
@@ -252,10 +254,10 @@ def test_an_arm_lifts_a_part_off_a_table(ur5):
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-@settings(max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_gap_never_falls_by_more_than_is_said(request, name, seed):
-    """Along random pieces of every degree, and for a part of any shape: the fall seen is at most the bound."""
+def test_the_gap_never_decreases_by_more_than_the_bound(request, name, seed):
+    """Along random pieces of every degree, and for a part of any shape: the sampled decrease is at most the bound."""
     arm, rng = request.getfixturevalue(name), np.random.default_rng(seed)
     part = Obstacle(
         "part", [Box(0.1, 0.05, 0.2), Cylinder(0.05, 0.3), Capsule(0.02, 0.3)][rng.integers(3)], pose((0, 0, 0.2))
@@ -283,10 +285,10 @@ def test_the_gap_never_falls_by_more_than_is_said(request, name, seed):
         assert min(falls, departure._falls(piece[::-1])[0]) < motion
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_no_free_motion_ever_approaches(gantry, seed):
-    """Random curves from the table: what is called free is seen to rise until it is clear, and to stay clear."""
+    """Random curves from the table: a free part rises until it is clear, and stays clear."""
     rng = np.random.default_rng(seed)
     checker = CollisionChecker(gantry, Scene([TABLE]), attached=[PART], margin=MARGIN)
     points = np.cumsum([[0, 0, 0], *(rng.normal(size=(3, 3)) * [0.05, 0.03, 0.05] + [0, 0.02, 0])], axis=0)
@@ -532,7 +534,7 @@ def test_directions_to_facets_are_those_of_floor_and_wall(gantry, finely, sink):
     assert directions(0, 0.01) == set()
 
 
-def test_a_part_whose_hull_holds_what_it_rests_on_is_undecided(gantry):
+def test_a_part_whose_hull_contains_its_support_is_undecided(gantry):
     """A hook on a block: proven of its hull, which overlaps the block, and so not proven."""
     bar = trimesh.creation.box((0.2, 0.1, 0.03)).apply_translation((0, 0, 0.115))
     leg = trimesh.creation.box((0.03, 0.09, 0.11)).apply_translation((-0.085, 0, 0.055))

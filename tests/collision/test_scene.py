@@ -48,6 +48,6 @@ def test_names_that_are_not_there_are_refused(scene):
 
 
 @pytest.mark.parametrize("pair", [("base", "base"), "ab", ("a", "b", "c"), ("a", 3)])
-def test_what_is_no_pair_is_refused(scene, pair):
+def test_an_invalid_pair_is_refused(scene, pair):
     with pytest.raises(InputError):
         Scene(scene.obstacles, disabled=[pair])

@@ -1,4 +1,4 @@
-"""Scene files: what is read, what is refused and how it is named, and the way back."""
+"""Scene files: reading, errors with their location, and writing."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def test_a_written_scene_in_another_folder_still_finds_its_mesh(scene_text, tmp_
     assert Scene.load(tmp_path / "sub" / "copy.yaml").is_close(scene)
 
 
-def test_a_scene_that_cannot_be_written_says_so_and_leaves_nothing(tmp_path):
+def test_a_scene_that_cannot_be_written_is_an_error_and_leaves_no_file(tmp_path):
     with pytest.raises(SceneError, match="cannot be written"):
         Scene().save(tmp_path / "none" / "scene.yaml")
     assert list(tmp_path.iterdir()) == []
@@ -213,7 +213,7 @@ def test_any_box_reads_back(tmp_path_factory, sides, xyz, rpy, name):
     np.testing.assert_array_equal(copy[name].pose.translation, scene[name].pose.translation)
 
 
-def test_the_scene_of_the_ur5_is_what_its_comments_say():
+def test_the_scene_of_the_ur5_agrees_with_its_comments():
     scene = Scene.load(robots_folder() / "ur5" / "scene.yaml")
     bolts = [name for name in scene.names if name.startswith("bolt_")]
     assert len(bolts) >= 6
@@ -228,21 +228,21 @@ def test_the_scene_of_the_ur5_is_what_its_comments_say():
 @pytest.mark.parametrize(
     "line", ["{name: far, sphere: {radius: 1}, xyz: [1e300, 0, 0]}", "{name: far, box: [1, 1e300, 1]}"]
 )
-def test_a_number_no_cell_can_hold_is_refused(tmp_path, line):
+def test_a_number_beyond_the_range_of_a_cell_is_refused(tmp_path, line):
     path = tmp_path / "scene.yaml"
     path.write_text(f"obstacles:\n  - {line}\n")
     with pytest.raises(SceneError, match=r"far.*10000 m"):
         Scene.load(path)
 
 
-def test_what_a_checker_finds_wrong_names_the_file(scene_text, ur5):
+def test_errors_found_by_a_checker_name_the_file(scene_text, ur5):
     with pytest.raises(UnknownNameError, match=r"'bse_link'.*scene\.yaml"):
         CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[bse_link, ball]]"))
     with pytest.raises(InputError, match=r"scene\.yaml is placed from 'panda_link0'; the root of the robot is"):
         CollisionChecker(ur5, scene_text(BALL + "}\nframe: panda_link0"))
 
 
-def test_a_link_without_geometry_may_stand_among_the_allowed(scene_text, ur5):
+def test_a_link_without_geometry_may_be_in_allowed_pairs(scene_text, ur5):
     assert CollisionChecker(ur5, scene_text(BALL + "}\nallowed_contacts: [[tool0, ball]]")).pairs
 
 

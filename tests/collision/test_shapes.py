@@ -7,7 +7,20 @@ import pickle
 import numpy as np
 import pytest
 
-from pinproof import Cone, ConvexHull, Ellipsoid, HalfSpace, HeightMap, InputError, Mesh, Obstacle, PointCloud
+from pinproof import (
+    Box,
+    Cone,
+    ConvexHull,
+    Cylinder,
+    Ellipsoid,
+    HalfSpace,
+    HeightMap,
+    InputError,
+    Mesh,
+    Obstacle,
+    PointCloud,
+    Sphere,
+)
 
 TETRAHEDRON = [[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
 OUTWARD = [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]
@@ -46,7 +59,7 @@ def test_numbers_are_copied_and_cannot_be_changed(kind):
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf"), 1e5, "wide", None])
-def test_a_size_that_is_no_length_is_refused(value):
+def test_an_invalid_size_is_refused(value):
     for make in (
         lambda v: Cone(v, 1),
         lambda v: Cone(1, v),
@@ -59,7 +72,7 @@ def test_a_size_that_is_no_length_is_refused(value):
 
 
 @pytest.mark.parametrize(
-    ("make", "said"),
+    ("make", "expected"),
     [
         (lambda: ConvexHull([]), "ConvexHull.points"),
         (lambda: ConvexHull([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), "flat"),
@@ -83,20 +96,37 @@ def test_a_size_that_is_no_length_is_refused(value):
         (lambda: Obstacle("thing", "box"), "HalfSpace"),
     ],
 )
-def test_invalid_shapes_are_refused(make, said):
-    with pytest.raises(InputError, match=said):
+def test_invalid_shapes_are_refused(make, expected):
+    with pytest.raises(InputError, match=expected):
         make()
 
 
-def test_the_bottom_of_a_height_map_lies_below_it_unless_told():
+def test_the_default_bottom_of_a_height_map_is_below_it():
     assert HeightMap([[0.5, 1], [2, 3]], 1, 1).bottom == pytest.approx(0.49)
     assert HeightMap([[0.5, 1], [2, 3]], 1, 1, -2).bottom == -2.0
 
 
-def test_a_cloud_holds_each_cell_once():
+def test_a_point_cloud_contains_each_cell_once():
     cloud = PointCloud([[0.01, 0.02, 0.03], [0.09, 0.09, 0.09], [-0.01, 0, 0], [0.1, 0, 0]], 0.1)
     assert cloud.cells.tolist() == [[-1, 0, 0], [0, 0, 0], [1, 0, 0]]
 
 
 def test_half_spaces_are_equal():
     assert HalfSpace() == HalfSpace()
+
+
+@pytest.mark.parametrize(
+    ("create", "named"),
+    [
+        (lambda: Box([1, 1, 1]), r"Box\(x, y, z\)"),
+        (lambda: Box(1, 1, 1, 1), r"Box\(x, y, z\)"),
+        (lambda: Box(1, 1, [1]), "Box.z"),
+        (lambda: Sphere(r=0.1), r"Sphere\(radius\)"),
+        (lambda: Cylinder(0.1), r"Cylinder\(radius, length\)"),
+        (lambda: HalfSpace(0.1), r"HalfSpace\(\)"),
+        (lambda: Mesh(), r"Mesh\(path, scale"),
+    ],
+)
+def test_wrong_arguments_are_answered_with_the_right_call(create, named: str):
+    with pytest.raises(InputError, match=named):
+        create()

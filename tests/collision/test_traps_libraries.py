@@ -99,8 +99,8 @@ def test_the_base_is_checked_against_the_scene():
     assert not checker.is_free([0.0])
 
 
-def test_a_mimic_joint_is_no_free_joint():
-    """Pinocchio takes a follower for a joint of its own unless told otherwise: it stands while its leader moves."""
+def test_a_mimic_joint_is_not_a_free_joint():
+    """By default Pinocchio treats a mimic joint as a free joint: it does not follow its leader."""
     ball = '<collision><origin xyz="0.5 0 0"/><geometry><sphere radius="0.05"/></geometry></collision>'
     follower = (
         f'<link name="follower">{ball}</link><joint name="f" type="revolute"><parent link="base"/>'
@@ -156,7 +156,7 @@ def test_sides_are_full_sides_and_lengths_full_lengths(slider):
     assert checker.clearance([0.5]) == pytest.approx(1 - 0.1 - 0.01 - 0.5, abs=1e-9)
 
 
-def test_needles_of_a_hollow_mesh_are_seen(slider):
+def test_needle_triangles_of_a_hollow_mesh_are_detected(slider):
     """Triangles without area: coal's collide lets some pass through another mesh, though their distance is 0."""
     sheet = np.array([[-1.0, -1, 0], [1.0, -1, 0], [0, 1.5, 0]])
     passed, rng = 0, np.random.default_rng(0)
@@ -185,6 +185,7 @@ def test_no_continuous_check_in_coal_is_relied_on(slider, path):
     assert certificate.first_contact.proven_free_until == pytest.approx(0.49, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_one_checker_serves_threads_where_one_data_does_not(ur5, mesh_file):
     """Pinocchio's data are one configuration's; shared by threads they are the last one. Here each has its own."""
     model, data = ur5.model, ur5.model.createData()

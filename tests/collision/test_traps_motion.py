@@ -1,4 +1,4 @@
-"""Motions whose samples look free, or look in contact, and are not: what sampling says, then the right answer."""
+"""Motions whose samples are free or in contact while the motion is not: the sampled and the correct result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STEP = 0.02
 
 
 def sampled_free(checker, curve, step=STEP) -> bool:
-    """What a planner says that looks at the curve every ``step`` rad or m, both ends included."""
+    """The result of a planner that samples the curve every ``step`` rad or m, including both ends."""
     longest = np.abs(np.diff(curve.q, axis=0)).max()
     count = max(int(np.ceil(longest / step)) * (len(curve.q) - 1), 1)
     return bool(checker.is_free_batch(curve(np.linspace(*curve.domain, count + 1))).all())
@@ -46,7 +46,7 @@ TOOL = Obstacle("tool", Cylinder(0.002, 0.5), pose((0, 0, 0.255)))
 @pytest.mark.parametrize("thickness", [1e-4, 5e-4, 1e-3, 5e-3])
 @pytest.mark.parametrize("name", ["ur5", "panda"])
 def test_a_thin_plate_across_a_fast_wrist(request, path, name, thickness):
-    """The wrist swings a tool of 0.5 m by 1.5 rad in one edge; the plate stands between two samples."""
+    """The wrist swings a tool of 0.5 m by 1.5 rad in one edge; the plate is between two samples."""
     arm = request.getfixturevalue(name)
     joint, middle = {"ur5": (3, 0.0), "panda": (5, 0.55)}[name]
     touching = {"ur5": ("wrist_3_link",), "panda": ("panda_hand", "panda_leftfinger", "panda_rightfinger")}[name]
@@ -95,7 +95,7 @@ def test_a_graze_of_a_tenth_of_a_millimetre(ur5, path, sign):
 
 
 def test_an_obstacle_behind_a_wrap_of_the_angle(planar_2r, path):
-    """From 170 to -170 degrees: the short way leads through 180, the straight edge in q leads through 0."""
+    """From 170 to -170 degrees: the shorter rotation passes 180, the straight edge in q leads through 0."""
     goal = np.radians([-170, 0])
     edge = path(planar_2r, np.radians([170, 0]), goal)
     behind, before = (Scene([Obstacle("post", Sphere(0.05), pose((x, 0, 0)))]) for x in (-0.8, 0.8))
@@ -109,8 +109,8 @@ def test_an_obstacle_behind_a_wrap_of_the_angle(planar_2r, path):
 
 
 @pytest.mark.parametrize("turns", [1, 2, -3])
-def test_a_continuous_joint_that_turns_the_long_way(planar_2r, path, turns):
-    """Both ends are the same configuration, and so is the middle of an even number of turns; a post stands opposite."""
+def test_a_continuous_joint_that_rotates_by_more_than_pi(planar_2r, path, turns):
+    """Both ends are the same configuration, and so is the middle of an even number of turns; a post is opposite."""
     checker = CollisionChecker(planar_2r, Scene([Obstacle("post", Sphere(0.05), pose((-0.8, 0, 0)))]))
     long_way = path(planar_2r, [0, 0], [2 * np.pi * turns, 0])
     assert checker.is_free_batch(long_way([0.0, 1.0])).all()  # the trap: compared modulo a turn, nothing moves
@@ -122,7 +122,7 @@ def test_a_continuous_joint_that_turns_the_long_way(planar_2r, path, turns):
 
 
 def test_a_prismatic_arm_that_reaches_through_a_sheet(path):
-    """The Stanford arm slides its hand out and back; a sheet of 0.1 mm stands where no sample lies."""
+    """The Stanford arm extends and retracts its hand; a sheet of 0.1 mm is between the samples."""
     arm = load_robot("stanford").arm()
     near, far = arm.home.copy(), arm.home.copy()
     near[2], far[2] = 0.35, 1.2
@@ -164,7 +164,7 @@ def test_the_elbow_of_an_arm_meets_its_own_base(panda, path):
     assert_first_contact(certify(fold, checker), checker, fold, ("panda_link5", "panda_link0"))
 
 
-def test_what_is_carried_sweeps(panda, path):
+def test_a_carried_part_collides_with_obstacles(panda, path):
     """The hand passes over a peg, free at every instant; the can it holds does not, between two free samples."""
     can = Obstacle("can", Cylinder(0.03, 0.16), pose((0, 0, 0.06)))
     held = [("can", link) for link in ("panda_hand", "panda_leftfinger", "panda_rightfinger")]

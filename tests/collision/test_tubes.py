@@ -1,4 +1,4 @@
-"""Certificates for a tube around the curve: joints that deviate, obstacles that may stand elsewhere."""
+"""Certificates for a tube around the curve: joints that deviate, obstacles with a position tolerance."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_obstacles_may_be_moved_by_what_is_left_beyond_the_margin(slider, path, 
 
 
 @pytest.mark.parametrize("margin", [0.0, 0.01])
-def test_an_obstacle_that_may_come_to_touch_is_a_contact_and_the_distance_says_how(slider, path, margin):
+def test_a_displaced_obstacle_in_contact_is_reported_with_its_distance(slider, path, margin):
     moved = GAP - margin + 1e-3
     certificate = certify(path(slider, [0.0], [0.4]), beside(slider, margin=margin), obstacle_tolerance=moved)
     assert certificate.status is COLLIDING
@@ -51,7 +51,7 @@ def test_an_obstacle_that_may_come_to_touch_is_a_contact_and_the_distance_says_h
 
 
 def test_links_are_not_moved_by_the_tolerance_of_obstacles(planar_2r, path):
-    """The arm against itself is as far apart as it was; only what stands around may move."""
+    """Distances between links are unchanged; only obstacles may be displaced."""
     curve, checker = path(planar_2r, [0.0, 0.5], [0.3, 1.0]), CollisionChecker(planar_2r)
     alone = certify(curve, checker)
     with_tolerance = certify(curve, checker, obstacle_tolerance=1.0)
@@ -114,8 +114,8 @@ def test_a_tube_that_makes_no_sense_is_refused(slider, path, settings):
         certify(path(slider, [0.0], [0.4]), beside(slider), **settings)
 
 
-def test_evidence_tells_of_every_pair_on_the_whole_curve(ur5, path):
-    """Each pair's intervals cover the curve without a gap, and what they say of its middle is true."""
+def test_evidence_covers_every_pair_on_the_complete_curve(ur5, path):
+    """Each pair's intervals cover the curve without a gap, and their statements about its middle are true."""
     scene = Scene([Obstacle("box", Box(0.2, 0.2, 0.2), pose((0.7, 0.3, 0.4)))])
     checker, curve = CollisionChecker(ur5, scene), path(ur5, [0, -1.5, 1, 0, 0, 0], [0.5, -1.2, 1, 0.3, 0, 0])
     certificate = certify(curve, checker, record=True)

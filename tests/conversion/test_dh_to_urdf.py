@@ -9,15 +9,17 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, write_urdf
-from pinproof.conversion.from_dh import rpy_of, urdf_text
 from pinproof.description import DhRow, DhTable
+from pinproof.description.dh_urdf import rpy_of, urdf_text
 from pinproof.errors import ConversionError, FileError, InputError
 from pinproof.model import load_robot, load_robot_from_text
 from pinproof.spatial import pose
+
+from ..examples import examples
 
 GENERIC = Path(__file__).parents[2] / "robots" / "generic_6dof"
 HALF = math.pi / 2
@@ -57,7 +59,7 @@ def pinocchio_frames(urdf: str, q: np.ndarray) -> dict[str, np.ndarray]:
     return {frame.name: data.oMf[i].homogeneous.copy() for i, frame in enumerate(model.frames)}
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(table=tables(), seed=st.integers(0, 2**32 - 1))
 def test_every_frame_equals_the_dh_product(table, seed):
     q = np.random.default_rng(seed).uniform(-np.pi, np.pi, len(table))
@@ -74,7 +76,7 @@ def test_rpy_gives_the_rotation_back_at_every_pitch(roll, pitch, yaw):
 
 
 def test_origins_whose_pitch_is_a_quarter_turn_are_exact():
-    """Where yourdfpy's own writer loses up to half a radian: a whole sweep through pitch = pi/2."""
+    """Where yourdfpy's own writer loses up to half a radian: a sweep through pitch = pi/2."""
     for off in (0.0, 1e-15, 1e-12, 1e-9, 1e-8, 1e-7, 1e-6, 1e-4):
         for sign in (-1, 1):
             tool = pose((0, 0, 0), (0.3, sign * (math.pi / 2 - off), -1.1))
@@ -83,7 +85,7 @@ def test_origins_whose_pitch_is_a_quarter_turn_are_exact():
             np.testing.assert_allclose(found, table.forward_kinematics([0.0]), rtol=0, atol=1e-14)
 
 
-def test_the_generic_arm_by_name_stands_where_the_textbook_says(generic):
+def test_the_generic_arm_has_the_textbook_position(generic):
     arm = load_robot("generic_6dof").arm(tcp="tool0")
     np.testing.assert_allclose(arm.forward_kinematics(np.zeros(6)).translation, [0.65, -0.30, 0.33], atol=1e-15)
     np.testing.assert_array_equal(arm.limits.lower, generic.lower)
@@ -109,7 +111,7 @@ def test_a_prismatic_rows_theta_lies_behind_its_joint():
     np.testing.assert_allclose(model.jointPlacements[2].homogeneous, expected.homogeneous, atol=1e-15)
 
 
-def test_modified_rows_hold_a_and_alpha_before_their_joint_and_the_column_behind_it():
+def test_modified_rows_have_a_and_alpha_of_the_preceding_joint():
     rows = [DhRow("j1", 0.3, 0.5, 0.2, 0.4), DhRow("j2", 0.6, 0.1, 0.7, 0.9)]
     model = pin.buildModelFromXML(dh_to_urdf(DhTable(rows, convention="modified")))
     columns = [pose(), pose((0, 0, rows[0].d))]  # what the row before leaves behind its joint
@@ -171,7 +173,7 @@ def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic
         assert re.search(old, text), "the tampering must find its place"
         return re.sub(old, new, text)
 
-    monkeypatch.setattr("pinproof.conversion.from_dh.urdf_text", tampered)
+    monkeypatch.setattr("pinproof.description.dh_urdf.urdf_text", tampered)
     path = tmp_path / "arm.urdf"
     path.write_text("what stood here before", encoding="utf-8")
     with pytest.raises(ConversionError, match=words):
@@ -183,7 +185,7 @@ def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic
 @pytest.mark.parametrize(
     "name", ["dh_0", "dh_1", "link_1", "base_link", "tool0", "tool_joint", "dh_1_joint", "universe"]
 )
-def test_a_row_may_not_bear_the_name_of_a_frame(name):
+def test_a_row_may_not_have_the_name_of_a_frame(name):
     with pytest.raises(InputError, match=f"'{name}' bears a name"):
         dh_to_urdf(DhTable([DhRow(name, 0, 0, 1, 0)], convention="standard"))
 

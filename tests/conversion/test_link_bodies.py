@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf
-from pinproof.conversion.from_dh import DENSITY, link_bodies
 from pinproof.description import DhRow, DhTable
+from pinproof.description.dh_urdf import DENSITY, link_bodies
 from pinproof.model import load_robot_from_text
+
+from ..examples import examples
 
 HALF = math.pi / 2
 GENERIC = DhTable.load(Path(__file__).parents[2] / "robots" / "generic_6dof" / "dh.yaml")
@@ -112,7 +114,7 @@ def test_a_row_without_length_has_no_collision_geometry():
 
 
 @ARMS
-def test_what_is_drawn_is_what_collides(table):
+def test_the_drawn_shape_is_the_collision_shape(table):
     urdf = load_robot_from_text(dh_to_urdf(table)).urdf
     drawn = [(g.link, g.kind, g.size, g.origin.tolist()) for g in urdf.visuals]
     assert drawn == [(g.link, g.kind, g.size, g.origin.tolist()) for g in urdf.collisions]
@@ -169,7 +171,7 @@ def test_a_prismatic_rod_reaches_its_joint_at_both_ends_of_the_stroke():
             assert low - 1e-12 <= joint - q <= high + 1e-12
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(
     lengths=st.lists(st.tuples(st.floats(-1, 1), st.floats(-1, 1)), min_size=1, max_size=6),
     convention=st.sampled_from(["standard", "modified"]),
@@ -201,7 +203,7 @@ def test_an_arm_without_any_length_still_moves_and_weighs():
     assert all(inertia.mass > 0 for inertia in list(pin.buildModelFromXML(urdf).inertias)[1:])
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(data=st.data())
 def test_two_links_apart_by_one_link_do_not_touch_where_they_meet_it(data):
     """The radius rule: balls at both ends of the link between them keep apart by at least 40 % of its length."""

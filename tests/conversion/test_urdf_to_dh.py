@@ -1,4 +1,4 @@
-"""URDF -> DH table: exact for every kind of axis pair, refused by name where DH cannot say it, and back again."""
+"""URDF to DH table: exact for every kind of axis pair, an error that names what DH cannot express, and back."""
 
 from __future__ import annotations
 
@@ -7,16 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.conversion import dh_to_urdf, urdf_to_dh
-from pinproof.conversion.proof import prove_table_equals_arm
 from pinproof.conversion.to_dh import COINCIDENT, FARTHEST, PARALLEL, Axis, frame_on
 from pinproof.description import DhRow, DhTable
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm, load_robot, load_robot_from_text
+from pinproof.model.dh_proof import prove_table_equals_arm
 from pinproof.spatial import pose
+
+from ..examples import examples
 
 HALF = math.pi / 2
 ROBOTS = Path(__file__).parents[2] / "robots"
@@ -55,7 +57,8 @@ def difference(table: DhTable, arm: Arm, seed: int = 0, configurations: int = 20
     )
 
 
-@settings(max_examples=80, deadline=None)
+@pytest.mark.slow
+@examples(80)
 @given(table=tables(), convention=st.sampled_from(["standard", "modified"]), seed=st.integers(0, 2**32 - 1))
 def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed):
     there = arm_of(table)
@@ -73,7 +76,7 @@ def test_table_to_urdf_to_table_to_urdf_is_the_same_arm(table, convention, seed)
             assert getattr(row, column) == getattr(original, column)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(data=st.data(), convention=st.sampled_from(["standard", "modified"]))
 def test_a_table_without_free_choices_comes_back_number_by_number(data, convention):
     """No axes parallel, every |theta| < pi/2, neither base nor tool: then DH leaves nothing to choose."""
@@ -95,7 +98,7 @@ def test_published_tables_come_back_as_they_were_published(name):
 
 
 @pytest.mark.parametrize("name", ["stanford", "ur3", "ur5", "ur10"])
-def test_where_a_published_x_axis_points_the_other_way_only_signs_differ(name):
+def test_with_an_opposite_published_x_axis_only_signs_differ(name):
     table = DhTable.load(ROBOTS / name / "dh.yaml")
     arm = load_robot(ROBOTS / name / f"{name}.urdf").arm(tcp="tool0")
     back = urdf_to_dh(arm)
@@ -147,8 +150,8 @@ def test_axes_too_near_parallel_are_refused_and_named(tilt, convention):
 
 @BOTH
 @pytest.mark.parametrize("tilt", [6e-6, 1e-4, 1e-3, -1e-3, math.pi - 1e-4])
-def test_calibrated_axes_a_hair_off_parallel_are_exact_with_long_rows(tilt, convention):
-    """What a calibrated arm brings: 1e-3 rad between axes half a metre apart put their normal 500 m away."""
+def test_nearly_parallel_calibrated_axes_are_exact_with_long_rows(tilt, convention):
+    """A calibrated arm: 1e-3 rad between axes half a metre apart put their normal 500 m away."""
     arm = two(tilt)
     table = urdf_to_dh(arm, convention=convention)
     expected = 0.5 / abs(math.sin(tilt))
@@ -159,7 +162,7 @@ def test_calibrated_axes_a_hair_off_parallel_are_exact_with_long_rows(tilt, conv
 
 @BOTH
 @pytest.mark.parametrize("tilt", [1e-7, 1e-5])
-def test_axes_a_hair_off_parallel_whose_normal_is_near_are_no_trouble(tilt, convention):
+def test_nearly_parallel_axes_with_a_close_common_normal_are_converted(tilt, convention):
     arm = two(tilt, y=0.0)
     table = urdf_to_dh(arm, convention=convention)
     assert max(abs(row.d) for row in table.rows) < 1
@@ -175,8 +178,8 @@ def test_parallel_axes_that_nearly_coincide_hold_the_tolerance(x, convention):
 
 
 @BOTH
-def test_a_tool_a_hair_off_its_joint_stays_in_the_tool(convention):
-    """Its tilt is no joint's, so the table's tool and base say it; rows are short."""
+def test_a_tool_slightly_off_its_joint_remains_in_the_tool(convention):
+    """Its tilt belongs to no joint, so it is in the table's tool and base; rows are short."""
     text = TWO.format(tilt=HALF, y=0.5, kind="revolute", extra="").replace("0.3 0.2 0.1", "1e-7 0 0")
     arm = load_robot_from_text(text).arm(tcp="tip")
     table = urdf_to_dh(arm, convention=convention)
@@ -186,7 +189,7 @@ def test_a_tool_a_hair_off_its_joint_stays_in_the_tool(convention):
 
 @BOTH
 def test_axes_rounded_to_1_5708_are_kept_as_they_are(convention):
-    """The xArm7's file says 1.5708 for pi/2; its table says so too, and is exact."""
+    """The xArm7's file states 1.5708 for pi/2; its table does too, and is exact."""
     table = urdf_to_dh(two(1.5708), convention=convention)
     assert 1.5708 in [pytest.approx(abs(row.alpha), abs=1e-15) for row in table.rows]
     assert difference(table, two(1.5708)) < 1e-14
@@ -205,7 +208,7 @@ def test_a_joint_that_follows_another_is_refused_by_name():
         urdf_to_dh(arm)
 
 
-def test_a_follower_beside_the_chain_is_no_hindrance():
+def test_a_mimic_joint_outside_the_chain_is_allowed():
     arm = load_robot("panda").arm(tcp="panda_hand_tcp")
     assert difference(urdf_to_dh(arm, convention="modified"), arm) < 1e-14
 

@@ -10,7 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.description.dh import DhRow, DhTable, parse_number
+from pinproof.common.yaml_file import parse_number
+from pinproof.description.dh import DhRow, DhTable
 from pinproof.errors import DhTableError, FileError, InputError
 from pinproof.spatial import pose
 
@@ -52,14 +53,14 @@ def write(folder: Path, name: str, text: str) -> Path:
 
 
 @given(table=tables(transforms=True))
-def test_yaml_brings_every_bit_back(table, tmp_path_factory):
+def test_yaml_preserves_every_bit(table, tmp_path_factory):
     path = tmp_path_factory.mktemp("dh") / "table.yaml"
     table.save(path)
     assert DhTable.load(path).is_close(table)
 
 
 @given(table=tables(transforms=False))
-def test_csv_brings_every_bit_of_the_rows_back(table, tmp_path_factory):
+def test_csv_preserves_every_bit_of_the_rows(table, tmp_path_factory):
     path = tmp_path_factory.mktemp("dh") / "table.csv"
     table.save(path)
     back = DhTable.load(path)
@@ -117,7 +118,7 @@ def test_numbers_may_be_decimals_or_parts_of_pi(text, value):
     "text",
     ["", "pi/0", "2pi", "pi*2", "--pi", "1_000", "nan", "inf", "1,5", "__import__('os')", "pi/2/2", True, None, []],
 )
-def test_anything_else_is_no_number(text):
+def test_anything_else_is_not_a_number(text):
     with pytest.raises(ValueError, match="is not a number"):
         parse_number(text)
 
@@ -199,7 +200,7 @@ def test_a_bad_csv_names_file_row_and_column(old, new, place, reason, tmp_path):
         ("  - {", "  - oops\n  - {", "row 1", "'oops' is not a mapping"),
         (YAML[YAML.index("rows") :], "rows: []", "key rows", "key rows"),
         (YAML, "just words", "", "contains a str"),
-        (YAML, "rows: {]", "line 1", "valid YAML"),
+        (YAML, "rows: {]", "line 1", "is not valid YAML"),
         ("rows", "tool: {xyz: [0, 0]}\nrows", "key tool.xyz", r"must have the shape \(3,\)"),
         ("rows", "tool: {xyz: [0, 0, up]}\nrows", "key tool.xyz", "'up' is not a number"),
         ("rows", "tool: &t {xyz: &x [*x, 0, 0]}\nrows", "line 2", "refers to its own parent"),
@@ -219,7 +220,7 @@ def test_a_bad_yaml_names_file_and_place(old, new, place, reason, tmp_path):
 
 def test_yaml_cannot_run_code(tmp_path):
     path = write(tmp_path, "arm.yaml", "rows: !!python/object/apply:os.getcwd []\n")
-    with pytest.raises(DhTableError, match="valid YAML"):
+    with pytest.raises(DhTableError, match="is not valid YAML"):
         DhTable.load(path)
 
 
@@ -243,7 +244,7 @@ def test_a_csv_that_would_lose_the_tool_is_refused_and_nothing_is_written(tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_write_that_fails_half_way_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
+def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path, monkeypatch):
     path = tmp_path / "arm.yaml"
     table = DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard")
     table.save(path)
@@ -265,5 +266,5 @@ def test_saving_into_a_folder_that_is_not_there_names_the_file(tmp_path):
 
 
 def test_saving_under_an_unknown_ending_is_refused(tmp_path):
-    with pytest.raises(DhTableError, match=r"unknown kind of file '\.json'"):
+    with pytest.raises(DhTableError, match=r"unknown file type '\.json'"):
         DhTable([DhRow("j", 0, 0, 1, 0)], convention="standard").save(tmp_path / "arm.json")

@@ -43,7 +43,7 @@ def elementary(axis: int, angle: float = 0.0, shift: float = 0.0) -> np.ndarray:
     return out
 
 
-def test_the_textbook_arm_stands_where_the_textbook_says():
+def test_the_textbook_arm_has_the_textbook_position():
     np.testing.assert_allclose(GENERIC.forward_kinematics(np.zeros(6))[:3, 3], [0.65, -0.30, 0.33], atol=1e-15)
 
 
@@ -163,7 +163,7 @@ def test_a_row_can_be_replaced_field_by_field():
     assert replace(GENERIC.rows[0], d=1.0).lower == -math.pi
 
 
-def test_is_close_sees_every_difference():
+def test_is_close_detects_every_difference():
     moved = DhTable([replace(GENERIC.rows[0], d=0.33 + 1e-9), *GENERIC.rows[1:]], convention="standard")
     assert not moved.is_close(GENERIC)
     assert moved.is_close(GENERIC, tolerance=1e-8)

@@ -1,4 +1,4 @@
-"""One mesh of each kind, written small: whatever its file's axes and unit, the link gets metres in its own axes."""
+"""One small mesh of each format: for any axes and unit of the file, the mesh is in metres in the link's axes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def bounds(path, scale=(1.0, 1.0, 1.0)):
 
 
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
-def test_formats_without_axes_are_taken_as_they_stand(tmp_path, suffix):
+def test_formats_without_axes_are_not_rotated(tmp_path, suffix):
     box().export(tmp_path / f"m.{suffix}")
     np.testing.assert_allclose(bounds(tmp_path / f"m.{suffix}"), BOUNDS, atol=1e-6)
 
@@ -62,7 +62,7 @@ def test_millimetres_of_an_stl_are_scaled_by_the_urdf(tmp_path):
 
 @pytest.mark.parametrize("up", ["X_UP", "Y_UP", "Z_UP"])
 @pytest.mark.parametrize("unit", [1.0, 0.001, 0.0254])
-def test_collada_brings_its_unit_and_not_its_up_axis(tmp_path, up, unit):
+def test_the_unit_of_collada_is_used_and_its_up_axis_ignored(tmp_path, up, unit):
     np.testing.assert_allclose(bounds(dae(tmp_path / "m.dae", up, unit)), BOUNDS, atol=1e-6)
 
 
@@ -88,7 +88,7 @@ def test_gltf_is_turned_from_y_up_to_z_up(tmp_path, suffix):
 
 
 @pytest.mark.parametrize("unit", ["0", "-1", "nan", "inf", "mm"])
-def test_unit_that_is_none_is_refused(tmp_path, unit):
+def test_an_unknown_unit_is_refused(tmp_path, unit):
     file = dae(tmp_path / "m.dae", "Z_UP", 1.0)
     file.write_text(file.read_text().replace('meter="1.0"', f'meter="{unit}"'))
     with pytest.raises(pp.errors.MeshError, match="unit that is not a positive number"):

@@ -1,4 +1,4 @@
-"""Where meshes are looked for: package paths of ROS 1 and ROS 2, and URIs that lead out of their package."""
+"""Search paths of meshes: packages of ROS 1 and ROS 2, and URIs that leave their package."""
 
 from __future__ import annotations
 
@@ -62,14 +62,14 @@ def test_package_folders_win_over_the_environment(tmp_path, monkeypatch):
     assert locate("package://pkg/m.stl", None, [tmp_path / "mine"]).path == mesh
 
 
-def test_package_cloned_under_another_name_is_known_by_its_manifest(tmp_path):
+def test_a_package_in_another_folder_is_found_by_its_manifest(tmp_path):
     mesh = put(tmp_path / "clone" / "meshes" / "m.stl")
     manifest(tmp_path / "clone", "pkg")
     assert locate("package://pkg/meshes/m.stl", tmp_path / "clone" / "urdf", []).path == mesh
     assert find_package("pkg", tmp_path / "clone" / "urdf", []) == tmp_path / "clone"
 
 
-def test_third_slash_is_no_absolute_path(tmp_path):
+def test_a_third_slash_is_not_an_absolute_path(tmp_path):
     mesh = put(tmp_path / "pkg" / "m.stl")
     assert locate("package:///pkg/m.stl", None, [tmp_path]).path == mesh
     assert locate(f"package:///{mesh}", None, []).path is None
@@ -78,7 +78,7 @@ def test_third_slash_is_no_absolute_path(tmp_path):
 def test_missing_mesh_names_every_place_of_the_environment(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "ament"))
-    looked = locate("package://pkg/m.stl", None, []).looked_in
+    looked = locate("package://pkg/m.stl", None, []).searched
     assert {tmp_path / "ros" / "pkg" / "m.stl", tmp_path / "ament" / "share" / "pkg" / "m.stl"} <= set(looked)
 
 
@@ -91,7 +91,7 @@ def test_uri_that_climbs_out_of_its_package_is_refused(tmp_path, uri):
         pp.load_robot(file)
 
 
-def test_second_slash_inside_is_no_absolute_path(tmp_path):
+def test_a_second_slash_inside_is_not_an_absolute_path(tmp_path):
     outside = put(tmp_path / "outside.stl")
     assert locate(f"package://a/{outside}", None, [tmp_path]).path is None
 

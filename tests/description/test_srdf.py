@@ -49,7 +49,7 @@ def test_srdf_is_kept_as_written(tmp_path):
         ("<robot>", "well-formed"),
     ],
 )
-def test_what_makes_no_sense_is_refused(tmp_path, text, message):
+def test_invalid_srdf_is_refused(tmp_path, text, message):
     with pytest.raises(pp.errors.UrdfError, match=message):
         read(tmp_path, text)
 
@@ -59,7 +59,7 @@ def test_urdf_in_place_of_an_srdf_is_refused():
         read_srdf(find_robot("ur5").urdf)
 
 
-def test_group_that_is_not_there_spoils_only_the_groups_that_hold_it(tmp_path):
+def test_a_missing_subgroup_invalidates_only_the_groups_that_contain_it(tmp_path):
     text = '<robot><group name="a"><group name="b"/></group><group name="c"><joint name="j"/></group></robot>'
     groups = read(tmp_path, text).groups
     assert (groups["a"].missing, groups["c"].missing, groups["c"].joints) == (("b",), (), ("j",))

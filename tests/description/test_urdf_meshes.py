@@ -71,8 +71,8 @@ def test_missing_mesh_names_link_and_every_place_searched(tmp_path, uri):
         resolved(found, "forearm")
     text = str(caught.value)
     assert "forearm" in text
-    assert found.looked_in
-    assert all(str(place) in text for place in found.looked_in)
+    assert found.searched
+    assert all(str(place) in text for place in found.searched)
     if not uri.startswith("file"):
         assert str(tmp_path / "packages") in text
 
@@ -100,7 +100,7 @@ def test_collada_unit_is_read(tmp_path):
         ("a.obj", "v 0 0 0\n", "no triangle|cannot be read"),
         ("a.obj", TRIANGLES.replace("v 1 0 0", "v nan 0 0"), "not finite"),
         ("a.stl", "nonsense", "cannot be read|no triangle"),
-        ("a.txt", "", "mesh format"),
+        ("a.txt", "", "unknown file type"),
     ],
 )
 def test_unusable_mesh_is_refused(tmp_path, name, text, message):
@@ -116,7 +116,7 @@ def test_missing_file_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda"])
-def test_catalogue_robots_bring_their_meshes(name):
+def test_catalogue_robots_have_their_meshes(name):
     urdf = pp.load_robot(name).urdf
     meshes = [g for g in (*urdf.visuals, *urdf.collisions) if g.mesh is not None]
     assert meshes

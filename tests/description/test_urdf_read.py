@@ -1,4 +1,4 @@
-"""What a URDF says is kept; what the parsers behind it would drop or misread is refused, with the line."""
+"""Reading URDF keeps all content; what other parsers drop or misread is an error with its line."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ LIMIT = '<limit lower="-1" upper="1" velocity="2" effort="1"/>'
 
 
 def urdf(*, joint="", kind="revolute", limit=LIMIT, link="", more=""):
-    """Two links and a joint, whose joint element stands on line 4."""
+    """Two links and a joint, whose joint element is on line 4."""
     return (
         f'<robot name="two">\n<link name="base"/>\n<link name="tip">{link}</link>\n'
         f'<joint name="j" type="{kind}"><parent link="base"/><child link="tip"/>{limit}{joint}</joint>\n{more}</robot>'
@@ -45,7 +45,7 @@ def test_geometry_is_kept(text, kind, size):
     assert (body.kind, body.size, body.link) == (kind, size, "tip")
 
 
-def test_origin_turns_about_fixed_axes():
+def test_the_origin_rotates_about_fixed_axes():
     text = '<collision><origin xyz="1 2 3" rpy="0.3 -0.7 1.1"/><geometry><sphere radius="1"/></geometry></collision>'
     (body,) = read_urdf_text(urdf(link=text)).collisions
     assert body.origin == pytest.approx(pp.pose((1, 2, 3), (0.3, -0.7, 1.1)).homogeneous, abs=1e-15)
@@ -107,13 +107,13 @@ def test_origin_turns_about_fixed_axes():
         ({"joint": '<origin xyz="1e400 0 0"/>'}, "line 4.*finite"),
     ],
 )
-def test_what_makes_no_sense_is_refused_with_its_line(parts, message):
+def test_invalid_content_is_refused_with_its_line(parts, message):
     with pytest.raises(pp.errors.UrdfError, match=message):
         read_urdf_text(urdf(**parts))
 
 
 @pytest.mark.parametrize("limit", ["", '<limit velocity="1" effort="1"/>', '<limit lower="-1" velocity="1"/>'])
-def test_limits_that_are_not_stated_are_asked_for_and_never_zero(limit):
+def test_missing_limits_are_an_error_and_never_zero(limit):
     robot = load_robot_from_text(urdf(limit=limit))
     with pytest.raises(pp.InputError, match=r"'j' states no lower and upper limit"):
         robot.arm(tcp="tip")
@@ -176,7 +176,7 @@ def test_missing_file_is_named(tmp_path):
         read_urdf(tmp_path / "nowhere.urdf")
 
 
-def test_other_xml_is_no_urdf():
+def test_other_xml_is_not_urdf():
     with pytest.raises(pp.errors.UrdfError, match="<sdf>, not <robot>"):
         read_urdf_text("<sdf/>")
 
@@ -192,7 +192,7 @@ def test_axis_of_any_length_is_a_direction():
     assert twist == pytest.approx([0, 0, 0, 0.6, 0, 0.8], abs=1e-15)
 
 
-def test_limit_beyond_all_use_is_none():
+def test_an_unusably_large_limit_is_no_limit():
     joint = read_urdf_text(urdf(limit='<limit lower="-1e16" upper="1e16" velocity="1e308"/>')).joints["j"]
     assert (joint.lower, joint.upper, joint.velocity) == (None, None, None)
 

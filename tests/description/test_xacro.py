@@ -11,6 +11,8 @@ from pinproof.description.xacro_files import expand_xacro
 
 from ..processes import PATIENCE
 
+pytestmark = pytest.mark.slow
+
 XACRO = """<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro">
   <xacro:arg name="length" default="0.3"/>
   <xacro:property name="l" value="$(arg length)"/>
@@ -55,19 +57,19 @@ def test_defaults_of_arguments_hold(file, tmp_path):
         ('link name="tip"', 'link name="tap"', r"expanded.*unknown link 'tip'"),
     ],
 )
-def test_what_cannot_be_expanded_is_refused(file, tmp_path, before, after, message):
+def test_invalid_xacro_is_refused_with_its_reason(file, tmp_path, before, after, message):
     file.write_text(XACRO.replace(before, after))
     with pytest.raises(pp.errors.UrdfError, match=message):
         pp.load_robot(file, package_dirs=[tmp_path / "packages"])
 
 
-def test_what_does_not_end_is_stopped(file, tmp_path):
+def test_endless_expansion_is_stopped(file, tmp_path):
     file.write_text(XACRO.replace("${2 * l}", "${9**9**9}"))
     with pytest.raises(pp.errors.UrdfError, match="within 2 s"):
         expand_xacro(file, {}, [tmp_path / "packages"], time_limit=2.0)
 
 
-def test_what_fills_the_memory_is_refused(file, tmp_path):
+def test_expansion_that_exceeds_the_memory_is_refused(file, tmp_path):
     file.write_text(XACRO.replace("${2 * l}", "${len('x' * 10**11)}"))
     with pytest.raises(pp.errors.UrdfError, match="when evaluating expression 'len"):
         expand_xacro(file, {}, [tmp_path / "packages"], time_limit=PATIENCE)
@@ -89,3 +91,43 @@ def test_missing_file_is_named(tmp_path):
     pytest.importorskip("xacro")
     with pytest.raises(pp.errors.UrdfError, match="No such file"):
         pp.load_robot(tmp_path / "r.xacro")
+
+
+def test_relative_package_dirs_are_those_of_the_working_directory(file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    arm = pp.load_robot("r.urdf.xacro", package_dirs=["packages"]).arm()
+    assert arm.forward_kinematics([0.0]).translation[2] == pytest.approx(0.6)
+
+
+def test_a_mistyped_argument_is_refused_and_the_nearest_is_named(file, tmp_path):
+    with pytest.raises(pp.errors.UnknownNameError) as caught:
+        pp.load_robot(file, package_dirs=[tmp_path / "packages"], xacro_args={"lenght": "0.5"})
+    assert (caught.value.name, caught.value.valid) == ("lenght", ["length"])
+    assert "r.urdf.xacro" in str(caught.value)
+
+
+def test_an_argument_that_an_included_file_declares_is_accepted(file, tmp_path):
+    (tmp_path / "packages" / "pkg" / "limits.xacro").write_text(
+        LIMITS.replace("<xacro:macro", '<xacro:arg name="speed" default="1"/>\n<xacro:macro').replace(
+            'velocity="1"', 'velocity="$(arg speed)"'
+        )
+    )
+    arm = pp.load_robot(file, package_dirs=[tmp_path / "packages"], xacro_args={"speed": "2.5"}).arm()
+    assert arm.limits.velocity[0] == 2.5
+
+
+def test_an_argument_that_is_used_but_not_declared_is_accepted(file, tmp_path):
+    file.write_text(XACRO.replace('<xacro:arg name="length" default="0.3"/>', ""))
+    arm = pp.load_robot(file, package_dirs=[tmp_path / "packages"], xacro_args={"length": "0.5"}).arm()
+    assert arm.forward_kinematics([0.0]).translation[2] == pytest.approx(1.0)
+
+
+def test_the_expanded_urdf_is_saved_and_is_the_same_robot(file, tmp_path):
+    robot = pp.load_robot(file, package_dirs=[tmp_path / "packages"], xacro_args={"length": "0.5"})
+    robot.save_urdf(tmp_path / "expanded.urdf")
+    text = (tmp_path / "expanded.urdf").read_text()
+    assert "$(" not in text
+    assert "xacro:" not in text
+    again = pp.load_robot(tmp_path / "expanded.urdf")
+    assert again.arm().forward_kinematics([0.4]).isApprox(robot.arm().forward_kinematics([0.4]), 1e-15)
+    assert (again.arm().limits.upper == robot.arm().limits.upper).all()

@@ -13,6 +13,7 @@ import pytest
 import pinproof as pp
 from pinproof.description.meshes import read_mesh
 
+from ..processes import PATIENCE
 from .samples import READERS
 
 MESHES = ("part.stl", "part.obj", "part.ply", "part.dae", "part.glb", "part.gltf")
@@ -38,14 +39,14 @@ property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 {}\n"
 
 @pytest.fixture
 def in_time():
-    """A test that waits for a pipe would wait for ever."""
+    """Fail a test that waits for a pipe."""
     import signal
 
     def late(*_: object) -> None:
         raise TimeoutError
 
     before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(20)
+    signal.alarm(int(PATIENCE))
     yield
     signal.alarm(0)
     signal.signal(signal.SIGALRM, before)
@@ -106,10 +107,10 @@ def test_a_gigabyte_is_refused_unread(tmp_path, name, monkeypatch):
         raise AssertionError("was read")
 
     monkeypatch.setattr(Path, "read_bytes", unread)
-    said = said_of(tmp_path / name)
-    assert "1,024 MiB" in said or str(SPARSE + 1) in said
+    expected = said_of(tmp_path / name)
+    assert "1,024 MiB" in expected or str(SPARSE + 1) in expected
     if name in MESHES:
-        assert "simplify the mesh" in said
+        assert "simplify the mesh" in expected
 
 
 def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_path):
@@ -120,7 +121,7 @@ def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_pat
 
 @pytest.mark.parametrize("name", [name for name in READERS if name.endswith("yaml")] + ["picks.json"])
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         (ALIASES, "values after the expansion of aliases"),
         ("a: &a [*a]\n", r"line 1.*\*a refers to its own parent"),
@@ -130,22 +131,22 @@ def test_table_of_picks_is_not_taken_into_memory_in_search_of_a_line_end(tmp_pat
         ("- " * 100_000, "nested too deep"),
         ("{a: " * 100_000, "nested too deep"),
         ("a: !!python/object/apply:os.system [x]\n", "line 1.*python"),
-        ("a: !!bool maybe\n", "valid YAML"),
-        ("a: !!int ''\n", "valid YAML"),
-        ("a: !!timestamp x\n", "valid YAML"),
-        ("a: 2026-99-99\n", "valid YAML"),
+        ("a: !!bool maybe\n", "is not valid YAML"),
+        ("a: !!int ''\n", "is not valid YAML"),
+        ("a: !!timestamp x\n", "is not valid YAML"),
+        ("a: 2026-99-99\n", "is not valid YAML"),
         ("a: 1\na: 2\n", "line 2.*duplicate key 'a'"),
         ("[1]: 2\n", "line 1.*cannot be a key"),
-        ("a: " + "9" * 5000, "valid YAML"),
+        ("a: " + "9" * 5000, "is not valid YAML"),
         ("a: 0x" + "f" * 5000, "larger than any double"),
         ("a: 1:30\n", "'1:30' is ambiguous"),
         ("a: *b\n", "line 1.*alias"),
         ("a\0b: 1\n", r"line 1.*U\+0000"),
     ],
 )
-def test_yaml(tmp_path, name, text, said):
+def test_yaml(tmp_path, name, text, expected):
     (tmp_path / name).write_text(text, encoding="utf-8")
-    with pytest.raises(pp.FileError, match=said):
+    with pytest.raises(pp.FileError, match=expected):
         ALL[name](tmp_path / name)
 
 
@@ -174,7 +175,7 @@ def _refused_or_a_verdict(path: Path) -> None:
     [gzip.compress(b"{}" * 99, mtime=0)[:-9], b"\x1f\x8b" + b"\0" * 99, b"\x1f\x8b\x08\0" + b"\xff" * 99],
     ids=["cut off", "no method", "no data"],
 )
-def test_packed_proof_that_is_no_whole_gzip_file(tmp_path, content):
+def test_a_truncated_gzip_proof_is_refused(tmp_path, content):
     (tmp_path / "proof.json").write_bytes(content)
     assert "cannot be read as a proof" in said_of(tmp_path / "proof.json")
 
@@ -195,7 +196,7 @@ def test_groups_of_groups_of_groups(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "expected"),
     [
         (
             "part.stl",
@@ -218,9 +219,9 @@ def test_groups_of_groups_of_groups(tmp_path):
         ("part.dae", b"<COLLADA/>", "cannot be read"),
     ],
 )
-def test_meshes(tmp_path, name, content, said):
+def test_meshes(tmp_path, name, content, expected):
     (tmp_path / name).write_bytes(content)
-    with pytest.raises(pp.errors.MeshError, match=said):
+    with pytest.raises(pp.errors.MeshError, match=expected):
         read_mesh(tmp_path / name)
 
 
@@ -232,7 +233,7 @@ def test_materials_are_not_fetched(tmp_path, monkeypatch):
     assert len(read_mesh(tmp_path / "part.obj").triangles) == 1
 
 
-def test_mesh_of_a_kind_nobody_knows_names_the_kinds(tmp_path):
+def test_an_unknown_mesh_format_is_refused_with_the_known_formats(tmp_path):
     (tmp_path / "part.step").touch()
     with pytest.raises(pp.errors.MeshError, match=r"valid: \.stl, \.obj, \.dae, \.ply, \.glb, \.gltf"):
         read_mesh(tmp_path / "part.step")
@@ -247,7 +248,7 @@ def test_two_hundred_thousand_triangles_are_read(tmp_path):
 
 
 @pytest.mark.parametrize("stated", ["counts: [4294967296, 4294967296, 1]", "counts: [1000000000000, 1, 1]"])
-def test_pattern_of_more_picks_than_any_memory_holds(tmp_path, stated):
+def test_a_pattern_too_large_for_memory_is_refused(tmp_path, stated):
     pattern = f"{{grid: {{{stated}, step: [1, 1, 1]}}}}"
     row = f"{{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0], pattern: {pattern}}}"
     (tmp_path / "picks.yaml").write_text(f"picks:\n  - {row}\n", encoding="utf-8")
@@ -255,7 +256,7 @@ def test_pattern_of_more_picks_than_any_memory_holds(tmp_path, stated):
     assert "at most 100000" in problem.reason
 
 
-def test_range_of_more_turns_than_anybody_tries(tmp_path):
+def test_a_range_of_very_many_rotations(tmp_path):
     row = "{name: a, xyz: [0, 0, 0], rpy: [0, 0, 0], spin: {range: [0, 1], steps: 1000000000000}}"
     (tmp_path / "picks.yaml").write_text(f"picks:\n  - {row}\n", encoding="utf-8")
     (problem,) = pp.read_picks(tmp_path / "picks.yaml").problems

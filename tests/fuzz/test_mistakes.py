@@ -24,7 +24,7 @@ def mesh(file: str) -> str:
 
 
 def said_of(path: Path) -> str:
-    """What is said of a file: of picks also by the rows that make none, of robots also by their notes."""
+    """The message about a file: for picks also its unreadable rows, for robots also their notes."""
     try:
         if path.suffix == ".urdf":
             robot = pp.load_robot(path)
@@ -36,15 +36,15 @@ def said_of(path: Path) -> str:
             return "\n".join(pp.Scene.load(path).notes)
         {"dh": pp.DhTable, "motion": pp.Trajectory}[path.stem].load(path)
     except pp.FileError as error:
-        told = str(error)
-        return told.removeprefix(f"{path}: ") if told.startswith(str(path)) else f"without its file: {told}"
+        data = str(error)
+        return data.removeprefix(f"{path}: ") if data.startswith(str(path)) else f"without its file: {data}"
     except pp.InputError as error:
         return str(error)
     return ""
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "said"),
+    ("name", "text", "stated"),
     [
         # degrees
         ("scene.yaml", SCENE.format("box: [1, 1, 1], rpy: [0, 0, 90]"), "line 2.*'a'.*radians, 90 degrees = 1.57"),
@@ -96,11 +96,11 @@ def said_of(path: Path) -> str:
         ),
     ],
 )  # fmt: skip
-def test_answer_names_place_and_remedy(tmp_path, name, text, said):
+def test_answer_names_place_and_remedy(tmp_path, name, text, stated):
     file = tmp_path / name
     file.write_bytes(text if isinstance(text, bytes) else text.encode())
     answer = said_of(file)
-    assert re.search(said, answer), answer
+    assert re.search(stated, answer), answer
     assert "\n" not in answer
 
 
@@ -132,11 +132,11 @@ def test_ground_as_wide_as_a_hall_is_a_box(tmp_path):
     assert said_of(tmp_path / "scene.yaml") == ""
 
 
-def test_joints_too_few_and_frames_nobody_knows():
+def test_too_few_joints_and_unknown_frames_are_refused():
     robot = pp.load_robot("scara")
     with pytest.raises(pp.InputError, match=r"shape \(4,\).*\(3,\).*the arm's joints are "):
         robot.arm().forward_kinematics([0.0] * 3)
     with pytest.raises(pp.UnknownNameError, match=r"unknown frame 'tool'.*valid: tool0"):
         robot.arm(tcp="tool")
-    with pytest.raises(pp.UnknownNameError, match=r"unknown robot 'ur5e'.*valid: ur5"):
-        pp.load_robot("ur5e")
+    with pytest.raises(pp.UnknownNameError, match=r"unknown robot 'ur5x'.*valid: ur5"):
+        pp.load_robot("ur5x")

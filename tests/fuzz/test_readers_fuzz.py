@@ -1,4 +1,4 @@
-"""Whatever stands in a file, its reader takes it or says what is wrong in one of our own errors, and soon."""
+"""A reader accepts any content of a file or raises an error of this package, in bounded time."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from typing import Any
 
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 import pinproof as pp
 
+from ..examples import examples
 from .mutations import bytes_of, worse_lines, worse_tree, worse_xml
 from .samples import MJCF, READERS, SRDF, TABLES, TREES, URDF
 
 EXAMPLES = int(os.environ.get("PINPROOF_FUZZ_EXAMPLES", "25"))
-"""Of each test. The bugs were found with thousands."""
+"""Number of examples of each test; errors were found with thousands."""
 
 LONGEST = 5.0
-"""Seconds that a file may take; one that hangs would hang the suite."""
+"""Seconds of CPU time that a file may take; one that hangs would hang the suite."""
 
-fuzzed = settings(
-    max_examples=EXAMPLES,
+fuzzed = examples(
+    EXAMPLES,
     derandomize="PINPROOF_FUZZ_EXAMPLES" not in os.environ,
-    deadline=None,
     database=None,
     suppress_health_check=list(HealthCheck),
 )
@@ -47,29 +47,29 @@ def folder(tmp_path_factory) -> Path:
 @contextlib.contextmanager
 def in_time() -> Iterator[None]:
     def late(*_: object) -> None:
-        raise TimeoutError(f"more than {LONGEST} s")
+        raise TimeoutError(f"more than {LONGEST} s of CPU time")
 
-    before = signal.signal(signal.SIGALRM, late)
-    signal.setitimer(signal.ITIMER_REAL, LONGEST)
+    before = signal.signal(signal.SIGPROF, late)
+    signal.setitimer(signal.ITIMER_PROF, LONGEST)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
 
 
 def look(folder: Path, name: str, content: bytes) -> None:
-    """Read the file; anything but a value or one of our own errors fails the test, as does an error nobody can read."""
+    """Read the file; anything but a value or an error of this package fails the test, as does an unreadable message."""
     file = folder / name
     file.write_bytes(content)
-    said = "read"
+    text = "read"
     try:
         with in_time():
             READERS[name](file)
     except pp.PinproofError as error:
-        said = str(error)
-    assert 0 < len(said) < 4000
-    assert said.replace("\n", "").isprintable()
+        text = str(error)
+    assert 0 < len(text) < 4000
+    assert text.replace("\n", "").isprintable()
 
 
 @pytest.mark.parametrize("name", TREES)

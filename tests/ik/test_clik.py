@@ -6,11 +6,13 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.ik import IkSolutions, IkStatus, IkStep
+
+from ..examples import examples
 
 
 def errors(arm, q, target):
@@ -46,7 +48,7 @@ def test_every_random_reachable_pose_is_found(name, request):
         assert orientation <= 1.000001e-6  # the chord is read off a product of rounded matrices
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(seed=st.integers(0, 10**6), task=st.sampled_from(["pose", "position", "orientation"]), scale=st.floats(0, 3))
 def test_solutions_are_verified_and_failures_report_their_residual(ur5, seed, task, scale):
     """Poses at, near and beyond the workspace boundary, and with joints at their limits."""
@@ -98,7 +100,7 @@ def test_steps_of_a_stretched_arm_stay_bounded_for_an_unreachable_target(planar)
     assert max(np.abs(step.step).max() for step in steps) <= 0.2
 
 
-@settings(max_examples=25)
+@examples(25)
 @given(seed=st.integers(0, 10**6), max_step=st.floats(0.01, 2.0))
 def test_no_step_exceeds_max_step(panda, seed, max_step):
     steps: list[IkStep] = []
@@ -123,8 +125,7 @@ def test_failed_search_respects_limits_and_names_the_joint(planar):
     result = pp.Clik().solve(arm, pp.pose((np.cos(2), np.sin(2), 0)), task="position")
     assert not result.ok
     assert result.q == pytest.approx([1.0])
-    assert "j1" in result.message
-    assert "limit" in result.message
+    assert "joint j1 is at its upper limit" in result.message
 
 
 def test_target_that_needs_a_joint_exactly_at_its_limit(planar):
@@ -180,8 +181,8 @@ def test_rejected_solutions_have_the_status_refused(ur5):
     assert result.status is IkStatus.REFUSED
     assert not result.ok
     assert np.array_equal(result.q, seen[0])  # what accept does to its copy stays with it
-    assert "accept" in result.message
-    with pytest.raises(pp.errors.IkFailed, match="accept") as caught:
+    assert "rejected: accept returned False" in result.message
+    with pytest.raises(pp.errors.IkFailed, match="rejected: accept returned False") as caught:
         result.or_raise()
     assert caught.value.result is result
 

@@ -6,11 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
+from pinproof import _core
 from pinproof.model import load_robot_from_text
+
+from ..examples import examples
 
 TASKS = ["position", "pose", "orientation", "spin_z", "spin_x"]
 ARMS = ["ur5", "panda", "stanford", "scara", "so100"]
@@ -32,12 +35,10 @@ def middle(arm):
 
 
 def test_one_link_reaches_its_target_in_one_full_pass(planar):
-    """The kernel scales steps by alternating factors; the angle of a pass is exact."""
-    from pinproof.kernels.step_fabrik import RELAX_HOLD
-
+    """The compiled rule scales steps by alternating factors; the angle of a pass is exact."""
     steps = []
     pp.Fabrik(restarts=0).solve(planar("-3 3"), pp.pose((0.0, 1.0, 0.0)), [0.0], task="position", on_step=steps.append)
-    assert steps[0].step == pytest.approx([RELAX_HOLD * np.pi / 2], abs=1e-12)
+    assert steps[0].step == pytest.approx([_core.FabrikStep.RELAX_HOLD * np.pi / 2], abs=1e-12)
 
 
 def test_two_planar_links_match_the_analytic_solution(planar):
@@ -87,7 +88,7 @@ def test_positions_are_found_from_the_middle_without_restarts(arms, name):
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(
     name=st.sampled_from(ARMS),
     task=st.sampled_from(TASKS),
@@ -115,7 +116,7 @@ def test_every_iterate_is_within_limits_and_solutions_are_verified(arms, name, t
 
 
 @pytest.mark.slow
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(name=st.sampled_from(ARMS), task=st.sampled_from(TASKS), seed=st.integers(0, 10**6), polish=st.booleans())
 def test_both_engines_take_the_same_steps(arms, name, task, seed, polish):
     arm = arms[name]

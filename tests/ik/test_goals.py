@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.ik.task import packed_goal
+from pinproof.ik.task import make_goal
 
 
 def free_direction(arm, q):
@@ -15,8 +15,8 @@ def free_direction(arm, q):
 
 
 def away_from_centre(arm, q):
-    goal = packed_goal("centre", arm, q)
-    return goal[2, : arm.dof] * (q - goal[1, : arm.dof])
+    goal = make_goal("centre", arm, q)
+    return goal.weight * (q - goal.posture)
 
 
 def test_centre_has_no_gradient_in_the_null_space(panda):
@@ -27,7 +27,7 @@ def test_centre_has_no_gradient_in_the_null_space(panda):
         at_limit = np.minimum(centred.q - panda.limits.lower, panda.limits.upper - centred.q).min() < 1e-3
         pull = abs(away_from_centre(panda, centred.q) @ free_direction(panda, centred.q))
         assert pull < 1e-2 or at_limit
-        cost = [away_from_centre(panda, r.q) @ (r.q - packed_goal("centre", panda, q)[1]) for r in (plain, centred)]
+        cost = [away_from_centre(panda, r.q) @ (r.q - make_goal("centre", panda, q).posture) for r in (plain, centred)]
         assert cost[1] <= cost[0] + 1e-9
 
 

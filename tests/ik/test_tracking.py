@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
+from pinproof import _core
 from pinproof.model import load_robot_from_text
+
+from ..examples import examples
 
 REACHED = 1e-6
 """m and rad: the permitted error if a continuous solution exists."""
@@ -55,8 +58,8 @@ SINGULAR = {
 @pytest.mark.parametrize("dt", [1e-3, 1e-2, 5e-2])
 @pytest.mark.parametrize(("name", "centre"), SINGULAR.values(), ids=SINGULAR)
 def test_a_motion_through_a_singularity_continues_smoothly(name, centre, dt, shift):
-    """The samples are those of the line in joint space, though one direction vanishes on the way (for shift 0, on a
-    sample, where a whole line of configurations is as good)."""
+    """The samples are those of the line in joint space, though one direction vanishes on the line (for shift 0, on a
+    sample, where a line of configurations is equally good)."""
     arm = pp.load_robot(name).arm()
     assert arm.singularity(centre).smallest < 1e-9
     rates = np.array([0.24, 0.16, -0.2, 0.32, 0.48, -0.24])
@@ -238,19 +241,19 @@ def test_cycles_equal_the_sequence_bit_for_bit_also_when_repeated(panda, goal):
     Q = line(panda.home, [0.9, 0.7, -0.8, 0.9, 0.9, -0.9, 1.5], 5e-3, 200)
     poses = panda.forward_kinematics_batch(Q)
     poses[120:] = poses[0]  # a jump, so that there is slip too
-    whole = pp.track(panda, poses, Q[0], dt=5e-3, goal=goal)
+    complete = pp.track(panda, poses, Q[0], dt=5e-3, goal=goal)
     tracker = pp.Tracker(panda, 5e-3, Q[0], goal=goal)
     for again in range(2):
         ticks = np.array([tracker.step(pose) for pose in poses])
-        assert (ticks == whole.q).all(), again
-        assert tracker.slip == (whole.position_error[-1], whole.orientation_error[-1])
-        assert tracker.ok == whole.reached[-1]
-        assert (tracker.q == whole.q[-1]).all()
+        assert (ticks == complete.q).all(), again
+        assert tracker.slip == (complete.position_error[-1], complete.orientation_error[-1])
+        assert tracker.ok == complete.reached[-1]
+        assert (tracker.q == complete.q[-1]).all()
         tracker.reset(Q[0])
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "stanford", "kinova", "scara"])
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(seed=st.integers(0, 10**6), dt=st.sampled_from([1e-3, 1e-2, 0.3]), singular=st.booleans())
 def test_limits_hold_and_ok_is_verified_for_any_targets(name, seed, dt, singular):
     """Targets that move, jump and leave the workspace; errors are measured by Pinocchio for each sample."""
@@ -282,18 +285,7 @@ def _turn(pose, seen):
 ARMS = {name: pp.load_robot(name).arm() for name in ["ur5", "panda", "stanford", "kinova", "scara"]}
 
 
-def box_step(A, pull, shift, low, high):
-    from pinproof.kernels import box_step as room
-    from pinproof.kernels.workspace import HELD, PULL, STEP
-
-    n = A.shape[1]
-    joints, errors = np.zeros((9, n)), np.zeros((5, 6))
-    joints[room.DOWN], joints[room.UP], errors[PULL] = low, high, pull
-    gain = room.box_step(shift, A, np.empty((6, n)), np.empty((6, 6)), np.empty((6, 6)), joints, errors)
-    return joints[STEP], joints[HELD], gain
-
-
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 10), rank=st.integers(1, 6))
 def test_the_bounded_step_equals_scipy(seed, n, rank):
     from scipy.optimize import lsq_linear
@@ -305,7 +297,7 @@ def test_the_bounded_step_equals_scipy(seed, n, rank):
     low[rng.random(n) < 0.1] = 0.0
     away = rng.normal(size=n) * (rng.random() < 0.3)  # 0 need not be in the box
     low, high = low + away, high + away
-    step, held, gain = box_step(A, pull, shift, low, high)
+    step, held, gain = _core.box_step(A, pull, shift, low.tolist(), high.tolist())
     stacked, right = np.vstack([A, np.sqrt(shift) * np.eye(n)]), np.concatenate([-pull, np.zeros(n)])
     oracle = lsq_linear(stacked, right, (low, high), method="bvls", tol=1e-14).x
 

@@ -37,7 +37,7 @@ def test_panda_joint_6_keeps_its_range(panda):
     assert nearest_winding(panda, q, np.zeros(7))[5] == 3.7
 
 
-def test_limit_that_is_a_whole_turn_is_not_overshot_by_rounding(planar):
+def test_a_limit_of_2_pi_is_not_exceeded_by_rounding(planar):
     arm = planar(f"{-6 * np.pi!r} {6 * np.pi!r}")
     for q in np.linspace(0, 2 * np.pi, 1000):
         assert arm.limits.contains(nearest_winding(arm, np.array([q]), np.array([100.0])))
@@ -52,7 +52,7 @@ def test_many_rows_at_once(ur5):
     assert np.array_equal(nearest_winding(ur5, rows, reference), expected)
 
 
-def test_joint_whose_follower_turns_half_as_far_is_not_shifted(planar):
+def test_a_joint_whose_follower_moves_half_as_far_is_not_shifted(planar):
     assert planar("", "").periodic.tolist() == [True, True]
     assert planar("", "", mimic="j1 -2").periodic.tolist() == [True, True]
     arm = planar("", "", mimic="j1 0.5")
@@ -60,7 +60,7 @@ def test_joint_whose_follower_turns_half_as_far_is_not_shifted(planar):
     assert nearest_winding(arm, np.array([0.5, 0.5]), np.array([6.5, 6.5])) == pytest.approx([0.5, 0.5 + 2 * np.pi])
 
 
-def test_difference_takes_whole_turns_out(ur5):
+def test_the_difference_ignores_full_rotations(ur5):
     a = np.array([6.2, 0, 0, 0, -6.2, 1.0])
     assert difference(ur5, a, np.zeros(6)) == pytest.approx([6.2 - 2 * np.pi, 0, 0, 0, 2 * np.pi - 6.2, 1.0])
 

@@ -52,14 +52,14 @@ SEEDS = given(seed=st.integers(0, 10**6))
 
 
 @SEEDS
-def test_every_link_stands_where_pinocchio_puts_it(zoo_text, arm, seed):
+def test_every_link_has_the_pose_of_pinocchio(zoo_text, arm, seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, 4)
     q[1] = rng.uniform(-20, 20)  # continuous: one unwrapped angle
-    told = dict(zip(arm.joint_names, q, strict=True))
+    data = dict(zip(arm.joint_names, q, strict=True))
     oracle = Oracle(zoo_text)
     for frame in ("base", "carriage", "column", "forearm", "hand", "tool", "rod_link"):
-        expected = oracle.place(frame, **told, finger=0.01)
+        expected = oracle.place(frame, **data, finger=0.01)
         assert arm.frame_placement(q, frame).homogeneous == pytest.approx(expected, abs=1e-13)
 
 
@@ -134,7 +134,7 @@ def test_base_on_the_chain(zoo):
     assert short.jacobian(q[1:]) == pytest.approx(turn @ long.jacobian(q)[:, 1:], abs=1e-12)
 
 
-def test_held_joint_stands_where_told_and_its_follower_with_it(zoo, zoo_text):
+def test_a_held_joint_and_its_follower_have_the_stated_values(zoo, zoo_text):
     q, oracle = np.array([0.1, 0.2, 0.3, 0.4]), Oracle(zoo_text)
     for held, expected in (({"finger": 0.03}, 0.03), (None, 0.01)):  # 0 is outside its limits: the nearest bound
         arm = zoo.arm(tcp="tool", held=held)
@@ -165,7 +165,7 @@ def test_one_joint_arm_has_a_jacobian_of_one_column(zoo):
 
 
 @pytest.mark.parametrize("name", ["a", "b", "c", "universe"])
-def test_joint_may_bear_the_name_of_a_link(name):
+def test_a_joint_may_have_the_name_of_a_link(name):
     text = '<robot name="r"><link name="a"/><link name="b"/><link name="c"/>'
     limit = '<limit lower="-2" upper="2" velocity="1" effort="1"/>'
     for joint, parent, child in ((name, "a", "b"), ("other", "b", "c")):
@@ -183,7 +183,8 @@ def test_joint_may_bear_the_name_of_a_link(name):
 
 def test_batch_is_the_single_calls(arm):
     Q = np.random.default_rng(0).uniform(-1, 1, (5, 4))
-    assert np.array_equal(arm.forward_kinematics_batch(Q), [arm.forward_kinematics(q).homogeneous for q in Q])
+    single = np.array([arm.forward_kinematics(q).homogeneous for q in Q])
+    assert arm.forward_kinematics_batch(Q) == pytest.approx(single, abs=1e-15)
 
 
 def test_nothing_handed_out_changes_with_the_next_call(ur5):
@@ -224,7 +225,7 @@ def test_unknown_names_are_refused_with_the_valid_ones(zoo, arm):
 
 
 @pytest.mark.parametrize("q", [[0.0] * 3, [[0.0] * 4], [0, 0, np.nan, 0], [0, 0, np.inf, 0], "abcd", None])
-def test_configuration_that_is_none_is_refused_naming_the_joints(arm, q):
+def test_an_invalid_configuration_is_refused_with_the_joint_names(arm, q):
     with pytest.raises(pp.InputError, match="slide, turn, lift, wrist"):
         arm.forward_kinematics(q)
 
@@ -238,7 +239,7 @@ def test_singularity_of_the_stretched_ur5(ur5):
     assert ur5.singularity(ur5.home).smallest > 0.01
 
 
-def test_ur5_and_panda_stand_as_published():
+def test_ur5_and_panda_have_the_published_poses():
     """UR5: reach 0.81725 + offsets of the published table at zero; Panda: the flange's height at zero."""
     ur5 = pp.load_robot("ur5").arm(tcp="tool0")
     assert ur5.forward_kinematics(np.zeros(6)).translation == pytest.approx([0.81725, 0.19145, -0.005491], abs=1e-6)

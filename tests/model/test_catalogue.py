@@ -1,4 +1,4 @@
-"""Every robot of the catalogue: it loads, its arm is the one meant, its home is safe, and dual arms share a body."""
+"""Every robot of the catalogue loads, has the intended arm and a collision-free home; dual arms share a body."""
 
 from __future__ import annotations
 
@@ -20,8 +20,9 @@ def test_the_promised_names_are_there():
     assert set(catalogue_names()) >= NAMED
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", catalogue_names())
-def test_robot_is_whole_and_its_home_is_safe(name):
+def test_the_robot_is_complete_and_its_home_is_collision_free(name):
     entry, robot = find_robot(name), pp.load_robot(name)
     arm = robot.arm()
     assert arm.tcp == entry.tcp
@@ -46,24 +47,24 @@ def test_arms_of_a_dual_arm_robot_hold_each_other(family):
     left, right = (pp.load_robot(f"{family}_{side}").arm() for side in ("left", "right"))
     assert not set(left.joint_names) & set(right.joint_names)
     assert [left.held[joint] for joint in right.joint_names] == right.home.tolist()
-    told = dict(zip(right.joint_names, right.limits.clip(right.home + 0.1), strict=True))
-    moved = left.robot.arm(held=told)
-    assert [moved.held[joint] for joint in right.joint_names] == list(told.values())
+    data = dict(zip(right.joint_names, right.limits.clip(right.home + 0.1), strict=True))
+    moved = left.robot.arm(held=data)
+    assert [moved.held[joint] for joint in right.joint_names] == list(data.values())
     before, after = (arm.frame_placement(left.home, right.tcp) for arm in (left, moved))
     assert not before.isApprox(after, 1e-3)
     assert left.frame_placement(left.home, left.tcp).isApprox(moved.forward_kinematics(left.home), 1e-12)
 
 
-def test_default_base_gives_way_to_a_tcp_that_does_not_hang_on_it():
+def test_a_tcp_outside_the_default_base_replaces_the_default():
     robot = pp.load_robot("tiago")
     assert robot.arm().base == "torso_lift_link"
     assert robot.arm("torso_lift_link").base == "base_footprint"
     assert robot.arm(base="base_link").dof == 8
 
 
-def test_robots_of_others_are_asked_for_by_their_package(monkeypatch):
+def test_a_robot_of_a_missing_package_names_the_package(monkeypatch):
     monkeypatch.setattr("pinproof.description.catalogue.example_robot_data", lambda: None)
-    with pytest.raises(pp.InputError, match="'ur5' requires example-robot-data"):
+    with pytest.raises(pp.InputError, match="'ur5' requires example-robot-data: pip install example-robot-data"):
         pp.load_robot("ur5")
 
 
@@ -72,6 +73,7 @@ def test_meshes_named_with_three_slashes_are_found():
     assert pp.load_robot(file).notes == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in catalogue_names() if find_robot(name).overlaps])
 def test_overlaps_are_contacts_that_the_srdf_does_not_disable(name):
     entry = find_robot(name)

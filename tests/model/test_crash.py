@@ -1,4 +1,4 @@
-"""Input that ends the interpreter in the libraries below: each in a process of its own, which must end well."""
+"""Input that crashes the interpreter inside other libraries, each in a separate process that must survive."""
 
 from __future__ import annotations
 

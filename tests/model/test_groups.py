@@ -1,4 +1,4 @@
-"""SRDF groups, states and end effectors on a robot: which arm they mean, and what is said where they mean none."""
+"""SRDF groups, states and end effectors on a robot: the arm of each, and the error if there is none."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def test_state_in_the_order_of_the_arm(robot):
         ("afloat", None, "joint 'j_raft' 7 numbers"),
     ],
 )
-def test_state_that_is_none_is_refused(robot, name, group, message):
+def test_an_invalid_state_is_refused(robot, name, group, message):
     with pytest.raises(pp.InputError, match=message):
         robot.state(name, group=group)
 
@@ -130,7 +130,7 @@ def test_notes_name_what_the_srdf_invents(robot):
         assert words in notes
 
 
-def test_floating_joint_beside_the_arm_stands_still(robot):
+def test_a_floating_joint_outside_the_arm_is_fixed(robot):
     arm = robot.arm(group="chain")
     placement = arm.robot.arm("a3").frame_placement([0.1, 0.2, 0.3], "raft")
     assert placement.translation.tolist() == [0.1, 0, 0.2]

@@ -1,4 +1,4 @@
-"""What is said about a robot: whole, in plain values, and honest about what is missing."""
+"""The description of a robot is complete, has plain values, and lists what is missing."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def test_geometries_and_pairs_are_counted():
     assert (info.groups, info.states) == (("arm", "hand", "arm_and_hand"), ("default",))
 
 
-def test_what_is_missing_is_said(zoo):
+def test_missing_parts_are_named(zoo):
     missing = "\n".join(zoo.missing)
     for words in ("no SRDF", "no collision geometry", "no velocity limit: turn", "(continuous): turn", "no home"):
         assert words in missing

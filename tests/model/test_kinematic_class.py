@@ -1,4 +1,4 @@
-"""The class of a chain: spherical wrists, parallel axes, sliding joints, and what is not quite any of these."""
+"""The class of a chain: spherical wrists, parallel axes, prismatic joints, and near misses of these."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_scara_is_parallel_all_through():
 
 
 @pytest.mark.parametrize(("offset", "found"), [(0.0, True), (1e-7, True), (1e-3, False)])
-def test_wrist_off_centre_is_none(offset, found):
+def test_an_offset_wrist_is_not_spherical(offset, found):
     wrist = [("revolute", "0 0 0", "0 0 1"), ("revolute", f"{offset} 0 0", "0 1 0"), ("revolute", "0 0 0", "0 0 1")]
     joints = [("revolute", "0.3 0.1 0.4", axis) for axis in ("0 0 1", "0 1 0", "1 0 0")] + wrist
     assert ("spherical wrist (joints 4, 5, 6)" in kinematic_class(arm(joints))) is found
@@ -63,7 +63,7 @@ def test_axes_that_lean_are_not_parallel(lean, found):
     assert ("all axes parallel" in kinematic_class(chain)) is found
 
 
-def test_chain_with_nothing_special_says_so():
+def test_a_general_chain_is_reported_as_such():
     joints = [("revolute", "0.3 0.1 0.4", axis) for axis in ("0 0 1", "0 1 0", "1 0 0", "0 1 0", "0 0 1", "1 0 0")]
     assert kinematic_class(arm(joints)).endswith("no three neighbouring axes intersect in a point or are parallel")
 

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.errors import UrdfError
+from pinproof.model import load_robot_from_text
 
 ONE = np.ones(2)
 
 
-def test_acceleration_default_says_so():
+def test_default_acceleration_is_stated():
     limits = pp.JointLimits(-ONE, ONE, 2 * ONE)
     assert limits.acceleration.tolist() == [4.0, 4.0]
     assert "0.5 s" in limits.acceleration_source
@@ -33,7 +35,7 @@ def test_limits_without_sense_are_refused(arguments):
         pp.JointLimits(*arguments)
 
 
-def test_arrays_are_copies_that_nobody_can_write():
+def test_arrays_are_read_only_copies():
     lower = -ONE
     limits = pp.JointLimits(lower, ONE, ONE)
     lower[0] = -9
@@ -61,8 +63,8 @@ def test_sampling_range_of_open_limits_is_one_turn():
 def test_a_violation_is_printed_with_digits_that_show_it():
     limits = pp.JointLimits(-np.pi * ONE, np.pi * ONE, ONE)
     (sentence,) = limits.violations(np.array([0.0, -np.pi - 1e-8]), ["a", "b"])
-    said, lowest = float(sentence.split()[2]), float(sentence.split("[")[1].split(",")[0])
-    assert said < lowest
+    text, lowest = float(sentence.split()[2]), float(sentence.split("[")[1].split(",")[0])
+    assert text < lowest
     for off in 10.0 ** np.arange(-15, 1):
         (sentence,) = limits.violations(np.array([0.0, np.pi + off]), ["a", "b"])
         assert float(sentence.split()[2]) > float(sentence.split()[-1].rstrip("]"))
@@ -77,3 +79,72 @@ def test_values_within_rounding_of_a_limit_become_the_limit():
     assert np.isnan(snapped[2, 1])
     endless = pp.JointLimits(np.full(2, -np.inf), np.full(2, np.inf), ONE)
     assert endless.snap(np.array([1e3, -1e3])).tolist() == [1e3, -1e3]
+
+
+def test_all_limits_can_be_passed_by_position():
+    limits = pp.JointLimits(-ONE, ONE, 2 * ONE, 3 * ONE, 4 * ONE, 5 * ONE)
+    assert limits.acceleration.tolist() == [3.0, 3.0]
+    assert limits.jerk.tolist() == [4.0, 4.0]
+    assert limits.effort.tolist() == [5.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ((-ONE, ONE), "velocity"),
+        ((-ONE, ONE, "fast"), "limits.velocity"),
+        ((-ONE, ONE, ONE, [[1], [1, 2]]), "limits.acceleration"),
+        ((-ONE, ONE, ONE, ONE, "a source"), "limits.jerk"),
+        ((-ONE, ONE, ONE, ONE, ONE, 0 * ONE), "effort"),
+        ((-ONE, ONE, ONE, ONE, ONE, ONE, "source"), "acceleration_source"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments, named: str):
+    with pytest.raises(pp.InputError, match=named):
+        pp.JointLimits(*arguments)
+
+
+URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
+<joint name="one" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="{}"/></joint>
+<joint name="two" type="prismatic"><parent link="b"/><child link="c"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" velocity="1" effort="0"/></joint></robot>"""
+
+
+def test_effort_limits_are_those_of_the_urdf_and_0_is_unknown():
+    arm = load_robot_from_text(URDF.format(87)).arm(tcp="c")
+    np.testing.assert_array_equal(arm.limits.effort, [87.0, np.nan])
+    assert arm.robot.model.effortLimit[0] == 87.0
+    assert arm.model.effortLimit[0] == 87.0
+    assert [joint.effort for joint in arm.robot.info(arm).joints] == [87.0, None]
+    assert load_robot_from_text(URDF.format(0)).arm(tcp="c").limits.effort is None
+    with pytest.raises(UrdfError, match="'one' has the negative effort limit"):
+        load_robot_from_text(URDF.format(-1))
+
+
+@pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
+def test_effort_limits_are_those_of_pinocchio(name: str):
+    arm = pp.load_robot(name).arm()
+    known = ~np.isnan(arm.limits.effort)
+    index = [arm.robot.model.joints[arm.robot.model.getJointId(joint)].idx_v for joint in arm.joint_names]
+    np.testing.assert_array_equal(arm.limits.effort[known], arm.robot.model.effortLimit[index][known])
+    assert known.any()
+
+
+@pytest.mark.parametrize("suffix", ["yaml", "csv"])
+def test_effort_limits_survive_both_conversions_and_files(suffix: str, tmp_path):
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    table = pp.urdf_to_dh(arm)
+    table.save(tmp_path / f"table.{suffix}")
+    again = pp.DhTable.load(tmp_path / f"table.{suffix}")
+    pp.write_urdf(again, tmp_path / "again.urdf")
+    there = pp.load_robot(tmp_path / "again.urdf").arm()
+    assert there.limits.effort.tolist() == again.effort.tolist() == table.effort.tolist() == arm.limits.effort.tolist()
+    assert set(table.effort) == {150.0, 28.0}
+
+
+def test_inside_counts_values_beyond_a_limit_by_rounding_as_the_limit():
+    limits = pp.JointLimits(-ONE, ONE, ONE)
+    many = np.array([[1.0, -1.0], [1.0 + 9e-10, -1.0 - 9e-10], [1.0 + 2e-9, 0.0], [0.0, np.nan]])
+    assert limits.inside(many).tolist() == [True, True, False, False]
+    assert limits.inside(many[:, None]).shape == (4, 1)

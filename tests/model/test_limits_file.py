@@ -40,7 +40,7 @@ def written(tmp_path, text=TEXT):
     return path
 
 
-def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
+def test_a_limits_file_overrides_the_urdf(robot, tmp_path):
     arm, plain = robot.arm(limits=pp.JointLimits.load(written(tmp_path))), robot.arm()
     limits, names = arm.limits, arm.joint_names
     pan, elbow, wrist = (names.index(name) for name in ("shoulder_pan_joint", "elbow_joint", "wrist_3_joint"))
@@ -56,7 +56,7 @@ def test_what_a_file_states_takes_the_place_of_the_urdf_s(robot, tmp_path):
     assert "0.5 s" in limits.acceleration_source
 
 
-def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_path):
+def test_joints_without_a_jerk_limit_are_named(robot, tmp_path):
     arm = robot.arm(limits=pp.JointLimits.load(written(tmp_path)))
     path = pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names)
     with pytest.raises(pp.InputError, match="jerk limit of joint 'shoulder_lift_joint' is not known"):
@@ -71,7 +71,7 @@ def test_a_jerk_that_is_not_known_of_all_joints_is_asked_for_by_name(robot, tmp_
     assert (motion.max_jerk() <= 30 * (1 + 1e-9)).all()
 
 
-def test_a_smaller_limit_of_deceleration_holds_both_ways(tmp_path):
+def test_a_smaller_limit_of_deceleration_is_kept_in_both_directions(tmp_path):
     text = "joint_limits:\n  j: {has_acceleration_limits: true, max_acceleration: 5, has_deceleration_limits: true, "
     assert pp.JointLimits.load(written(tmp_path, text + "max_deceleration: -3}\n")).acceleration == {"j": 3.0}
     assert pp.JointLimits.load(written(tmp_path, text + "max_deceleration: 9}\n")).acceleration == {"j": 5.0}
@@ -115,10 +115,34 @@ def test_files_without_sense_are_refused_with_place(tmp_path, text, message):
 
 def test_limits_of_jerk_are_checked_and_kept(tmp_path):
     one = np.ones(2)
-    limits = pp.JointLimits(-one, one, one, one, "cell", [5.0, 6.0])
+    limits = pp.JointLimits(-one, one, one, one, [5.0, 6.0], acceleration_source="cell")
     assert limits.jerk_source == "given by the caller"
     assert limits.replace(["a", "b"], {"a": (0.0, 1.0)}).jerk.tolist() == [5.0, 6.0]
     assert not limits.jerk.flags.writeable
     for jerk in ([5.0], [0.0, 1.0], [-1.0, 1.0]):
         with pytest.raises(pp.InputError, match="jerk"):
-            pp.JointLimits(-one, one, one, one, "", jerk)
+            pp.JointLimits(-one, one, one, one, jerk)
+
+
+def test_degrees_are_converted_and_radians_are_not(robot, tmp_path):
+    text = (
+        "joint_limits: {elbow_joint: {has_position_limits: true, min_position: !degrees -90, max_position: !radians 2}}"
+    )
+    arm = robot.arm(tcp="tool0", limits=pp.JointLimits.load(written(tmp_path, text)))
+    assert (arm.limits.lower[2], arm.limits.upper[2]) == (-np.pi / 2, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("value", "reason"),
+    [("!deg 90", "!degrees, !radians"), ("!degrees far", "'far' is not a number"), ("!degrees [1]", "")],
+)
+def test_other_tags_and_values_are_refused_with_their_line(value: str, reason: str, tmp_path):
+    text = f"joint_limits:\n  j: {{has_velocity_limits: true, max_velocity: {value}}}"
+    with pytest.raises(pp.FileError, match=rf"line 2: .*{reason}"):
+        pp.JointLimits.load(written(tmp_path, text))
+
+
+def test_an_effort_limit_replaces_that_of_the_urdf(robot, tmp_path):
+    text = "joint_limits: {elbow_joint: {has_effort_limits: true, max_effort: 12}}"
+    limits = robot.arm(tcp="tool0", limits=pp.JointLimits.load(written(tmp_path, text))).limits
+    assert limits.effort.tolist() == [150.0, 150.0, 12.0, 28.0, 28.0, 28.0]

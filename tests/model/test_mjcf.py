@@ -1,4 +1,4 @@
-"""MJCF: what is read stands where Pinocchio's own reader puts it; what is not read is refused by its line."""
+"""MJCF: frames agree with Pinocchio's reader; unsupported content is an error with its line."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import numpy as np
 import pinocchio as pin
 import pytest
 import trimesh
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.spatial import matrix
+
+from ..examples import examples
 
 ARM = """<mujoco model="arm">
   <compiler angle="degree" meshdir="assets"/>
@@ -70,9 +72,9 @@ def pinocchio_placement(model, arm, q, frame):
     return data.oMf[model.getFrameId(frame)].homogeneous
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_bodies_stand_where_pinocchio_reads_them(file, arm, seed):
+def test_bodies_have_the_poses_of_pinocchio(file, arm, seed):
     model = pin.buildModelFromMJCF(str(file))
     q = np.random.default_rng(seed).uniform(arm.limits.lower, arm.limits.upper)
     # Pinocchio sets the first body on the origin, whatever its pose: compared is what stands on that body. And it does
@@ -117,7 +119,7 @@ def test_keyframes_are_states_and_excluded_contacts_disabled_pairs(arm):
     assert [pair.links for pair in arm.robot.srdf.disabled] == [("base", "fore")]
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(
     sequence=st.sampled_from(["xyz", "zyx", "XYZ", "ZYX", "xzx", "zyz"]),
     angles=st.tuples(*[st.floats(-3, 3)] * 3),
@@ -205,7 +207,7 @@ BODY = '<mujoco>\n{top}<worldbody>\n<body name="a">\n{inside}</body></worldbody>
         ({"end": '<keyframe><key qpos="1 2"/></keyframe>', "inside": "<joint/>"}, "line 4.*one finite number"),
     ],
 )
-def test_what_would_be_lost_is_refused_with_its_line(tmp_path, parts, message):
+def test_content_that_would_be_lost_is_refused_with_its_line(tmp_path, parts, message):
     (tmp_path / "m.xml").write_text(BODY.format(**{"top": "", "inside": "", "end": "", **parts}))
     with pytest.raises(pp.errors.UrdfError, match=message):
         pp.load_robot(tmp_path / "m.xml")

@@ -26,7 +26,7 @@ def test_tcp_is_the_only_leaf_on_a_fixed_joint():
     assert two_tips(("revolute", "fixed")).arm().tcp == "left"
 
 
-def test_frames_of_a_dh_table_are_no_tools(tmp_path):
+def test_frames_of_a_dh_table_are_not_tools(tmp_path):
     pp.write_urdf(pp.DhTable.load(robots_folder() / "generic_6dof" / "dh.yaml"), tmp_path / "r.urdf")
     assert pp.load_robot(tmp_path / "r.urdf").arm().tcp == "tool0"
 

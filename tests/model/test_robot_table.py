@@ -1,4 +1,4 @@
-"""docs/robots.md: its tables say what the readers do today, and its example runs."""
+"""docs/robots.md: its tables agree with the readers, and its example runs."""
 
 from __future__ import annotations
 

@@ -4,11 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.motion import BlendedPath, JointPath, time_parametrise
 
+from ..examples import examples
 from .timing_problems import limits_of, names, rounded_problems, smooth_problems
 
 toppra = pytest.importorskip("toppra")
@@ -49,7 +50,7 @@ smooth = smooth_problems()
 rounded = rounded_problems().map(lambda problem: problem[1:]).filter(lambda problem: not problem[0].corners)
 
 
-@settings(deadline=None, max_examples=25)
+@examples(25)
 @given(st.one_of(smooth, rounded))
 def test_motions_are_within_three_percent_of_toppras_optimum(problem):
     path, limits = problem
@@ -63,7 +64,6 @@ def test_motions_are_within_three_percent_of_toppras_optimum(problem):
 
 def test_the_core_finds_toppras_speeds():
     from pinproof._core import fastest_speeds
-
     from pinproof.motion import CubicPath, bezier
 
     u = np.linspace(0, 1, 9)[:, None]

@@ -2,7 +2,7 @@ from math import comb
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -32,7 +32,6 @@ def on_piece(control, u):
     )
 
 
-@settings(deadline=None)
 @given(curves())
 def test_evaluate_is_the_bernstein_sum(curve):
     knots, control = curve
@@ -42,7 +41,6 @@ def test_evaluate_is_the_bernstein_sum(curve):
         np.testing.assert_allclose(bezier.evaluate(knots, control, t), on_piece(piece, u), atol=1e-11)
 
 
-@settings(deadline=None)
 @given(curves())
 def test_a_piece_starts_at_its_first_control_point_and_the_curve_ends_at_its_last_bit_for_bit(curve):
     knots, control = curve
@@ -50,7 +48,6 @@ def test_a_piece_starts_at_its_first_control_point_and_the_curve_ends_at_its_las
     np.testing.assert_array_equal(bezier.evaluate(knots, control, knots[-1]), control[-1, -1])
 
 
-@settings(deadline=None)
 @given(curves(), st.floats(0, 1))
 def test_both_halves_of_a_split_trace_the_same_curve(curve, u):
     _, control = curve
@@ -61,7 +58,6 @@ def test_both_halves_of_a_split_trace_the_same_curve(curve, u):
         np.testing.assert_allclose(on_piece(right[i], local), on_piece(control[i], u + local * (1 - u)), atol=1e-12)
 
 
-@settings(deadline=None)
 @given(curves())
 def test_the_hull_contains_every_sample(curve):
     _, control = curve
@@ -72,7 +68,6 @@ def test_the_hull_contains_every_sample(curve):
         assert (samples <= high[i] + 1e-13).all()
 
 
-@settings(deadline=None)
 @given(curves())
 def test_extremes_contain_every_sample_and_are_reached(curve):
     _, control = curve
@@ -104,7 +99,6 @@ def test_extremes_of_high_degrees_are_tight_at_flat_and_at_double_tops(degree):
     np.testing.assert_allclose(low[0], [0.5, 0.0], atol=1e-11)
 
 
-@settings(deadline=None)
 @given(curves(st.integers(1, 4)))
 def test_the_derivative_is_that_of_the_polynomial(curve):
     knots, control = curve
@@ -127,19 +121,18 @@ def _samples(coefficients):
     return u, on_piece(coefficients[:, None], u)[:, 0]
 
 
-@settings(deadline=None)
 @given(arrays(float, (3, 4, 2), elements=coordinate), st.floats(0.1, 3), st.booleans())
-def test_hermite_pieces_and_their_slope_are_those_asked_for(derivatives, width, quintic):
+def test_hermite_pieces_have_the_requested_points_and_slopes(derivatives, width, quintic):
     knots = np.array([0.0, width, 2.5 * width])
-    asked = derivatives[:, : 3 if quintic else 2].swapaxes(0, 1)
-    curve = bezier.hermite(knots, *asked)
-    for values in asked:
+    request = derivatives[:, : 3 if quintic else 2].swapaxes(0, 1)
+    curve = bezier.hermite(knots, *request)
+    for values in request:
         np.testing.assert_allclose(bezier.evaluate(knots, curve, knots), values, atol=1e-9 / min(width, 1) ** 2)
         curve = bezier.derivative(knots, curve)
-        if not quintic and values is asked[-1]:
+        if not quintic and values is request[-1]:
             break  # a cubic's second derivative jumps
-    slope = bezier.hermite_slope(knots, *asked)
-    np.testing.assert_allclose(slope, bezier.derivative(knots, bezier.hermite(knots, *asked)), atol=1e-10 / width)
+    slope = bezier.hermite_slope(knots, *request)
+    np.testing.assert_allclose(slope, bezier.derivative(knots, bezier.hermite(knots, *request)), atol=1e-10 / width)
 
 
 @pytest.mark.parametrize("t", [-1e-9, 1.0 + 1e-9, np.nan, np.inf, [0.5, 2.0]])

@@ -1,4 +1,4 @@
-"""Rounded corners: on the legs, within the deviation, twice differentiable; stops only where they are told."""
+"""Rounded corners: on the legs, within the deviation, twice differentiable; stops only where requested."""
 
 from __future__ import annotations
 
@@ -6,11 +6,13 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.motion import Curve, bezier, corner
+
+from ..examples import examples
 
 NAMES = ("a", "b", "c")
 
@@ -31,15 +33,15 @@ def polylines(draw: st.DrawFn) -> tuple[pp.JointPath, np.ndarray]:
     if not (length > 1e-3).all():
         q = np.cumsum(np.abs(q) + 0.1, axis=0)
         length = np.linalg.norm(np.diff(q, axis=0), axis=1)
-    way = np.diff(q, axis=0) / length[:, None]
+    direction = np.diff(q, axis=0) / length[:, None]
     reach = np.zeros(count)
     for i in range(1, count - 1):
-        if np.linalg.norm(way[i] + way[i - 1]) > 2 * corner.REVERSAL:
+        if np.linalg.norm(direction[i] + direction[i - 1]) > 2 * corner.REVERSAL:
             reach[i] = draw(st.sampled_from([0.0, 0.01, 0.3, 1.0])) * min(length[i - 1], length[i]) / 2
     return pp.JointPath(q, NAMES), reach
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(polylines())
 def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.JointPath, np.ndarray]) -> None:
     path, reach = drawn
@@ -58,18 +60,18 @@ def test_smooth_but_at_the_stops_and_on_the_polyline_elsewhere(drawn: tuple[pp.J
     assert smooth.length <= path.length * (1 + 1e-9)
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(st.floats(0.0, 0.95 * np.pi), st.floats(0.01, 1.0))
-def test_a_corner_is_missed_by_what_is_said(turn: float, reach: float) -> None:
+def test_the_stated_corner_deviation_is_exact(turn: float, reach: float) -> None:
     q = np.array([(-1.0, 0, 0), (0, 0, 0), (np.cos(turn), np.sin(turn), 0)])
-    way = np.diff(q, axis=0)
+    line = np.diff(q, axis=0)
     smooth = pp.motion.BlendedPath.rounded(pp.JointPath(q, NAMES), [0, reach, 0])
     points = smooth(np.linspace(*smooth.domain, 4001))
     nearest = np.linalg.norm(points, axis=1).min()
-    assert nearest == pytest.approx(reach * float(corner.distance_to_corner(way[:1], way[1:])[0]), abs=2e-3 * reach)
+    assert nearest == pytest.approx(reach * float(corner.distance_to_corner(line[:1], line[1:])[0]), abs=2e-3 * reach)
     # nowhere is the curve farther from the legs than at its middle
     legs = [np.linalg.norm(points - np.clip(points @ leg, *ends)[:, None] * leg, axis=1)
-            for leg, ends in ((way[0], (-1, 0)), (way[1], (0, 1)))]  # fmt: skip
+            for leg, ends in ((line[0], (-1, 0)), (line[1], (0, 1)))]  # fmt: skip
     assert np.minimum(*legs).max() <= nearest + 1e-9
 
 
@@ -106,7 +108,7 @@ def test_length_is_that_of_a_dense_sample() -> None:
     assert smooth.length < path.length
 
 
-def test_roundings_may_touch_and_fill_a_whole_segment() -> None:
+def test_roundings_may_fill_a_complete_segment() -> None:
     path = pp.JointPath([(0, 0, 0), (0.3, 0, 0), (0.3, 0.3, 0), (0.6, 0.3, 0)], NAMES)
     smooth = pp.motion.BlendedPath.rounded(path, [0, 0.15, 0.15, 0])
     assert len(smooth) == 4
@@ -130,7 +132,7 @@ def test_values_are_frozen_pickled_and_turned_round_exactly() -> None:
     assert not back.is_close(smooth)
 
 
-def test_join_goes_on_where_the_derivatives_agree_and_stops_where_not() -> None:
+def test_joined_curves_stop_only_where_derivatives_differ() -> None:
     curve = pp.motion.CubicPath.through([(0, 0, 0), (1, 0.5, 0), (2, 0, 1)], NAMES)
     straight = pp.JointPath([(2, 0, 1), (2, 0, 1), (3, 1, 1)], NAMES)
     both = pp.motion.BlendedPath.join(curve, straight)
@@ -150,7 +152,7 @@ def test_join_goes_on_where_the_derivatives_agree_and_stops_where_not() -> None:
         pp.motion.BlendedPath.join(straight, curve)
 
 
-def test_a_path_that_stands_still() -> None:
+def test_a_path_without_motion() -> None:
     still = pp.motion.BlendedPath.rounded(pp.JointPath([(1, 2, 3)], NAMES), [0])
     assert still.domain == (0.0, 0.0)
     assert still(0.0).tolist() == [1, 2, 3]
@@ -168,7 +170,7 @@ def test_a_reach_that_makes_no_sense(reach: list[float], word: str) -> None:
         pp.motion.BlendedPath.rounded(path, reach)
 
 
-def test_what_is_no_path() -> None:
+def test_invalid_paths_are_refused() -> None:
     with pytest.raises(pp.InputError, match="waypoint 1"):
         pp.motion.BlendedPath.rounded(pp.JointPath([(0, 0, 0), (1, 0, 0), (0, 0, 0)], NAMES), [0, 0.1, 0])
     with pytest.raises(pp.InputError, match="equal"):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import InputError
@@ -10,6 +10,7 @@ from pinproof.errors import TimingError
 from pinproof.motion import CubicPath, JointPath, Trajectory, time_parametrise
 from pinproof.motion.timing import IMAGE_TOLERANCE
 
+from ..examples import examples
 from .timing_problems import assert_on_path, assert_within, limits_of, names, rounded_problems, smooth_problems
 
 LIMITS = limits_of([1, 1], [2, 2])
@@ -32,7 +33,7 @@ def slope(path, at):
 
 @pytest.mark.parametrize("jerk", [None, 10.0])
 @pytest.mark.parametrize(("start", "end"), [(0.5, 0), (0, 0.7), (0.4, 0.8), (1.0, 1.0), (0.9, 0.1)])
-def test_a_line_begins_and_ends_at_the_velocities_asked_for(start, end, jerk):
+def test_a_line_begins_and_ends_at_the_requested_velocities(start, end, jerk):
     begin, finish = np.array([1.0, 0.5]) * start, np.array([1.0, 0.5]) * end
     trajectory = time_parametrise(LINE, LIMITS, jerk=jerk, start_velocity=begin, end_velocity=finish)
     assert_within(trajectory, LIMITS, jerk)
@@ -44,10 +45,10 @@ def test_a_line_begins_and_ends_at_the_velocities_asked_for(start, end, jerk):
 def test_the_time_from_speed_to_speed_is_that_of_the_textbook():
     path = JointPath([[0.0], [2.0]], names(1))
     limits = limits_of([1.0], [2.0])
-    asked = {"start_velocity": [0.6], "end_velocity": [0.2]}
+    request = {"start_velocity": [0.6], "end_velocity": [0.2]}
     up, down = (1 - 0.6) / 2, (1 - 0.2) / 2
     expected = up + down + (2 - 0.8 * up - 0.6 * down)
-    assert time_parametrise(path, limits, **asked).duration == pytest.approx(expected, rel=1e-5)
+    assert time_parametrise(path, limits, **request).duration == pytest.approx(expected, rel=1e-5)
 
 
 def test_motions_that_meet_while_moving_are_joined():
@@ -61,9 +62,10 @@ def test_motions_that_meet_while_moving_are_joined():
         assert joined.duration >= time_parametrise(full, LIMITS, jerk=jerk).duration - 1e-6
 
 
-@settings(deadline=None, max_examples=40)
+@pytest.mark.slow
+@examples(40)
 @given(st.one_of(smooth_problems(), rounded_problems().map(lambda p: p[1:])), shares, shares, st.booleans())
-def test_any_path_begins_and_ends_at_velocities_or_says_that_it_cannot(problem, start, end, with_jerk):
+def test_any_path_begins_and_ends_at_the_velocities_or_is_refused(problem, start, end, with_jerk):
     path, limits = problem
     velocities = []
     for place, share in (("start", start), ("end", end)):
@@ -73,11 +75,11 @@ def test_any_path_begins_and_ends_at_velocities_or_says_that_it_cannot(problem, 
     try:
         trajectory = time_parametrise(path, limits, jerk=jerk, start_velocity=velocities[0], end_velocity=velocities[1])
     except TimingError as error:
-        said = str(error)
+        expected = str(error)
     else:
-        said = ""
-    if said:
-        assert "velocit" in said
+        expected = ""
+    if expected:
+        assert "velocit" in expected
         assert max(start, end) > 0
         return
     assert_within(trajectory, limits, jerk)

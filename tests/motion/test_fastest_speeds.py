@@ -2,9 +2,12 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+
 from pinproof._core import fastest_speeds
+
+from ..examples import examples
 
 
 def grid(seed, steps, joints):
@@ -43,7 +46,7 @@ def largest_by_lp(slope, curvature, step, ceiling, acceleration, start, end):
     return program.x
 
 
-@settings(deadline=None, max_examples=50)
+@examples(50)
 @given(st.integers(0, 2**32 - 1), st.integers(2, 7), st.integers(1, 7), st.floats(0, 1), st.floats(0, 1))
 def test_speeds_equal_the_linear_programming_optimum(seed, steps, joints, start, end):
     problem = grid(seed, steps, joints)

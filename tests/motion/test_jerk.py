@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import InputError, JointLimits
 from pinproof.motion import BlendedPath, CubicPath, JointPath, time_parametrise
 from pinproof.motion.timing import IMAGE_TOLERANCE
 
+from ..examples import examples
 from .timing_problems import (
     assert_on_path,
     assert_within,
@@ -26,7 +27,8 @@ def at_rest(trajectory):
     return not (trajectory.velocities[[0, -1]].any() or trajectory.accelerations[[0, -1]].any())
 
 
-@settings(deadline=None, max_examples=60)
+@pytest.mark.slow
+@examples(60)
 @given(problems(size=st.just(1.0)), rise_times)
 def test_straight_paths_keep_their_jerk_limits(problem, rise):
     path, limits = problem
@@ -39,7 +41,8 @@ def test_straight_paths_keep_their_jerk_limits(problem, rise):
     assert_on_path(trajectory, path, 1e-12)
 
 
-@settings(deadline=None, max_examples=25)
+@pytest.mark.slow
+@examples(25)
 @given(rounded_problems(), rise_times)
 def test_rounded_paths_keep_their_jerk_limits(problem, rise):
     _, path, limits = problem
@@ -50,7 +53,8 @@ def test_rounded_paths_keep_their_jerk_limits(problem, rise):
     assert_on_path(trajectory, path, IMAGE_TOLERANCE)
 
 
-@settings(deadline=None, max_examples=15)
+@pytest.mark.slow
+@examples(15)
 @given(smooth_problems(), st.sampled_from([0.02, 0.3]))
 def test_smooth_paths_keep_their_jerk_limits(problem, rise):
     path, limits = problem
@@ -86,7 +90,7 @@ def test_a_jerk_limit_that_does_not_bind_costs_next_to_nothing():
 
 
 def test_windows_cost_less_than_a_third_over_the_textbook():
-    """A straight line that is not seen as one: the average over a window against the double S."""
+    """A straight line that is not recognised as one: the average over a window against the double S."""
     limits = limits_of([1.0], [3.0])
     for length in (0.05, 0.3, 1.0):
         best = time_parametrise(JointPath([[0.0], [length]], names(1)), limits, jerk=15.0).duration
@@ -105,7 +109,7 @@ def test_a_rounded_corner_is_run_through_at_an_even_speed():
     assert trajectory.duration < time_parametrise(corner, limits_of([1, 1], [2, 2]), jerk=20.0).duration
 
 
-def test_jerk_comes_from_the_limits_or_from_the_caller_and_the_note_says_so():
+def test_jerk_limits_come_from_the_limits_or_the_caller_and_are_noted():
     path = JointPath([[0.0], [1.0]], names(1))
     with_jerk = limits_of([1], [2], jerk=np.array([7.0]), jerk_source="cell.yaml")
     trajectory = time_parametrise(path, with_jerk, jerk="limits")
@@ -125,7 +129,7 @@ def test_jerk_comes_from_the_limits_or_from_the_caller_and_the_note_says_so():
             time_parametrise(path, limits, jerk=jerk)
 
 
-def test_start_is_goal_and_a_hair_take_next_to_no_time():
+def test_zero_and_tiny_motions_take_almost_no_time():
     limits = limits_of([1, 1], [1, 1])
     still = time_parametrise(JointPath([[1, 2], [1, 2]], names(2)), limits, jerk=5.0)
     assert (still.duration, still.interpolant) == (0, "quintic")

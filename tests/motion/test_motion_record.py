@@ -108,7 +108,7 @@ def test_a_record_that_makes_no_sense_is_refused(
     assert named in str(caught.value)
 
 
-def test_records_that_are_no_list_are_refused(tmp_path: Path, motion: pp.Trajectory) -> None:
+def test_records_must_be_a_list(tmp_path: Path, motion: pp.Trajectory) -> None:
     file = tmp_path / "motion.json"
     motion.save(file)
     assert "certified" not in json.loads(file.read_text())["pinproof"]

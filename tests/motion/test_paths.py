@@ -2,7 +2,7 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -25,7 +25,7 @@ def test_paths_are_curves_whose_pieces_are_what_is_evaluated(curve):
 
 
 @pytest.mark.parametrize("path", [JointPath([[1, 2]], NAMES), CubicPath([[1, 2]], [[0, 0]], [3], NAMES)])
-def test_a_single_configuration_has_one_piece_to_look_at(path):
+def test_a_single_configuration_has_one_piece(path):
     knots, control = path.bezier()
     assert knots.shape == (2,)
     assert (control == [1, 2]).all()
@@ -79,7 +79,7 @@ def test_paths_that_do_not_meet_are_not_joined(other, message):
         ([[]], (), "empty"),
     ],
 )
-def test_what_is_no_path_is_refused(q, names, message):
+def test_an_invalid_path_is_refused(q, names, message):
     with pytest.raises(InputError, match=message):
         JointPath(q, names)
 
@@ -101,14 +101,13 @@ def test_pickled_paths_are_equal_and_still_locked(path):
     assert not copy.q.flags.writeable
 
 
-def test_is_close_sees_joints_shape_and_values():
+def test_is_close_compares_joints_shape_and_values():
     assert CORNER.is_close(JointPath(CORNER.q + 1e-10, NAMES))
     assert not CORNER.is_close(JointPath(CORNER.q + 1e-8, NAMES))
     assert not CORNER.is_close(JointPath(CORNER.q, ("a", "b")))
     assert not CORNER.is_close(JointPath(CORNER.q[:2], NAMES))
 
 
-@settings(deadline=None)
 @given(arrays(float, (5, 2), elements=st.floats(-3, 3)))
 def test_a_cubic_path_has_the_points_and_tangents_it_was_given(values):
     knots = np.array([0.0, 0.4, 1.0, 1.5, 2.5])

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof import InputError
@@ -8,6 +8,7 @@ from pinproof.errors import TimingError
 from pinproof.motion import CubicPath, JointPath, speeds, time_parametrise
 from pinproof.motion.timing import IMAGE_TOLERANCE
 
+from ..examples import examples
 from .timing_problems import (
     assert_on_path,
     assert_within,
@@ -20,7 +21,7 @@ from .timing_problems import (
 )
 
 
-@settings(deadline=None, max_examples=150)
+@examples(150)
 @given(problems())
 def test_timing_keeps_the_image_and_the_limits_of_straight_paths(problem):
     path, limits = problem
@@ -35,7 +36,6 @@ def test_timing_keeps_the_image_and_the_limits_of_straight_paths(problem):
         assert distance_to_polyline(path.q, trajectory.q).max() <= 1e-12 * max(1, np.abs(path.q).max())
 
 
-@settings(deadline=None)
 @given(problems(points=st.just(2), size=st.just(1.0)))
 def test_a_straight_motion_is_as_fast_as_can_be(problem):
     path, limits = problem
@@ -107,7 +107,8 @@ def test_start_is_goal_takes_no_time(path):
     assert trajectory.q.tolist() == [[1, 2]]
 
 
-@settings(deadline=None, max_examples=40)
+@pytest.mark.slow
+@examples(40)
 @given(smooth_problems())
 def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
     path, limits = problem
@@ -119,7 +120,8 @@ def test_timing_keeps_the_image_and_the_limits_of_smooth_paths(problem):
     assert_on_path(trajectory, path, IMAGE_TOLERANCE)
 
 
-@settings(deadline=None, max_examples=40)
+@pytest.mark.slow
+@examples(40)
 @given(rounded_problems())
 def test_rounded_corners_are_run_through_within_limits_and_corners_that_are_left_are_stops(problem):
     straight, path, limits = problem
@@ -142,12 +144,12 @@ def test_a_smooth_path_is_run_through_without_stopping():
     assert trajectory.duration < time_parametrise(JointPath(path.q, names(2)), limits_of([1, 1], [4, 4])).duration / 2
 
 
-def test_what_a_solver_exceeds_is_slowed_down(monkeypatch):
+def test_timing_that_exceeds_limits_is_slowed_down(monkeypatch):
     """Speeds that are 7 % too high all along, as if the limits at the nodes had been met by luck."""
     s = np.linspace(0, 1, 8)[:, None]
     path = CubicPath.through(np.hstack([np.sin(6 * s), np.cos(5 * s)]), names(2), s[:, 0])
     limits = limits_of([1, 1], [2, 2])
-    asked, honest = time_parametrise(path, limits), speeds.fastest_speeds
+    request, honest = time_parametrise(path, limits), speeds.fastest_speeds
 
     def liar(*arguments):
         x, stuck = honest(*arguments)
@@ -157,7 +159,7 @@ def test_what_a_solver_exceeds_is_slowed_down(monkeypatch):
     monkeypatch.setattr(speeds, "fastest_speeds", liar)
     hurried = time_parametrise(path, limits)
     assert_within(hurried, limits)
-    assert hurried.duration >= asked.duration * 0.97
+    assert hurried.duration >= request.duration * 0.97
 
 
 @pytest.mark.parametrize("lie", [np.nan, 0.0])
@@ -179,7 +181,7 @@ def test_a_path_outside_the_position_limits_is_refused_by_joint(make):
     time_parametrise(path, limits_of([1, 1], [1, 1], lower=[0, -np.inf], upper=[1, 0.5]))
 
 
-def test_a_bulge_between_points_outside_the_position_limits_is_seen():
+def test_a_position_limit_exceeded_between_points_is_detected():
     path = CubicPath([[0.0], [0.0]], [[1.0], [-1.0]], [0, 1], names(1))  # up to 0.25 and back
     with pytest.raises(TimingError, match="'joint_0'"):
         time_parametrise(path, limits_of([1], [1], lower=[-1], upper=[0.2]))
@@ -201,12 +203,12 @@ def test_a_single_configuration_outside_the_position_limits_is_refused():
         (limits_of([1, 1], [1, 1], lower=[np.nan, 0]), "lower position limit of joint 'joint_0' is NaN"),
     ],
 )
-def test_limits_that_are_not_known_are_asked_for_by_joint(limits, message):
+def test_joints_with_unknown_limits_are_named(limits, message):
     with pytest.raises(InputError, match=message):
         time_parametrise(JointPath([[0, 0], [1, 1]], names(2)), limits)
 
 
-def test_the_result_says_where_its_acceleration_limits_come_from():
+def test_the_result_states_the_source_of_its_acceleration_limits():
     limits = limits_of([1], [2], acceleration_source="default: the velocity limit reached in 0.5 s")
     path = JointPath([[0.0], [1.0]], names(1))
     assert time_parametrise(path, limits).limits_note == f"acceleration limits: {limits.acceleration_source}"

@@ -2,12 +2,14 @@ import pickle
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from pinproof import InputError
 from pinproof.motion import Curve, Trajectory, bezier
+
+from ..examples import examples
 
 NAMES = ("slide", "turn")
 value = st.floats(-5, 5, allow_subnormal=False)
@@ -21,7 +23,6 @@ def trajectories(draw):
     return Trajectory(np.concatenate([[0.0], np.cumsum(steps)]), q, draw(arrays(float, (m, 2), elements=value)), NAMES)
 
 
-@settings(deadline=None)
 @given(trajectories())
 def test_a_trajectory_is_the_cubic_hermite_curve_through_its_points(trajectory):
     from scipy.interpolate import CubicHermiteSpline
@@ -36,7 +37,6 @@ def test_a_trajectory_is_the_cubic_hermite_curve_through_its_points(trajectory):
     np.testing.assert_array_equal(trajectory(t), bezier.evaluate(*trajectory.bezier(), t))
 
 
-@settings(deadline=None)
 @given(trajectories())
 def test_extremes_hold_for_dense_samples_and_are_reached(trajectory):
     t = np.linspace(0, trajectory.duration, 4001)
@@ -75,7 +75,7 @@ def rebuilt(trajectory, t):
     return [np.array(row(t - times[i], k)) @ coefficients for k in range(3)]
 
 
-@settings(deadline=None)
+@pytest.mark.slow
 @given(trajectories(), st.booleans(), st.data())
 def test_a_controller_rebuilds_the_same_curve_from_the_points(cubic, quintic, data):
     accelerations = data.draw(arrays(float, cubic.q.shape, elements=value)) if quintic else None
@@ -95,7 +95,7 @@ def quintics(draw):
     return Trajectory(cubic.times, cubic.q, cubic.velocities, NAMES, accelerations=accelerations)
 
 
-@settings(deadline=None, max_examples=50)
+@examples(50)
 @given(quintics())
 def test_extremes_of_quintics_hold_for_dense_samples_and_are_reached(trajectory):
     t = np.linspace(0, trajectory.duration, 4001)
@@ -121,18 +121,17 @@ def test_jerk_is_the_slope_of_the_acceleration_and_infinite_for_what_moves_along
     np.testing.assert_array_equal(Trajectory([0, 1], *ends, NAMES).max_jerk(), [np.inf, 0])
 
 
-def test_a_speed_peak_between_points_is_seen():
+def test_a_speed_peak_between_points_is_detected():
     trajectory = Trajectory([0, 1], [[0.0, 0], [1, 0]], np.zeros((2, 2)), NAMES)
     np.testing.assert_allclose(trajectory.max_velocity(), [1.5, 0])
     np.testing.assert_allclose(trajectory.max_acceleration(), [6, 0])
 
 
-def test_times_are_whole_nanoseconds_from_the_start():
+def test_times_are_integer_nanoseconds_from_the_start():
     trajectory = Trajectory([0, 0.1 + 1e-12, 1 / 3], np.zeros((3, 2)), np.zeros((3, 2)), NAMES)
     np.testing.assert_array_equal(trajectory.times, [0, 0.1, 0.333333333])
 
 
-@settings(deadline=None)
 @given(st.integers(1, 2**50))
 def test_every_count_of_nanoseconds_survives_as_seconds(count):
     times = Trajectory([0, count / 10**9], np.zeros((2, 1)), np.zeros((2, 1)), ["j"]).times
@@ -152,7 +151,7 @@ def test_a_single_point_is_a_motion_of_no_duration():
 
 
 @pytest.mark.parametrize("t", [-1e-9, 1 + 1e-9, np.nan])
-def test_outside_its_time_there_is_no_answer(t):
+def test_times_outside_the_trajectory_are_refused(t):
     trajectory = Trajectory([0, 1], np.zeros((2, 2)), np.zeros((2, 2)), NAMES)
     for call in (trajectory, trajectory.velocity, trajectory.acceleration):
         with pytest.raises(InputError, match="outside"):
@@ -172,12 +171,11 @@ def test_outside_its_time_there_is_no_answer(t):
         ([], np.zeros((0, 2)), np.zeros((0, 2)), "at least one"),
     ],
 )
-def test_what_is_no_motion_is_refused(times, q, velocities, message):
+def test_an_invalid_motion_is_refused(times, q, velocities, message):
     with pytest.raises(InputError, match=message):
         Trajectory(times, q, velocities, NAMES)
 
 
-@settings(deadline=None)
 @given(trajectories(), trajectories())
 def test_joined_motions_run_one_after_the_other(first, second):
     second = Trajectory(
@@ -202,7 +200,7 @@ def test_times_do_not_drift_however_many_motions_are_joined():
     assert Trajectory.join(*[part] * 1000).duration == 100.0
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(st.one_of(trajectories(), quintics()), st.sampled_from([1.0, 1.1, 1.5, np.pi, 20.0]))
 def test_a_motion_slowed_down_keeps_its_image_and_lowers_its_rates(trajectory, factor):
     slow = trajectory.slowed(factor)

@@ -27,7 +27,7 @@ SIZES = st.sampled_from([1e-3, 1.0, 1e3])  # hair, arm, gantry
 
 @st.composite
 def problems(draw, points=TWO_TO_SIX, size=SIZES):
-    """Waypoints (m, n) of 1 to 8 joints, each joint of its own scale, and limits that differ between joints."""
+    """Waypoints (m, n) of 1 to 8 joints, each joint with its own scale, and limits that differ between joints."""
     n, m = draw(st.integers(1, 8)), draw(points)
     scale = np.array(draw(st.lists(size, min_size=n, max_size=n)))
     q = draw(arrays(float, (m, n), elements=st.floats(-3, 3, allow_subnormal=False))) * scale
@@ -57,10 +57,10 @@ def rounded_problems(draw):
     q = np.concatenate(
         [np.zeros((1, n)), np.cumsum(steps / np.linalg.norm(steps, axis=1)[:, None] * length[:, None], 0)]
     )
-    way = np.diff(q, axis=0) / np.linalg.norm(np.diff(q, axis=0), axis=1)[:, None]
+    direction = np.diff(q, axis=0) / np.linalg.norm(np.diff(q, axis=0), axis=1)[:, None]
     reach = np.zeros(m)
     reach[1:-1] = rng.uniform(0, 0.5, m - 2) * np.minimum(length[:-1], length[1:]) * (rng.random(m - 2) < 0.8)
-    reach[1:-1][np.linalg.norm(way[:-1] + way[1:], axis=1) < 0.2] = 0.0
+    reach[1:-1][np.linalg.norm(direction[:-1] + direction[1:], axis=1) < 0.2] = 0.0
     path = JointPath(q, names(n))
     return path, BlendedPath.rounded(path, reach), limits_of(rng.uniform(0.5, 4, n), rng.uniform(1, 15, n))
 

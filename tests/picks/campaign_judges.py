@@ -15,7 +15,7 @@ FLAG = "CAMPAIGN_TEST_FLAG"
 
 
 def echo(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
-    """Says yes to all, with a random number from the pick's own stream."""
+    """Every pick is good; each row has a random number from the stream of its pick."""
     draw = float(setup.rng(index).random())
     return {"name": pick.name, "verdict": "good", "failed_at": None, "place": index, "draw": draw}
 
@@ -87,7 +87,7 @@ def dies_once_on_7(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
 
 
 def waits_for_flag(setup: PickSetup, index: int, pick: Pick) -> dict[str, Any]:
-    """From the second half on, goes on when the file is there."""
+    """Picks of the second half wait until the file exists."""
     while index >= 60 and not Path(os.environ[FLAG]).exists():
         time.sleep(0.01)
     return slow(setup, index, pick)

@@ -1,4 +1,4 @@
-"""Arms to pick with, their reports, and an independent second look at what is called good."""
+"""Arms for picks, their reports, and an independent check of good verdicts."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def reports(arms, cells) -> dict[str, pp.PickReport]:
 
 
 def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Picks, home=None) -> None:
-    """What a good verdict claims, by other means than the judge's: FK, the limits, a fresh checker, dense samples."""
+    """Check the claims of a good verdict independently: FK, limits, a new checker, dense samples."""
     pick, motion, time = verdict.pick, verdict.trajectory, verdict.grasp_time
     home = arm.home if home is None else home
     assert verdict.failed is None
@@ -63,12 +63,12 @@ def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Pi
     begin = time if pick.approach == 0 else float(rests[rests < time - 1e-6][-1])
     assert max(off(motion(begin), pick.approach_pose())) < 2e-5
     for first, last, target in ((begin, time, pick.approach_pose()), (time, motion.duration, pick.retreat_pose())):
-        way = target.translation - pick.pose.translation
+        direction = target.translation - pick.pose.translation
         for q in motion(np.linspace(first, last, 100)):
             at = root_from_tip(q)
             gone = at.translation - pick.pose.translation
-            share = np.clip(gone @ way / max(way @ way, 1e-12), 0, 1)
-            assert np.linalg.norm(gone - share * way) < 1.01e-3
+            share = np.clip(gone @ direction / max(direction @ direction, 1e-12), 0, 1)
+            assert np.linalg.norm(gone - share * direction) < 1.01e-3
             assert np.linalg.norm(at.rotation - pick.pose.rotation) < 5e-3
 
     low, high = motion.range()
@@ -102,7 +102,7 @@ def stick_urdf() -> str:
 
 @pytest.fixture(scope="session")
 def stick() -> pp.Arm:
-    """An arm that is as cheap as can be: for campaigns whose judge does not look at it."""
+    """A minimal arm, for campaigns whose judge does not use it."""
     return load_robot_from_text(STICK).arm(tcp="b")
 
 

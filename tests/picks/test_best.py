@@ -1,4 +1,4 @@
-"""The best whole pick of all: bounds of the score leave out what cannot win, and nothing else."""
+"""The best complete motion: bounds of the score exclude only candidates that cannot win."""
 
 from __future__ import annotations
 
@@ -48,36 +48,36 @@ def search(made: pp.picks.PickSetup, pick: pp.Pick, *, bounded: bool) -> BestFir
 def test_the_bound_leaves_the_winner_as_it_is(robot: str, file: str, name: str | None, weights) -> None:
     made, picks = setup(robot, file, weights)
     pick = picks.picks[0] if name is None else next(each for each in picks if each.name == name)
-    quick, whole = (search(made, pick, bounded=bounded) for bounded in (True, False))
+    quick, complete = (search(made, pick, bounded=bounded) for bounded in (True, False))
     assert quick.best is not None
-    np.testing.assert_array_equal(quick.best.attempt.q, whole.best.attempt.q)
-    assert quick.best.parts == whole.best.parts
-    assert quick.best.path.q.tobytes() == whole.best.path.q.tobytes()
-    assert quick.made <= whole.made
+    np.testing.assert_array_equal(quick.best.attempt.q, complete.best.attempt.q)
+    assert quick.best.parts == complete.best.parts
+    assert quick.best.path.q.tobytes() == complete.best.path.q.tobytes()
+    assert quick.made <= complete.made
     # What came out is never above what was said before: each whole pick was bounded from its configuration on.
-    scores = {each.key[1]: each.parts["score"] for each in whole.motions}
-    assert all(score <= whole._scoring.bounds[index] + 1e-12 for index, score in scores.items())
-    assert (whole.excluded, whole.untried) == (0, 0)
+    scores = {each.key[1]: each.parts["score"] for each in complete.motions}
+    assert all(score <= complete._scoring.bounds[index] + 1e-12 for index, score in scores.items())
+    assert (complete.excluded, complete.untried) == (0, 0)
     assert quick.untried == 0
-    assert quick.made + quick.excluded >= min(whole.made, 2)
+    assert quick.made + quick.excluded >= min(complete.made, 2)
 
 
-def test_the_verdict_says_how_many_were_whole_and_how_many_were_excluded() -> None:
+def test_the_verdict_reports_the_numbers_of_judged_and_excluded_candidates() -> None:
     made, picks = setup("ur5", "picks.yaml")
     verdict = made.judge(0, picks.picks[0])
     figures = verdict.stages[-1].figures
     assert verdict.ok
-    assert figures["whole"] >= 1
+    assert figures["complete"] >= 1
     assert figures["excluded"] > 10
     assert figures["untried"] == 0
-    assert f"best of {figures['whole'] + figures['excluded']:.0f} candidates" in verdict.reason
+    assert f"best of {figures['complete'] + figures['excluded']:.0f} candidates" in verdict.reason
 
 
-def test_a_budget_that_runs_out_is_told() -> None:
+def test_an_exhausted_budget_is_reported() -> None:
     made, picks = setup("panda", "picks.yaml", pp.picks.PickWeights(clearance=0, limit_margin=0, manipulability=0))
     short = replace(made, budget=replace(ALL, compared=1))
     figures = short.judge(0, picks.picks[0]).stages[-1].figures
-    assert figures["whole"] == 1
+    assert figures["complete"] == 1
     verdict = replace(made, budget=replace(ALL, configurations=1)).judge(1, picks.picks[1])
     assert verdict.ok
     assert verdict.stages[-1].figures["untried"] + verdict.stages[-1].figures["excluded"] > 0
@@ -94,6 +94,7 @@ def test_the_score_is_made_of_parts_between_0_and_1() -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("xyz", "yaw"), [((0.371, -0.403, 0.192), -0.97), ((0.406, -0.305, 0.217), -0.67)])
 def test_the_best_release_is_taken_and_not_the_nearest(monkeypatch, xyz, yaw) -> None:
     made, picks = setup("ur5", "carry.yaml", pp.picks.PickWeights(duration=0.2))

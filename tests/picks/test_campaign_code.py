@@ -1,4 +1,4 @@
-"""Rows of one file come from one code."""
+"""All rows of a file come from the same code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from pinproof.picks.batch.campaign import RowTask, judge_row
 
 @pytest.fixture
 def copy_of_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Pinproof's source elsewhere, to be changed; what is told of it."""
+    """A copy of the source that tests can change, with its code version."""
     package = tmp_path / "pinproof"
     for path in rows.PACKAGE.rglob("*.py"):
         place = package / path.relative_to(rows.PACKAGE)
@@ -36,16 +36,16 @@ def told_anew() -> str:
     return rows.code_here()
 
 
-def test_it_names_the_version_and_the_libraries() -> None:
-    said = rows.code_here()
-    assert said.startswith(f"{pp.__version__} ")
-    assert "numpy " in said
-    assert "unknown" not in said
+def test_the_code_version_names_the_package_and_the_libraries() -> None:
+    expected = rows.code_here()
+    assert expected.startswith(f"{pp.__version__} ")
+    assert "numpy " in expected
+    assert "unknown" not in expected
 
 
-def test_any_change_of_what_judges_is_told(copy_of_the_package: Path) -> None:
+def test_any_change_of_the_judging_code_changes_its_version(copy_of_the_package: Path) -> None:
     before = told_anew()
-    kernel = copy_of_the_package / "kernels" / "gjk.py"
+    kernel = copy_of_the_package / "collision" / "certify.py"
     kernel.write_text(kernel.read_text() + "\n# mended\n")
     mended = told_anew()
     assert mended != before
@@ -53,7 +53,7 @@ def test_any_change_of_what_judges_is_told(copy_of_the_package: Path) -> None:
     assert told_anew() not in (before, mended)
 
 
-def test_words_of_help_are_no_other_code(copy_of_the_package: Path) -> None:
+def test_help_texts_do_not_change_the_code_version(copy_of_the_package: Path) -> None:
     before = told_anew()
     page = copy_of_the_package / "cli" / "pick.py"
     page.write_text(page.read_text() + "\n# mended\n")
@@ -71,16 +71,17 @@ def test_a_campaign_begun_with_other_code_is_refused(stick, many, judges, tmp_pa
     assert (tmp_path / "rows.jsonl").read_bytes() == before
 
 
-def test_a_worker_of_other_code_takes_no_task(stick, many, monkeypatch) -> None:
+def test_a_worker_with_other_code_refuses_the_task(stick, many, monkeypatch) -> None:
     setup = pp.picks.PickSetup.make(stick, pp.Scene(), many.shared, home=None, rng=0)
     package = pickle.dumps(RowTask(setup, judge_row))
     assert isinstance(pickle.loads(package), RowTask)
     monkeypatch.setattr("pinproof.picks.batch.campaign.code_here", lambda: "0.1.0 otherwise")
-    with pytest.raises(CampaignError, match=r"a worker .* 0.1.0 otherwise, "):
+    mismatch = rf"a worker runs pinproof 0\.1\.0 otherwise, the campaign runs {pp.__version__} "
+    with pytest.raises(CampaignError, match=mismatch):
         pickle.loads(package)
 
 
-def test_a_judge_of_ones_own_is_known_by_its_source(judges) -> None:
+def test_a_custom_judge_is_identified_by_its_source(judges) -> None:
     assert rows.judge_words(judge_row) == "pinproof.picks.batch.campaign.judge_row"
     echo, slow = rows.judge_words(judges.echo), rows.judge_words(judges.slow)
     assert echo.startswith("campaign_judges.echo ")

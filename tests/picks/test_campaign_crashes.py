@@ -1,4 +1,4 @@
-"""Workers that die, of a pick or of something else; campaigns that are killed."""
+"""Workers that die because of a pick or for another reason; campaigns that are killed."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def crashed(result: pp.picks.CampaignResult) -> list[int]:
 
 
 @pytest.mark.parametrize(("chunk", "in_flight"), [(1, 1), (1, 16), (8, 1), (8, 16), (120, 3), (None, 8)])
-def test_the_picks_at_fault_are_found_and_no_other(stick, many, judges, tmp_path, chunk, in_flight) -> None:
+def test_only_the_faulty_picks_are_marked_as_crashed(stick, many, judges, tmp_path, chunk, in_flight) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
     result = made.run(tmp_path, executor=Fragile, chunk=chunk, in_flight=in_flight)
     assert crashed(result) == [7, 100]
@@ -121,7 +121,7 @@ def test_a_pick_that_kills_workers_each_time_is_tried_once_a_run_with_the_same_b
     assert (tmp_path / "rows.jsonl").read_bytes() == rows
 
 
-def test_a_crashed_row_in_a_journal_gives_way_to_the_row_of_a_later_run(stick, many, judges, tmp_path) -> None:
+def test_a_crashed_row_in_a_journal_is_replaced_by_a_later_run(stick, many, judges, tmp_path) -> None:
     from pinproof.picks.batch.journal import Journal
 
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_six_times_on_7)
@@ -142,7 +142,7 @@ def judges_row(judges, many) -> bytes:
 
 def test_no_pick_is_blamed_for_an_executor_that_breaks_of_itself(stick, many, judges, tmp_path) -> None:
     class Tired(Fragile):
-        """Breaks after nine chunks, whatever they are."""
+        """Breaks after nine chunks."""
 
         left = 9
 
@@ -160,16 +160,16 @@ def _end(*args) -> None:
     raise KeyboardInterrupt
 
 
-def test_an_executor_that_cannot_be_made_anew_ends_the_run_and_another_goes_on(stick, many, judges, tmp_path) -> None:
+def test_an_executor_that_cannot_be_replaced_ends_the_run_and_another_resumes(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_on_7_and_100)
-    with pytest.raises(CampaignError, match=r"executor broke \(BrokenExecutor: .*function"):
+    with pytest.raises(CampaignError, match=r"executor broke \(BrokenExecutor: .*pass a function that creates"):
         made.run(tmp_path, executor=Fragile(), chunk=5, in_flight=1)
     result = made.run(tmp_path, executor=Fragile, chunk=5)
     assert crashed(result) == [7, 100]
     assert result.resumed == 5
 
 
-def test_workers_that_never_start_are_told_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
+def test_workers_that_never_start_are_an_error_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
     class Dead(Fragile):
         def submit(self, fn, /, *args, **settings):
             return super().submit(_end)
@@ -181,16 +181,16 @@ def test_workers_that_never_start_are_told_and_no_pick_is_blamed(stick, many, ju
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
 
 
-def test_workers_that_die_of_everything_are_told_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
+def test_workers_that_always_die_are_an_error_and_no_pick_is_blamed(stick, many, judges, tmp_path) -> None:
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.ends_always)
-    with pytest.raises(CampaignError, match=r"first 10 picks.* memory"):
+    with pytest.raises(CampaignError, match=r"every worker process died on each of the first 10 picks.* enough memory"):
         made.run(tmp_path, executor=Fragile)
     assert (tmp_path / "journal.jsonl").read_bytes().count(b"\n") == 1
     few = pp.Campaign(stick, pp.Scene(), pp.picks.PickGrid(many.first, (3, 1, 1), many.step), judge=judges.ends_always)
     assert few.run(tmp_path / "few", executor=Fragile).verdicts == {"crashed": 3}
 
 
-def test_a_task_that_workers_cannot_take_is_told(stick, many, judges, tmp_path, monkeypatch) -> None:
+def test_a_task_that_workers_cannot_load_is_an_error(stick, many, judges, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(workers, "_known", {})
 
     class Foreign(Fragile):
@@ -198,13 +198,13 @@ def test_a_task_that_workers_cannot_take_is_told(stick, many, judges, tmp_path, 
             return super().submit(fn, key, package and package[:50], start, part)
 
     made = pp.Campaign(stick, pp.Scene(), many, judge=judges.echo)
-    with pytest.raises(CampaignError, match="workers cannot load the task"):
+    with pytest.raises(CampaignError, match="the workers cannot load the task: UnpicklingError: "):
         made.run(tmp_path, executor=Foreign)
 
 
-def test_workers_that_join_are_told_the_task_once(stick, many, judges, tmp_path, monkeypatch) -> None:
+def test_workers_that_join_receive_the_task_once(stick, many, judges, tmp_path, monkeypatch) -> None:
     class Joined(Fragile):
-        """Each chunk without the task meets a worker that does not know it, until every worker was sent the task."""
+        """Chunks without the task reach workers that do not know it, until every worker has received it."""
 
         def submit(self, fn, /, *args, **settings):
             packed.append(args[1] is not None)
@@ -247,7 +247,7 @@ if __name__ == "__main__":
 
 @pytest.mark.slow
 @pytest.mark.parametrize("by", [signal.SIGKILL, signal.SIGINT])
-def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
+def test_a_killed_campaign_leaves_no_process_and_resumes_with_the_same_bytes(
     stick, stick_urdf, many, judges, tmp_path, by
 ) -> None:
     folder, program = tmp_path / "out", tmp_path / "program.py"
@@ -275,7 +275,7 @@ def test_a_killed_campaign_leaves_no_process_and_goes_on_with_the_same_bytes(
 
 
 @pytest.mark.slow
-def test_a_pool_of_processes_is_made_anew(stick, many, judges, tmp_path) -> None:
+def test_a_broken_pool_of_processes_is_replaced(stick, many, judges, tmp_path) -> None:
     import multiprocessing
 
     def pool() -> ProcessPoolExecutor:

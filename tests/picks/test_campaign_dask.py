@@ -29,7 +29,7 @@ pytestmark = [
 
 @pytest.fixture(scope="module")
 def cluster(tmp_path_factory) -> Iterator[distributed.LocalCluster]:
-    """A scheduler and two worker processes on this machine, which are made anew when they die."""
+    """A scheduler and two worker processes on this machine, which are replaced when they die."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(str(Path(__file__).parent))  # the processes have the paths of this one
         patch.setenv("CAMPAIGN_TEST_FLAG", str(tmp_path_factory.mktemp("dask") / "flag"))
@@ -61,7 +61,7 @@ def run_by_threads(made: pp.Campaign, folder: Path) -> bytes:
         return made.run(folder, executor=threads).path.read_bytes()
 
 
-def test_a_worker_killed_half_way_costs_nothing(client, stick, many, judges, tmp_path) -> None:
+def test_picks_of_a_killed_worker_are_judged_again(client, stick, many, judges, tmp_path) -> None:
     killed: list[int] = []
 
     def kill_one(done: int, total: int) -> None:
@@ -92,10 +92,10 @@ def test_real_picks_have_the_same_rows_and_verdicts_as_here(client, arms, cells,
     made = pp.Campaign(arm, scene, picks)
     result = made.run(tmp_path / "dask", executor=client.get_executor(), chunk=1)
     assert result.path.read_bytes() == run_by_threads(made, tmp_path / "threads")
-    told = [
+    data = [
         {k: v for k, v in pick.items() if k != "excluded_pairs"} for pick in reports["generic_6dof"].to_dict()["picks"]
     ]
-    assert [{k: v for k, v in row.items() if k != "index"} for row in result.rows()] == told
+    assert [{k: v for k, v in row.items() if k != "index"} for row in result.rows()] == data
     report = pp.validate_picks(arm, scene, picks, executor=client.get_executor())
     assert report.to_dict() == reports["generic_6dof"].to_dict()
 

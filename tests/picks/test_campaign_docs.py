@@ -12,7 +12,7 @@ PAGE = ROOT / "docs" / "campaigns.md"
 
 
 @pytest.mark.slow
-def test_what_is_printed_runs(tmp_path) -> None:
+def test_the_page_runs_as_printed(tmp_path) -> None:
     (program,) = blocks(PAGE, "python")
     assert PROGRAM in program.text
     with reader_folder(tmp_path):

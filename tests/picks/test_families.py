@@ -1,4 +1,4 @@
-"""Families of grasps, what is proven of a "no", and the suggestions, each of which is tried."""
+"""Families of grasps, proofs of negative verdicts, and suggestions, each of which is applied."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_tolerance_moves_the_grasp_only_where_the_nominal_one_fails(arm) -> No
     assert "mm along the tip's y" in verdict.member
 
 
-def test_impossible_is_said_only_where_no_seed_finds_a_way(arms) -> None:
+def test_impossible_is_reported_only_if_no_seed_finds_a_path(arms) -> None:
     # By another method: descents from many seeds, none of which may end free at the grasp.
     arm = arms["generic_6dof"]
     stone = pp.Obstacle("stone", pp.Sphere(0.06), pp.pose((0.4, -0.3, 0.15)))
@@ -85,7 +85,7 @@ def test_a_sample_of_a_family_proves_nothing(arm, change) -> None:
     assert "grasps were tried" in verdict.reason
 
 
-def test_an_arm_of_seven_is_never_told_impossible(arms) -> None:
+def test_targets_of_seven_joints_are_never_impossible(arms) -> None:
     verdict = judge(arms["panda"], replace(PICK, pose=pp.pose((3, 0, 0.2), DOWN)), remedies=0)
     assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.REACH)
 
@@ -119,7 +119,7 @@ def test_out_of_reach_names_the_residual_and_a_shift_that_reaches(arm) -> None:
     assert judge(arm, there, remedies=0).failed is not Stage.REACH
 
 
-def test_weights_choose_among_whole_picks(arm) -> None:
+def test_weights_choose_among_complete_motions(arm) -> None:
     def best(**weights) -> pp.PickVerdict:
         none = {"clearance": 0.0, "limit_margin": 0.0, "manipulability": 0.0, "duration": 0.0}
         picks = pp.Picks((PICK,), margin=0.002)

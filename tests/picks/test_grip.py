@@ -138,7 +138,7 @@ def test_contacts_that_are_not_opposite_each_other_do_not_hold(arm) -> None:
 POST = pp.Box(0.004, 0.002, 0.02)
 
 
-def test_what_the_fingers_meet_only_while_they_close_is_found(arm) -> None:
+def test_a_collision_of_closing_fingers_is_found(arm) -> None:
     """A post between the outer face of the closed finger, 25 mm from the middle, and the inner face of the open one."""
     wide = fingers(opening=0.08)
     post = pp.Obstacle("post", POST, pp.pose((AT[0], AT[1] + 0.032, 0.018)))
@@ -155,7 +155,7 @@ def test_what_the_fingers_meet_only_while_they_close_is_found(arm) -> None:
         assert any(checker.is_free(q) for q in pp.AnalyticIk().solve_all(arm, target).q)
 
 
-def test_what_the_fingers_meet_only_while_they_open_is_found_where_the_part_is_put(arm) -> None:
+def test_a_collision_of_opening_fingers_is_found_at_the_release(arm) -> None:
     wide, there = fingers(opening=0.08), np.array([0.45, -0.20, TOP])
     put = grasp(place=pp.picks.PlaceTarget(pp.pose(there - np.array([0, 0, 0.015]), DOWN)))
     assert judge(arm, put, fingers=wide).ok
@@ -187,13 +187,14 @@ def test_the_tip_of_a_tool_without_fingers_is_at_the_part(arm) -> None:
     assert judge(arm, grasp((0, 0, 0.02)), tool=(rod,), fingers=None, grip_limits=near).ok
 
 
-def test_without_an_object_the_grip_is_not_judged_and_the_report_says_so(arm) -> None:
+def test_without_an_object_the_grip_is_not_judged_with_a_note(arm) -> None:
     verdict = judge(arm, replace(grasp((0, 0, 0.10)), carried=None))
     assert verdict.ok
     assert verdict.grip is None
     assert next(stage for stage in verdict.stages if stage.stage is Stage.GRIP).message.startswith("not checked")
 
 
+@pytest.mark.slow
 def test_suggestions_stay_within_grasps_that_hold_the_part(arm) -> None:
     wall = pp.Obstacle("wall", pp.Box(0.3, 0.02, 0.2), pp.pose((AT[0], AT[1] + 0.05, 0.1)))
     for pick, obstacles, failed in ((grasp((0.0, 0.012, -0.015)), (), Stage.GRIP), (grasp(), (wall,), Stage.GRASP)):

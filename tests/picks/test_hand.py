@@ -44,6 +44,7 @@ def bodies(arm: pp.Arm, value: float) -> dict[str, pp.SE3]:
     return {name: hand.actInv(there.frame_placement(there.home, name)) for name in ("left_knuckle", *PADS)}
 
 
+@pytest.mark.slow
 def test_swept_bodies_hold_every_point_of_rotating_fingers(arm) -> None:
     found = {finger.name: finger for finger in fingers_of(arm, None, {"left_joint": CLOSED})}
     assert set(found) == {"left_knuckle", "right_knuckle", *PADS}

@@ -1,4 +1,4 @@
-"""Reach maps: what they say of a pose is what inverse kinematics and the checker say of it."""
+"""Reach maps agree with inverse kinematics and the collision checker for each pose."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.errors import FileError
 from pinproof.spatial import matrix
+
+from ..examples import examples
 
 TABLE = pp.Obstacle("table", pp.Box(2.0, 2.0, 0.05), pp.pose(xyz=(0.6, 0.0, -0.2)))
 WALL = pp.Obstacle("wall", pp.Box(0.05, 1.0, 1.0), pp.pose(xyz=(0.45, 0.3, 0.2)))
@@ -47,9 +49,7 @@ def test_a_closed_form_judges_every_branch(ur5: pp.CollisionChecker, map_of_ur5:
         assert map_of_ur5.free[where] == any(ur5.is_free(q) for q in branches)
 
 
-def test_what_is_told_of_a_free_pose_is_that_of_its_most_manipulable_branch(
-    ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap
-) -> None:
+def test_a_free_pose_reports_its_most_manipulable_branch(ur5: pp.CollisionChecker, map_of_ur5: pp.ReachMap) -> None:
     for where, target in _targets(ur5.arm, map_of_ur5):
         free = [q for q in pp.AnalyticIk().solve_all(ur5.arm, target).branches if ur5.is_free(q)]
         if free:
@@ -77,7 +77,7 @@ def test_a_redundant_arm_is_searched_and_what_is_free_is_free() -> None:
             assert not pp.Clik(restarts=3).solve(checker.arm, target).ok
 
 
-def test_what_is_beyond_the_span_of_an_arm_is_not_searched_for() -> None:
+def test_targets_beyond_the_span_of_an_arm_are_not_searched() -> None:
     """On an arm that is searched: poses that its own configurations take are never left out."""
     from pinproof.picks.batch.proposals import Span
 
@@ -105,7 +105,7 @@ def test_the_tip_is_what_reaches_the_points(ur5: pp.CollisionChecker) -> None:
     assert of_tip.manipulability == pytest.approx(of_tcp.manipulability)
 
 
-def test_a_robot_that_stands_elsewhere_sees_the_region_from_there(ur5: pp.CollisionChecker) -> None:
+def test_the_region_is_transformed_to_the_base_of_a_moved_robot(ur5: pp.CollisionChecker) -> None:
     stands = pp.pose(xyz=(0.3, -0.2, 0.1), rpy=(0.0, 0.0, 0.7))
     moved = pp.reach_map(ur5, BOX, DOWN, world_from_root=stands)
     seen = (BOX.points - stands.translation) @ stands.rotation
@@ -155,7 +155,7 @@ def test_the_slices_show_the_share_by_colour(map_of_ur5: pp.ReachMap, tmp_path: 
 
 
 @pytest.mark.parametrize("content", [b"", b"PK nonsense", b"x,y\n1,2\n"])
-def test_a_file_that_is_no_map_is_refused(content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_map_is_refused(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "odd.npz").write_bytes(content)
     with pytest.raises(FileError, match=r"odd\.npz"):
         pp.ReachMap.load(tmp_path / "odd.npz")
@@ -183,7 +183,7 @@ def test_a_region_that_makes_no_sense_is_refused(
 
 
 @given(st.integers(1, 60), st.floats(0.01, np.pi), st.integers(1, 12), st.integers(0, 1000))
-@settings(deadline=None, max_examples=50)
+@examples(50)
 def test_orientations_are_rotations_inside_their_cone(count: int, angle: float, spins: int, seed: int) -> None:
     axis = np.random.default_rng(seed).normal(size=3)
     directions = pp.picks.approach_directions(axis, angle, count)
@@ -199,3 +199,15 @@ def test_directions_all_round_weigh_the_sphere_evenly() -> None:
     directions = pp.picks.approach_directions(half_angle=np.pi, count=500)
     assert np.abs(directions.mean(axis=0)).max() < 0.01
     assert np.abs(directions.T @ directions / 500 - np.eye(3) / 3).max() < 0.01
+
+
+@pytest.mark.parametrize("directions", ["down", [[0, 0, 1], [0, 1]], [0, 0], [[0, 0, "x"]], [0, 0, np.nan]])
+def test_directions_that_are_not_numbers_are_refused_with_the_valid_shape(directions) -> None:
+    with pytest.raises(pp.InputError, match="directions"):
+        pp.picks.tool_orientations(directions)
+
+
+def test_one_direction_is_the_same_as_a_list_of_one() -> None:
+    one, several = pp.picks.tool_orientations((0, 1, 0), 2), pp.picks.tool_orientations([(0, 1, 0)], 2)
+    np.testing.assert_array_equal(one, several)
+    assert one.shape == (2, 3, 3)

@@ -1,11 +1,9 @@
-"""Reports on picks as files: what they say, and that they keep to their schema."""
+"""Reports on picks as files: content and schema."""
 
 from __future__ import annotations
 
 import csv
 import io
-import json
-from importlib.resources import files
 
 import numpy as np
 import pytest
@@ -13,13 +11,14 @@ import pytest
 import pinproof as pp
 from pinproof.picks import PickStatus, Stage, StageResult
 from pinproof.picks.input.pick import PickProblem
-from pinproof.picks.report.report import CSV_COLUMNS, SCHEMA, SUFFIXES
+from pinproof.picks.report.report import CSV_COLUMNS, REPORT_SUFFIXES
+from pinproof.picks.report.report_keys import SCHEMA
 
 PROBLEM = PickProblem(7, "torn, row", "xyz holds nan at index 1")
 
 
 def schema() -> dict:
-    return json.loads(files("pinproof.picks.report").joinpath("schema.json").read_text(encoding="utf-8"))
+    return pp.file_schema("report")
 
 
 @pytest.fixture(scope="module")
@@ -44,22 +43,22 @@ def test_the_json_keeps_to_its_schema(report) -> None:
 @pytest.mark.parametrize("lost", ["reason", "xyz", "stages", "clearance_proven", "motions", "refuted", "member"])
 def test_the_schema_notices_what_is_missing(report, lost: str) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    told = report.to_dict()
-    del told["picks"][0][lost]
+    data = report.to_dict()
+    del data["picks"][0][lost]
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(told, schema())
+        jsonschema.validate(data, schema())
 
 
 def test_the_schema_refuses_a_good_pick_without_a_proof(report) -> None:
     jsonschema = pytest.importorskip("jsonschema")
-    told = report.to_dict()
-    good = next(pick for pick in told["picks"] if pick["verdict"] == "good")
+    data = report.to_dict()
+    good = next(pick for pick in data["picks"] if pick["verdict"] == "good")
     good["pairs_proven"] = None
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(told, schema())
+        jsonschema.validate(data, schema())
 
 
-def test_a_row_tells_the_motions_the_score_and_what_was_refuted(reports) -> None:
+def test_a_row_has_the_motions_the_score_and_the_refuted_branches(reports) -> None:
     rows = {row["name"]: row for row in reports["ur5"].to_dict()["picks"]}
     good, bad = rows["bolt_1"], rows["bolt_3"]
     assert [motion["name"] for motion in good["motions"]] == ["pick"]
@@ -74,7 +73,7 @@ def test_a_row_tells_the_motions_the_score_and_what_was_refuted(reports) -> None
 
 
 def test_the_schema_names_every_verdict_and_the_version() -> None:
-    verdicts = schema()["$defs"]["pick"]["properties"]["verdict"]["enum"]
+    verdicts = schema()["$defs"]["verdict"]["properties"]["verdict"]["enum"]
     assert {status.value for status in PickStatus} <= set(verdicts)
     assert schema()["properties"]["schema"]["const"] == SCHEMA
 
@@ -100,7 +99,8 @@ def test_the_pose_of_a_row_makes_the_pick_again(report) -> None:
         assert np.allclose(again.homogeneous, verdict.pick.pose.homogeneous, atol=1e-12)
 
 
-@pytest.mark.parametrize("kind", SUFFIXES)
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", REPORT_SUFFIXES)
 def test_every_kind_of_file_names_every_row(report, tmp_path, kind: str) -> None:
     path = tmp_path / f"report{kind}"
     report.save(path)

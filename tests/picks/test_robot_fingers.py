@@ -47,7 +47,7 @@ def good(arm) -> pp.PickVerdict:
     return verdict
 
 
-def test_each_motion_says_where_the_fingers_stand(arm, good) -> None:
+def test_each_motion_states_its_finger_positions(arm, good) -> None:
     def gap(motion: pp.picks.PickMotion) -> float:
         there = arm.with_held(motion.held)
         left, right = (there.frame_placement(good.q_grasp, link).translation for link in FINGERS)
@@ -67,7 +67,7 @@ def test_each_motion_says_where_the_fingers_stand(arm, good) -> None:
     )
 
 
-def test_each_motion_is_proven_for_the_fingers_as_they_stand(arm, good) -> None:
+def test_each_motion_is_proven_with_its_finger_positions(arm, good) -> None:
     for motion in good.motions:
         there = arm.with_held(motion.held)
         certificate = motion.certificate
@@ -93,7 +93,7 @@ def test_open_fingers_meet_a_wall_that_gripping_ones_do_not(arm) -> None:
     assert any(checker.is_free(pp.Clik().solve(closed, target, rng=seed).q) for seed in range(8))
 
 
-def test_without_leave_the_closed_fingers_would_touch_what_they_hold(good, arm) -> None:
+def test_without_an_allowed_pair_the_closed_fingers_collide_with_the_part(good, arm) -> None:
     retreat = good.motions[2]
     checker = pp.CollisionChecker(arm.with_held(retreat.held), retreat.scene, attached=retreat.attached)
     touching = {name for contact in checker.check(retreat.trajectory.end).contacts for name in contact.bodies}
@@ -101,17 +101,17 @@ def test_without_leave_the_closed_fingers_would_touch_what_they_hold(good, arm) 
 
 
 @pytest.mark.parametrize(
-    ("grip", "said"),
+    ("grip", "expected"),
     [
         ({"panda_finger_joint1": 0.05}, "0.05 (grip) is outside its limits [0, 0.04]"),
         ({"panda_finger_joint2": 0.02}, "unknown joint 'panda_finger_joint2'"),
         ({"panda_joint3": 0.02}, "unknown joint 'panda_joint3'"),
     ],
 )
-def test_what_cannot_grip_is_refused(arm, grip, said: str) -> None:
+def test_fingers_that_cannot_grip_are_refused(arm, grip, expected: str) -> None:
     with pytest.raises((InputError, UnknownNameError)) as refused:
         pp.validate_picks(arm, pp.Scene(), pp.Picks((PICK,), grip=grip))
-    assert said in str(refused.value)
+    assert expected in str(refused.value)
 
 
 def test_a_joint_that_would_move_the_tcp_cannot_grip() -> None:
@@ -120,7 +120,7 @@ def test_a_joint_that_would_move_the_tcp_cannot_grip() -> None:
         pp.validate_picks(arm, pp.Scene(), pp.Picks((PICK,), grip={"panda_joint1": 0.5}))
 
 
-def test_a_checker_with_joints_held_elsewhere_is_the_same_as_one_made_so(arm) -> None:
+def test_a_checker_derived_with_other_held_joints_equals_a_new_one(arm) -> None:
     closed = {"panda_finger_joint1": GRIP}
     derived = pp.CollisionChecker(arm, pp.Scene()).with_held(closed)
     made = pp.CollisionChecker(pp.load_robot("panda").arm(held=closed), pp.Scene())

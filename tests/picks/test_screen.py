@@ -1,4 +1,4 @@
-"""Screening: what it says of a pick is what the stages say of it, and what brute force finds."""
+"""Screening agrees with the stages of the judge and with brute force."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def _random_picks(arm: pp.Arm, cell: tuple[pp.Scene, pp.Picks], count: int) -> p
 
 
 def _failed_stage(pick: pp.Pick, cell: Cell) -> object:
-    """The stage up to the grasp that the judge of picks says has failed; None if none has."""
+    """The failed stage up to the grasp according to the judge, or None."""
     task = Task(pick, cell)
     stages = []
     for ring in task.groups():
         reached = reach(task, ring, 0)
-        said = (*reached.stages, *(screen(task, ring, reached).stages if len(reached.q) else ()))
-        if said[-1].ok:
+        text = (*reached.stages, *(screen(task, ring, reached).stages if len(reached.q) else ()))
+        if text[-1].ok:
             return None
-        stages = max(stages, said, key=len)
+        stages = max(stages, text, key=len)
     return stages[-1].stage
 
 
@@ -51,7 +51,7 @@ def _cell(arm: pp.Arm, scene: pp.Scene, picks: pp.Picks) -> Cell:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_it_says_of_random_picks_what_the_stages_say(name, arms, cells) -> None:
+def test_the_screen_agrees_with_the_stages_for_random_picks(name, arms, cells) -> None:
     picks = _random_picks(arms[name], cells[name], 100)
     found = pp.screen_picks(arms[name], cells[name][0], picks)
     cell = _cell(arms[name], cells[name][0], picks)
@@ -63,7 +63,7 @@ def test_it_says_of_random_picks_what_the_stages_say(name, arms, cells) -> None:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_what_is_free_is_where_it_says_and_free(name, arms, cells) -> None:
+def test_free_poses_are_reached_and_collision_free(name, arms, cells) -> None:
     arm, (scene, picks) = arms[name], cells[name]
     picks = _random_picks(arms[name], cells[name], 100)
     found = pp.screen_picks(arm, scene, picks, clearance=True)
@@ -119,7 +119,7 @@ def test_poses_and_picks_are_the_same_question_for_any_number_of_threads(arms, c
     assert of_picks.names[3] == "p3"
 
 
-def test_limits_alone_are_told_from_reach(arms) -> None:
+def test_limit_violations_are_distinguished_from_reach(arms) -> None:
     arm = arms["ur5"]
     q = np.array([2.5, -1.2, 1.5, -1.8, -1.5, 0.3])
     elbow = np.array([2 * np.pi, 2 * np.pi, 0.1, 2 * np.pi, 2 * np.pi, 2 * np.pi])
@@ -134,7 +134,7 @@ def test_limits_alone_are_told_from_reach(arms) -> None:
     assert pp.screen_picks(arm, pp.Scene(), root @ near[None]).status == (pp.picks.ScreenStatus.FREE,)
 
 
-def test_an_arm_that_is_searched_is_told_apart_in_the_same_way(arms, monkeypatch) -> None:
+def test_results_of_a_search_are_classified_like_closed_forms(arms, monkeypatch) -> None:
     monkeypatch.setattr("pinproof.picks.batch.proposals.has_closed_form", lambda arm, most=6: False)
     arm = arms["generic_6dof"]
     low, high = arm.limits.sampling_range()
@@ -193,7 +193,7 @@ def test_the_hand_may_touch_what_is_picked_and_nothing_else(arms) -> None:
     assert "other" in found.reason(2)
 
 
-def test_what_makes_no_sense_stops_nobody(arms) -> None:
+def test_unusable_entries_are_ignored(arms) -> None:
     fine = pp.Pick("fine", pp.pose(xyz=(0.5, 0.2, 0.3), rpy=(np.pi, 0, 0)))
     picks = pp.Picks((replace(fine, name="lost", frame="nowhere"), fine), (PickProblem(7, "torn", "no xyz"),))
     found = pp.screen_picks(arms["ur5"], pp.Scene(), picks)
@@ -217,7 +217,7 @@ def test_poses_that_are_none_are_refused(poses: np.ndarray, arms) -> None:
         pp.screen_picks(arms["ur5"], pp.Scene(), poses)
 
 
-def test_all_shipped_picks_are_told_as_they_are_judged(reports, arms, cells) -> None:
+def test_all_shipped_picks_are_reported_as_judged(reports, arms, cells) -> None:
     for name in ROBOTS:
         found = pp.screen_picks(arms[name], *cells[name])
         for status, verdict in zip(found.status, reports[name].verdicts, strict=True):
@@ -230,8 +230,8 @@ def test_all_shipped_picks_are_told_as_they_are_judged(reports, arms, cells) -> 
 def test_a_grid_is_screened_without_being_held(arms) -> None:
     first = pp.Pick("bolt", pp.pose(xyz=(0.3, -0.3, 0.2), rpy=(np.pi, 0, 0)))
     grid = pp.picks.PickGrid(first, (4, 3, 2), (0.1, 0.1, 0.1))
-    told = []
-    found = pp.screen_picks(arms["ur5"], pp.Scene(), grid, progress=lambda *at: told.append(at))
+    data = []
+    found = pp.screen_picks(arms["ur5"], pp.Scene(), grid, progress=lambda *at: data.append(at))
     assert len(found) == 24
-    assert told == [(24, 24)]
+    assert data == [(24, 24)]
     np.testing.assert_array_equal(found.codes, pp.screen_picks(arms["ur5"], pp.Scene(), grid.load()).codes)

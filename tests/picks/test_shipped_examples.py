@@ -1,4 +1,4 @@
-"""The three worked examples: each pick is good, or fails where and why it was built to, as surely as can be told."""
+"""The three worked examples: each pick has the expected status, failed stage and reason."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from pinproof.picks import PickStatus, Stage
 GOOD = (PickStatus.GOOD, None, "")
 IMPOSSIBLE, NOT_FOUND = PickStatus.IMPOSSIBLE, PickStatus.NOT_FOUND
 
+pytestmark = pytest.mark.slow
+
 EXPECTED = {
     "ur5/plate_picks.yaml": {
         **{f"bolts[{i},{j}]": GOOD for i in range(4) for j in range(3)},
@@ -27,7 +29,7 @@ EXPECTED = {
         "lying": GOOD,
         "round": GOOD,
         "leaning": GOOD,
-        "on_the_wall": (NOT_FOUND, Stage.RETREAT, "bin_far"),
+        "on_the_wall": (NOT_FOUND, Stage.RETREAT, "on_the_wall is near bin_far (0.2 mm apart)"),
         "cornered": (NOT_FOUND, Stage.GRASP, "panda_hand penetrates bin_far"),
         "fallen": (NOT_FOUND, Stage.GRASP, "panda_hand penetrates guard"),
         "far_off": (NOT_FOUND, Stage.REACH, "out of reach"),
@@ -37,7 +39,7 @@ EXPECTED = {
         "unload": GOOD,
         **{f"blank[{i},0]": GOOD for i in range(3)},
         "sideways": (IMPOSSIBLE, Stage.RETREAT, "turned is not proven to leave chuck"),
-        "from_afar": (IMPOSSIBLE, Stage.APPROACH, "1200 mm"),
+        "from_afar": (IMPOSSIBLE, Stage.APPROACH, "1200 mm path, planned outwards from the grasp, stops at "),
         "shadowed": (IMPOSSIBLE, Stage.GRASP, "tube penetrates post_right"),
         "remote": (IMPOSSIBLE, Stage.REACH, "out of reach"),
         "near_by": (IMPOSSIBLE, Stage.LIMITS, "joint_3"),
@@ -71,9 +73,8 @@ def examples() -> dict[str, Example]:
     return found
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("name", EXPECTED)
-def test_each_is_judged_as_it_was_built(examples, name: str) -> None:
+def test_each_pick_has_the_expected_verdict(examples, name: str) -> None:
     expected, report = EXPECTED[name], examples[name].report
     assert {v.pick.name: (v.status, v.failed) for v in report.verdicts} == {k: e[:2] for k, e in expected.items()}
     reasons = {v.pick.name: v.reason for v in report.verdicts if not v.ok}
@@ -81,14 +82,14 @@ def test_each_is_judged_as_it_was_built(examples, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_what_is_impossible_is_refuted_branch_by_branch(examples, name: str) -> None:
+def test_impossible_picks_are_refuted_for_every_branch(examples, name: str) -> None:
     for verdict in examples[name].report.verdicts:
         assert bool(verdict.refuted) == (verdict.status is IMPOSSIBLE)
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_every_motion_is_free_by_a_second_look(examples, name: str) -> None:
-    """Dense samples, a checker made anew from what the motion itself says stands around and is held."""
+def test_every_motion_is_free_in_dense_samples(examples, name: str) -> None:
+    """Dense samples, with a new checker for the scene and the held part of each motion."""
     example = examples[name]
     hand = {*(thing.name for thing in example.picks.open_tool), "panda_leftfinger", "panda_rightfinger"}
     for verdict in example.report.good:
@@ -108,7 +109,7 @@ def test_every_motion_is_free_by_a_second_look(examples, name: str) -> None:
                 assert {frozenset(contact.bodies) for contact in checker.check(at).contacts} <= meant
 
 
-def test_the_guard_stands_between_the_tray_and_the_bin(examples) -> None:
+def test_the_guard_blocks_the_straight_path_from_tray_to_bin(examples) -> None:
     example = examples["panda/bin_picks.yaml"]
     checker = pp.CollisionChecker(example.arm, example.scene)
     for verdict in example.report.good:
@@ -144,7 +145,7 @@ def test_the_long_tool_goes_in_and_out_through_the_door_straight(examples) -> No
     assert max(np.linalg.norm(thing.pose.translation) for thing in example.picks.tool) < 0.5
 
 
-def test_the_plate_is_emptied_whichever_way_the_camera_must_be_turned(examples) -> None:
+def test_picks_of_the_plate_are_good_with_a_rotated_camera(examples) -> None:
     example = examples["ur5/plate_picks.yaml"]
     assert example.verdict("bolts[3,1]").member.startswith("spun by ")
     assert "mm along the tip's" in example.verdict("moved").member

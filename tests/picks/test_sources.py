@@ -68,7 +68,7 @@ def test_a_picks_file_may_name_a_table_and_gives_it_what_is_shared(write, tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("row", "said"),
+    ("row", "expected"),
     [
         ("b,1,2", "has 3 cells under 12 columns"),
         ("b,1,2,three,0,0,0,,,,,", "xyz: 'three' is not a number"),
@@ -82,18 +82,18 @@ def test_a_picks_file_may_name_a_table_and_gives_it_what_is_shared(write, tmp_pa
         ("a,1,2,3,0,0,0,,,,,", "a second pick is named 'a'"),
     ],
 )
-def test_an_invalid_row_is_a_problem_at_its_index(write, row: str | bytes, said: str) -> None:
+def test_an_invalid_row_is_a_problem_at_its_index(write, row: str | bytes, expected: str) -> None:
     good = "{},1,2,3,0,0,0,,,,,\n"
     middle = (row if isinstance(row, bytes) else row.encode()) + b"\n"
     table = pp.picks.open_picks(write((HEADER + good.format("a")).encode() + middle + good.format("c").encode()))
     first, problem, last = table.part(0, 3)
     assert (first.name, last.name) == ("a", "c")
     assert problem.row == 2
-    assert said in problem.reason
+    assert expected in problem.reason
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "expected"),
     [
         ("", "is empty"),
         ("# only words\n", "is empty"),
@@ -103,8 +103,8 @@ def test_an_invalid_row_is_a_problem_at_its_index(write, row: str | bytes, said:
         ("x,y,z,x\n", "line 1: states a column twice"),
     ],
 )
-def test_an_invalid_table_is_refused(write, text: str, said: str) -> None:
-    with pytest.raises(PicksError, match=said):
+def test_an_invalid_table_is_refused(write, text: str, expected: str) -> None:
+    with pytest.raises(PicksError, match=expected):
         pp.picks.open_picks(write(text))
 
 
@@ -139,8 +139,9 @@ def test_a_grid_without_sense_is_refused(counts, step) -> None:
         pp.picks.PickGrid(pp.Pick("p", pp.pose()), counts, step)
 
 
+@pytest.mark.slow
 @given(st.data())
-def test_any_stretch_is_that_of_the_whole(data) -> None:
+def test_a_part_of_a_source_equals_the_full_list(data) -> None:
     grid = pp.picks.PickGrid(pp.Pick("p", pp.pose((1, 2, 3))), (3, 4, 5), (0.1, 0.2, 0.3))
     every = list(grid.part(0, 60))
     for source in (grid, PickList(grid.load())):
@@ -151,7 +152,7 @@ def test_any_stretch_is_that_of_the_whole(data) -> None:
         assert len(list(part)) == stop - start
 
 
-def test_any_stretch_of_a_table_is_that_of_the_whole(write) -> None:
+def test_a_part_of_a_table_equals_the_full_table(write) -> None:
     rows = [f"p{k if k % 7 else 0},{k},0,0,0,0,0\n" + "\n" * (k % 3) + "# no\n" * (k % 2) for k in range(40)]
     table = pp.picks.open_picks(write("name,x,y,z,roll,pitch,yaw\n" + "".join(rows)))
     every = list(table.part(0, 40))
@@ -182,3 +183,15 @@ def test_sources_that_differ_have_different_digests(write) -> None:
     assert len({source.digest() for source in made}) == len(made)
     assert pp.picks.PickTable(write(header + "a,1,2,4\n"), defaults=rpy).digest() == made[-1].digest()
     assert PickList(pp.Picks((pp.Pick("p", pp.pose((1, 2, 3))),))).digest() == made[3].digest()
+
+
+@pytest.mark.parametrize(
+    ("rows", "occurs"),
+    [("1,0,0,0,0,0,\n", {False}), ("1,0,0,0,0,0,a\n", {True}), ("1,0,0,0,0,0,a\n1,0,0,0,0,0,\n", {True, False})],
+)
+def test_a_source_knows_whether_its_picks_state_an_object(write, rows: str, occurs: set[bool]) -> None:
+    table = pp.picks.open_picks(write("x,y,z,roll,pitch,yaw,object\n" + rows))
+    assert table.with_object == occurs
+    assert PickList(table.load()).with_object == occurs
+    if len(occurs) == 1:
+        assert pp.picks.PickGrid(table.load().picks[0], (2, 1, 1), (1, 0, 0)).with_object == occurs

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
@@ -16,6 +16,8 @@ from pinproof.errors import InputError
 from pinproof.picks import NamedFrame, Stage, apply_suggestion
 from pinproof.picks.judging.changes import DIRECTIONS, DISTANCES, move_words, shorten_words, turn_words
 from pinproof.spatial import SE3
+
+from ..examples import examples
 
 DOWN = (np.pi, 0, 0)
 PICK = pp.Pick("part", pp.pose((0.45, 0.1, 0.2), DOWN), approach=0.05, retreat=0.05)
@@ -48,6 +50,7 @@ def shift_of(verdict: pp.PickVerdict) -> str:
     return next(each for each in verdict.suggestions if each.startswith("move the pick"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("gap", [0.0215, 0.0235, 0.0252, 0.031])
 def test_the_smallest_shift_of_all_candidates_is_suggested(arm, gap) -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.02), pp.pose((0.45, 0.1 + gap, 0.2)))
@@ -68,6 +71,7 @@ def test_the_smallest_shift_of_all_candidates_is_suggested(arm, gap) -> None:
     assert smaller > 20
 
 
+@pytest.mark.slow
 def test_a_shift_of_a_few_millimetres_is_found_with_the_default_budget(arm) -> None:
     # The post and the rod would overlap by 1 mm in the grasp; with the margin of 2 mm, more than 3 mm are needed.
     rod = {"tool": (pp.Obstacle("rod", pp.Cylinder(radius=0.012, length=0.1), pp.pose((0, 0, 0.05))),)}
@@ -78,6 +82,7 @@ def test_a_shift_of_a_few_millimetres_is_found_with_the_default_budget(arm) -> N
         assert shift_of(verdict) == f"move the pick 4 mm along {axis}y (base frame)"
 
 
+@pytest.mark.slow
 def test_every_suggestion_for_random_failed_picks_does_what_it_states(arm) -> None:
     rng, checked, kinds = np.random.default_rng(3), 0, set()
     wall = pp.Obstacle("wall", pp.Box(0.02, 0.6, 0.3), pp.pose((0.6, 0.0, 0.15)))
@@ -99,6 +104,7 @@ def test_every_suggestion_for_random_failed_picks_does_what_it_states(arm) -> No
     assert {"move", "turn"} <= kinds
 
 
+@pytest.mark.slow
 def test_a_pick_out_of_reach_is_moved_by_the_printed_vector_into_reach(arm) -> None:
     rng = np.random.default_rng(8)
     for _ in range(10):
@@ -119,6 +125,7 @@ def cell(arms) -> tuple[pp.Arm, pp.Scene, pp.Picks]:
     return pp.load_robot("ur5").arm(tcp=picks.tcp), pp.Scene.load(picks.scene), picks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("turn", [0.0, 0.5])
 def test_grasp_and_place_move_together_so_that_the_object_is_placed_where_it_was_to_be(cell, turn) -> None:
     arm, scene, picks = cell
@@ -163,7 +170,7 @@ def test_a_vector_is_in_the_frame_of_the_pick(arm) -> None:
 numbers = st.integers(-200_000, 200_000).map(lambda value: value / 100)
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(st.tuples(numbers, numbers, numbers).filter(any))
 def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
     text = move_words(PICK, np.array(by))
@@ -172,7 +179,7 @@ def test_a_printed_vector_is_the_vector_that_is_applied(by) -> None:
     np.testing.assert_allclose(moved * 1e3, by, atol=1e-9)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(
     st.integers(-180, 180).filter(bool),
     st.tuples(numbers, numbers, numbers).filter(lambda axis: max(map(abs, axis)) > 1),

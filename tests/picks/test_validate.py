@@ -1,4 +1,4 @@
-"""Lists of picks: homes that cannot be, workers that change nothing, what a yes does not cover, and more."""
+"""Lists of picks: invalid homes, workers, the limits of good verdicts, and more."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_a_home_outside_the_limits_is_refused_with_the_joint(arm) -> None:
 
 
 @pytest.mark.parametrize("home", [[0.0] * 5, [np.nan] * 6, "home"])
-def test_a_home_that_is_none_is_refused(arm, home) -> None:
+def test_an_invalid_home_is_refused(arm, home) -> None:
     with pytest.raises(InputError, match="home"):
         pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),)), home=home)
 
@@ -110,7 +110,7 @@ def test_an_unreadable_row_makes_the_report_a_no(arm) -> None:
     assert report.to_dict()["problems"] == [{"row": 2, "name": problem.name, "reason": problem.reason}]
 
 
-def test_all_good_is_a_yes_and_nothing_at_all_is_not(arm) -> None:
+def test_a_report_is_ok_if_all_picks_are_good_and_there_is_one(arm) -> None:
     assert pp.validate_picks(arm, pp.Scene(), pp.Picks((part(arm),))).ok
     empty = pp.validate_picks(arm, pp.Scene(), pp.Picks(()))
     assert not empty.ok
@@ -129,7 +129,7 @@ def notes_of(arm: pp.Arm, *obstacles: pp.Obstacle) -> str:
     return "\n".join(pp.validate_picks(arm, pp.Scene(obstacles), pp.Picks(())).notes)
 
 
-def test_what_a_yes_does_not_cover_is_said(arm, tmp_path) -> None:
+def test_limits_of_a_good_verdict_are_noted(arm, tmp_path) -> None:
     assert "no obstacles" in notes_of(arm)
     aside = pp.pose((2, 2, 0))
     assert "no obstacles" not in notes_of(arm, pp.Obstacle("block", pp.Box(1, 1, 1), aside))
@@ -150,8 +150,8 @@ def test_links_that_are_drawn_but_touch_nothing_are_named() -> None:
     assert "no collision geometry: b" in notes_of(ghost)
     bodiless = load_robot_from_text(GHOST.format(drawn, drawn)).arm(tcp="b")
     assert "the robot has no collision geometry" in notes_of(bodiless)
-    whole = load_robot_from_text(GHOST.format(solid, solid)).arm(tcp="b")
-    assert "collision geometry" not in notes_of(whole)
+    complete = load_robot_from_text(GHOST.format(solid, solid)).arm(tcp="b")
+    assert "collision geometry" not in notes_of(complete)
 
 
 def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
@@ -161,12 +161,12 @@ def test_a_robot_that_can_touch_nothing_still_makes_valid_json() -> None:
     stone = pp.Obstacle("stone", pp.Sphere(0.1))
     report = pp.validate_picks(arm, pp.Scene([stone]), pp.Picks((pick,)))
     assert report.verdicts[0].ok
-    told = report.to_dict()["picks"][0]
-    assert (told["clearance_proven"], told["pairs_proven"]) == (None, 0)
+    data = report.to_dict()["picks"][0]
+    assert (data["clearance_proven"], data["pairs_proven"]) == (None, 0)
     assert "unbounded (no pair is checked)" in report.to_markdown()
 
 
-def test_a_solution_a_whole_turn_away_is_no_limit() -> None:
+def test_a_solution_shifted_by_2_pi_is_not_outside_the_limits() -> None:
     # From outside its limits, whole turns bring a joint back where they can, and leave it where they cannot.
     arm = pp.load_robot("generic_6dof").arm()
     q = arm.home + 2 * np.pi * np.array([1, 0, 0, 0, -1, 0])
@@ -193,7 +193,8 @@ def test_a_solution_that_only_the_wider_search_meets_is_still_a_solution(arm, mo
     assert verdict.ok
 
 
-def test_the_stage_says_how_far_the_best_configuration_came(arms) -> None:
+@pytest.mark.slow
+def test_the_stage_reports_how_far_the_best_configuration_got(arms) -> None:
     # Some configurations meet the stone at the grasp, others only the post on the retreat: the verdict tells of those.
     arm = arms["generic_6dof"]
     pick = part(arm, 0.8)
@@ -207,3 +208,16 @@ def test_the_stage_says_how_far_the_best_configuration_came(arms) -> None:
     blocked = pp.Pick("part", pick.pose, approach=0.02, retreat=0.16, retreat_direction=tuple(aside))
     (verdict,) = pp.validate_picks(arm, cell, pp.Picks((blocked,), margin=0.002)).verdicts
     assert verdict.failed is Stage.RETREAT
+
+
+@pytest.mark.parametrize(
+    ("objects", "empty", "held"),
+    [((), False, False), ((None,), True, False), (("block",), False, True), ((None, "block"), True, True)],
+)
+def test_notes_on_objects_apply_only_to_the_picks_that_state_them(stick, objects, empty: bool, held: bool) -> None:
+    block = pp.Obstacle("block", pp.Box(0.1, 0.1, 0.1), pp.pose((9, 9, 9)))
+    pose = pp.pose((30, 0, 0))
+    picks = [pp.Pick(f"pick {k}", pose, carried=carried) for k, carried in enumerate(objects)]
+    notes = "\n".join(pp.validate_picks(stick, pp.Scene([block]), picks).notes)
+    assert ("empty gripper" in notes) == empty
+    assert ("holding force" in notes) == held

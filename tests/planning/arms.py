@@ -1,4 +1,4 @@
-"""Small arms, and a look at paths that is independent of any proof."""
+"""Small arms, and a check of paths that is independent of any proof."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rounded corners: proven one by one, within the deviation, shrunk where a body stands in the corner, else a stop."""
+"""Rounded corners: proven one by one, within the deviation, smaller if a body is in the corner, otherwise a stop."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_a_body_in_the_corner_shrinks_the_rounding() -> None:
     assert_free(narrow, checker)
 
 
-def test_a_corner_with_no_room_stays_a_stop_and_is_told() -> None:
+def test_a_corner_without_clearance_stays_a_stop_and_is_reported() -> None:
     # A shallow turn with a post inside it, a hair's breadth from both legs.
     half, gap = np.radians(5), 1e-4
     arm, path = arm_and_path((-0.95, 0), (0, 0), (0.9 * np.cos(2 * half), 0.9 * np.sin(2 * half)))
@@ -67,14 +67,14 @@ def test_a_corner_with_no_room_stays_a_stop_and_is_told() -> None:
     assert pp.blend(path, pp.CollisionChecker(arm), deviation=0.2).corners == ()
 
 
-def test_a_path_that_turns_back_stops_there() -> None:
+def test_a_path_stops_where_it_reverses() -> None:
     arm, path = arm_and_path((-0.5, 0), (0.5, 0), (-0.5, 1e-3))
     smooth = pp.blend(path, pp.CollisionChecker(arm))
     assert len(smooth.corners) == 1
     assert smooth.length == pytest.approx(path.length)
 
 
-def test_waypoints_in_line_or_repeated_are_no_corners() -> None:
+def test_collinear_and_repeated_waypoints_are_not_corners() -> None:
     arm, path = arm_and_path((-0.5, 0), (-0.5, 0), (0.0, 0), (0.5, 0), (0.5, 0))
     smooth = pp.blend(path, pp.CollisionChecker(arm))
     assert smooth.corners == ()
@@ -90,15 +90,15 @@ def test_short_legs_share_what_there_is() -> None:
     assert np.abs(smooth(np.linspace(*smooth.domain, 2001))[:, 1]).max() <= 0.02 + 1e-12
 
 
-def test_the_quick_proof_says_yes_where_certify_does_and_never_where_it_does_not(ur5: pp.Arm) -> None:
+def test_the_quick_proof_agrees_with_certify(ur5: pp.Arm) -> None:
     post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.4), pp.pose((0.5, 0.0, 0.6)))
     checker = pp.CollisionChecker(ur5, pp.Scene([post]), margin=0.002)
     rng, agreed = np.random.default_rng(0), []
     for _ in range(60):
         a = ur5.limits.clip(ur5.home + rng.uniform(-1, 1, 6))
         path = pp.JointPath([a, a + rng.uniform(-0.4, 0.4, 6)], ur5.joint_names)
-        quick, whole = is_proven_free(path, checker), pp.certify(path, checker).free
-        assert quick == whole
+        quick, complete = is_proven_free(path, checker), pp.certify(path, checker).free
+        assert quick == complete
         agreed.append(quick)
     assert {True, False} == set(agreed)
 

@@ -1,4 +1,4 @@
-"""Ends that touch by their hulls and not by their meshes: planned with closer bodies, and said so."""
+"""Ends that touch by their hulls and not by their meshes: planned with finer bodies, with a note."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def test_a_ring_is_taken_off_a_peg(ring: pp.Arm, side: float, by: str) -> None:
         assert np.abs(along[:, 0]).max() > 0.2  # off the end of the peg
 
 
-def test_where_the_hulls_will_do_nothing_finer_is_looked_at(ring: pp.Arm) -> None:
+def test_finer_bodies_are_not_checked_if_the_hulls_suffice(ring: pp.Arm) -> None:
     checker = pp.CollisionChecker(ring, _peg(0.1))
     plan = PLANNER.plan(checker, BESIDE, [THREADED, -BESIDE]).or_raise()
     assert plan.checker is checker

@@ -105,7 +105,7 @@ def test_panda(panda: pp.Arm) -> None:
     _assert_follows(pp.plan_linear(checker, panda.home, target), checker, panda.home, target, 1e-3, 1e-2)
 
 
-def test_out_of_reach_says_how_far_and_why(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+def test_out_of_reach_reports_distance_and_reason(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     move = pp.plan_linear(free, READY, _moved(ur5, READY, (1.0, 0, 0)))
     assert move.status is LinearStatus.UNREACHABLE
     assert not move.ok
@@ -118,7 +118,7 @@ def test_out_of_reach_says_how_far_and_why(ur5: pp.Arm, free: pp.CollisionChecke
         move.or_raise()
 
 
-def test_a_stretched_arm_asked_to_move_further_out(generic: pp.Arm) -> None:
+def test_a_stretched_arm_with_a_target_further_out(generic: pp.Arm) -> None:
     stretched = np.zeros(6)
     stretched[4] = 0.7  # the wrist bent, shoulder and elbow in one line
     checker = pp.CollisionChecker(generic)
@@ -181,7 +181,7 @@ def test_a_start_within_rounding_of_its_limit_starts_at_the_limit() -> None:
     assert move.path.q[0].tolist() == [1.0, 0.0]
 
 
-def test_a_contact_on_the_way_is_named_and_placed() -> None:
+def test_a_contact_on_the_path_is_reported_with_bodies_and_parameter() -> None:
     arm = ball_arm(("x", "y"))
     wall = pp.Obstacle("wall", pp.Box(0.1, 1.0, 1.0), pp.pose((0.407, 0.0, 0.0)))
     move = pp.plan_linear(pp.CollisionChecker(arm, pp.Scene([wall])), (-0.6, 0.0), pp.pose((0.9, 0.0, 0.0)))
@@ -263,7 +263,7 @@ def test_a_target_that_is_not_rigid(free: pp.CollisionChecker) -> None:
 # -- other tasks, other arms ------------------------------------------------------------------------------------------
 
 
-def test_the_deviation_that_is_told_is_a_bound(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+def test_the_reported_deviation_is_a_bound(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     target = _moved(ur5, READY, (0.1, 0.25, 0.1), (0, 0.4, 0.3))
     for deviation in (1e-2, 1e-3, 1e-5):
         move = pp.plan_linear(free, READY, target, deviation=deviation).or_raise()
@@ -285,7 +285,7 @@ def test_an_arm_of_few_joints_keeps_its_tip_on_the_line() -> None:
         assert np.linalg.norm(arm.forward_kinematics(move.path(s)).translation - (a + s * (b - a))) <= move.deviation
 
 
-def test_a_free_spin_leads_the_axis_the_short_way(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+def test_a_free_spin_rotates_the_axis_by_the_smallest_angle(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     target = _moved(ur5, READY, (0.05, 0.1, 0.0), (0.3, 0.0, 2.9))
     move = pp.plan_linear(free, READY, target, task="spin_z").or_raise()
     first, last = (ur5.forward_kinematics(q) for q in (READY, move.path.end))
@@ -331,7 +331,7 @@ def test_a_redundant_arm_moves_smoothly_all_along(panda: pp.Arm) -> None:
     assert np.abs(np.diff(rate, axis=0)).sum(axis=0).max() < 6 * np.abs(rate).max()  # and no wobble
 
 
-def test_a_redundant_arm_slides_along_the_limit_of_a_joint() -> None:
+def test_a_redundant_arm_moves_along_a_joint_limit() -> None:
     # The shortest way of the seven joints leads the second one to its limit; there is another.
     arm = pp.load_robot("iiwa14").arm()
     start = np.array([0.07, 1.887, -2.112, 1.879, -1.117, -0.321, 2.002])
@@ -355,7 +355,7 @@ def test_inward_from_a_stretched_arm() -> None:
     assert np.linalg.norm(arm.forward_kinematics(move.or_raise().path.end).translation - target.translation) < 2e-6
 
 
-def test_a_continuous_joint_goes_on_past_half_a_turn() -> None:
+def test_a_continuous_joint_moves_beyond_pi() -> None:
     arm = pp.load_robot("kinova").arm()
     assert np.isinf(arm.limits.upper).any()
     start = arm.home.copy()

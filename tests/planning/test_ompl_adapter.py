@@ -15,7 +15,7 @@ from .arms import assert_free
 START, GOAL = np.array([-0.8, -0.8]), np.array([0.8, -0.8])
 
 
-def test_without_ompl_it_is_said_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_ompl_the_error_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("ompl", "ompl.base", "ompl.geometric", "ompl.util"):
         monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(pp.InputError, match=r"pip install 'pinproof\[ompl\]'"):
@@ -104,7 +104,7 @@ def test_a_seven_joint_arm(panda: pp.Arm) -> None:
     _assert_solves(plan, checker, start, goal)
 
 
-def test_no_way_is_an_honest_no(gantry: pp.Arm) -> None:
+def test_a_blocked_goal_is_not_found(gantry: pp.Arm) -> None:
     checker = pp.CollisionChecker(gantry, pp.Scene([pp.Obstacle("wall", pp.Box(0.02, 4.0, 1.0))]))
     plan = pp.OmplPlanner("RRT", time_limit=600.0, max_edges=200).plan(checker, START, GOAL)
     assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
@@ -122,7 +122,7 @@ def test_an_end_in_contact_is_named(slot: pp.CollisionChecker) -> None:
 
 
 @pytest.mark.parametrize("name", ["RRTConnect", "PRM"])
-def test_what_is_raised_while_ompl_plans_comes_out(
+def test_exceptions_raised_inside_ompl_are_propagated(
     slot: pp.CollisionChecker, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(*_: object) -> bool:

@@ -67,11 +67,11 @@ class _Never(Executor):
 
 
 def test_a_callback_stops_searches_that_wait(slot: pp.CollisionChecker) -> None:
-    pool, told = _Never(), []
+    pool, data = _Never(), []
 
     def stop(progress: pp.planning.PlanProgress) -> bool:
-        told.append(progress)
-        return len(told) < 2
+        data.append(progress)
+        return len(data) < 2
 
     plan = PLANNER.plan(slot, START, GOAL, portfolio=3, executor=pool, progress=stop)
     assert plan.status is pp.PlanStatus.CANCELLED

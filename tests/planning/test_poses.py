@@ -32,11 +32,11 @@ def square(arm: pp.Arm, q: np.ndarray) -> list[SE3]:
     return poses
 
 
-def off_the_lines(arm: pp.Arm, way: list[SE3], path: pp.motion.BlendedPath) -> float:
+def off_the_lines(arm: pp.Arm, line: list[SE3], path: pp.motion.BlendedPath) -> float:
     """How far (m) the tcp is from the polyline through the poses, at most."""
     points = arm.forward_kinematics_batch(path(np.linspace(*path.domain, 1501)))[:, :3, 3]
     nearest = np.full(len(points), np.inf)
-    for first, last in pairwise(way):
+    for first, last in pairwise(line):
         a, ab = first.translation, last.translation - first.translation
         share = np.clip((points - a) @ ab / (ab @ ab), 0, 1)
         nearest = np.minimum(nearest, np.linalg.norm(points - a - share[:, None] * ab, axis=1))
@@ -85,7 +85,7 @@ def test_rounded_it_runs_through_and_misses_by_no_more(ur5: pp.Arm, free: pp.Col
     assert_free(move.path, free)
 
 
-def test_a_way_that_turns_back_stops_there_even_if_rounded(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
+def test_a_reversal_remains_a_stop_after_rounding(ur5: pp.Arm, free: pp.CollisionChecker) -> None:
     out, _, _, home = square(ur5, READY)
     move = pp.plan_poses(free, READY, [out, home], rounding=0.02).or_raise()
     assert len(move.path.corners) == 1
@@ -110,8 +110,8 @@ def test_contact_and_limit_are_named() -> None:
     arm = ball_arm(("x", "y"))
     wall = pp.Obstacle("wall", pp.Box(0.1, 0.4, 1.0), pp.pose((0.5, 0.5, 0.0)))
     checker = pp.CollisionChecker(arm, pp.Scene([wall]))
-    way = [pp.pose((0.0, 0.5, 0)), pp.pose((0.9, 0.5, 0)), pp.pose((0.9, -0.5, 0))]
-    move = pp.plan_poses(checker, (0.0, 0.0), way)
+    line = [pp.pose((0.0, 0.5, 0)), pp.pose((0.9, 0.5, 0)), pp.pose((0.9, -0.5, 0))]
+    move = pp.plan_poses(checker, (0.0, 0.0), line)
     assert move.status is LinearStatus.CONTACT
     assert move.reached == 0
     assert "wall" in move.message
@@ -125,6 +125,7 @@ def test_contact_and_limit_are_named() -> None:
     assert "before the first pose" in move.message
 
 
+@pytest.mark.slow
 def test_without_a_start_the_branch_that_gets_to_the_end_is_found(ur5: pp.Arm) -> None:
     # A post that only some elbows pass.
     poses = square(ur5, READY)

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.planning.follow import DeviationBound
 from pinproof.planning.route import LEVER, MIN_LENGTH, Route, routes_through
 from pinproof.spatial import SE3, interpolate, twist_size
+
+from ..examples import examples
 
 MET = MIN_LENGTH / LEVER + 1e-9
 """Metres and radians: a leg of less than MIN_LENGTH is none, so its poses are met to that; the rest is rounding."""
@@ -23,7 +25,7 @@ def as_pose(matrix: np.ndarray) -> SE3:
     return SE3(matrix[:3, :3], matrix[:3, 3])
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(some_pose, some_pose)
 def test_a_leg_is_the_interpolation_of_its_ends(first: SE3, last: SE3) -> None:
     shares = np.linspace(0, 1, 7)
@@ -31,7 +33,7 @@ def test_a_leg_is_the_interpolation_of_its_ends(first: SE3, last: SE3) -> None:
         assert max(twist_size(interpolate(first, last, s), as_pose(matrix))) < MET
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(st.lists(some_pose, min_size=2, max_size=5))
 def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> None:
     routes = routes_through(poses, 0.0, 0.1)
@@ -42,7 +44,7 @@ def test_without_rounding_every_pose_is_met_and_is_a_stop(poses: list[SE3]) -> N
         assert route.passes == (1.0,)
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(st.lists(some_pose, min_size=3, max_size=5), st.floats(1e-3, 0.2))
 def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float) -> None:
     seen = 1
@@ -56,7 +58,7 @@ def test_roundings_miss_their_pose_by_no_more(poses: list[SE3], rounding: float)
     assert seen == len(poses)
 
 
-@settings(deadline=None, max_examples=20)
+@examples(20)
 @given(st.lists(some_pose, min_size=3, max_size=4), st.floats(0.02, 0.2))
 def test_the_route_s_derivatives_stay_below_their_bounds(poses: list[SE3], rounding: float) -> None:
     for route in routes_through(poses, rounding, 0.5):
@@ -101,8 +103,8 @@ def test_a_task_that_leaves_something_free_is_not_measured_there(ur5: pp.Arm) ->
     here = ur5.forward_kinematics(q[0])
     route = Route.straight(here, here)
     both, place, turn = (
-        DeviationBound(ur5, np.array(asked), 1e-3, 1e-2).bound(path, route)
-        for asked in ([1.0] * 6, [1.0, 1, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
+        DeviationBound(ur5, np.array(request), 1e-3, 1e-2).bound(path, route)
+        for request in ([1.0] * 6, [1.0, 1, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
     )
     assert (place[:, 1] == 0).all()
     assert (turn[:, 0] == 0).all()

@@ -67,7 +67,7 @@ def test_through_a_narrow_slot(gantry: pp.Arm, slotted: pp.Scene) -> None:
     assert (np.abs(at_wall - 0.6) < 0.01).all()
 
 
-def test_a_tree_grows_where_no_whole_step_fits(gantry: pp.Arm) -> None:
+def test_a_tree_grows_by_partial_steps(gantry: pp.Arm) -> None:
     # Two boxes with 6 cm of room on every side of the ball, and no way from one to the other.
     walls = [
         pp.Obstacle(f"wall{cell:+}{i}", pp.Box(0.4 if y else 0.1, 0.4 if x else 0.1, 1.0), pp.pose((cell + x, y, 0.0)))
@@ -271,14 +271,14 @@ def test_a_continuous_joint_is_not_wrapped(turntable: pp.Arm) -> None:
     assert plan.path.q.ravel().tolist() == [0.1, 2 * np.pi - 0.1]
 
 
-def test_with_turns_a_continuous_joint_takes_the_short_way(turntable: pp.Arm) -> None:
+def test_with_rotations_a_continuous_joint_takes_the_shorter_direction(turntable: pp.Arm) -> None:
     checker = pp.CollisionChecker(turntable)
     plan = QUICK.plan(checker, [0.1], [2 * np.pi - 0.1], turns=True)
     assert plan.goal == 0
     assert plan.path.end[0] == pytest.approx(-0.1, abs=1e-12)
 
 
-def test_with_turns_a_goal_behind_a_wall_is_reached_the_other_way_round(turntable: pp.Arm) -> None:
+def test_with_rotations_a_goal_behind_a_wall_is_reached_in_the_other_direction(turntable: pp.Arm) -> None:
     post = pp.Obstacle("post", pp.Box(0.2, 0.2, 1.0), pp.pose((0.0, 1.0, 0.0)))  # at a quarter turn
     checker = pp.CollisionChecker(turntable, pp.Scene([post]))
     budget = pp.RrtConnect(max_nodes=100, max_samples=500, time_limit=600.0)
@@ -291,7 +291,7 @@ def test_with_turns_a_goal_behind_a_wall_is_reached_the_other_way_round(turntabl
     assert_free(plan.path, checker)
 
 
-def test_turns_are_not_advised_where_every_one_is_a_goal_already(turntable: pp.Arm) -> None:
+def test_rotations_are_not_suggested_if_all_are_goals(turntable: pp.Arm) -> None:
     posts = [pp.Obstacle(f"post_{y}", pp.Box(0.2, 0.2, 1.0), pp.pose((0.0, y, 0.0))) for y in (1.0, -1.0)]
     checker = pp.CollisionChecker(turntable, pp.Scene(posts))
     budget = pp.RrtConnect(max_nodes=100, max_samples=500, time_limit=600.0)
@@ -300,7 +300,7 @@ def test_turns_are_not_advised_where_every_one_is_a_goal_already(turntable: pp.A
     assert "turns=True" not in plan.message
 
 
-def test_turns_stay_inside_the_limits(ur5: pp.Arm) -> None:
+def test_shifts_by_2_pi_stay_within_the_limits(ur5: pp.Arm) -> None:
     goal = np.array([3.0, -1.5, 1.0, -5.0, 1.0, 6.0])
     from pinproof.planning.ends import with_turns
 

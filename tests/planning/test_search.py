@@ -1,4 +1,4 @@
-"""What surrounds a search: being watched and stopped, what is told when it fails, and how much distance it keeps."""
+"""Progress and interruption of a search, messages of failures, and preferred clearance."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ ENDLESS = pp.RrtConnect(max_nodes=10**9, max_samples=10**9, time_limit=600.0)
 
 
 def test_the_callback_receives_the_progress(parted: pp.CollisionChecker) -> None:
-    told: list[pp.planning.PlanProgress] = []
-    plan = pp.RrtConnect(max_samples=3000, time_limit=600.0).plan(parted, START, GOAL, progress=told.append)
+    data: list[pp.planning.PlanProgress] = []
+    plan = pp.RrtConnect(max_samples=3000, time_limit=600.0).plan(parted, START, GOAL, progress=data.append)
     assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
-    assert len(told) > 3
+    assert len(data) > 3
     for name in ("nodes", "samples", "seconds"):
-        values = [getattr(each, name) for each in told]
+        values = [getattr(each, name) for each in data]
         assert values == sorted(values)
-    assert told[0].gap == np.inf
-    assert told[-1].gap >= plan.gap >= 0.12  # the ball is 10 cm wide, the wall 2 cm
-    assert told[-1].gap < 0.5
-    assert plan.nodes >= told[-1].nodes
-    assert plan.samples == 3000 >= told[-1].samples
+    assert data[0].gap == np.inf
+    assert data[-1].gap >= plan.gap >= 0.12  # the ball is 10 cm wide, the wall 2 cm
+    assert data[-1].gap < 0.5
+    assert plan.nodes >= data[-1].nodes
+    assert plan.samples == 3000 >= data[-1].samples
 
 
 def test_a_callback_does_not_change_the_path(slot: pp.CollisionChecker) -> None:
@@ -56,26 +56,26 @@ def test_a_callback_does_not_change_the_path(slot: pp.CollisionChecker) -> None:
 
 @pytest.mark.parametrize("calls", [1, 4])
 def test_a_callback_stops_the_search(parted: pp.CollisionChecker, calls: int) -> None:
-    told: list[pp.planning.PlanProgress] = []
+    data: list[pp.planning.PlanProgress] = []
 
     def stop(progress: pp.planning.PlanProgress) -> bool:
-        told.append(progress)
-        return len(told) < calls
+        data.append(progress)
+        return len(data) < calls
 
     plan = ENDLESS.plan(parted, START, GOAL, progress=stop)
     assert plan.status is pp.PlanStatus.CANCELLED
-    assert len(told) == calls
+    assert len(data) == calls
     assert plan.path is None
     assert plan.certificate is None
-    assert (plan.nodes, plan.samples) == (told[-1].nodes, told[-1].samples)
-    assert plan.gap <= told[-1].gap
+    assert (plan.nodes, plan.samples) == (data[-1].nodes, data[-1].samples)
+    assert plan.gap <= data[-1].gap
     assert "cancelled" in plan.message
     assert f"{plan.nodes} nodes" in plan.message
     with pytest.raises(pp.errors.PlanFailed, match="cancelled"):
         plan.or_raise()
 
 
-def test_ctrl_c_stops_the_search_and_leaves_the_checker_whole(parted: pp.CollisionChecker) -> None:
+def test_ctrl_c_stops_the_search_and_the_checker_remains_usable(parted: pp.CollisionChecker) -> None:
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -92,7 +92,7 @@ def test_ctrl_c_stops_the_search_and_leaves_the_checker_whole(parted: pp.Collisi
     assert pp.RrtConnect().plan(parted, START, (-0.5, 0.5)).ok
 
 
-def test_a_failed_search_is_the_same_each_time_and_tells_how_near_it_came(parted: pp.CollisionChecker) -> None:
+def test_a_failed_search_is_deterministic_and_reports_its_residual(parted: pp.CollisionChecker) -> None:
     planner = pp.RrtConnect(max_samples=400, time_limit=600.0)
     plans = [planner.plan(parted, START, GOAL, rng=3) for _ in range(2)]
     assert plans[0].message == plans[1].message
@@ -119,7 +119,7 @@ def test_contacts_of_the_ends_are_reported(slot: pp.CollisionChecker) -> None:
     assert np.isnan(at_goals.gap)
 
 
-def test_a_way_narrower_than_the_distance_that_is_kept_at_first(gantry: pp.Arm) -> None:
+def test_a_passage_narrower_than_the_preferred_clearance(gantry: pp.Arm) -> None:
     half = 0.05 + 0.005 + 0.001  # 1 mm beyond the margin on both sides
     slot = [
         pp.Obstacle(f"wall{s:+}", pp.Box(0.2, 1.0, 1.0), pp.pose((0.0, s * (half + 0.5), 0.0))) for s in (-1.0, 1.0)

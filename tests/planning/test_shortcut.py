@@ -69,7 +69,7 @@ def test_repeated_waypoints_are_dropped(checker: pp.CollisionChecker) -> None:
 
 
 @pytest.mark.parametrize("count", [1, 2, 5])
-def test_a_path_that_stands_still(checker: pp.CollisionChecker, count: int) -> None:
+def test_a_path_without_motion(checker: pp.CollisionChecker, count: int) -> None:
     path = pp.JointPath([(0.5, 0.5)] * count, checker.arm.joint_names)
     assert pp.shortcut(path, checker).q.tolist() == [[0.5, 0.5]]
 

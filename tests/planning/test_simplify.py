@@ -70,7 +70,7 @@ def test_the_planner_s_certificate_is_taken_if_it_is_for_this_path(
 def test_a_curve_that_fails_its_last_proof_is_given_up_for_the_one_before(
     checker: pp.CollisionChecker, detour: pp.JointPath, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    home = importlib.import_module("pinproof.planning.simplify")
+    home = importlib.import_module("pinproof.planning.simplification")
     through_the_wall = pp.motion.BlendedPath.join(pp.JointPath(detour.q[[0, -1]], detour.joint_names))
     monkeypatch.setattr(home, "round_corners", lambda *args, **settings: through_the_wall)
     found = pp.simplify(detour, checker).or_raise()
@@ -82,7 +82,7 @@ def test_a_curve_that_fails_its_last_proof_is_given_up_for_the_one_before(
     assert found.certificate.matches(detour, checker.arm, checker.scene)
 
 
-def test_a_path_that_is_not_free_is_no_yes(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
+def test_a_path_that_is_not_free_is_not_proven(checker: pp.CollisionChecker, detour: pp.JointPath) -> None:
     through = pp.JointPath(detour.q[[0, -1]], detour.joint_names)
     found = pp.simplify(through, checker)
     assert not found.ok

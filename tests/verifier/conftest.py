@@ -1,4 +1,4 @@
-"""Proofs to take apart, and an oracle that looks at what a proof file says by sampling."""
+"""Proofs for the tests, and an oracle that samples the content of a proof file."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def joint(name, kind, parent, child, xyz, axis, extra=""):
 
 
 def link(name, *boxes):
-    told = "".join(
+    data = "".join(
         f'<collision><origin xyz="{xyz}"/><geometry><box size="{size}"/></geometry></collision>' for size, xyz in boxes
     )
-    return f'<link name="{name}">{told}</link>'
+    return f'<link name="{name}">{data}</link>'
 
 
 @pytest.fixture(scope="session")
@@ -79,7 +79,7 @@ def tampered(proof):
 
 @pytest.fixture(scope="session")
 def rehashed():
-    """Makes the hashes of a changed proof right, as somebody would who means it."""
+    """Recomputes the hashes of a changed proof, as a forger would."""
 
     def right(document):
         for body in document["bodies"]:

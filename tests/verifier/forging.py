@@ -95,21 +95,21 @@ def small_proofs():
 # -- forgeries -----------------------------------------------------------------------------------------------------
 
 
-def places(value, way=()):
+def places(value, line=()):
     """The places of all values in a document."""
-    if way:
-        yield way
+    if line:
+        yield line
     entries = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
     for key, part in entries:
-        yield from places(part, (*way, key))
+        yield from places(part, (*line, key))
 
 
 def pick(rng, rows):
     return rows[int(rng.integers(len(rows)))]
 
 
-def holder_of(document, way):
-    for key in way[:-1]:
+def holder_of(document, line):
+    for key in line[:-1]:
         document = document[key]
     return document
 
@@ -124,45 +124,45 @@ def one_place(document, rng):
 
 def shift_number(document, rng):
     for _ in range(20):
-        way = one_place(document, rng)
-        holder = holder_of(document, way)
-        value = holder[way[-1]]
+        line = one_place(document, rng)
+        holder = holder_of(document, line)
+        value = holder[line[-1]]
         if isinstance(value, (int, float)) and not isinstance(value, bool):
             size = 10.0 ** rng.uniform(-13, 1)
-            holder[way[-1]] = value + (int(rng.integers(-2, 3)) if isinstance(value, int) else size * rng.normal())
+            holder[line[-1]] = value + (int(rng.integers(-2, 3)) if isinstance(value, int) else size * rng.normal())
             return
 
 
 def scale_number(document, rng):
     for _ in range(20):
-        way = one_place(document, rng)
-        holder = holder_of(document, way)
-        if isinstance(holder[way[-1]], float):
-            holder[way[-1]] *= pick(rng, [0.0, -1.0, 0.5, 2.0, 0.9, 1e-3, 1e3, 1e-300, 1e6])
+        line = one_place(document, rng)
+        holder = holder_of(document, line)
+        if isinstance(holder[line[-1]], float):
+            holder[line[-1]] *= pick(rng, [0.0, -1.0, 0.5, 2.0, 0.9, 1e-3, 1e3, 1e-300, 1e6])
             return
 
 
 def special_value(document, rng):
-    way = one_place(document, rng)
-    holder_of(document, way)[way[-1]] = copy.deepcopy(pick(rng, SPECIAL))
+    line = one_place(document, rng)
+    holder_of(document, line)[line[-1]] = copy.deepcopy(pick(rng, SPECIAL))
 
 
 def drop_or_repeat(document, rng):
     for _ in range(20):
-        way = one_place(document, rng)
-        holder = holder_of(document, way)
+        line = one_place(document, rng)
+        holder = holder_of(document, line)
         if isinstance(holder, list):
             if rng.random() < 0.5:
-                del holder[way[-1]]
+                del holder[line[-1]]
             else:
-                holder.insert(way[-1], copy.deepcopy(holder[way[-1]]))
+                holder.insert(line[-1], copy.deepcopy(holder[line[-1]]))
             return
 
 
 def swap_entries(document, rng):
     for _ in range(20):
-        way = one_place(document, rng)
-        holder = holder_of(document, way)
+        line = one_place(document, rng)
+        holder = holder_of(document, line)
         if isinstance(holder, list) and len(holder) > 1:
             i, j = rng.integers(len(holder), size=2)
             holder[i], holder[j] = holder[j], holder[i]
@@ -206,7 +206,7 @@ def depart_and_return(document, rng):
 
 
 def squeeze_curve(document, rng):
-    """The whole curve and its evidence in nearly no width, and another motion in it."""
+    """The curve and its evidence compressed to almost no width, with another motion in the rest."""
     curve, width = document["curve"], pick(rng, [5e-324, 1e-310, 1e-300, 1e-100, 1e-12, 1e-9])
     low, high = curve["knots"][0], curve["knots"][-1]
     pieces = len(curve["control"])

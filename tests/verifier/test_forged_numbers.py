@@ -13,6 +13,8 @@ import pytest
 
 from pinproof.verifier import Proof, Refused, load, verify
 
+from ..processes import PATIENCE
+
 DENORMAL = 5e-324
 WIDEST = 10.0
 """rad by which the forged motion leaves the proven one: more than a full rotation."""
@@ -117,34 +119,34 @@ def test_an_integer_beyond_the_limit_is_refused(rehashed, value):
 
 @pytest.mark.parametrize("value", [-(2**63), -(10**400), 2**53 + 1])
 def test_an_integer_beyond_the_limit_is_refused_wherever_numbers_are(tampered, value):
-    for way in list(number_places(tampered)):
+    for line in list(number_places(tampered)):
         document = copy.deepcopy(tampered)
         holder = document
-        for key in way[:-1]:
+        for key in line[:-1]:
             holder = holder[key]
-        holder[way[-1]] = value
-        assert not verify(document).ok, way
+        holder[line[-1]] = value
+        assert not verify(document).ok, line
 
 
 def number_places(document):
     """One place of each kind: the first entry of every list is enough."""
     skipped = {"hashes", "robot", "notes", "made_by"}
 
-    def walk(value, way):
+    def walk(value, line):
         if isinstance(value, dict):
             for key, part in value.items():
-                if way or key not in skipped:
-                    yield from walk(part, (*way, key))
+                if line or key not in skipped:
+                    yield from walk(part, (*line, key))
         elif isinstance(value, list):
             for k, part in enumerate(value[:1]):
-                yield from walk(part, (*way, k))
+                yield from walk(part, (*line, k))
         elif isinstance(value, (int, float)):
-            yield way
+            yield line
 
     return walk(document, ())
 
 
-def test_slides_that_cancel_cannot_absorb_a_translation(rehashed):
+def test_cancelling_prismatic_joints_cannot_absorb_a_translation(rehashed):
     """1e12 m out and 1e12 m back: in double precision 50 um in between vanish, and with them the contact."""
     joints = [(1e6, 0.0, 0.0), (-1e6, 0.0, 5e-5)]
     assert not verify(slider(rehashed, 0.02 + 4e-5, joints, [[[1e6], [1e6]]])).ok
@@ -186,14 +188,14 @@ def test_a_margin_is_one_of_two_owners_of_the_proof(tampered, row):
     assert "settings.margins" in str(verify(tampered))
 
 
-def test_a_boolean_is_no_number(tampered):
-    for way in list(number_places(tampered)):
+def test_a_boolean_is_not_a_number(tampered):
+    for line in list(number_places(tampered)):
         document = copy.deepcopy(tampered)
         holder = document
-        for key in way[:-1]:
+        for key in line[:-1]:
             holder = holder[key]
-        holder[way[-1]] = True
-        assert not verify(document).ok, way
+        holder[line[-1]] = True
+        assert not verify(document).ok, line
 
 
 @pytest.mark.parametrize("version", [True, 2.0, "2", 1, 3])
@@ -209,7 +211,7 @@ def test_only_a_claim_of_free_is_a_proof(tampered, status):
 
 
 @pytest.mark.parametrize(
-    "way",
+    "line",
     [
         (),
         ("claim",),
@@ -221,41 +223,42 @@ def test_only_a_claim_of_free_is_a_proof(tampered, status):
         ("pairs", 0),
     ],
 )
-def test_an_unknown_field_is_refused(tampered, way):
+def test_an_unknown_field_is_refused(tampered, line):
     holder = tampered
-    for key in way:
+    for key in line:
         holder = holder[key]
     holder["scale"] = 2.0
     assert "scale" in str(verify(tampered))
 
 
+@pytest.mark.slow
 def test_a_deeply_nested_value_is_refused_wherever_it_is(tampered):
     deep: list = []
     for _ in range(100_000):
         deep = [deep]
     checked = ("claim", "settings", "curve", "joints", "bodies", "excluded", "intervals", "pairs")
     for key in checked:
-        for way in [(key,), *first_places(tampered[key], (key,))]:
+        for line in [(key,), *first_places(tampered[key], (key,))]:
             document = copy.deepcopy(tampered)
             holder = document
-            for part in way[:-1]:
+            for part in line[:-1]:
                 holder = holder[part]
-            holder[way[-1]] = deep
-            assert not verify(document).ok or way[-1] == "source", way
+            holder[line[-1]] = deep
+            assert not verify(document).ok or line[-1] == "source", line
 
 
-def first_places(value, way):
+def first_places(value, line):
     entries = value.items() if isinstance(value, dict) else enumerate(value[:1]) if isinstance(value, list) else ()
     for key, part in entries:
-        yield (*way, key)
-        yield from first_places(part, (*way, key))
+        yield (*line, key)
+        yield from first_places(part, (*line, key))
 
 
 # -- files ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("literal", ["NaN", "Infinity", "-Infinity", "1e999", "-1e999", "1e99999999999"])
-def test_a_literal_that_is_no_finite_number_is_refused_anywhere_in_a_file(proof, tmp_path, literal):
+def test_a_non_finite_literal_is_refused_anywhere_in_a_file(proof, tmp_path, literal):
     text = json.dumps(proof)
     for key in ("obstacle_tolerance", "version"):
         changed = text.replace(f'"{key}": {json.dumps(find(proof, key))}', f'"{key}": {literal}')
@@ -292,10 +295,11 @@ def test_a_repeated_key_is_refused_at_any_depth(proof, tmp_path, key):
         load(tmp_path / "proof.json")
 
 
+@pytest.mark.slow
 def test_a_nested_file_is_refused_by_the_command(proof, tmp_path):
     (tmp_path / "proof.json").write_text('{"format": ' + "[" * 900 + "]" * 900 + "}")
     words = [sys.executable, "-m", "pinproof.verifier", "proof.json"]
-    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False, timeout=PATIENCE)
     assert done.returncode in (1, 2)
     assert "Traceback" not in done.stderr
 

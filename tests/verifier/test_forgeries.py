@@ -1,4 +1,4 @@
-"""Random forgeries with valid hashes: whatever the verifier accepts is true of the motion stated in the file."""
+"""Random forgeries with valid hashes: what the verifier accepts is true of the motion in the file."""
 
 from __future__ import annotations
 
@@ -37,6 +37,7 @@ def test_the_samples_notice_a_motion_that_leaves_the_proof(proofs):
     assert Samples(changed).violation(0.0) is not None
 
 
+@pytest.mark.slow
 def test_no_forgery_that_is_accepted_is_unsafe(proofs):
     rng, count = np.random.default_rng(20), Counter()
     *small, large = proofs

@@ -6,11 +6,13 @@ import copy
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from pinproof.motion import bezier
 from pinproof.verifier import IntervalBounds, Proof
+
+from ..examples import examples
 
 
 def with_curve(proof, rehashed, control, tolerance=0.0):
@@ -40,7 +42,8 @@ def bounds(proof, directions, intervals):
     return np.array(found), table.q
 
 
-@settings(max_examples=60, deadline=None)
+@pytest.mark.slow
+@examples(60)
 @given(seed=st.integers(0, 2**32 - 1), degree=st.integers(1, 5), size=st.sampled_from([0.03, 0.2, 0.8, 4.0]))
 def test_no_sample_in_an_interval_is_nearer_than_its_bound(proof, rehashed, oracle, seed, degree, size):
     rng = np.random.default_rng(seed)

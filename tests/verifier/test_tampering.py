@@ -1,4 +1,4 @@
-"""No part of a proof can be changed without being noticed, or without the rest being a proof of what it says then."""
+"""Every change of a proof is detected, or the result is a valid proof of its changed content."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ import copy
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from pinproof.verifier import verify
+
+from ..examples import examples
 
 MARGIN = 0.002
 
@@ -221,7 +223,7 @@ def test_a_body_that_was_changed_by_accident_shows_in_its_hash(tampered, change)
 @pytest.mark.parametrize("key", ["format", "version", "hashes", "curve", "joints", "bodies", "settings", "excluded",
                                  "intervals", "pairs", "claim"])  # fmt: skip
 @pytest.mark.parametrize("value", [None, [], {}, "x", 7, [[]], [None], [{}]])
-def test_what_is_no_proof_is_refused_and_raises_nothing(tampered, key, value):
+def test_an_invalid_proof_is_refused_without_an_exception(tampered, key, value):
     tampered[key] = value
     assert not verify(tampered).ok
     del tampered[key]
@@ -229,26 +231,27 @@ def test_what_is_no_proof_is_refused_and_raises_nothing(tampered, key, value):
 
 
 @pytest.mark.parametrize("document", [None, [], {}, "proof", 1.0])
-def test_what_is_no_file_of_ours_is_refused(document):
+def test_other_files_are_refused(document):
     assert not verify(document).ok
 
 
-def leaves(value, way=()):
+def leaves(value, line=()):
     """The places of all numbers in a document."""
     if isinstance(value, (dict, list)):
         for key, part in value.items() if isinstance(value, dict) else enumerate(value):
-            yield from leaves(part, (*way, key))
+            yield from leaves(part, (*line, key))
     elif isinstance(value, (int, float)) and not isinstance(value, bool):
-        yield way
+        yield line
 
 
-def at(document, way):
-    for key in way:
+def at(document, line):
+    for key in line:
         document = document[key]
     return document
 
 
-@settings(max_examples=120, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.slow
+@examples(120, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof, rehashed, oracle, data):
     """Whoever changes numbers and hashes alike may get another proof, but never an untrue one."""
@@ -256,19 +259,20 @@ def test_numbers_changed_at_random_never_make_a_proof_of_what_is_not_free(proof,
     part = data.draw(st.sampled_from(["bodies", "joints", "curve", "settings", "intervals", "pairs"]))
     places = list(leaves(document[part], (part,)))
     for _ in range(data.draw(st.integers(1, 3))):
-        way = data.draw(st.sampled_from(places))
+        line = data.draw(st.sampled_from(places))
         size = data.draw(st.sampled_from([1e-4, 1e-2, 0.1, 1.0]))
         change = size * data.draw(st.floats(-1, 1))
-        holder, key = at(document, way[:-1]), way[-1]
+        holder, key = at(document, line[:-1]), line[-1]
         holder[key] = holder[key] + (round(3 * change) if isinstance(holder[key], int) else change)
     verdict = verify(rehashed(document))
     if verdict.ok:
         assert oracle(document).least(25) > min(verdict.clearance, MARGIN) - 1e-6
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@pytest.mark.slow
+@examples(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(x=st.floats(-0.5, 0.5), y=st.floats(-0.9, 0.3), z=st.floats(-0.3, 0.3), s=st.floats(0, 1))
-def test_an_obstacle_moved_with_the_evidence_kept_is_refused_or_truly_free(proof, rehashed, oracle, x, y, z, s):
+def test_a_proof_with_a_moved_obstacle_is_refused_or_the_motion_is_free(proof, rehashed, oracle, x, y, z, s):
     document = copy.deepcopy(proof)
     place = body(document, "post")["placement"]
     for axis, by in enumerate((s * x, s * y, s * z)):

@@ -1,7 +1,7 @@
-"""A headless Chromium that tests talk to over a pair of pipes (the Chrome DevTools protocol), with nothing to install.
+"""A headless Chromium, controlled over a pair of pipes (the Chrome DevTools protocol).
 
-One browser serves all tests. It cannot reach a network (every name but 127.0.0.1 resolves to nothing), and it notes
-what it was asked to fetch.
+One browser serves all tests. It cannot reach a network (every name but 127.0.0.1 resolves to nothing), and it records
+its requests.
 """
 
 from __future__ import annotations
@@ -39,12 +39,12 @@ FLAGS = (
     "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1",
 )
 PATIENCE = 1800.0
-"""Seconds after which a test stops waiting for the browser; only one that hangs takes so long, on any machine."""
+"""Seconds after which a test stops waiting for the browser; far longer than any answer takes on a busy machine."""
 
 
 def find_browser() -> str | None:
-    told = os.environ.get("CHROMIUM")
-    return told or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    data = os.environ.get("CHROMIUM")
+    return data or next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 
 
 class Browser:
@@ -129,7 +129,7 @@ class Browser:
 
 
 class Page:
-    """A tab: what it logged, what it asked the network for, what it shows."""
+    """A tab: its log, its requests and its content."""
 
     def __init__(self, browser: Browser, target: str, session: str) -> None:
         self._browser, self._target, self._session = browser, target, session
@@ -170,7 +170,7 @@ class Page:
         return _pixels(base64.b64decode(url.split(",", 1)[1]))
 
     def screenshot(self, path: Path | None = None) -> np.ndarray:
-        """(height, width, 3) the whole page."""
+        """(height, width, 3) the complete page."""
         data = base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
         if path is not None:
             path.write_bytes(data)

@@ -1,9 +1,8 @@
-"""Arms, scenes and motions to look at, and one browser for all tests that look."""
+"""Arms, scenes and motions for the tests of the viewer."""
 
 from __future__ import annotations
 
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +12,6 @@ from pinproof.collision import Box, CollisionChecker, Cylinder, Obstacle, Scene,
 from pinproof.model import Arm, load_robot, load_robot_from_text
 from pinproof.motion import Trajectory
 from pinproof.spatial import pose
-
-from .browser import Browser, find_browser
 
 LINKS = """<robot name="{name}">
   <link name="base">{base}</link>
@@ -78,19 +75,6 @@ def turn(arm: Arm) -> Trajectory:
     step[[0, 1, 3]] = 0.9, 0.5, -0.4
     q = arm.home + np.outer((0.0, 0.5, 1.0), step)
     return Trajectory([0.0, 1.0, 2.2], q, np.outer((0.0, 0.5, 0.0), step), arm.joint_names)
-
-
-@pytest.fixture(scope="session")
-def browser() -> Iterator[Browser]:
-    executable = find_browser()
-    if executable is None:
-        pytest.skip("no Chromium: none of chromium, chromium-browser, google-chrome is on PATH and CHROMIUM is not set")
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        started = Browser(executable, Path(profile))
-        try:
-            yield started
-        finally:
-            started.close()
 
 
 @pytest.fixture(scope="session")

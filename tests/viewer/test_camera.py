@@ -22,7 +22,7 @@ numbers = st.floats(-2, 2)
     elevation=st.floats(-1.2, 1.2),
     aspect=st.floats(0.4, 3),
 )
-def test_the_picture_holds_every_point_and_is_as_near_as_that_allows(points, azimuth, elevation, aspect) -> None:
+def test_the_picture_shows_every_point_from_the_smallest_distance(points, azimuth, elevation, aspect) -> None:
     cloud = np.array(points)
     level = np.cos(elevation)
     direction = np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)])
@@ -37,7 +37,7 @@ def test_the_picture_holds_every_point_and_is_as_near_as_that_allows(points, azi
     assert tight.min() < 1e-9  # opposite sides both touch, in width or in height
 
 
-def test_a_wall_is_looked_past() -> None:
+def test_a_wall_does_not_hide_a_later_contact() -> None:
     arm = small_arm()
     free = _direction(arm, Scene())
     wall = Obstacle("wall", Box(0.02, 3, 3), pose(xyz=0.4 * free, rpy=(0, 0, np.arctan2(free[1], free[0]))))

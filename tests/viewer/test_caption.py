@@ -24,7 +24,7 @@ def test_free_states_the_clearance_and_the_duration() -> None:
     assert 0 < float(figures["Proven clearance"].removesuffix(" mm")) <= certificate.clearance * 1e3
 
 
-def test_what_the_proof_excluded_is_listed() -> None:
+def test_pairs_excluded_from_the_proof_are_listed() -> None:
     arm = small_arm()
     motion = swing(arm, 0.0, 0.8)
     scene = Scene([POST], allowed=[("upper", "post")])

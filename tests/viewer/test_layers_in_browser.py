@@ -66,7 +66,7 @@ def test_a_page_with_a_contact_opens_at_the_contact(page: Page, certificate: Cer
     assert page.evaluate("pinproof.viewer.animator.time") == pytest.approx(at)
 
 
-def test_the_two_bodies_of_a_contact_are_red_and_no_other(page: Page, certificate: Certificate) -> None:
+def test_only_the_two_bodies_of_a_contact_are_red(page: Page, certificate: Certificate) -> None:
     def colour(*node: str) -> list[int]:
         return page.evaluate(
             f"(() => {{ let c; pinproof.viewer.scene_tree.find({list(node)}).object.traverse((m) => {{"
@@ -86,7 +86,7 @@ def test_the_two_bodies_of_a_contact_are_red_and_no_other(page: Page, certificat
     assert colour("scene", "post")[0] > 2 * colour("scene", "post")[1]
 
 
-def test_every_layer_can_be_switched_and_comes_back_as_it_was(page: Page) -> None:
+def test_every_layer_can_be_switched_off_and_on_again(page: Page) -> None:
     names = page.evaluate("pinproof.settings.layers.map((layer) => layer.name)")
     assert names == ["robot", "collision", "scene", "path", "sweep", "ghosts", "frames", "contact"]
     shown = page.evaluate("pinproof.settings.layers.filter((layer) => layer.shown).map((layer) => layer.name)")
@@ -100,7 +100,7 @@ def test_every_layer_can_be_switched_and_comes_back_as_it_was(page: Page) -> Non
         assert np.array_equal(page.canvas(), before), name
 
 
-def test_ghosts_stand_at_their_configurations_and_those_that_look_alike_once(page: Page) -> None:
+def test_ghosts_are_drawn_at_their_configurations_and_equal_ones_once(page: Page) -> None:
     stage = set_stage(ARM, SCENE)
     copies = page.evaluate("pinproof.settings.copies.map((copy) => [copy.into, copy.of[1], copy.count])")
     assert [entry for entry in copies if entry[0] == "ghosts"] == [["ghosts", "upper", 2]]  # the base stays
@@ -110,7 +110,8 @@ def test_ghosts_stand_at_their_configurations_and_those_that_look_alike_once(pag
     assert notes["ghosts"] == "2 of 3"
 
 
-def test_what_moves_with_the_tcp_is_swept(ur5) -> None:
+@pytest.mark.slow
+def test_the_swept_volume_contains_bodies_attached_to_the_tcp(ur5) -> None:
     stage = set_stage(ur5, None)
     step = np.zeros(6)
     step[[0, 3]] = 1.0
@@ -179,7 +180,9 @@ def test_controls_neither_overlap_nor_stick_out(page: Page, width: int) -> None:
     page.send("Emulation.setDeviceMetricsOverride", width=740, height=400, deviceScaleFactor=1, mobile=False)
 
 
-def test_the_normal_of_a_contact_is_the_way_the_second_body_would_leave(page: Page, certificate: Certificate) -> None:
+def test_the_normal_of_a_contact_is_the_separating_direction_of_the_second_body(
+    page: Page, certificate: Certificate
+) -> None:
     from pinproof.viewer.overlays import marks_of
 
     (mark,) = marks_of(certificate.first_contact)

@@ -58,7 +58,7 @@ def test_closing_frees_the_port_and_may_be_done_twice() -> None:
     assert view.wait(0)
     assert not view._thread.is_alive()
     with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", port), timeout=2)
+        socket.create_connection(("127.0.0.1", port), timeout=PATIENCE)
 
 
 @pytest.mark.slow
@@ -76,7 +76,7 @@ def test_a_configuration_of_the_wrong_length_is_refused() -> None:
         view.move_to([0.0])
 
 
-def test_an_open_page_follows_the_arm_and_says_when_the_view_is_closed(browser: Browser) -> None:
+def test_an_open_page_follows_the_arm_and_shows_the_end_of_the_view(browser: Browser) -> None:
     arm = small_arm()
     view = show(arm)
     try:

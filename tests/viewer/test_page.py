@@ -27,6 +27,7 @@ def embedded(text: str, name: str) -> str:
     return found[1]
 
 
+@pytest.mark.slow
 def test_the_page_of_the_ur5_is_small(ur5, cell, tmp_path) -> None:
     write_html(tmp_path / "pick.html", ur5, cell, turn(ur5))
     assert (tmp_path / "pick.html").stat().st_size < 5 * MEGABYTE
@@ -122,6 +123,7 @@ def test_a_large_surface_gets_wide_indices() -> None:
     assert index["itemSize"] == 1
 
 
+@pytest.mark.slow
 def test_neither_meshcat_nor_trimesh_is_loaded_before_it_is_needed() -> None:
     script = (
         "import sys, pinproof.viewer; "

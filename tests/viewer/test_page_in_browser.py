@@ -39,7 +39,7 @@ def from_table(name: str) -> Arm:
 
 
 @pytest.mark.parametrize("name", ["ur5", "panda", "xarm7", "generic_6dof", "scara", "stanford"])
-def test_every_link_of_a_robot_is_seen(browser: Browser, pages: Callable[[str], Path], name: str) -> None:
+def test_every_link_of_a_robot_is_visible(browser: Browser, pages: Callable[[str], Path], name: str) -> None:
     path = pages(f"still_{name}")
     arm = load_robot(name).arm()
     write_html(path, arm if name in ("ur5", "panda", "xarm7") else from_table(name), q=arm.home)
@@ -69,7 +69,7 @@ def test_a_robot_in_its_cell_is_framed_at_both_ends_of_its_motion(
     page.close()
 
 
-def test_the_motion_plays_pauses_and_goes_where_the_address_says(
+def test_the_motion_plays_pauses_and_starts_at_the_time_of_the_url(
     browser: Browser, pages: Callable[[str], Path]
 ) -> None:
     arm = small_arm()

@@ -52,7 +52,7 @@ def test_a_torn_picture_leaves_the_plain_colour(tmp_path) -> None:
     assert [surface.image for surface in stage.links[1].surfaces] == [None]
 
 
-def test_a_browser_shows_the_picture_the_right_way_round(
+def test_the_picture_has_the_same_orientation_in_a_browser(
     browser: Browser, pages: Callable[[str], Path], tmp_path
 ) -> None:
     path = pages("pictured")
@@ -68,7 +68,7 @@ def test_a_browser_shows_the_picture_the_right_way_round(
         "[0.1, 0.4].map((x) => { const v = new MeshCat.THREE.Vector3(x, 0.2, 0).project(pinproof.viewer.camera);"
         " const c = document.querySelector('canvas'); return [(1 - v.y) / 2 * c.height, (1 + v.x) / 2 * c.width]; })"
     )  # three.js has y up: (x, z, -y)
-    way = np.subtract(ends[1], ends[0])
-    assert (places["blue"] - places["red"]) @ way > 0
+    direction = np.subtract(ends[1], ends[0])
+    assert (places["blue"] - places["red"]) @ direction > 0
     assert page.complaints == []
     page.close()

@@ -26,7 +26,7 @@ from pinproof.picks import (
 )
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, PickProblem
 from pinproof.picks.report import page as page_module
-from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, Reel
+from pinproof.picks.report.page import BYTES_A_LINK, MOST_BYTES, RATE, PageMotions
 from pinproof.picks.report.report import verdict_row
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Phase, film
@@ -68,11 +68,14 @@ def carried(frame: str = "") -> PickVerdict:
         ("leave", swing(ARM, 1.0, 0.2), CollisionChecker(ARM, standing(1.0))),
     ]
     motions = tuple(
-        PickMotion(name, way, certify(way, checker), checker.attached, checker.scene) for name, way, checker in parts
+        PickMotion(name, line, certify(line, checker), checker.attached, checker.scene) for name, line, checker in parts
     )
-    whole, passed = Trajectory.join(*(way for _, way, _ in parts)), (StageResult(Stage.TIMING, True, "proven free"),)
+    complete, passed = (
+        Trajectory.join(*(line for _, line, _ in parts)),
+        (StageResult(Stage.TIMING, True, "proven free"),),
+    )
     pick = Pick("carried", pose(), frame=frame, carried="part")
-    return PickVerdict(pick, PickStatus.GOOD, passed, 1, np.array([0.5, 0.0]), whole, 2.0, motions=motions)
+    return PickVerdict(pick, PickStatus.GOOD, passed, 1, np.array([0.5, 0.0]), complete, 2.0, motions=motions)
 
 
 def bad(name: str, xyz: tuple[float, float, float]) -> PickVerdict:
@@ -199,7 +202,7 @@ def test_the_table_sorts_and_filters_and_the_arrows_follow(page: Page) -> None:
     assert names(page) == ["wide"]
 
 
-def test_good_and_bad_grasps_are_seen_in_their_colours(page: Page) -> None:
+def test_good_and_bad_grasps_have_their_colours(page: Page) -> None:
     page.evaluate("pinproof.choose(4)")
     red, green, blue = page.canvas().astype(int).transpose(2, 0, 1)
     assert ((green > 1.4 * red) & (green > 1.2 * blue)).sum() > 40
@@ -227,7 +230,7 @@ def test_an_empty_report_is_a_page_too(browser: Browser, pages: Callable[[str], 
     opened.close()
 
 
-def test_what_is_carried_moves_with_the_hand_and_stays_where_it_was_put(
+def test_a_carried_part_moves_with_the_hand_and_stays_at_its_place(
     browser: Browser, pages: Callable[[str], Path]
 ) -> None:
     path, frames = pages("carried"), {"fixture": NamedFrame(pose(xyz=(0.0, -0.4, 0.1), rpy=(np.pi, 0, 0)))}
@@ -257,7 +260,7 @@ def test_what_is_carried_moves_with_the_hand_and_stays_where_it_was_put(
     opened.close()
 
 
-def test_fingers_are_seen_apart_where_no_motion_brings_them(
+def test_fingers_that_never_touch_are_separated(
     browser: Browser, pages: Callable[[str], Path], report: PickReport
 ) -> None:
     path, thin = pages("fingers"), Box(0.02, 0.01, 0.06)
@@ -316,7 +319,7 @@ def test_500_rows_of_a_campaign_play_nothing_and_claim_no_proof_of_the_page(
     opened.close()
 
 
-def test_of_too_many_rows_the_first_are_shown_and_the_page_says_so(tmp_path, monkeypatch, report: PickReport) -> None:
+def test_a_page_with_too_many_rows_shows_the_first_and_states_it(tmp_path, monkeypatch, report: PickReport) -> None:
     monkeypatch.setattr(page_module, "MOST_ROWS", 3)
     report.save(tmp_path / "few.html", arm=ARM, scene=SCENE, picks=SHARED)
     text = (tmp_path / "few.html").read_text(encoding="utf-8")
@@ -324,9 +327,7 @@ def test_of_too_many_rows_the_first_are_shown_and_the_page_says_so(tmp_path, mon
     assert '"name":"away"' not in text
 
 
-def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
-    tmp_path, monkeypatch, report: PickReport
-) -> None:
+def test_a_page_with_very_many_rows_omits_stages_and_states_it(tmp_path, monkeypatch, report: PickReport) -> None:
     monkeypatch.setattr(page_module, "MOST_DETAILS", 0)
     report.save(tmp_path / "full.html", arm=ARM, scene=SCENE, picks=SHARED)
     text = (tmp_path / "full.html").read_text(encoding="utf-8")
@@ -335,7 +336,7 @@ def test_of_very_many_rows_the_last_tell_no_stages_and_the_page_says_so(
     assert text.count('"reason":') == 5
 
 
-def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport) -> None:
+def test_a_proof_of_another_scene_is_not_accepted(tmp_path, report: PickReport) -> None:
     other = Scene([POST, Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))])
     report.save(tmp_path / "other.html", arm=ARM, scene=other, picks=SHARED)
     text = (tmp_path / "other.html").read_text(encoding="utf-8")
@@ -343,11 +344,11 @@ def test_a_proof_of_another_scene_is_no_proof_here(tmp_path, report: PickReport)
     assert text.count('"headline":"NOT VALIDATED"') == 2
 
 
-def test_a_part_proven_among_other_obstacles_is_no_proof(tmp_path) -> None:
+def test_a_part_proven_with_other_obstacles_is_not_a_proof(tmp_path) -> None:
     late = Obstacle("late", Box(0.1, 0.1, 0.1), pose(xyz=(3, 0, 0)))
     done, more = carried(), standing(1.0).add(late)
-    way = done.motions[2].trajectory
-    doctored = PickMotion("leave", way, certify(way, CollisionChecker(ARM, more)), (), more)
+    line = done.motions[2].trajectory
+    doctored = PickMotion("leave", line, certify(line, CollisionChecker(ARM, more)), (), more)
     for verdict, headline in ((done, "FREE"), (replace(done, motions=(*done.motions[:2], doctored)), "NOT VALIDATED")):
         report = PickReport("swing", (verdict,), (), "the arm")
         report.save(tmp_path / "a.html", arm=ARM, scene=standing(0.5), picks=SHARED)
@@ -364,26 +365,27 @@ def test_names_cannot_become_markup_and_the_same_report_gives_the_same_bytes(tmp
     assert "<h1>&lt;i&gt;{{buffers}}</h1>" in texts[0]
 
 
+@pytest.mark.slow
 def test_a_hundred_motions_stay_within_their_bytes() -> None:
-    stage, way = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
-    long = SimpleNamespace(motions=(way,))
+    stage, line = set_stage(ARM, SCENE), SimpleNamespace(trajectory=swing(ARM, duration=60.0), attached=(), held={})
+    long = SimpleNamespace(motions=(line,))
     for count in (1, 100, 1000):
-        reel = Reel.of(stage, SCENE, (), [long] * count)
-        frames = sum(len(each.times) for each in reel.films if each is not None)
-        shown = sum(each is not None for each in reel.films)
+        motions = PageMotions.of(stage, SCENE, (), [long] * count)
+        frames = sum(len(each.times) for each in motions.films if each is not None)
+        shown = sum(each is not None for each in motions.films)
         assert (frames * 28 * 4 / 3 + shown * BYTES_A_LINK) * len(stage.links) <= 1.01 * MOST_BYTES
-        assert len(reel.films[0].times) - 1 <= 60 * RATE
-    assert "more good picks are omitted" in reel.notes[1]
+        assert len(motions.films[0].times) - 1 <= 60 * RATE
+    assert "more good picks are omitted" in motions.notes[1]
 
 
-def test_what_is_carried_stands_then_moves_with_the_tcp_then_stays() -> None:
+def test_a_carried_part_rests_moves_with_the_tcp_and_rests() -> None:
     part = Obstacle("part", Box(0.05, 0.05, 0.05), pose(xyz=(0.0, 0.0, 0.06)))
-    ways = [swing(ARM, 0.0, 0.5), swing(ARM, 0.5, 1.0), swing(ARM, 1.0, 0.2)]
+    lines = [swing(ARM, 0.0, 0.5), swing(ARM, 0.5, 1.0), swing(ARM, 1.0, 0.2)]
     stage = set_stage(ARM, None)
-    shown = film(stage, [Phase(ways[0]), Phase(ways[1], (part,)), Phase(ways[2])], rate=10)
+    shown = film(stage, [Phase(lines[0]), Phase(lines[1], (part,)), Phase(lines[2])], rate=10)
     place = shown.riders["part"]
     taken, left = (
-        matrix(ARM.root_from_base * ARM.forward_kinematics(q) * part.pose) for q in (ways[1].start, ways[1].end)
+        matrix(ARM.root_from_base * ARM.forward_kinematics(q) * part.pose) for q in (lines[1].start, lines[1].end)
     )
     for moment, at in zip(shown.times, place, strict=True):
         if moment <= 2.0:
@@ -391,7 +393,7 @@ def test_what_is_carried_stands_then_moves_with_the_tcp_then_stays() -> None:
         elif moment >= 4.0:
             assert np.allclose(at, left)
         else:
-            root_from_tcp = ARM.root_from_base * ARM.forward_kinematics(ways[1](moment - 2.0))
+            root_from_tcp = ARM.root_from_base * ARM.forward_kinematics(lines[1](moment - 2.0))
             assert np.allclose(at, matrix(root_from_tcp * part.pose))
     assert shown.times[-1] == 6.0
     assert (np.diff(shown.times) > 0).all()

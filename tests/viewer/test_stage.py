@@ -32,7 +32,7 @@ def test_every_link_of_the_ur5_with_a_visual_is_drawn(ur5) -> None:
     assert stage.notes == ()
 
 
-def test_a_visual_mesh_that_is_missing_gives_way_to_the_collision_geometry_and_is_named(tmp_path) -> None:
+def test_a_missing_visual_mesh_is_replaced_by_the_collision_geometry_and_named(tmp_path) -> None:
     upper = MESH.format(file=tmp_path / "gone.stl") + UPPER.format(kind="collision")
     stage = set_stage(small_arm(upper=upper), None)
     assert np.allclose(extents(stage.links[1].surfaces), (0.5, 0.08, 0.08))
@@ -56,7 +56,8 @@ def test_a_robot_without_any_geometry_is_refused() -> None:
         render_page(Picture(small_arm(base="", upper=""), None, None))
 
 
-def test_links_stand_where_forward_kinematics_puts_them_in_the_root_frame(panda) -> None:
+@pytest.mark.slow
+def test_links_are_drawn_at_their_forward_kinematics_in_the_root_frame(panda) -> None:
     arm = panda.robot.arm(tcp="panda_hand_tcp", base="panda_link2")
     stage, q = set_stage(arm, None), arm.home + 0.1
     for link, root_from_link in zip(stage.links, stage.link_poses(q), strict=True):
@@ -64,15 +65,16 @@ def test_links_stand_where_forward_kinematics_puts_them_in_the_root_frame(panda)
     assert np.allclose(stage.tcp_position(q), (arm.root_from_base * arm.forward_kinematics(q)).translation)
 
 
-def test_obstacles_stand_at_their_pose_and_the_floor_under_them() -> None:
+def test_obstacles_are_drawn_at_their_pose_with_the_floor_below() -> None:
     can = Obstacle("can", Capsule(radius=0.05, length=0.2), pose(xyz=(1, 2, -0.5)), (0.1, 0.2, 0.3, 1.0))
-    stage = set_stage(small_arm(), Scene([can]))
+    arm = small_arm()
+    stage = set_stage(arm, Scene([can]))
     surface = stage.obstacles[0].surfaces[0]
     assert np.allclose(surface.vertices.max(axis=0), (0.05, 0.05, 0.15), atol=1e-3)
     assert np.allclose(surface.vertices.min(axis=0), (-0.05, -0.05, -0.15), atol=1e-3)
     assert np.allclose(stage.obstacles[0].pose[:3, 3], (1, 2, -0.5))
     assert surface.rgba == (0.1, 0.2, 0.3, 1.0)
-    assert stage.floor == pytest.approx(-0.65, abs=1e-3)
+    assert stage.floor(stage.link_poses(arm.home)[None]) == pytest.approx(-0.65, abs=1e-3)
 
 
 def test_a_mesh_obstacle_is_scaled(tmp_path) -> None:

@@ -114,7 +114,7 @@ def test_moving_keeps_distances_and_normals(numbers) -> None:
 
 
 @given(st.lists(st.tuples(*[st.floats(-1, 1)] * 3), min_size=1, max_size=8))
-def test_a_tube_stays_at_its_radius_from_its_line_even_where_that_turns_back(points) -> None:
+def test_a_tube_keeps_its_radius_where_its_line_reverses(points) -> None:
     line = np.array(points)
     surface = tube(line, 0.01, RED)
     if surface is None:
@@ -141,7 +141,7 @@ EXAMPLES = {
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_a_shape_is_drawn_where_it_collides_and_seen_from_outside(name) -> None:
+def test_a_shape_is_drawn_where_it_collides_with_outward_faces(name) -> None:
     (surface,) = obstacle_surfaces(Obstacle("thing", EXAMPLES[name]))
     box = shape_body("thing", "thing", None, EXAMPLES[name], pose()).box
     assert np.allclose([surface.vertices.min(axis=0), surface.vertices.max(axis=0)], box, atol=3e-3)
@@ -163,7 +163,7 @@ def test_every_shape_is_registered() -> None:
 
 @dataclass(frozen=True)
 class Torus:
-    """A shape that the viewer does not know, with the fields of a capsule."""
+    """A shape that the viewer does not support, with the fields of a capsule."""
 
     radius: float
     length: float

@@ -4,6 +4,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 
+#include <algorithm>
 #include <cstddef>
 #include <cstdint>
 #include <initializer_list>
@@ -11,12 +12,14 @@
 #include <numeric>
 #include <stdexcept>
 #include <string>
+#include <vector>
 
 namespace pinproof {
 
 namespace nb = nanobind;
 
 // Arguments: C-contiguous arrays of doubles on the CPU, read only. Python converts before it calls.
+using Numbers = nb::ndarray<const double, nb::c_contig, nb::device::cpu>;  // of any shape
 using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Matrix = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using Stack = nb::ndarray<const double, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
@@ -39,6 +42,38 @@ OwnedArray<Number> new_array(std::initializer_list<std::size_t> shape) {
     Number* data = memory.release();
     nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<Number*>(p); });
     return {data, nb::ndarray<nb::numpy, Number>(data, shape.size(), shape.begin(), owner)};
+}
+
+// The same for an array that Python may not change.
+struct ReadOnlyArray {
+    double* data;
+    nb::ndarray<nb::numpy, const double> array;
+};
+
+inline ReadOnlyArray new_read_only_array(std::initializer_list<std::size_t> shape) {
+    std::size_t count = 1;
+    for (std::size_t side : shape) count *= side;
+    auto memory = std::make_unique<double[]>(count > 0 ? count : 1);
+    double* data = memory.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+    return {data, nb::ndarray<nb::numpy, const double>(data, shape.size(), shape.begin(), owner)};
+}
+
+// A vector as an array.
+inline nb::object array_of(const std::vector<double>& values) {
+    auto array = new_array({values.size()});
+    std::copy(values.begin(), values.end(), array.data);
+    return nb::cast(array.array);
+}
+
+// A vector as an array that Python cannot change.
+inline nb::object read_only_array_of(const std::vector<double>& values) {
+    auto memory = std::make_unique<double[]>(values.size() + 1);
+    std::copy(values.begin(), values.end(), memory.get());
+    const std::size_t size = values.size();
+    const double* data = memory.release();
+    nb::capsule owner(data, [](void* p) noexcept { delete[] static_cast<double*>(p); });
+    return nb::cast(nb::ndarray<nb::numpy, const double>(data, 1, &size, owner));
 }
 
 // Refuse an argument whose size differs from what the core is about to read or write.

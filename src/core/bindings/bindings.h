@@ -5,7 +5,10 @@
 
 namespace pinproof {
 
+void bind_closed_form(nanobind::module_& module);
 void bind_kinematics(nanobind::module_& module);
+void bind_ik(nanobind::module_& module);
+void bind_tracking(nanobind::module_& module);
 void bind_collision(nanobind::module_& module);
 void bind_certificate(nanobind::module_& module);
 void bind_planning(nanobind::module_& module);

@@ -4,6 +4,7 @@
 #include <stdexcept>
 
 #include "bindings/bindings.h"
+#include "source_hash.h"
 
 namespace {
 
@@ -22,7 +23,11 @@ void require_processor() {
 NB_MODULE(_core, module) {
     require_processor();
     module.doc() = "The compiled core of pinproof. It is internal: use the package's public functions.";
+    module.attr("SOURCE_HASH") = PINPROOF_SOURCE_HASH;
     pinproof::bind_kinematics(module);
+    pinproof::bind_closed_form(module);
+    pinproof::bind_ik(module);
+    pinproof::bind_tracking(module);
     pinproof::bind_collision(module);
     pinproof::bind_certificate(module);
     pinproof::bind_planning(module);

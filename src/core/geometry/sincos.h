@@ -6,6 +6,7 @@
 #pragma once
 
 #include <cmath>
+#include <cstddef>
 
 namespace pinproof {
 
@@ -37,6 +38,26 @@ inline SinCos sincos(double angle) {
 inline SinCos sincos_of_any(double angle) {
     if (std::abs(angle) < kLargeAngle) return sincos(angle);
     return {std::sin(angle), std::cos(angle)};
+}
+
+// sincos_of_any of `count` angles, in one loop that is vectorised if no angle is large.
+inline void sincos_of_each(const double* __restrict__ angles, double* __restrict__ sines, double* __restrict__ cosines,
+                           std::size_t count) {
+    double largest = 0.0;
+    for (std::size_t k = 0; k < count; ++k) largest = std::abs(angles[k]) > largest ? std::abs(angles[k]) : largest;
+    if (largest < kLargeAngle) {
+        for (std::size_t k = 0; k < count; ++k) {
+            const auto [sine, cosine] = sincos(angles[k]);
+            sines[k] = sine;
+            cosines[k] = cosine;
+        }
+    } else {
+        for (std::size_t k = 0; k < count; ++k) {
+            const auto [sine, cosine] = sincos_of_any(angles[k]);
+            sines[k] = sine;
+            cosines[k] = cosine;
+        }
+    }
 }
 
 }  // namespace pinproof

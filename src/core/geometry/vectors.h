@@ -68,10 +68,26 @@ inline Transform operator*(const Transform& a, const Transform& b) {
     return {a.rotation * b.rotation, a * b.translation};
 }
 
+inline Transform inverse(const Transform& a) {
+    Transform out;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) out.rotation.m[i][j] = a.rotation.m[j][i];
+    out.translation = -transposed_times(a.rotation, a.translation);
+    return out;
+}
+
 // b_from_c for a_from_b and a_from_c.
 inline Transform relative(const Transform& a_from_b, const Transform& a_from_c) {
     return {transposed_times(a_from_b.rotation, a_from_c.rotation),
             transposed_times(a_from_b.rotation, a_from_c.translation - a_from_b.translation)};
+}
+
+// The rotation about a unit vector by an angle of the given sine and cosine (Rodrigues).
+inline Mat3 rotation_about(const Vec3& axis, double sine, double cosine) {
+    const Vec3 v = (1.0 - cosine) * axis, s = sine * axis;
+    return {{{cosine + v.x * axis.x, v.x * axis.y - s.z, v.x * axis.z + s.y},
+             {v.x * axis.y + s.z, cosine + v.y * axis.y, v.y * axis.z - s.x},
+             {v.x * axis.z - s.y, v.y * axis.z + s.x, cosine + v.z * axis.z}}};
 }
 
 // Multiply from the right by a rotation about z, of the given sine and cosine.

@@ -1,8 +1,17 @@
 #include "kinematics/chain.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "geometry/sincos.h"
 
 namespace pinproof {
+
+bool Chain::has_mimic_joints() const {
+    if (joints.size() != dof) return true;
+    return std::any_of(joints.begin(), joints.end(),
+                       [](const Joint& joint) { return joint.multiplier != 1.0 || joint.offset != 0.0; });
+}
 
 Transform forward_kinematics(const Chain& chain, const double* q) {
     Transform pose;
@@ -17,6 +26,43 @@ Transform forward_kinematics(const Chain& chain, const double* q) {
         }
     }
     return pose * chain.tool;
+}
+
+Posture::Posture(const Chain& chain) : axes_(chain.joints.size()) {
+    const std::size_t padded = (chain.joints.size() + 3) / 4 * 4;
+    values_.resize(padded);
+    sines_.resize(padded);
+    cosines_.resize(padded);
+}
+
+void Posture::evaluate(const Chain& chain, const Frame& start, const double* q) {
+    for (std::size_t k = 0; k < chain.joints.size(); ++k) values_[k] = chain.joints[k].value(q);
+    sincos_of_each(values_.data(), sines_.data(), cosines_.data(), values_.size());
+    Frame frame = start;
+    for (std::size_t k = 0; k < chain.joints.size(); ++k) {
+        frame = frame * chain.joints[k].before;
+        axes_[k] = {frame.origin, frame.z};
+        if (chain.joints[k].prismatic) {
+            frame.origin += values_[k] * frame.z;
+        } else {
+            const Double4 x = frame.x;
+            frame.x = cosines_[k] * x + sines_[k] * frame.y;
+            frame.y = cosines_[k] * frame.y - sines_[k] * x;
+        }
+    }
+    tcp_ = frame * chain.tool;
+}
+
+void Posture::jacobian(const Chain& chain, Jacobian& out) const {
+    std::fill(out.begin(), out.end(), Twist{});
+    for (std::size_t k = 0; k < chain.joints.size(); ++k) {
+        const Joint& joint = chain.joints[k];
+        const Double4 direction = joint.multiplier * axes_[k].direction;
+        if (joint.prismatic)
+            out[joint.index].linear += direction;
+        else
+            out[joint.index] += Twist{cross(direction, tcp_.origin - axes_[k].origin), direction};
+    }
 }
 
 }  // namespace pinproof

@@ -2,9 +2,8 @@
 
 from pinproof.benchmarks.ik_run import ik_benchmark
 from pinproof.benchmarks.ik_table import IkTable, ik_markdown, write_ik_table
-from pinproof.benchmarks.plan_page import plan_markdown, write_plan_table
 from pinproof.benchmarks.plan_run import plan_benchmark
-from pinproof.benchmarks.plan_table import PlanTable
+from pinproof.benchmarks.plan_table import PlanTable, plan_markdown, write_plan_table
 
 __all__ = [
     "IkTable",

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 import tempfile
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -360,29 +359,15 @@ def _frame_along(direction: Array, point: Array) -> Array:
     return frame
 
 
-def _peer(
-    key: str,
-    distribution: str,
-    prepare: Callable[[Arm, Part], PreparedMethod | None],
-    compared_with: str,
-    max_targets: int | None = None,
-) -> IkMethod:
-    return IkMethod(
-        key,
-        distribution,
-        prepare,
-        compared_with=compared_with,
-        max_targets=max_targets,
-        distribution=distribution,
+PEERS: tuple[IkMethod, ...] = tuple(
+    IkMethod(key, label, prepare, compared_with=ours, max_targets=most, distribution=label)
+    for key, label, prepare, ours, most in (
+        ("eaik", "EAIK", _eaik, "analytic", None),
+        ("ik_geo", "ik-geo", _ik_geo, "analytic", None),
+        ("trac_ik", "pytracik", _trac_ik, "clik", None),
+        ("toolbox", "roboticstoolbox-python", _toolbox, "clik", None),
+        ("roboplan", "roboplan", _roboplan, "clik", 1_000),
+        ("pink", "pin-pink", _pink, "clik", 500),
     )
-
-
-PEERS: tuple[IkMethod, ...] = (
-    _peer("eaik", "EAIK", _eaik, "analytic"),
-    _peer("ik_geo", "ik-geo", _ik_geo, "analytic"),
-    _peer("trac_ik", "pytracik", _trac_ik, "clik"),
-    _peer("toolbox", "roboticstoolbox-python", _toolbox, "clik"),
-    _peer("roboplan", "roboplan", _roboplan, "clik", 1_000),
-    _peer("pink", "pin-pink", _pink, "clik", 500),
 )
 """The other libraries."""

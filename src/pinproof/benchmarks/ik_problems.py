@@ -57,7 +57,9 @@ def with_reduced_ranges(arm: Arm) -> Arm:
     centre = (lower[wide] + upper[wide]) / 2
     lower[wide], upper[wide] = centre - np.pi, centre + np.pi
     limits = arm.limits
-    return arm.with_limits(JointLimits(lower, upper, limits.velocity, limits.acceleration, limits.acceleration_source))
+    return arm.with_limits(
+        JointLimits(lower, upper, limits.velocity, limits.acceleration, acceleration_source=limits.acceleration_source)
+    )
 
 
 def random_targets(arm: Arm, points: int, seed: int) -> Targets:

@@ -30,8 +30,8 @@ from pinproof.benchmarks.ik_problems import (
     with_reduced_ranges,
 )
 from pinproof.benchmarks.ik_table import PARTS, IkRow, IkTable
-from pinproof.benchmarks.tables import NotApplicableError, installed_version, provenance
-from pinproof.errors import InputError, PinproofError
+from pinproof.benchmarks.tables import NotApplicableError, installed_version, leave_out, provenance
+from pinproof.errors import InputError
 from pinproof.model import Arm, load_robot
 
 __all__ = ["WARM_UP", "ik_benchmark", "load_arm", "measure", "timed_batch"]
@@ -192,10 +192,13 @@ def ik_benchmark(
         targets = {"random": random_targets(arm, points, seed), "trajectory": smooth_targets(arm, points, seed)}
         for method in selected:
             report(f"{name}: {method.label}")
-            new_rows, reason = _measure_parts(arm, name, method, targets)
-            rows.extend(new_rows)
-            if reason:
-                left_out[name][method.key] = reason
+            before = len(rows)
+            with leave_out(left_out[name], method.key, own=method.compared_with is None):
+                for part in PARTS:
+                    row = measure(arm, name, method, part, targets[part.problem])
+                    rows += [] if row is None else [row]
+                if len(rows) == before:
+                    raise NotApplicableError("applies to no part of this table")
     settings = {
         "robots": list(robots),
         "points": points,
@@ -216,34 +219,10 @@ def load_arm(robot: str, limits_pi: bool) -> Arm:
     return with_reduced_ranges(arm) if limits_pi else arm
 
 
-def _measure_parts(arm: Arm, robot: str, method: IkMethod, targets: dict[str, Targets]) -> tuple[list[IkRow], str]:
-    """Return the rows of a method in all parts, and the reason if rows are missing."""
-    rows: list[IkRow] = []
-    try:
-        for part in PARTS:
-            row = measure(arm, robot, method, part, targets[part.problem])
-            rows += [] if row is None else [row]
-    except ImportError as error:
-        return rows, f"not installed ({error})"
-    except (NotApplicableError, PinproofError) as error:
-        return rows, str(error)
-    except Exception as error:  # an error of another library must not end the run
-        if method.compared_with is None:
-            raise
-        return rows, f"{type(error).__name__}: {error}"
-    return rows, "" if rows else "applies to no part of this table"
-
-
 def _with_ratio(row: IkRow, rows: list[IkRow]) -> IkRow:
     """Return the row of another library with the ratio of its mean time to that of our method."""
     for other in rows:
-        same_robot_and_part = (other.robot, other.problem, other.task, other.restarts) == (
-            row.robot,
-            row.problem,
-            row.task,
-            row.restarts,
-        )
-        if same_robot_and_part and other.method == row.compared_with:
+        if other.robot_and_part == row.robot_and_part and other.method == row.compared_with:
             return replace(row, ratio=row.mean_ms / other.mean_ms)
     return row
 

@@ -10,6 +10,7 @@ from pinproof.benchmarks.ik_methods import TOLERANCE, Part
 from pinproof.benchmarks.step_sizes import step_sizes, write_step_plot
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
+    log_panel,
     markdown_table,
     new_figure,
     provenance_text,
@@ -100,6 +101,11 @@ class IkRow:
     compared_with: str | None = None
     ratio: float | None = None
 
+    @property
+    def robot_and_part(self) -> tuple[str, str, str, bool]:
+        """The robot, the problem, the task and whether restarts are allowed."""
+        return self.robot, self.problem, self.task, self.restarts
+
 
 @dataclass(frozen=True)
 class IkTable(BenchmarkTable):
@@ -126,8 +132,7 @@ class IkTable(BenchmarkTable):
 
     def part(self, robot: str, part: Part) -> tuple[IkRow, ...]:
         """Return the rows of a robot in one part."""
-        wanted = (robot, part.problem, part.task, part.restarts)
-        return tuple(row for row in self.rows if (row.robot, row.problem, row.task, row.restarts) == wanted)
+        return tuple(row for row in self.rows if row.robot_and_part == (robot, part.problem, part.task, part.restarts))
 
 
 def write_ik_table(table: IkTable, folder: str | Path, *, appendix: str = "") -> list[Path]:
@@ -184,12 +189,11 @@ def _introduction(table: IkTable) -> list[str]:
         "1,000 calls it is the maximum). For other libraries, the relative time is their mean time divided by that of "
         "our method for the same problem."
     )
-    peers = {name: number for name, number in settings["peer_versions"].items() if number is not None}
     textbook = (
         "The textbook columns are figures from the textbook: mean time and success over 10,000 points, position only, "
         "one seed, on an unknown machine."
     )
-    return [*wrapped(targets, check, times), "", *wrapped(provenance_text(table, **peers), textbook)]
+    return [*wrapped(targets, check, times), "", *wrapped(provenance_text(table), textbook)]
 
 
 def _limits(table: IkTable, robot: str) -> list[str]:
@@ -255,14 +259,9 @@ def _write_latency_plot(table: IkTable, path: Path) -> None:
     for robot, line in zip(table.robots, panels, strict=True):
         for part, panel in zip(PARTS, line, strict=True):
             restarts = "" if part.problem == "trajectory" else ", restarts" if part.restarts else ", one seed"
-            panel.set_title(f"{robot}: {part.problem}, {part.task}{restarts}", fontsize=9)
+            log_panel(panel, f"{robot}: {part.problem}, {part.task}{restarts}", "mean time, ms", "solved, %")
             for row in table.part(robot, part):
                 _plot_row(panel, row, *styles[row.method])
-            panel.set_xscale("log")
-            panel.set_ylim(-4, 104)
-            panel.set_xlabel("mean time, ms")
-            panel.set_ylabel("solved, %")
-            panel.grid(alpha=0.3)
     first = panels[0][0]
     for key, label in methods:
         colour, marker = styles[key]

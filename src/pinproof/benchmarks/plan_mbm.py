@@ -13,6 +13,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ Array = npt.NDArray[np.float64]
 
 COLLECTION = "mbm"
 
-SCENE = re.compile(r"scene(\d+)\.ya?ml")
+FILE_NAME = re.compile(r"(scene|request)(\d+)\.ya?ml")
 
 ROUNDING = 1e-4
 """Rad or m by which a joint value of a file may exceed its limit; it is then set to the limit. The files round limits
@@ -41,11 +42,10 @@ to about this precision."""
 
 @dataclass(frozen=True)
 class MbmSet:
-    """A set: its name without the robot, its folder, the numbers of its problems, and its robot."""
+    """A set: its name without the robot, the scene and request files of its problems by number, and its robot."""
 
     name: str
-    folder: Path
-    numbers: tuple[int, ...]
+    files: dict[int, tuple[Path, Path]]
     robot: str
     srdf: str | None
 
@@ -74,17 +74,18 @@ def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
     path = Path(path)
     if not path.is_dir():
         raise FileError(path, "is not a folder")
-    folders = {folder: _numbers(folder) for folder in (path, *sorted(p for p in path.iterdir() if p.is_dir()))}
-    folders = {folder: numbers for folder, numbers in folders.items() if numbers}
-    if not folders:
-        raise FileError(path, "contains no sceneNNNN.yaml with a requestNNNN.yaml, also not in its subfolders")
     sets = []
-    for folder, numbers in folders.items():
-        name, named = _split(folder, numbers[0])
+    for folder in (path, *sorted(p for p in path.iterdir() if p.is_dir())):
+        files = _problem_files(folder)
+        if not files:
+            continue
+        name, named = _split(folder, next(iter(files.values()))[0])
         source, srdf = (robot, None) if robot is not None else _robot_beside(folder) or (named, None)
         if source is None:
             raise FileError(folder, f"names no catalogue robot, and {folder.parent / 'robot'} contains no URDF")
-        sets.append(MbmSet(name, folder, numbers, source, srdf))
+        sets.append(MbmSet(name, files, source, srdf))
+    if not sets:
+        raise FileError(path, "contains no sceneNNNN.yaml with a requestNNNN.yaml, also not in its subfolders")
     return sets
 
 
@@ -97,8 +98,7 @@ def read_problems(found: MbmSet, most: int | None = None) -> Iterator[PlanProble
         If a file cannot be read, or does not fit the robot.
     """
     robot = load_robot(found.robot, srdf=found.srdf)
-    for number in found.numbers[:most]:
-        scene, request = _file(found.folder, "scene", number), _file(found.folder, "request", number)
+    for number, (scene, request) in islice(found.files.items(), most):
         yield _problem(found, number, robot, Scene.load(scene), request)
 
 
@@ -187,26 +187,20 @@ def _joints_above(robot: Robot, link: str) -> int:
     return count
 
 
-def _numbers(folder: Path) -> tuple[int, ...]:
-    """The numbers of the problems in a folder that have a scene and a request."""
-    found = [match for file in folder.iterdir() if (match := SCENE.fullmatch(file.name))]
-    return tuple(sorted(int(match[1]) for match in found if _exists(folder, "request", match[1])))
+def _problem_files(folder: Path) -> dict[int, tuple[Path, Path]]:
+    """The scene and the request of each problem in a folder, in the order of the numbers."""
+    kinds: dict[str, dict[int, Path]] = {"scene": {}, "request": {}}
+    for file in sorted(folder.iterdir()):
+        if match := FILE_NAME.fullmatch(file.name):
+            kinds[match[1]].setdefault(int(match[2]), file)
+    scenes, requests = kinds.values()
+    return {number: (scenes[number], requests[number]) for number in sorted(scenes.keys() & requests.keys())}
 
 
-def _exists(folder: Path, kind: str, digits: str) -> bool:
-    return any((folder / f"{kind}{digits}{suffix}").is_file() for suffix in (".yaml", ".yml"))
-
-
-def _file(folder: Path, kind: str, number: int) -> Path:
-    """The file of a problem, with any number of leading zeros."""
-    same = re.compile(rf"{kind}0*{number}\.ya?ml")
-    return next(file for file in sorted(folder.iterdir()) if same.fullmatch(file.name))
-
-
-def _split(folder: Path, number: int) -> tuple[str, str | None]:
-    """The name of a set, and the catalogue robot that its folder or its first scene names, if any."""
+def _split(folder: Path, scene: Path) -> tuple[str, str | None]:
+    """The name of a set, and the catalogue robot that its folder or one of its scenes names, if any."""
     name, _, last = folder.resolve().name.rpartition("_")
-    content = read_yaml(_file(folder, "scene", number), ("world",), FileError)
+    content = read_yaml(scene, ("world",), FileError)
     model = str(content.get("robot_model_name", ""))
     if name and last and last in (*catalogue_names(), model):
         return name, last if last in catalogue_names() else None

@@ -4,21 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from time import perf_counter_ns
 
 from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.collision import CollisionChecker, certify
 from pinproof.errors import TimingError
 from pinproof.motion import Curve, time_parametrise
-from pinproof.planning import RrtConnect, simplify
+from pinproof.planning import DEFAULT_PLANNER, RrtConnect, make_planner, simplify
 
-__all__ = ["NANOSECONDS_PER_MS", "OURS", "PLANNER", "STEPS", "PlanAnswer", "PlanMethod", "Solve", "Stopwatch"]
+__all__ = [
+    "NANOSECONDS_PER_MS",
+    "OURS",
+    "STEPS",
+    "TIME_LIMIT",
+    "PlanAnswer",
+    "PlanMethod",
+    "Solve",
+    "Stopwatch",
+    "own_method",
+]
 
 STEPS = ("plan", "simplify", "time", "certify")
 """The timed steps, in their order."""
 
-PLANNER = RrtConnect()
-"""Our planner with its default settings. The other planners get the same time limit."""
+TIME_LIMIT = RrtConnect().time_limit
+"""Time limit of every planner in s: the default of ours."""
+
+OURS = "pinproof"
+"""Key of our method with the default planner."""
 
 NANOSECONDS_PER_MS = 1e6
 
@@ -93,10 +107,12 @@ class Stopwatch:
         self._last = perf_counter_ns()
 
 
-def _prepare_ours(problem: PlanProblem, checker: CollisionChecker) -> Solve:
+def _prepare(planner_name: str, problem: PlanProblem, checker: CollisionChecker) -> Solve:
+    planner = make_planner(planner_name, time_limit=TIME_LIMIT)
+
     def solve(seed: int) -> PlanAnswer:
         watch = Stopwatch()
-        plan = PLANNER.plan(checker, problem.start, problem.goals, rng=seed)
+        plan = planner.plan(checker, problem.start, problem.goals, rng=seed)
         watch.lap("plan")
         if plan.path is None:
             return PlanAnswer(None, watch.ms, certified=False, rejected_edges=plan.cut, message=plan.message)
@@ -123,5 +139,16 @@ def _prepare_ours(problem: PlanProblem, checker: CollisionChecker) -> Solve:
     return solve
 
 
-OURS = PlanMethod("pinproof", "pinproof", _prepare_ours)
-"""Plan, simplify, time, and certify the trajectory that would be saved."""
+def own_method(planner: str) -> PlanMethod:
+    """Return the method of this package with a planner: plan, simplify, time, and certify what would be saved.
+
+    Raises
+    ------
+    UnknownNameError
+        If ``planner`` is not a key of :data:`pinproof.planning.PLANNERS`.
+    InputError
+        If the library of the planner is not installed.
+    """
+    make_planner(planner)
+    names = (OURS, OURS) if planner == DEFAULT_PLANNER else (f"{OURS}_{planner}", f"{OURS}, {planner}")
+    return PlanMethod(*names, partial(_prepare, planner))

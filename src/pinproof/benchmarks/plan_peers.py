@@ -15,7 +15,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from pinproof.benchmarks.plan_methods import PLANNER, PlanAnswer, PlanMethod, Solve, Stopwatch
+from pinproof.benchmarks.plan_methods import TIME_LIMIT, PlanAnswer, PlanMethod, Solve, Stopwatch
 from pinproof.benchmarks.plan_problems import PlanProblem
 from pinproof.benchmarks.tables import NotApplicableError
 from pinproof.collision import Box, CollisionChecker, Cylinder, Sphere
@@ -45,7 +45,7 @@ def _roboplan(shorten: bool, step: float | None) -> Callable[[PlanProblem, Colli
         scene, names = _scene(problem, checker), list(problem.arm.joint_names)
         if len(problem.goals) > 1:
             raise NotApplicableError("roboplan accepts a single goal")
-        options = RRTOptions(group_name=GROUP, max_nodes=NODES, max_planning_time=PLANNER.time_limit, rrt_connect=True)
+        options = RRTOptions(group_name=GROUP, max_nodes=NODES, max_planning_time=TIME_LIMIT, rrt_connect=True)
         shortening = PathShortcuttingOptions(group_name=GROUP)
         if step is not None:
             options.collision_check_step_size = shortening.max_step_size = step

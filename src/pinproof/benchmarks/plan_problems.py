@@ -24,9 +24,9 @@ __all__ = [
     "MARGIN",
     "OWN_ROBOTS",
     "OWN_SCENES",
-    "EndFaults",
     "PlanProblem",
-    "check_start_and_goals",
+    "ProblemName",
+    "end_faults",
     "own_problems",
     "own_reach",
     "select_sets",
@@ -64,29 +64,12 @@ SAMPLES, SHARE = 2_000, 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class PlanProblem:
-    """One problem.
-
-    Parameters
-    ----------
-    collection, set_name, number
-        Its origin: ``"ur5"``, ``"shelf"``, 3.
-    arm, scene
-        The arm and the obstacles.
-    start, goals
-        (n,) and (g, n) in rad or m; the motion may end at any of the goals.
-    notes
-        How the problem was adapted to the robot, in sentences.
-    """
+class ProblemName:
+    """The origin of a problem: ``"ur5"``, ``"shelf"``, 3."""
 
     collection: str
     set_name: str
     number: int
-    arm: Arm
-    scene: Scene
-    start: Array
-    goals: Array
-    notes: tuple[str, ...] = ()
 
     @property
     def full_set(self) -> str:
@@ -99,39 +82,29 @@ class PlanProblem:
         return f"{self.full_set}/{self.number}"
 
 
-@dataclass(frozen=True)
-class EndFaults:
-    """What is wrong with the start and the goals of a problem.
+@dataclass(frozen=True, eq=False)
+class PlanProblem(ProblemName):
+    """One problem.
 
     Parameters
     ----------
-    hull, mesh
-        Contacts and violated limits, with the convex hulls of the links, which planners check, and with their original
-        meshes. Faults of goals are listed only if no goal is free.
+    arm, scene
+        The arm and the obstacles.
+    start, goals
+        (n,) and (g, n) in rad or m; the motion may end at any of the goals.
+    notes
+        How the problem was adapted to the robot, in sentences.
     """
 
-    hull: tuple[str, ...]
-    mesh: tuple[str, ...]
-
-    @property
-    def free(self) -> bool:
-        """Whether the start and a goal are free by the meshes."""
-        return not self.mesh
-
-    @property
-    def hull_only(self) -> bool:
-        """Whether only the hulls are in contact."""
-        return bool(self.hull) and not self.mesh
+    arm: Arm
+    scene: Scene
+    start: Array
+    goals: Array
+    notes: tuple[str, ...] = ()
 
 
-def check_start_and_goals(
-    problem: PlanProblem, hull_checker: CollisionChecker, mesh_checker: CollisionChecker
-) -> EndFaults:
-    """Check the start and the goals of a problem with both checkers."""
-    return EndFaults(_end_faults(problem, hull_checker), _end_faults(problem, mesh_checker))
-
-
-def _end_faults(problem: PlanProblem, checker: CollisionChecker) -> tuple[str, ...]:
+def end_faults(problem: PlanProblem, checker: CollisionChecker) -> tuple[str, ...]:
+    """Return the contacts and violated limits of the start, and those of the goals if no goal is free."""
     start = _fault(problem, checker, problem.start)
     goals = [_fault(problem, checker, goal) for goal in problem.goals]
     found = [f"start: {start}"] if start else []
@@ -146,23 +119,22 @@ def _fault(problem: PlanProblem, checker: CollisionChecker, q: Array) -> str:
     return "; ".join([*outside, *([] if touching.free else [str(touching)])])
 
 
-def _matches(full_set: str, names: tuple[str, ...]) -> bool:
-    """Whether a set such as ``"ur5/shelf"`` has one of the names ``"ur5/shelf"``, ``"ur5"``, ``"shelf"``."""
-    return any(name == full_set or name in full_set.split("/") for name in names)
-
-
 def select_sets(sets: list[str], names: tuple[str, ...]) -> list[str]:
     """Return the sets with one of these names, or all sets without names.
+
+    A set ``"ur5/shelf"`` also has the names ``"ur5"`` and ``"shelf"``.
 
     Raises
     ------
     UnknownNameError
         If no set has a name.
     """
+    names_of = {full_set: {full_set, *full_set.split("/")} for full_set in sets}
+    known = set().union(*names_of.values())
     for name in names:
-        if not any(_matches(full_set, (name,)) for full_set in sets):
-            raise UnknownNameError("set of problems", name, {word for s in sets for word in (s, *s.split("/"))})
-    return [full_set for full_set in sets if not names or _matches(full_set, names)]
+        if name not in known:
+            raise UnknownNameError("set of problems", name, known)
+    return [full_set for full_set in sets if not names or names_of[full_set].intersection(names)]
 
 
 # -- problems in our scenes --------------------------------------------------------------------------------------------
@@ -211,10 +183,8 @@ def _start_and_goal(
     checker: CollisionChecker, layout: SceneLayout, rng: np.random.Generator
 ) -> tuple[Array, Array] | None:
     start = _free_configuration(checker, layout.start, rng)
-    if start is None:
-        return None
-    goal = _free_configuration(checker, layout.goal, rng)
-    if goal is None:
+    goal = None if start is None else _free_configuration(checker, layout.goal, rng)
+    if start is None or goal is None:
         return None
     steps = max(2, int(np.ceil(np.abs(goal - start).max() / STRAIGHT_STEP)))
     straight = start + np.linspace(0, 1, steps)[:, None] * (goal - start)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter_ns
@@ -12,24 +11,25 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
-from pinproof.benchmarks.plan_methods import NANOSECONDS_PER_MS, OURS, PLANNER, PlanMethod, Solve
+from pinproof.benchmarks.plan_methods import NANOSECONDS_PER_MS, TIME_LIMIT, PlanMethod, Solve, own_method
 from pinproof.benchmarks.plan_peers import PEERS
 from pinproof.benchmarks.plan_problems import (
     OWN_ROBOTS,
     OWN_SCENES,
     PlanProblem,
-    check_start_and_goals,
+    end_faults,
     own_problems,
     select_sets,
 )
 from pinproof.benchmarks.plan_table import PlanRow, PlanTable, ProblemRow
-from pinproof.benchmarks.tables import NotApplicableError, installed_version, provenance
+from pinproof.benchmarks.tables import installed_version, leave_out, provenance
 from pinproof.collision import CollisionChecker
 from pinproof.collision.audit import STEP, audit
 from pinproof.errors import InputError
 from pinproof.motion import Curve
+from pinproof.planning import DEFAULT_PLANNER
 
-__all__ = ["OWN_PROBLEMS", "CheckedMotion", "check_motion", "curve_length", "plan_benchmark"]
+__all__ = ["OWN_PROBLEMS", "curve_length", "motion_faults", "plan_benchmark"]
 
 Array = npt.NDArray[np.float64]
 
@@ -49,31 +49,12 @@ ProblemSource = Callable[[], Iterator[PlanProblem]]
 # -- independent check of a motion -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, eq=False)
-class CheckedMotion:
-    """The independent check of a motion.
-
-    Parameters
-    ----------
-    faults
-        What is wrong with it, in sentences; empty if it is safe. A contact names the bodies and where it occurs.
-    samples
-        Number of configurations that were checked.
-    length
-        Euclidean length in joint space: rad and m count alike.
-    """
-
-    faults: tuple[str, ...]
-    samples: int
-    length: float
-
-
-def check_motion(
+def motion_faults(
     curve: Curve, problem: PlanProblem, mesh_checker: CollisionChecker, *, step: float = STEP
-) -> CheckedMotion:
-    """Check a motion at dense samples with the original meshes of the links; no certificate is used.
+) -> tuple[str, ...]:
+    """Return what is wrong with a motion, by dense samples and the original meshes of the links, not its certificate.
 
-    No joint moves by more than ``step`` (rad or m) between samples.
+    No joint moves by more than ``step`` (rad or m) between samples. A contact names the bodies and where it occurs.
     """
     first, last = curve.domain
     faults = []
@@ -94,11 +75,11 @@ def check_motion(
         f"{a} touches {b} at {100 * (t - first) / (last - first or 1.0):.1f} % of the motion"
         for t, (a, b) in result.contacts
     ]
-    return CheckedMotion(tuple(faults), result.samples, curve_length(curve))
+    return tuple(faults)
 
 
 def curve_length(curve: Curve) -> float:
-    """Return the Euclidean length in joint space, exact for straight segments."""
+    """Return the Euclidean length in joint space (rad and m count alike), exact for straight segments."""
     return float(sum(np.linalg.norm(np.diff(points, axis=0), axis=1).sum() for points in _segments(curve)))
 
 
@@ -122,6 +103,7 @@ def plan_benchmark(
     robot: str | None = None,
     sets: Sequence[str] = (),
     problems: int | None = None,
+    planners: Sequence[str] = (DEFAULT_PLANNER,),
     peers: bool = True,
     repeats: int = 1,
     seed: int = 0,
@@ -141,8 +123,10 @@ def plan_benchmark(
         Only these: ``"ur5/shelf"``, or a part of it such as ``"shelf"`` or ``"mbm"``; by default all.
     problems
         Largest number of problems per set; by default all of MotionBenchMaker, and :data:`OWN_PROBLEMS` of ours.
+    planners
+        Our planners, keys of :data:`pinproof.planning.PLANNERS`.
     peers
-        Whether to include other planners. Those that cannot be run are listed with the reason.
+        Whether to include planners of other libraries. Those that cannot be run are listed with the reason.
     repeats
         Runs per problem; the fastest counts, and the motions are compared.
     seed
@@ -153,14 +137,14 @@ def plan_benchmark(
     Raises
     ------
     InputError
-        If ``problems`` or ``repeats`` is below 1, or for an unknown set or robot.
+        If ``problems`` or ``repeats`` is below 1, or for an unknown set, planner or robot.
     FileError
         If problems cannot be read.
     """
     if repeats < 1 or (problems is not None and problems < 1):
         raise InputError(f"problems = {problems} and repeats = {repeats} must be at least 1")
     origin, sources = provenance(seed), _sources(robots, mbm, robot, problems, seed)
-    run = _Run((OURS, *(PEERS if peers else ())), seed, repeats)
+    run = _Run((*map(own_method, planners), *(PEERS if peers else ())), seed, repeats)
     for full_set in select_sets(list(sources), tuple(sets)):
         if on_progress is not None:
             on_progress(full_set)
@@ -172,7 +156,7 @@ def plan_benchmark(
         "problems": problems,
         "repeats": repeats,
         "audit_step": STEP,
-        "time_limit_s": PLANNER.time_limit,
+        "time_limit_s": TIME_LIMIT,
         "remarks": sorted(run.remarks),
         "peer_versions": {
             m.distribution: installed_version(m.distribution) for m in run.methods if m.distribution is not None
@@ -226,19 +210,18 @@ class _Run:
     ) -> bool:
         """Add the row of a problem; return whether its start and goals are free by the meshes."""
         self.remarks |= {f"{body.owner}: {body.remark}" for body in mesh_checker.bodies if body.remark}
-        found = check_start_and_goals(problem, hull_checker, mesh_checker)
         row = ProblemRow(
             collection=problem.collection,
             set_name=problem.set_name,
             number=problem.number,
             robot=problem.arm.robot.name,
-            hull_faults=found.hull,
-            mesh_faults=found.mesh,
+            hull_faults=end_faults(problem, hull_checker),
+            mesh_faults=end_faults(problem, mesh_checker),
             notes=problem.notes,
             setup_ms=round(setup_ms, 2),
         )
         self.problems.append(row)
-        return found.free
+        return not row.mesh_faults
 
     def _solve(
         self, problem: PlanProblem, hull_checker: CollisionChecker, mesh_checker: CollisionChecker, *, warm_up: bool
@@ -246,19 +229,12 @@ class _Run:
         for method in self.methods:
             if method.key in self.left_out:
                 continue
-            try:
+            own = method.distribution is None
+            with leave_out(self.left_out, method.key, own=own, where=f" on {problem.name}"):
                 solve = method.prepare(problem, hull_checker)
                 if warm_up:  # loads compiled code
                     solve(self._seed)
                 self.rows.append(self._measure(problem, method, solve, mesh_checker))
-            except ImportError as error:
-                self.left_out[method.key] = f"not installed ({error})"
-            except NotApplicableError as error:
-                self.left_out[f"{method.key} on {problem.name}"] = str(error)
-            except Exception as error:  # an error of another library must not end the run
-                if method.distribution is None:
-                    raise
-                self.left_out[f"{method.key} on {problem.name}"] = f"{type(error).__name__}: {error}"
 
     def _measure(
         self, problem: PlanProblem, method: PlanMethod, solve: Solve, mesh_checker: CollisionChecker
@@ -266,7 +242,6 @@ class _Run:
         """Run a prepared method; the fastest run counts."""
         answers = [solve(self._seed) for _ in range(self._repeats)]
         best = min(answers, key=lambda answer: sum(answer.ms.values()))
-        checked = None if best.curve is None else check_motion(best.curve, problem, mesh_checker)
         same = [_equal(a.curve, b.curve) for a, b in pairwise(answers)]
         return PlanRow(
             collection=problem.collection,
@@ -276,9 +251,9 @@ class _Run:
             label=method.label,
             solved=best.curve is not None,
             certified=best.certified,
-            faults=() if checked is None else checked.faults,
+            faults=() if best.curve is None else motion_faults(best.curve, problem, mesh_checker),
             ms={step: round(ms, 4) for step, ms in best.ms.items()},
-            length=None if checked is None else round(checked.length, 6),
+            length=None if best.curve is None else round(curve_length(best.curve), 6),
             duration=None if best.duration is None else round(best.duration, 6),
             clearance=None if best.clearance is None else round(best.clearance, 7),
             rejected_edges=best.rejected_edges,

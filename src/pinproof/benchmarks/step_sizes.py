@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.benchmarks.tables import new_figure
+from pinproof.benchmarks.tables import log_panel, new_figure
 from pinproof.ik import Clik, DampedLeastSquares, IkStep, IterativeIk, PseudoInverse
-from pinproof.model import Arm, JointLimits
+from pinproof.model import Arm
 from pinproof.spatial import SE3, pose
 
 __all__ = ["METHODS", "StepSizes", "step_sizes", "write_step_plot"]
@@ -69,22 +70,17 @@ def write_step_plot(steps: StepSizes, title: str, path: str | Path) -> None:
     figure, ((panel,),) = new_figure(1, 1, width=6.4, height=4.4)
     for (name, lengths), style in zip(steps.steps.items(), ("k:", "C0-", "C1-", "C2-"), strict=True):
         panel.plot(steps.smallest, lengths, style, label=name)
-    panel.set_xscale("log")
+    title, y_label = f"{title}: {steps.joint} moves into a singularity", f"|dq| for a motion of {MOTION:g} (m, rad)"
+    log_panel(panel, title, "smallest singular value of the Jacobian", y_label, percent=False)
     panel.set_yscale("log")
     panel.invert_xaxis()
-    panel.set_xlabel("smallest singular value of the Jacobian")
-    panel.set_ylabel(f"|dq| for a motion of {MOTION:g} (m, rad)")
-    panel.set_title(f"{title}: {steps.joint} moves into a singularity", fontsize=10)
-    panel.grid(alpha=0.3)
     panel.legend()
     figure.savefig(path, dpi=110, format="png")
 
 
 def _towards(arm: Arm, joint: int, singular: float) -> StepSizes:
     """Steps at configurations that approach the singular value of the joint."""
-    unlimited = arm.with_limits(
-        JointLimits(np.full(6, -np.inf), np.full(6, np.inf), arm.limits.velocity, arm.limits.acceleration)
-    )
+    unlimited = arm.with_limits(replace(arm.limits, lower=np.full(6, -np.inf), upper=np.full(6, np.inf)))
     solvers = {
         "pseudo-inverse": PseudoInverse(max_iterations=1, restarts=0, max_step=UNBOUNDED),
         "damped least squares": DampedLeastSquares(max_iterations=1, restarts=0),
@@ -97,10 +93,9 @@ def _towards(arm: Arm, joint: int, singular: float) -> StepSizes:
         base_from_target = arm.forward_kinematics(q) * _target_from_tcp().inverse()
         jacobian = np.kron(np.eye(2), base_from_target.rotation.T) @ arm.jacobian(q)  # in the axes of the target
         smallest.append(_smallest_singular_value(arm, joint, singular + distance))
-        try:
+        inverse_step = np.nan
+        with suppress(np.linalg.LinAlgError):
             inverse_step = float(np.linalg.norm(np.linalg.inv(jacobian) @ np.full(6, MOTION / np.sqrt(6))))
-        except np.linalg.LinAlgError:
-            inverse_step = np.nan
         steps["inverse"].append(inverse_step)
         for name, solver in solvers.items():
             steps[name].append(_first_step(solver, unlimited, base_from_target, q))
@@ -130,22 +125,20 @@ def _singular_value_of_joint(arm: Arm, joint: int) -> float | None:
 
     A ternary search refines the lowest of many samples of the smallest singular value.
     """
+
+    def smallest(value: float) -> float:
+        return _smallest_singular_value(arm, joint, value)
+
     lower, upper = arm.limits.sampling_range()
     values = np.linspace(lower[joint], upper[joint], 362)[1:-1]
-    lowest = values[int(np.argmin([_smallest_singular_value(arm, joint, value) for value in values]))]
-    low, high = lowest - (values[1] - values[0]), lowest + (values[1] - values[0])
+    lowest, step = min(values, key=smallest), values[1] - values[0]
+    low, high = lowest - step, lowest + step
     for _ in range(80):
         a, b = low + (high - low) / 3, high - (high - low) / 3
-        if _smallest_singular_value(arm, joint, a) < _smallest_singular_value(arm, joint, b):
-            high = b
-        else:
-            low = a
-    middle = (low + high) / 2
-    if _smallest_singular_value(arm, joint, middle) > SINGULAR:
-        return None
+        low, high = (low, b) if smallest(a) < smallest(b) else (a, high)
+    value = float((low + high) / 2)
     # An arm that is singular at every value of the joint has its singularity elsewhere.
-    elsewhere = _smallest_singular_value(arm, joint, middle + FARTHEST)
-    return float(middle) if elsewhere > 1e3 * SINGULAR else None
+    return value if smallest(value) <= SINGULAR and smallest(value + FARTHEST) > 1e3 * SINGULAR else None
 
 
 def _smallest_singular_value(arm: Arm, joint: int, value: float) -> float:

@@ -7,7 +7,8 @@ import os
 import platform
 import subprocess
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime, timezone
 from importlib.metadata import PackageNotFoundError, version
@@ -22,6 +23,8 @@ __all__ = [
     "NotApplicableError",
     "bullet_section",
     "installed_version",
+    "leave_out",
+    "log_panel",
     "markdown_table",
     "new_figure",
     "provenance",
@@ -32,7 +35,7 @@ __all__ = [
 WIDTH = 120
 """Characters per line of Markdown text."""
 
-PACKAGES = ("pinproof", "pin", "numba", "numpy")
+PACKAGES = ("pinproof", "pin", "numpy")
 """Packages whose versions are part of the provenance."""
 
 AnyTable = TypeVar("AnyTable", bound="BenchmarkTable")
@@ -40,6 +43,21 @@ AnyTable = TypeVar("AnyTable", bound="BenchmarkTable")
 
 class NotApplicableError(Exception):
     """A method cannot be run on this arm or problem; the message states the reason. Caught by the benchmark runs."""
+
+
+@contextmanager
+def leave_out(left_out: dict[str, str], method: str, *, own: bool, where: str = "") -> Iterator[None]:
+    """Record why a method cannot be run; unexpected errors end the run only if it is a method of this package."""
+    try:
+        yield
+    except ImportError as error:
+        left_out[method] = f"not installed ({error})"
+    except (NotApplicableError, InputError) as error:
+        left_out[method + where] = str(error)
+    except Exception as error:
+        if own:
+            raise
+        left_out[method + where] = f"{type(error).__name__}: {error}"
 
 
 @dataclass(frozen=True)
@@ -181,9 +199,9 @@ def _commit() -> str | None:
 
 
 def provenance_text(table: BenchmarkTable, **more_versions: str | None) -> str:
-    """Return one sentence with versions, machine, seed, commit and date."""
+    """Return one sentence with the versions of the packages and the peers, machine, seed, commit and date."""
     origin = table.provenance
-    versions = {**origin["versions"], **more_versions}
+    versions = {**origin["versions"], **table.settings.get("peer_versions", {}), **more_versions}
     packages = ", ".join(f"{name} {number}" for name, number in versions.items() if number is not None)
     return (
         f"Measured with {packages} on {origin['cpu']} ({origin['cores']} cores, load average {origin['load']}); seed "
@@ -221,3 +239,14 @@ def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple
     figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def log_panel(panel: Any, title: str, x_label: str, y_label: str, *, percent: bool = True) -> None:
+    """Label axes with a logarithmic x axis and a grid; ``percent``: the y axis shows 0 to 100 %."""
+    panel.set_title(title, fontsize=10)
+    panel.set_xscale("log")
+    panel.set_xlabel(x_label)
+    panel.set_ylabel(y_label)
+    panel.grid(alpha=0.3)
+    if percent:
+        panel.set_ylim(-2, 104)

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pinproof.cli.complete import robot_names
+from pinproof.cli.complete import planner_names, robot_names
 from pinproof.cli.console import make_folder, print_json, print_line, progress_status
 from pinproof.cli.options import Json, Seed
 
@@ -88,6 +88,14 @@ def bench_plan(
         int | None,
         typer.Option(help="Problems per set (default: all of MotionBenchMaker, 10 per scene of pinproof).", min=1),
     ] = None,
+    planners: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--planner",
+            help="The planner of pinproof: rrt_connect (default) or ompl; repeatable.",
+            autocompletion=planner_names,
+        ),
+    ] = None,
     repeats: Annotated[int, typer.Option(help="Runs per problem; the fastest counts.", min=1)] = 1,
     peers: Peers = True,
     output: Folder = None,
@@ -103,6 +111,7 @@ def bench_plan(
     """
     from pinproof.benchmarks import plan_benchmark, plan_markdown, write_plan_table
     from pinproof.benchmarks.plan_problems import OWN_ROBOTS
+    from pinproof.planning import DEFAULT_PLANNER
 
     if output is not None:
         make_folder(output)
@@ -113,6 +122,7 @@ def bench_plan(
             robot=robot,
             sets=sets or (),
             problems=problems,
+            planners=planners or (DEFAULT_PLANNER,),
             repeats=repeats,
             peers=peers,
             seed=seed,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,11 +14,53 @@ from pinproof.cli.console import check_output_files, print_json, print_line, pro
 from pinproof.cli.options import ChainOptions, Html, IgnoreRecord, Json, SceneOptions, ToolOptions, load_motion
 from pinproof.errors import InputError
 from pinproof.model.limits import distinct
+from pinproof.motion.motion_keys import READ
 
 __all__ = ["certify_motion", "verdict"]
 
 LIMIT_TOLERANCE = 1e-6
 """Rad or m for positions, relative for velocities. Motion files of other programs are often rounded to six digits."""
+
+
+@dataclass(frozen=True)
+class ToleranceOptions:
+    """The deviations for which a proof holds."""
+
+    joint_tolerance: Annotated[
+        float, typer.Option(help="The proof holds for joint errors up to this value (rad or m).", min=0.0)
+    ] = 0.0
+    obstacle_tolerance: Annotated[
+        float, typer.Option(help="The proof holds for obstacles displaced by up to this distance (m).", min=0.0)
+    ] = 0.0
+
+
+@dataclass(frozen=True)
+class AuditOptions:
+    """The options of the independent check."""
+
+    with_audit: Annotated[
+        bool,
+        typer.Option("--audit", help="Also check the motion independently: dense samples, exact meshes, only coal."),
+    ] = False
+    audit_step: Annotated[
+        float, typer.Option(help="Largest joint motion between two samples of --audit (rad or m).", min=1e-6)
+    ] = 0.002
+
+    def audit(
+        self, trajectory: pp.Trajectory, proven: pp.CollisionChecker, tool: ToolOptions
+    ) -> pp.collision.AuditResult | None:
+        """Check the motion with the exact meshes of the links, if requested."""
+        if not self.with_audit:
+            return None
+        exact = pp.CollisionChecker(
+            proven.arm,
+            proven.scene,
+            link_meshes="mesh",
+            attached=proven.attached,
+            allowed=tool.attachments.allowed,
+        )
+        with progress_status("sampling"):
+            return pp.audit(trajectory, exact, step=self.audit_step)
 
 
 def certify_motion(
@@ -27,13 +70,9 @@ def certify_motion(
             help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT", autocompletion=robot_names
         ),
     ] = None,
-    motion: Annotated[Path | None, typer.Argument(help="A motion file (.json, .csv).", metavar="MOTION")] = None,
-    joint_tolerance: Annotated[
-        float, typer.Option(help="The proof holds for joint errors up to this value (rad or m).", min=0.0)
-    ] = 0.0,
-    obstacle_tolerance: Annotated[
-        float, typer.Option(help="The proof holds for obstacles displaced by up to this distance (m).", min=0.0)
-    ] = 0.0,
+    motion: Annotated[Path | None, typer.Argument(help=f"A motion file ({', '.join(READ)}).", metavar="MOTION")] = None,
+    *,
+    tolerances: ToleranceOptions,
     save_proof: Annotated[
         Path | None, typer.Option(help="Write the proof to a file (.json, .json.gz) that others can verify.")
     ] = None,
@@ -44,16 +83,9 @@ def certify_motion(
             "also check that the proof belongs to them."
         ),
     ] = None,
-    with_audit: Annotated[
-        bool,
-        typer.Option("--audit", help="Also check the motion independently: dense samples, exact meshes, only coal."),
-    ] = False,
-    audit_step: Annotated[
-        float, typer.Option(help="Largest joint motion between two samples of --audit (rad or m).", min=1e-6)
-    ] = 0.002,
+    audit_options: AuditOptions,
     ignore_record: IgnoreRecord = False,
     html: Html = None,
-    *,
     chain: ChainOptions,
     scene_options: SceneOptions,
     tool: ToolOptions,
@@ -67,7 +99,7 @@ def certify_motion(
     """
     arm = None if robot is None else chain.arm(robot, tool=tool)
     if verify is not None:
-        if save_proof is not None or html is not None or with_audit or joint_tolerance or obstacle_tolerance:
+        if save_proof or html or audit_options.with_audit or tolerances != ToleranceOptions():
             raise InputError(
                 "--verify uses the tolerances of the proof and writes no file; remove --save-proof, --html, --audit, "
                 "--joint-tolerance and --obstacle-tolerance"
@@ -81,39 +113,35 @@ def certify_motion(
     checker = scene_options.checker(arm, world, tool)
     trajectory = load_motion(motion, checker, ignore_record)
     with progress_status("certifying"):
-        certificate = pp.certify(
-            trajectory,
-            checker,
-            joint_tolerance=joint_tolerance,
-            obstacle_tolerance=obstacle_tolerance,
-            record=save_proof is not None,
-        )
-    audit = _audit(trajectory, checker, tool, audit_step) if with_audit else None
+        certificate = pp.certify(trajectory, checker, record=save_proof is not None, **vars(tolerances))
+    audit = audit_options.audit(trajectory, checker, tool)
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
     if save_proof is not None and certificate.free:
         certificate.save(save_proof)
     violations = _limit_violations(trajectory, arm)
+    attached = [body.name for body in checker.attached]
     if as_json:
-        names = [body.name for body in checker.attached]
-        figures = (
-            None if audit is None else {"samples": audit.samples, "distance": audit.distance, "message": audit.message}
-        )
-        print_json({**verdict(certificate), "attached": names, "outside_limits": violations, "audit": figures})
+        figures = None if audit is None else {key: getattr(audit, key) for key in ("samples", "distance", "message")}
+        print_json({**verdict(certificate), "attached": attached, "outside_limits": violations, "audit": figures})
     else:
-        print_line(str(certificate))
-        if checker.attached:
-            print_line(f"attached: {', '.join(body.name for body in checker.attached)}")
-        for violation in violations:
-            print_line(f"outside the limits: {violation}")
-        for pair in certificate.excluded:
-            print_line(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
+        _print_certificate(certificate, attached, violations)
         if audit is not None:
             print_line(f"audit: {audit.message}")
         if save_proof is not None:
             print_line(f"wrote {save_proof}" if certificate.free else f"{save_proof} is not written: there is no proof")
     if violations or not certificate.free or (audit is not None and not audit.clean):
         raise typer.Exit(1)
+
+
+def _print_certificate(certificate: pp.Certificate, attached: list[str], violations: list[str]) -> None:
+    print_line(str(certificate))
+    if attached:
+        print_line(f"attached: {', '.join(attached)}")
+    for violation in violations:
+        print_line(f"outside the limits: {violation}")
+    for pair in certificate.excluded:
+        print_line(f"not checked: {' and '.join(pair.owners)} ({pair.reason})")
 
 
 def _verify(
@@ -125,40 +153,14 @@ def _verify(
     curve = None if motion is None or arm is None else pp.Trajectory.load(motion, arm.joint_names)
     result: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve)
     if as_json:
-        print_json(
-            {
-                "ok": result.ok,
-                "reasons": result.reasons,
-                "clearance": result.clearance,
-                "margin": result.margin,
-                "joint_tolerance": result.joint_tolerance,
-                "obstacle_tolerance": result.obstacle_tolerance,
-                "pairs": result.pairs,
-                "excluded": result.excluded,
-                "compared": result.compared,
-                "not_compared": result.not_compared,
-            }
-        )
+        keys = ("ok", "reasons", "clearance", "margin", "joint_tolerance", "obstacle_tolerance", "pairs", "excluded")
+        print_json({key: getattr(result, key) for key in (*keys, "compared", "not_compared")})
     else:
         print_line(str(result))
         for a, b, reason in result.excluded:
             print_line(f"not checked: {a} and {b} ({reason})")
     if not result.ok:
         raise typer.Exit(1)
-
-
-def _audit(
-    trajectory: pp.Trajectory, proven: pp.CollisionChecker, tool: ToolOptions, step: float
-) -> pp.collision.AuditResult:
-    exact = pp.CollisionChecker(
-        proven.arm,
-        proven.scene,
-        link_meshes="mesh",
-        attached=proven.attached,
-        allowed=tool.attachments.allowed,
-    )
-    with progress_status("sampling"):
-        return pp.audit(trajectory, exact, step=step)
 
 
 def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:

@@ -1,4 +1,4 @@
-"""Tab completion of robot names, robot files, links and joint groups."""
+"""Tab completion of robot names, robot files, IK methods, planners, links and joint groups."""
 
 from __future__ import annotations
 
@@ -10,16 +10,25 @@ import typer
 import pinproof as pp
 from pinproof.errors import PinproofError
 
-__all__ = ["file_names", "group_names", "link_names", "robot_names"]
-
-ROBOT_FILES = (".urdf", ".xacro", ".xml")
+__all__ = ["file_names", "group_names", "link_names", "method_names", "planner_names", "robot_names"]
 
 
 def robot_names(incomplete: str) -> list[str]:
     """Catalogue names and existing robot files."""
     from pinproof.description import catalogue_names
+    from pinproof.model.loading import ROBOT_SUFFIXES
 
-    return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_FILES)(incomplete)]
+    return [*_starting_with(incomplete, catalogue_names()), *file_names(*ROBOT_SUFFIXES)(incomplete)]
+
+
+def method_names(incomplete: str) -> list[str]:
+    """The registered IK methods."""
+    return _starting_with(incomplete, pp.ik.IK_METHODS)
+
+
+def planner_names(incomplete: str) -> list[str]:
+    """The registered planners."""
+    return _starting_with(incomplete, pp.planning.PLANNERS)
 
 
 def file_names(*suffixes: str) -> Callable[[str], list[str]]:

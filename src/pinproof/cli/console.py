@@ -8,17 +8,11 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 import pinproof as pp
 from pinproof.errors import FileError, InputError
@@ -29,7 +23,6 @@ if TYPE_CHECKING:
 __all__ = [
     "Interrupted",
     "check_output_files",
-    "file_stems",
     "make_folder",
     "print_error",
     "print_json",
@@ -39,6 +32,7 @@ __all__ = [
     "progress_status",
     "until_interrupted",
     "write_motion",
+    "write_pages",
 ]
 
 _STYLES = {
@@ -68,16 +62,21 @@ class Interrupted(Exception):
 
 def print_line(text: str) -> None:
     """Print one line to stdout."""
-    Console(highlight=False, soft_wrap=True, markup=False).print(text)
+    sys.stdout.write(f"{text}\n")
 
 
 def print_note(text: str) -> None:
     """Print one line to stderr."""
-    Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"pinproof: {text}")
+    sys.stderr.write(f"pinproof: {text}\n")
 
 
 def print_error(text: str) -> None:
     """Print one line to stderr, in red on a terminal."""
+    if not sys.stderr.isatty() or "NO_COLOR" in os.environ:
+        print_note(text)
+        return
+    from rich.console import Console
+
     Console(stderr=True, highlight=False, soft_wrap=True, markup=False).print(f"pinproof: {text}", style="red")
 
 
@@ -99,12 +98,13 @@ def _finite(value: Any) -> Any:
 @contextmanager
 def progress_status(text: str) -> Iterator[Callable[[str], None]]:
     """Show a status line on stderr if it is a terminal; the function yielded changes its text."""
-    console = Console(stderr=True, highlight=False)
-    if console.is_terminal:
-        with console.status(text) as status:
-            yield status.update
-    else:
+    if not sys.stderr.isatty():
         yield lambda _: None
+        return
+    from rich.console import Console
+
+    with Console(stderr=True, highlight=False).status(text) as status:
+        yield status.update
 
 
 @contextmanager
@@ -122,10 +122,17 @@ ONE_LINE_WIDTH = 100
 
 def print_report(report: PickReport) -> None:
     """Print the verdict of each pick as a table, and the summary, to stdout."""
+    from rich.box import SIMPLE_HEAD
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
     console = Console(highlight=False)
     narrow = console.width < ONE_LINE_WIDTH  # then stage and figures share columns, so that no text is cropped
     table = Table(title=Text(f"Picks of {report.robot}"), title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    figures = ("clearance\nduration",) if narrow else ("clearance", "duration")
+    guessed = report.guessed_accelerations
+    seconds = "duration*" if guessed else "duration"
+    figures = (f"clearance\n{seconds}",) if narrow else ("clearance", seconds)
     for column in ("pick", "verdict", *figures, "reason"):
         table.add_column(column, overflow="fold")
     suggestions = {verdict.pick.name: verdict.suggestions for verdict in report.verdicts}
@@ -140,6 +147,8 @@ def print_report(report: PickReport) -> None:
         table.add_row(Text(name), outcome, *map(Text, shown), explanation)
     console.print(table)
     print_line(report.summary)
+    if guessed and report.good:
+        print_line(f"* {guessed}")
     for note in report.notes:
         print_line(f"not covered: {note}")
 
@@ -186,29 +195,14 @@ def make_folder(path: Path) -> None:
         raise FileError(path, f"the folder cannot be created: {error.strerror or error}") from error
 
 
-def file_stems(names: Iterable[str]) -> list[str]:
-    """A file name without suffix for each name: unique, without folders, and never ``report``."""
-    stems: list[str] = []
-    used = {"report"}
-    for name in names:
-        stem = plain = re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "pick"
-        count = 1
-        while stem.lower() in used:
-            count += 1
-            stem = f"{plain}_{count}"
-        used.add(stem.lower())
-        stems.append(stem)
-    return stems
-
-
 def write_motion(verdict: pp.PickVerdict, arm: pp.Arm, html: Path, motion: Path) -> list[Path]:
-    """Write the trajectory of a good pick and its page, and return the files written.
-
-    If the attached bodies change along the trajectory, each part gets a separate page.
-    """
-    if verdict.trajectory is None:
-        raise InputError(f"pick {verdict.pick.name!r} is not good, so it has no motion to write")
+    """Write the trajectory of a good pick and its pages, and return the files written."""
     verdict.save_motion(motion)
+    return [*write_pages(verdict, arm, html), motion]
+
+
+def write_pages(verdict: pp.PickVerdict, arm: pp.Arm, html: Path) -> list[Path]:
+    """Write a page of the motion of a good pick, or one for each part if the attached bodies change along it."""
     pages = []
     single = len(verdict.motions) == 1
     for number, part in enumerate(verdict.motions, start=1):
@@ -222,4 +216,4 @@ def write_motion(verdict: pp.PickVerdict, arm: pp.Arm, html: Path, motion: Path)
             attached=part.attached,
             title=f"{arm.robot.name}: {verdict.pick.name}" + ("" if single else f", {part.name}"),
         )
-    return [*pages, motion]
+    return pages

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.complete import link_names
+from pinproof.cli.complete import link_names, method_names
 from pinproof.cli.console import print_json, print_line
 from pinproof.cli.options import (
     ChainOptions,
@@ -22,6 +22,7 @@ from pinproof.cli.options import (
     parse_configuration,
 )
 from pinproof.errors import InputError
+from pinproof.units import refuse_degrees
 
 __all__ = ["fk", "ik"]
 
@@ -35,25 +36,6 @@ class TaskOption(str, Enum):
     SPIN_X = "spin_x"
     SPIN_Y = "spin_y"
     SPIN_Z = "spin_z"
-
-
-class MethodOption(str, Enum):
-    """The IK methods."""
-
-    CLIK = "clik"
-    ANALYTIC = "analytic"
-    DAMPED_LEAST_SQUARES = "damped-least-squares"
-    PSEUDO_INVERSE = "pseudo-inverse"
-    FABRIK = "fabrik"
-
-
-SOLVERS = {
-    MethodOption.CLIK: "Clik",
-    MethodOption.ANALYTIC: "AnalyticIk",
-    MethodOption.DAMPED_LEAST_SQUARES: "DampedLeastSquares",
-    MethodOption.PSEUDO_INVERSE: "PseudoInverse",
-    MethodOption.FABRIK: "Fabrik",
-}
 
 
 def fk(
@@ -93,7 +75,13 @@ def ik(
     task: Annotated[
         TaskOption, typer.Option(help="What must match the target; spin_z leaves the rotation about tool z free.")
     ] = TaskOption.POSE,
-    method: Annotated[MethodOption, typer.Option(help="The IK method.")] = MethodOption.CLIK,
+    method: Annotated[
+        str,
+        typer.Option(
+            help="The IK method: clik, analytic, damped_least_squares, pseudo_inverse or fabrik.",
+            autocompletion=method_names,
+        ),
+    ] = "clik",
     all_branches: Annotated[
         bool, typer.Option("--all", help="Print all IK solutions. Requires an arm with closed-form IK.")
     ] = False,
@@ -111,13 +99,16 @@ def ik(
 
     Example: pinproof ik ur5 --xyz "0.4 0.1 0.3" --rpy "pi 0 0"
     """
+    solver = pp.ik.make_ik(method)
     if not xyz and task is not TaskOption.ORIENTATION:
         raise InputError('--xyz is missing; state the target position, for example --xyz "0.4 0.1 0.3"')
-    if all_branches and (method not in (MethodOption.CLIK, MethodOption.ANALYTIC) or task is not TaskOption.POSE):
+    if all_branches and (method not in ("clik", "analytic") or task is not TaskOption.POSE):
         raise InputError("--all uses the closed form and full poses; remove --method and --task")
-    arm, tip = chain.arm(robot, tool=tool), tool.attachments.tip
-    target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), numbers(rpy, "--rpy"))
-    if not tip.isIdentity():
+    angles = numbers(rpy, "--rpy")
+    refuse_degrees("--rpy", angles)
+    arm, tip = chain.arm(robot, tool=tool), tool.tip
+    target = pp.pose(numbers(xyz, "--xyz") if xyz else (0.0, 0.0, 0.0), angles)
+    if tip is not None:
         if task is not TaskOption.POSE:
             raise InputError(
                 "--task must be pose for a tool with a tip; remove --task, or the tip from the tool's file"
@@ -131,7 +122,7 @@ def ik(
         branches = pp.AnalyticIk().solve_all(arm, target, start)
         _print_all(branches if accept is None else branches.free(accept), as_json)
         return
-    found = getattr(pp, SOLVERS[method])().solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    found = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
     if as_json:
         print_json(
             {
@@ -151,6 +142,10 @@ def ik(
         raise typer.Exit(1)
 
 
+COLUMN = 10
+"""Characters of a joint value in a table."""
+
+
 def _print_all(found: pp.IkBranches, as_json: bool) -> None:
     """Print the distinct IK solutions, nearest to ``q0`` first, and count those that differ by full rotations."""
     names = found.arm.joint_names
@@ -158,9 +153,10 @@ def _print_all(found: pp.IkBranches, as_json: bool) -> None:
         rows = [dict(zip(names, q.tolist(), strict=True)) for q in found.branches]
         print_json({"ok": found.ok, "branches": rows, "with_full_rotations": len(found), "message": found.message})
     else:
-        print_line("  ".join(f"{name[-14:]:>14s}" for name in names))
+        print_line(", ".join(f"q{k} = {name}" for k, name in enumerate(names, start=1)))
+        print_line(" ".join(f"{f'q{k}':>{COLUMN}s}" for k in range(1, len(names) + 1)))  # 7 joints fit into 80 columns
         for q in found.branches:
-            print_line("  ".join(f"{_decimals(value):>14s}" for value in q))
+            print_line(" ".join(f"{_decimals(value):>{COLUMN}s}" for value in q))
         windings = f" ({len(found)} with full rotations)" if len(found) > len(found.branches) else ""
         print_line(f"{found.message}{windings}")
     if not found.ok:

@@ -12,18 +12,17 @@ import platform
 import re
 import sys
 import traceback
+import warnings
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TextIO
 
 import typer
 
-from pinproof import __version__
+import pinproof as pp
 from pinproof.cli.bench import bench_ik, bench_plan
 from pinproof.cli.certify import certify_motion
-from pinproof.cli.compiling import compile_kernels, limit_compile_messages
-from pinproof.cli.console import Interrupted, print_error, print_json
+from pinproof.cli.console import Interrupted, print_error, print_json, print_note
 from pinproof.cli.convert import dh2urdf, urdf2dh
 from pinproof.cli.demo import demo
 from pinproof.cli.info import info
@@ -32,8 +31,9 @@ from pinproof.cli.motion import check, plan
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
 from pinproof.cli.reach import reach
+from pinproof.cli.schema import schema
 from pinproof.cli.view import view
-from pinproof.errors import FileError, NoAnswer, PinproofError
+from pinproof.errors import FileError, NoAnswer, PinproofError, UnitWarning
 
 __all__ = ["COMMANDS", "app", "main"]
 
@@ -41,7 +41,7 @@ __all__ = ["COMMANDS", "app", "main"]
 _UsageError = typer.BadParameter.__mro__[1]
 _ParserError = _UsageError.__mro__[1]
 
-REPORTED_LIBRARIES = ("pin", "coal", "numba", "numpy", "typer")
+REPORTED_LIBRARIES = ("pin", "coal", "numpy", "typer")
 """Libraries whose versions an internal error lists."""
 
 SUCCESS, NEGATIVE, USAGE, INTERNAL, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 3, 130, 141
@@ -70,9 +70,9 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,
+    "schema": schema,
     "bench ik": bench_ik,
     "bench plan": bench_plan,
-    "compile": compile_kernels,
 }
 """The commands by name; ``bench`` is a group of commands."""
 
@@ -96,7 +96,7 @@ for words, command in COMMANDS.items():
 
 def _version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"pinproof {__version__}")
+        typer.echo(f"pinproof {pp.__version__}")
         raise typer.Exit
 
 
@@ -113,9 +113,11 @@ def common(
 
 def main() -> None:
     """Run the command line and end the process with one of the exit codes above."""
-    limit_compile_messages()
     try:
-        code = _run()
+        with warnings.catch_warnings():
+            warnings.simplefilter("default", UnitWarning)
+            warnings.showwarning = _show_warning
+            code = _run()
         sys.stdout.flush()
     except BrokenPipeError:
         code = BROKEN_PIPE
@@ -123,6 +125,18 @@ def main() -> None:
         # Discard the remaining output; otherwise Python reports a broken pipe when it exits.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     sys.exit(code)
+
+
+def _show_warning(
+    message: Warning | str,
+    category: type[Warning],
+    filename: str,
+    lineno: int,
+    file: TextIO | None = None,  # noqa: ARG001  # part of the signature
+    line: str | None = None,  # noqa: ARG001
+) -> None:
+    """Print a warning of pinproof as a note, and others with their place."""
+    print_note(str(message) if issubclass(category, UnitWarning) else f"{filename}:{lineno}: {message}")
 
 
 def _run() -> int:
@@ -189,7 +203,7 @@ def _usage_message(error: Exception) -> str | None:
 
 def _file_hint(error: PinproofError) -> str:
     """A file with a similar name, or the folder that does not exist, for an input file that is missing."""
-    if not isinstance(error, FileError):
+    if not isinstance(error, FileError) or "://" in error.path:  # a URI of a mesh
         return ""
     path = Path(error.path)
     try:
@@ -207,6 +221,8 @@ def _file_hint(error: PinproofError) -> str:
 
 def _versions() -> str:
     """Versions of pinproof, Python and the most important libraries."""
+    from importlib.metadata import PackageNotFoundError, version
+
     found = [f"pinproof {version('pinproof')}", f"Python {platform.python_version()} on {sys.platform}"]
     for name in REPORTED_LIBRARIES:
         try:

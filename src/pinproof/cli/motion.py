@@ -9,12 +9,14 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.certify import verdict
+from pinproof.cli.complete import planner_names
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import (
     ChainOptions,
     Configuration,
     Html,
     Json,
+    Limits,
     Robot,
     SceneOptions,
     Seed,
@@ -39,6 +41,9 @@ def check(
 
     Example: pinproof check ur5 --q home --scene robots/ur5/scene.yaml
     """
+    from pinproof.collision.certificate import notes_of
+    from pinproof.collision.overlaps import overlap_hint
+
     arm = chain.arm(robot, tool=tool)
     checker = scene_options.checker(arm, tool=tool)
     configuration = arm.limits.snap(parse_configuration(q, arm, "--q"))
@@ -47,12 +52,18 @@ def check(
     ok = result.free and not outside
     if as_json:
         contacts = [{"bodies": c.bodies, "distance": c.distance, "points": c.points.tolist()} for c in result.contacts]
-        print_json({"ok": ok, "outside_limits": outside, "contacts": contacts, "clearance": clearance})
+        found = {"ok": ok, "outside_limits": outside, "contacts": contacts, "clearance": clearance}
+        print_json({**found, "pairs": len(checker.pairs), "notes": notes_of(checker)})
     else:
         for line in (*outside, *(str(contact) for contact in result.contacts)):
             print_line(line)
         status = "free" if ok else "not free"
-        print_line(f"{status}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs")
+        if checker.pairs:
+            print_line(f"{status}: clearance {clearance * 1e3:.1f} mm over {len(checker.pairs)} body pairs")
+        else:
+            print_line(f"{status}: no pair of bodies is checked")
+        for note in filter(None, [*notes_of(checker), overlap_hint(checker, configuration, result)]):
+            print_line(f"note: {note}")
     if not ok:
         raise typer.Exit(1)
 
@@ -67,12 +78,12 @@ def plan(
     blend: Annotated[
         bool, typer.Option(help="Round the corners of the path; with --no-blend the arm stops at each corner.")
     ] = True,
+    planner: Annotated[
+        str, typer.Option(help="The planner: rrt_connect or ompl.", autocompletion=planner_names)
+    ] = "rrt_connect",
     html: Html = None,
     seed: Seed = 0,
-    limits: Annotated[
-        Path | None,
-        typer.Option("--limits", help="A file of joint limits in the format of MoveIt's joint_limits.yaml."),
-    ] = None,
+    limits: Limits = None,
     jerk: Annotated[
         str | None,
         typer.Option(
@@ -91,12 +102,13 @@ def plan(
     Example: pinproof plan ur5 --goal "1 -1.2 1.2 -1.57 -1.57 0" --scene robots/ur5/scene.yaml -o motion.json
     """
     check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
+    search = pp.planning.make_planner(planner)
     arm = chain.arm(robot, limits, tool)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
     with progress_status("planning"):
-        result = pp.RrtConnect().plan(checker, *ends, rng=seed)
+        result = search.plan(checker, *ends, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})

@@ -14,17 +14,19 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
+import numpy as np
 import typer
 
 import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted
-from pinproof.collision.certificate import missing_since
 from pinproof.errors import InputError
+from pinproof.units import refuse_degrees, warn_of_degrees
 
 if TYPE_CHECKING:
-    import numpy as np
     import numpy.typing as npt
+
+    from pinproof.spatial import SE3
 
 __all__ = [
     "ChainOptions",
@@ -32,7 +34,10 @@ __all__ = [
     "Html",
     "IgnoreRecord",
     "Json",
+    "Limits",
+    "Place",
     "Robot",
+    "RobotFileOptions",
     "SceneOptions",
     "Seed",
     "ToolOptions",
@@ -40,12 +45,15 @@ __all__ = [
     "load_motion",
     "numbers",
     "parse_configuration",
+    "placement",
     "with_held_joints",
 ]
 
 Robot = Annotated[
     str,
-    typer.Argument(help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT", autocompletion=robot_names),
+    typer.Argument(
+        help="A catalogue name such as ur5, a robot file, or a DH table.", metavar="ROBOT", autocompletion=robot_names
+    ),
 ]
 Configuration = Annotated[
     str | None,
@@ -54,6 +62,14 @@ Configuration = Annotated[
 Seed = Annotated[int, typer.Option(help="Seed of the random number generator.", min=0)]
 Html = Annotated[Path | None, typer.Option("--html", help="Write the result as an HTML page.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Limits = Annotated[
+    Path | None,
+    typer.Option("--limits", help="A file of joint limits in the format of MoveIt's joint_limits.yaml."),
+]
+Place = Annotated[
+    str,
+    typer.Option(help='Placement of the robot base: "x y z" in metres, and optionally a rotation about z (rad).'),
+]
 Verbose = Annotated[bool, typer.Option("--verbose", help="Print the traceback of an error.")]
 IgnoreRecord = Annotated[
     bool,
@@ -82,6 +98,11 @@ class ToolOptions:
     def files(self) -> tuple[Path | None, ...]:
         """The input files."""
         return self.tool_of, self.attached
+
+    @property
+    def tip(self) -> SE3 | None:
+        """``tcp_from_tip``; None if no file states a tip."""
+        return None if not any(self.files) or self.attachments.tip.isIdentity() else self.attachments.tip
 
     @cached_property
     def picks(self) -> pp.Picks:
@@ -117,8 +138,51 @@ class ToolOptions:
 
 
 @dataclass(frozen=True)
-class ChainOptions:
-    """Options that select the kinematic chain of the arm."""
+class RobotFileOptions:
+    """Options for the files of the robot."""
+
+    srdf: Annotated[Path | None, typer.Option("--srdf", help="An SRDF file for the robot.")] = None
+    package_dir: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--package-dir", help="A folder of ROS packages, to resolve package:// URLs; can be given several times."
+        ),
+    ] = None
+    xacro_arg: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--xacro-arg", help="A value for an argument of a xacro file; can be given several times.",
+            metavar="NAME=VALUE",
+        ),
+    ] = None  # fmt: skip
+
+    @property
+    def xacro_args(self) -> dict[str, str]:
+        """The arguments of ``--xacro-arg``.
+
+        Raises
+        ------
+        InputError
+            If an argument is not of the form NAME=VALUE, or a name is repeated.
+        """
+        found: dict[str, str] = {}
+        for text in self.xacro_arg or ():
+            name, equals, value = text.replace(":=", "=", 1).partition("=")
+            if not equals or not name.strip():
+                raise InputError(f"--xacro-arg must be NAME=VALUE, not {text!r}")
+            if name.strip() in found:
+                raise InputError(f"--xacro-arg states {name.strip()!r} twice; state it once")
+            found[name.strip()] = value
+        return found
+
+    def load(self, robot: str) -> pp.Robot:
+        """Load a robot by catalogue name or file."""
+        return pp.load_robot(robot, srdf=self.srdf, package_dirs=self.package_dir or (), xacro_args=self.xacro_args)
+
+
+@dataclass(frozen=True)
+class ChainOptions(RobotFileOptions):
+    """Options that select the kinematic chain of the arm, and those for the files of the robot."""
 
     tcp: Annotated[
         str | None,
@@ -133,13 +197,6 @@ class ChainOptions:
     group: Annotated[
         str | None,
         typer.Option(help="A joint group of the SRDF, which defines base and tcp.", autocompletion=group_names),
-    ] = None
-    srdf: Annotated[Path | None, typer.Option("--srdf", help="An SRDF file for the robot.")] = None
-    package_dir: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--package-dir", help="A folder of ROS packages, to resolve package:// URLs; can be given several times."
-        ),
     ] = None
 
     def arm(self, robot: str, limits: Path | None = None, tool: ToolOptions | None = None) -> pp.Arm:
@@ -158,8 +215,9 @@ class ChainOptions:
             If the picks file of ``--tool-of`` states another tcp than the command.
         """
         joint_limits = None if limits is None else pp.JointLimits.load(limits)
-        loaded = pp.load_robot(robot, srdf=self.srdf, package_dirs=self.package_dir or ())
-        tcp, tool_tcp = self.tcp, None if tool is None else tool.picks.tcp
+        loaded = self.load(robot)
+        # Without files of a tool, the packages that read them are not imported.
+        tcp, tool_tcp = self.tcp, None if tool is None or tool.tool_of is None else tool.picks.tcp
         if tcp is None and self.group is None:
             tcp = tool_tcp
         arm = loaded.arm(tcp, base=self.base, group=self.group, limits=joint_limits)
@@ -244,7 +302,9 @@ def with_held_joints(arm: pp.Arm, tool: ToolOptions | None, tool_tcp: str | None
         raise InputError(
             f"the tool of --tool-of is made for tcp {tool_tcp!r}, but the arm ends in {arm.tcp!r}; use --tcp {tool_tcp}"
         )
-    return arm if tool is None or not tool.attachments.held else arm.with_held(tool.attachments.held)
+    if tool is None or not any(tool.files) or not tool.attachments.held:
+        return arm
+    return arm.with_held(tool.attachments.held)
 
 
 def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -> pp.Trajectory:
@@ -256,6 +316,8 @@ def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -
         If the file records that the motion was certified with attached bodies, held joints or obstacles that the
         checker does not have, because FREE would then state less than the file suggests; ``ignore_record`` allows it.
     """
+    from pinproof.collision.certificate import missing_since
+
     trajectory = pp.Trajectory.load(path, checker.arm.joint_names)
     missing = missing_since(trajectory.certified, checker)
     if missing and not ignore_record:
@@ -272,7 +334,18 @@ def parse_configuration(text: str | None, arm: pp.Arm, option: str) -> npt.NDArr
     """A configuration (n,) from n numbers, or the home configuration for ``home`` and None."""
     if text is None or text.strip() == "home":
         return arm.home
-    return arm.configuration(numbers(text, option), option)
+    q = arm.configuration(numbers(text, option), option)
+    warn_of_degrees(option, q[arm.angular & np.isfinite(arm.limits.lower)].tolist())
+    return q
+
+
+def placement(text: str) -> SE3:
+    """The placement of ``--place``: world_from_root."""
+    values = numbers(text, "--place")
+    if len(values) not in (3, 4):
+        raise InputError(f'--place needs three or four numbers, "x y z" or "x y z rotation", not {len(values)}')
+    refuse_degrees("--place", values[3:])
+    return pp.pose(values[:3], (0.0, 0.0, values[3] if len(values) == 4 else 0.0))
 
 
 def numbers(text: str, option: str) -> list[float]:
@@ -283,7 +356,7 @@ def numbers(text: str, option: str) -> list[float]:
     InputError
         For a part that is not a number; the message names the option and the part.
     """
-    from pinproof.description.dh import parse_number
+    from pinproof.common.yaml_file import parse_number
 
     values = []
     for part in text.replace(",", " ").split():

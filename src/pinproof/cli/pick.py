@@ -10,58 +10,107 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, TimeRemainingColumn
-from rich.text import Text
 
 import pinproof as pp
-from pinproof.cli.compiling import compile_ahead
+from pinproof.cli.certify import verdict
 from pinproof.cli.console import (
     Interrupted,
     check_output_files,
-    file_stems,
     make_folder,
     print_json,
     print_line,
     print_note,
     print_report,
     progress_status,
-    write_motion,
+    write_pages,
 )
-from pinproof.cli.options import Json, Seed
-from pinproof.errors import CampaignError, InputError
+from pinproof.cli.options import Json, Limits, Place, RobotFileOptions, Seed, placement
+from pinproof.common.files import file_stems
+from pinproof.errors import CampaignError, InputError, UnknownNameError
 
 if TYPE_CHECKING:
     from pinproof.picks import PickSource
 
-__all__ = ["judge_file", "pick"]
+__all__ = ["CellOptions", "judge_file", "pick"]
 
 CONNECT_SECONDS = 20
 """Time to wait for the Dask scheduler."""
 
-PAGE_SUFFIX = ".html"
-REPORT_SUFFIXES = (".json", ".md", ".csv", PAGE_SUFFIX)
+
+@dataclass(frozen=True)
+class CellOptions(RobotFileOptions):
+    """Options that replace what the picks file states of the robot and its scene."""
+
+    robot: Annotated[
+        str | None,
+        typer.Option(
+            help="A catalogue name, a robot file or a DH table, in place of the robot, srdf, package_dirs, xacro_args "
+            "and limits of the picks file."
+        ),
+    ] = None
+    limits: Limits = None
+    tcp: Annotated[
+        str | None, typer.Option(help="The tcp frame. Default: that of the picks file, else of the robot.")
+    ] = None
+    scene: Annotated[Path | None, typer.Option(help="The scene file (YAML). Default: that of the picks file.")] = None
+    place: Place = "0 0 0 0"
+
+    @property
+    def files(self) -> tuple[str | Path | None, ...]:
+        """The input files."""
+        return self.robot, self.srdf, self.limits, self.scene
+
+    def open(self, file: Path) -> tuple[pp.Arm, pp.Scene, PickSource]:
+        """The arm, the scene and the picks of a picks file."""
+        source = pp.picks.open_picks(file)
+        world_from_root = placement(self.place)
+        if not world_from_root.isIdentity():
+            source = source.transformed(world_from_root.inverse())
+        shared = source.shared
+        if self.robot is not None:
+            shared = replace(shared, robot=self.robot, srdf=None, package_dirs=(), xacro_args={}, limits=None)
+        arm = replace(
+            shared,
+            srdf=self.srdf or shared.srdf,
+            package_dirs=tuple(self.package_dir or shared.package_dirs),
+            xacro_args={**shared.xacro_args, **self.xacro_args},
+            limits=self.limits or shared.limits,
+            tcp=self.tcp or shared.tcp,
+        ).load_arm()
+        scene_file = self.scene or shared.scene
+        scene = pp.Scene() if scene_file is None else pp.Scene.load(scene_file)
+        return arm, scene.transformed(world_from_root.inverse()), source
 
 
 def pick(
     file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
-    robot: Annotated[
-        str | None, typer.Option(help="A catalogue name or a robot file. Default: that of the picks file.")
-    ] = None,
-    tcp: Annotated[
-        str | None, typer.Option(help="The tcp frame. Default: that of the picks file, else of the robot.")
-    ] = None,
-    scene: Annotated[Path | None, typer.Option(help="The scene file (YAML). Default: that of the picks file.")] = None,
     output: Annotated[
         Path | None,
         typer.Option(
             "-o",
             "--output",
-            help="A report (.json, .md, .csv, .html), or a folder for all reports and the motions of all good picks.",
+            help="A report (.json, .md, .csv, .html), or a folder for all reports, one page, and the motion and the "
+            "program of each good pick.",
+        ),
+    ] = None,
+    pages: Annotated[
+        bool, typer.Option("--pages", help="Also write a page for each motion to the folder of -o; large.")
+    ] = False,
+    grip_dwell: Annotated[
+        float, typer.Option(help="Seconds that the arm rests in programs while the gripper closes.", min=0.0)
+    ] = 0.0,
+    release_dwell: Annotated[
+        float, typer.Option(help="Seconds that the arm rests in programs while the gripper opens.", min=0.0)
+    ] = 0.0,
+    program: Annotated[
+        Path | None,
+        typer.Option(
+            help="Certify this program (.program.json) again in the cell of the picks file, and check no pick."
         ),
     ] = None,
     campaign: Annotated[
@@ -79,6 +128,8 @@ def pick(
         str | None, typer.Option(help="Use the Dask cluster of this scheduler.", metavar="tcp://HOST:PORT")
     ] = None,
     seed: Seed = 0,
+    *,
+    cell: CellOptions,
     as_json: Json = False,
 ) -> None:
     """Check every pick of a file: reach, limits, grasp, grip, approach, retreat, transit, motion.
@@ -87,18 +138,23 @@ def pick(
 
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
-    if screen:
+    writes_programs = output is not None and _is_folder(output) and not screen and campaign is None
+    if not writes_programs and (pages or grip_dwell or release_dwell):
+        raise InputError("--pages, --grip-dwell and --release-dwell belong to -o with a folder; add -o FOLDER")
+    if program is not None:
+        if screen or campaign is not None or output is not None or workers is not None or dask is not None:
+            raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
+        ok = _recertify(program, file, cell, as_json=as_json)
+    elif screen:
         if campaign is not None or workers is not None or dask is not None:
             raise InputError("--screen cannot be combined with --campaign, --workers or --dask; remove them")
-        ok = _screen(file, robot, tcp, scene, output, seed, as_json=as_json)
+        ok = _screen(file, cell, output, seed, as_json=as_json)
     elif campaign is not None:
         if output is not None:
-            if output.suffix.lower() != PAGE_SUFFIX:
-                raise InputError(f"{output}: with --campaign, -o writes a page and must end in {PAGE_SUFFIX}")
+            if output.suffix.lower() != ".html":
+                raise InputError(f"{output}: with --campaign, -o writes a page and must end in .html")
             _check_output(output)
-        arm, world, source = _load(file, robot, tcp, scene)
-        if dask is None:
-            compile_ahead()
+        arm, world, source = cell.open(file)
         result = _run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
         if output is not None:
             result.save(output)
@@ -108,50 +164,84 @@ def pick(
     else:
         if output is not None:
             _check_output(output)
-        with progress_status(f"checking {file}"), _executor_settings(workers, dask) as settings:
-            arm, _, _, report = judge_file(file, robot, tcp, scene, seed, **settings)
+        report = _judge(file, cell, seed, workers, dask)
         if as_json:
             print_json(report.to_dict())
         else:
             print_report(report)
         if output is not None:
-            written = _write_report(output, arm, report)
+            dwell = {"grip_dwell": grip_dwell, "release_dwell": release_dwell}
+            written = _write_report(output, report, pages=pages, **dwell)
             if not as_json:
-                print_line(f"wrote {', '.join(str(path) for path in written)}")
+                print_line(f"wrote {written}")
+        if report.not_judged:
+            raise _stopped(report, output)
         ok = report.ok
     if not ok:
         raise typer.Exit(1)
 
 
+def _judge(file: Path, cell: CellOptions, seed: int, workers: int | None, dask: str | None) -> pp.PickReport:
+    """The report on the picks of a file; after Ctrl-C, on those that were judged before, if there are any."""
+    try:
+        with progress_status(f"checking {file}") as status, _executor_settings(workers, dask) as settings:
+
+            def progress(done: int, total: int) -> None:
+                status(f"checking {file}: {done:,} of {total:,} picks")
+
+            return judge_file(file, cell, seed, progress=progress, **settings)[-1]
+    except pp.picks.PicksInterrupted as error:
+        if not error.report.verdicts:
+            raise Interrupted(f"{error}; there is no result") from None
+        return error.report
+
+
+def _stopped(report: pp.PickReport, output: Path | None) -> Interrupted:
+    """The message after Ctrl-C: what is kept, and how to check the other picks."""
+    judged, total = len(report.verdicts), len(report.verdicts) + report.not_judged
+    kept = "" if output is None else f"; {output} has these {judged:,}"
+    remedy = "the same command checks all picks again; add --campaign FOLDER for a run that can be resumed"
+    return Interrupted(f"interrupted after {judged:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
+
+
+def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -> bool:
+    """Certify a program again in the cell of a picks file and print the result; whether it is FREE and unchanged."""
+    found = pp.motion.MotionProgram.load(program, allow_changes=True)
+    arm, world, source = cell.open(file)
+    picks = source.load()
+    pick = next((each for each in picks if each.name == found.name), None)
+    if pick is None:
+        raise UnknownNameError("pick", found.name, [each.name for each in picks], str(file))
+    with progress_status(f"certifying {program}"):
+        proofs = pp.picks.PickSetup.make(arm, world, picks, home=None, rng=0).recertify(found, pick)
+    records = list(found.certificates.values())
+    rows = [
+        {"motion": record.name, "changed": record.name in found.changed, **verdict(proof)}
+        for record, proof in zip(records, proofs, strict=True)
+    ]
+    ok = all(proof.free for proof in proofs) and not found.changed
+    if as_json:
+        print_json({"ok": ok, "program": found.name, "duration": found.duration, "motions": rows})
+        return ok
+    for row, proof in zip(rows, proofs, strict=True):
+        note = "; differs from the motion that was certified" if row["changed"] else ""
+        print_line(f"{row['motion']}: {proof.status.name}: {proof.message}{note}")
+    return ok
+
+
 def judge_file(
     file: Path,
-    robot: str | None = None,
-    tcp: str | None = None,
-    scene: Path | None = None,
+    cell: CellOptions | None = None,
     seed: int = 0,
     **settings: Any,
 ) -> tuple[pp.Arm, pp.Scene, pp.Picks, pp.PickReport]:
     """Check the picks of a file; return the arm, the scene, the picks and the report.
 
-    ``robot``, ``tcp`` and ``scene`` override those of the file; ``settings`` are those of
-    :func:`pinproof.validate_picks`.
+    ``cell`` overrides the file; ``settings`` are those of :func:`pinproof.validate_picks`.
     """
-    arm, world, source = _load(file, robot, tcp, scene)
+    arm, world, source = (cell or CellOptions()).open(file)
     picks = source.load()
-    compile_ahead()
     return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **settings)
-
-
-def _load(file: Path, robot: str | None, tcp: str | None, scene: Path | None) -> tuple[pp.Arm, pp.Scene, PickSource]:
-    """The arm, the scene and the picks of a picks file."""
-    source = pp.picks.open_picks(file)
-    shared = source.shared
-    name = robot or shared.robot
-    if name is None:
-        raise InputError(f"{file} states no robot; add 'robot: ur5' to it or use --robot")
-    arm = pp.load_robot(name).arm(tcp or shared.tcp, held=shared.held)
-    scene_file = scene or shared.scene
-    return arm, pp.Scene() if scene_file is None else pp.Scene.load(scene_file), source
 
 
 @contextmanager
@@ -186,20 +276,21 @@ def _executor_settings(workers: int | None, dask: str | None) -> Iterator[dict[s
 
 def _screen(
     file: Path,
-    robot: str | None,
-    tcp: str | None,
-    scene: Path | None,
+    cell: CellOptions,
     output: Path | None,
     seed: int,
     *,
     as_json: bool,
 ) -> bool:
     """Check the grasps of a picks file, print the number of picks of each status; return whether all are free."""
-    arm, world, source = _load(file, robot, tcp, scene)
+    arm, world, source = cell.open(file)
     if output is not None:
         if output.suffix.lower() != ".csv":
             raise InputError(f"{output}: with --screen, -o writes a table and must end in .csv")
-        check_output_files([output], [file])
+        check_output_files([output], [file, *cell.files])
+    from rich.console import Console
+    from rich.progress import Progress
+
     start = time.perf_counter()
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("screening", total=len(source))
@@ -223,13 +314,6 @@ def _screen(
     return ok
 
 
-class _Rate(ProgressColumn):
-    """Picks per second."""
-
-    def render(self, task: Task) -> Text:
-        return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
-
-
 def _run_campaign(
     campaign: pp.Campaign, folder: Path, workers: int | None, dask: str | None, *, as_json: bool
 ) -> pp.picks.CampaignResult:
@@ -240,12 +324,22 @@ def _run_campaign(
     Interrupted
         After Ctrl-C.
     """
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
+    from rich.text import Text
+
+    class Rate(ProgressColumn):
+        """Picks per second."""
+
+        def render(self, task: Any) -> Text:
+            return Text("" if task.speed is None else f"{task.speed:,.1f}/s")
+
     console = Console(stderr=True)
     columns = (
         TextColumn("picks"),
         BarColumn(),
         MofNCompleteColumn(),
-        _Rate(),
+        Rate(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
@@ -285,26 +379,35 @@ def _run_campaign(
 
 
 def _is_folder(output: Path) -> bool:
-    return output.is_dir() or output.suffix.lower() not in REPORT_SUFFIXES
+    return output.is_dir() or output.suffix.lower() not in pp.picks.REPORT_SUFFIXES
 
 
 def _check_output(output: Path) -> None:
     """Refuse an output that cannot be written before the picks are checked."""
     if _is_folder(output):
         if output.suffix and not output.is_dir():
-            raise InputError(
-                f"{output}: unknown report type; use {', '.join(REPORT_SUFFIXES)}, or the name of an existing folder"
-            )
+            known = ", ".join(pp.picks.REPORT_SUFFIXES)
+            raise InputError(f"{output}: unknown report type; use {known}, or the name of an existing folder")
         make_folder(output)
     elif not output.parent.is_dir():
         raise InputError(f"{output}: the folder {output.parent} does not exist")
 
 
-def _write_report(output: Path, arm: pp.Arm, report: pp.PickReport) -> list[Path]:
-    written = [output] if not _is_folder(output) else [output / f"report{kind}" for kind in REPORT_SUFFIXES]
-    for path in written:
-        report.save(path)
-    if _is_folder(output):
-        for verdict, stem in zip(report.good, file_stems(v.pick.name for v in report.good), strict=True):
-            written += write_motion(verdict, arm, output / f"{stem}.html", output / f"{stem}.json")
-    return written
+def _write_report(output: Path, report: pp.PickReport, *, pages: bool, **dwell: float) -> str:
+    """Write the report and, to a folder, the motions of the good picks; return what was written, as text."""
+    if not _is_folder(output):
+        report.save(output)
+        return str(output)
+    for kind in pp.picks.REPORT_SUFFIXES:
+        report.save(output / f"report{kind}")
+    report.save_programs(output, **dwell)
+    stems = file_stems(verdict.pick.name for verdict in report.good)
+    for found, stem in zip(report.good, stems, strict=True):
+        found.save_motion(output / f"{stem}.json")
+        if pages and report.setup is not None:
+            write_pages(found, report.setup.checker.arm, output / f"{stem}.html")
+    names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
+    if not stems:
+        return names
+    more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if pages else "")
+    return f"{names}; for each of {len(stems)} good picks its motion and program, such as {more}"

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
-from rich.console import Console
-from rich.progress import Progress
 
 import pinproof as pp
 from pinproof.cli.console import check_output_files, print_json, print_line, print_note
-from pinproof.cli.options import ChainOptions, Json, Robot, SceneOptions, Seed, ToolOptions, numbers
+from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
 from pinproof.errors import InputError
+from pinproof.units import warn_of_millimetres
 
 if TYPE_CHECKING:
-    from pinproof.spatial import SE3
+    from pinproof.spatial import SE3, Array
 
 __all__ = ["reach"]
 
@@ -36,29 +36,48 @@ class Orientations(str, Enum):
     ALL = "all"
 
 
+@dataclass(frozen=True)
+class OrientationOptions:
+    """The orientations of the tool that are tried at each point."""
+
+    orientations: Annotated[
+        Orientations,
+        typer.Option(
+            help="Directions of the tool's z axis: straight down, in a cone around it, or all directions; straight "
+            "down is always one of them."
+        ),
+    ] = Orientations.DOWN
+    angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0
+    directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12
+    spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8
+
+    def frames(self) -> Array:
+        """Rotations (k, 3, 3) of the tool."""
+        half_angles = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(self.angle), Orientations.ALL: math.pi}
+        half = half_angles[self.orientations]
+        directions = pp.picks.approach_directions(half_angle=half, count=self.directions)
+        if len(directions) > 1:
+            # Straight down is one of the directions: an arm such as a SCARA takes no other.
+            others = pp.picks.approach_directions(half_angle=half, count=self.directions - 1)
+            directions = np.vstack([[0.0, 0.0, -1.0], others])
+        return pp.picks.tool_orientations(directions, self.spins)
+
+
 def reach(
     robot: Robot,
     region: Annotated[
         str, typer.Option(help='The box to map, in metres: "x0 x1 y0 y1 z0 z1". For a plane, state equal bounds.')
     ],
     step: Annotated[float, typer.Option(help="Largest distance between neighbouring grid points (m).")] = 0.1,
-    orientations: Annotated[
-        Orientations,
-        typer.Option(help="Directions of the tool's z axis: straight down, in a cone around it, or all directions."),
-    ] = Orientations.DOWN,
-    angle: Annotated[float, typer.Option(help="Half angle of the cone in degrees.", min=0.0, max=180.0)] = 30.0,
-    directions: Annotated[int, typer.Option(help="Number of directions for cone and all.", min=1)] = 12,
-    spins: Annotated[int, typer.Option(help="Number of rotations about each direction.", min=1)] = 8,
+    *,
+    orientation_options: OrientationOptions,
     tip: Annotated[
         str | None,
         typer.Option(
             help='Position of the tool tip in the tcp frame, in metres: "0 0 0.1". It adds no collision body.'
         ),
     ] = None,
-    place: Annotated[
-        str,
-        typer.Option(help='Placement of the robot base: "x y z" in metres, and optionally a rotation about z (rad).'),
-    ] = "0 0 0 0",
+    place: Place = "0 0 0 0",
     output: Annotated[
         list[Path] | None,
         typer.Option(
@@ -74,7 +93,6 @@ def reach(
     ] = None,
     threads: Annotated[int, typer.Option(help="Number of threads.", min=1)] = 1,
     seed: Seed = 0,
-    *,
     chain: ChainOptions,
     scene_options: SceneOptions,
     tool: ToolOptions,
@@ -86,24 +104,27 @@ def reach(
 
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
+    from pinproof.collision.overlaps import overlap_hint
+
     outputs = output or []
-    for path in outputs:
-        if path.suffix.lower() not in SUFFIXES:
-            raise InputError(f"{path}: unknown file type for a reach map; use {', '.join(SUFFIXES)}")
+    _check_suffixes(outputs)
     check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid = _region(region, step)
-    world_from_root = _placement(place)
+    world_from_root = placement(place)
     arm = chain.arm(robot, tool=tool)
     world = scene_options.load()
-    # The checker needs the scene in the frame of the robot's root.
-    local = replace(world, obstacles=tuple(replace(o, pose=world_from_root.actInv(o.pose)) for o in world.obstacles))
+    local = world.transformed(world_from_root.inverse())  # the checker needs it in the frame of the robot's root
     checker = scene_options.checker(arm, local, tool)
     for k, measured in checker.still.touching:
         print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
-    half = {Orientations.DOWN: 0.0, Orientations.CONE: math.radians(angle), Orientations.ALL: math.pi}[orientations]
-    frames = pp.picks.tool_orientations(pp.picks.approach_directions(half_angle=half, count=directions), spins)
+    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
+        print_note(hint)
+    frames = orientation_options.frames()
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
+    from rich.console import Console
+    from rich.progress import Progress
+
     with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
         task = bar.add_task("reach map", total=len(grid) * len(frames))
         found = pp.reach_map(
@@ -116,29 +137,70 @@ def reach(
             threads=threads,
             progress=lambda done, _: bar.update(task, completed=done),
         )
+    never = (
+        ""
+        if found.reachable.any()
+        else _never(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
+    )
     change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
-            title = f"{arm.robot.name}: reach" + ("" if change is None else ", gained and lost")
-            cloud = _points(found, change, world_from_root, step)
-            pp.write_html(path, arm, local, points=cloud, attached=checker.attached, title=title)
+            _write_page(path, checker, found, change, world_from_root, step)
         elif change is None or path.suffix.lower() == ".npz":
             found.save(path)
         else:
             change.save(path)
     if as_json:
-        figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
-        counts = {"points": len(grid), "orientations": len(frames), "complete": found.complete}
-        compared = {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
-        print_json({"ok": bool(found.free.any()), **counts, **figures, **compared})
+        print_json({**_figures(found, change), "note": never})
     else:
         print_line(found.summary)
         if change is not None:
             print_line(f"compared with {against}: {change.summary}")
+        if never:
+            print_line(f"note: {never}")
         if outputs:
             print_line(f"wrote {', '.join(map(str, outputs))}")
     if not found.free.any():
         raise typer.Exit(1)
+
+
+def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:
+    """Why no point can be reached if the arm takes none of the orientations at any position; else ''."""
+    if pp.picks.attainable_orientations(arm, frames, tip=tip, world_from_root=world_from_root, rng=seed).any():
+        return ""
+    axis = (world_from_root * arm.root_from_base * arm.forward_kinematics(arm.home) * tip).rotation[:, 2]
+    points = " ".join(f"{value + 0.0:.2g}" for value in axis.round(3))
+    other = (
+        "use more --directions, another --tcp or a --tip"
+        if asked is Orientations.ALL
+        else "use --orientations all, another --tcp or a --tip"
+    )
+    return (
+        f"the arm takes none of the {len(frames)} orientations at any position that was tried, also outside the "
+        f"region; at home the z axis of its tool points along [{points}]; {other}"
+    )
+
+
+def _figures(found: pp.ReachMap, change: pp.picks.ReachComparison | None) -> dict[str, Any]:
+    """The figures of a map for JSON output."""
+    points, orientations = found.free.shape
+    counts = {"points": points, "orientations": orientations, "complete": found.complete}
+    figures = {"reachable": float(found.reachable.mean()), "free": float(found.free.mean())}
+    compared = {} if change is None else {"won": int(change.won.sum()), "lost": int(change.lost.sum())}
+    return {"ok": bool(found.free.any()), **counts, **figures, **compared}
+
+
+def _write_page(
+    path: Path,
+    checker: pp.CollisionChecker,
+    found: pp.ReachMap,
+    change: pp.picks.ReachComparison | None,
+    world_from_root: SE3,
+    step: float,
+) -> None:
+    title = f"{checker.arm.robot.name}: reach" + ("" if change is None else ", gained and lost")
+    cloud = _points(found, change, world_from_root, step)
+    pp.write_html(path, checker.arm, checker.scene, points=cloud, attached=checker.attached, title=title)
 
 
 def _points(
@@ -156,15 +218,15 @@ def _points(
     )
 
 
-def _placement(text: str) -> SE3:
-    values = numbers(text, "--place")
-    if len(values) not in (3, 4):
-        raise InputError(f'--place needs three or four numbers, "x y z" or "x y z rotation", not {len(values)}')
-    return pp.pose(values[:3], (0.0, 0.0, values[3] if len(values) == 4 else 0.0))
+def _check_suffixes(outputs: list[Path]) -> None:
+    for path in outputs:
+        if path.suffix.lower() not in SUFFIXES:
+            raise InputError(f"{path}: unknown file type for a reach map; use {', '.join(SUFFIXES)}")
 
 
 def _region(text: str, step: float) -> pp.picks.ReachRegion:
     ends = numbers(text, "--region")
     if len(ends) != 6:
         raise InputError(f'--region needs six numbers, "x0 x1 y0 y1 z0 z1", not {len(ends)}')
+    warn_of_millimetres("--region", ends)
     return pp.picks.ReachRegion.box(ends[0::2], ends[1::2], step)

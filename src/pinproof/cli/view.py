@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import pinproof as pp
-from pinproof.cli.complete import robot_names
 from pinproof.cli.console import (
     check_output_files,
     print_error,
@@ -25,13 +24,14 @@ from pinproof.cli.options import (
     Html,
     IgnoreRecord,
     Json,
+    Robot,
     SceneOptions,
     ToolOptions,
     load_motion,
     parse_configuration,
-    with_held_joints,
 )
 from pinproof.errors import InputError, MeshError
+from pinproof.motion.motion_keys import READ
 
 if TYPE_CHECKING:
     import numpy as np
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from pinproof.collision import CheckResult
 
 __all__ = ["view"]
-
-DH_TABLE_SUFFIXES = (".yaml", ".yml", ".csv")
 
 
 @dataclass(frozen=True)
@@ -71,16 +69,12 @@ class PngOptions:
 
 
 def view(
-    robot: Annotated[
-        str,
-        typer.Argument(
-            help="A catalogue name such as ur5, a robot file, or a DH table (.yaml, .csv).",
-            metavar="ROBOT",
-            autocompletion=robot_names,
-        ),
-    ],
+    robot: Robot,
+    motion: Annotated[
+        Path | None,
+        typer.Argument(help=f"A motion file to play ({', '.join(READ)}).", metavar="[MOTION]"),
+    ] = None,
     q: Configuration = None,
-    motion: Annotated[Path | None, typer.Option(help="A motion file (.json, .csv) to play.")] = None,
     branches: Annotated[
         bool, typer.Option("--branches", help="Also show all other IK solutions for the tcp pose of --q, transparent.")
     ] = False,
@@ -109,8 +103,9 @@ def view(
     check_output_files([html, png_options.png], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
     size = png_options.pixels()
     if motion is not None and (q is not None or branches):
-        raise InputError(f"{'--branches' if q is None else '--q'} and --motion cannot be combined; remove one of them")
-    arm, world = _arm(robot, chain, tool), scene_options.load()
+        option = "--branches" if q is None else "--q"
+        raise InputError(f"{option} cannot be combined with the motion {motion}; remove one of them")
+    arm, world = chain.arm(robot, tool=tool), scene_options.load()
     content: dict[str, Any] = {"layers": tuple(layer or ()), "attached": tool.attachments.bodies}
     if motion is not None:
         checker = scene_options.checker(arm, world, tool)
@@ -136,21 +131,6 @@ def view(
             pp.write_html(html, arm, world, **content)
     written = {kind: str(path) for kind, path in (("page", html), ("picture", png_options.png)) if path is not None}
     print_json(written) if as_json else print_line(f"wrote {' and '.join(written.values())}")
-
-
-def _arm(robot: str, chain: ChainOptions, tool: ToolOptions) -> pp.Arm:
-    if Path(robot).suffix not in DH_TABLE_SUFFIXES:
-        return chain.arm(robot, tool=tool)
-    from pinproof.model import load_robot_from_text
-
-    if chain.group is not None or chain.srdf is not None:
-        raise InputError(
-            "--group and --srdf cannot be used with a DH table, which describes a single chain; remove them"
-        )
-    text = pp.dh_to_urdf(pp.DhTable.load(robot))
-    return with_held_joints(
-        load_robot_from_text(text, name=robot).arm(chain.tcp, base=chain.base), tool, tool.picks.tcp
-    )
 
 
 def _check(

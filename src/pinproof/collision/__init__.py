@@ -11,6 +11,7 @@ from pinproof.collision.certificate import (
 )
 from pinproof.collision.certify import certify, is_proven_free
 from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
+from pinproof.collision.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.proof_file import verify_proof
 from pinproof.collision.scene import Attachments, Scene
@@ -48,9 +49,11 @@ __all__ = [
     "FirstContact",
     "HalfSpace",
     "HeightMap",
+    "LinkOverlap",
     "Mesh",
     "MotionTube",
     "Obstacle",
+    "OverlapReport",
     "Parting",
     "PointCloud",
     "Scene",
@@ -60,5 +63,6 @@ __all__ = [
     "audit",
     "certify",
     "is_proven_free",
+    "sample_overlaps",
     "verify_proof",
 ]

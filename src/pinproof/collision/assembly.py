@@ -14,11 +14,12 @@ from pinproof._core import Geometry, World
 from pinproof.collision.bodies import Body, shape_bodies
 from pinproof.collision.links import DECOMPOSED, EXACT
 from pinproof.collision.packed import pack_geometry, pack_world
-from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, PairRules, Pairs, choose_pairs
+from pinproof.collision.pairs import ALLOWED_BY_CALLER, ExcludedPair, FinerPair, PairRules, Pairs, choose_pairs
 from pinproof.collision.scene import Scene
-from pinproof.collision.shapes import Obstacle
+from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
+from pinproof.units import FAR, MOST_REACH, warn_of_millimetres
 
 __all__ = [
     "ROUNDING",
@@ -32,9 +33,11 @@ __all__ = [
     "finer_levels",
     "keep_pairs",
     "leave_out",
+    "warn_of_units",
 ]
 
 Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 
 
 class Margins:
@@ -149,8 +152,6 @@ def finer_levels(touching: Callable[[Levels], Collection[Pair]], levels: Levels)
     return found
 
 
-Indices = npt.NDArray[np.int64]
-
 ROUNDING = 1e-9
 """Allowance (m) for floating-point error in placements and supports, for each metre of extent of the scene (observed:
 3e-9 m at 100 m). It is subtracted from every distance before it is compared with a margin."""
@@ -174,6 +175,14 @@ class CheckedBodies:
     """The bodies, pairs and margins in the compiled core."""
     convex: npt.NDArray[np.bool_]
     """(P,) whether both bodies of the pair have a support function, so that coal is not needed."""
+    rounding: float
+    """The allowance (m) for floating-point error, which is subtracted from every distance."""
+    excluded: tuple[ExcludedPair, ...]
+    """The pairs of owners that are not checked, with the reasons."""
+    finer: tuple[FinerPair, ...]
+    """The pairs of owners that are checked with finer bodies."""
+    still_pairs: Indices
+    """The pairs that no joint moves relative to each other."""
 
     @property
     def arm(self) -> Arm:
@@ -182,7 +191,11 @@ class CheckedBodies:
 
     @property
     def geometry_model(self) -> Any:
-        """Pinocchio's geometry model of all bodies and checked pairs, created on first access."""
+        """A copy of Pinocchio's geometry model of all bodies and checked pairs, for other libraries."""
+        return self.coal_geometry().clone()
+
+    def coal_geometry(self) -> Any:
+        """The geometry model itself, which must not be changed; created on first access."""
         if self._geometry_model is None:
             self._geometry_model = geometry_model(self.arm.model, self.bodies, self.pairs)
         return self._geometry_model
@@ -243,7 +256,7 @@ def assemble(
     added: list[Body] = []
     for link, obstacle in (*((arm.tcp, o) for o in attached), *((None, o) for o in scene.obstacles)):
         before = known.get((id(obstacle), link))
-        if before is None or before[1][0].link_from_body != obstacle.pose:
+        if before is None or before[0] is not obstacle:
             before = obstacle, tuple(shape_bodies(obstacle.name, link, obstacle.shape, obstacle.pose))
         made[id(obstacle), link] = before
         added.extend(before[1])
@@ -253,6 +266,31 @@ def assemble(
     rounding = ROUNDING * max((1.0, *(body.extent for body in bodies)))
     geometry = pack_geometry(arm, bodies, rounding)
     return Assembly(bodies, pairs, rounding, geometry, pack_world(geometry, pairs.checked), made)
+
+
+LARGEST_MESH = 30.0
+"""Metres. A larger mesh, with no side below a metre, is assumed to be in millimetres."""
+
+LARGEST_SMALL_PART = 3.0
+"""Metres. No link or tool up to this length is assumed to be in millimetres, however small the rest of the robot is."""
+
+
+def warn_of_units(arm: Arm, bodies: Sequence[Body], scene: Scene) -> None:
+    """Warn of links, attached objects and obstacles that are implausibly large, as meshes in millimetres are."""
+    shapes = {obstacle.name: obstacle.shape for obstacle in scene.obstacles}
+    warned: set[str] = set()
+    for body in bodies:
+        sides = (body.box[1] - body.box[0]).tolist()
+        if body.owner in warned or max(sides) <= min(LARGEST_MESH, FAR * arm.robot.size):
+            continue
+        name, most = f"size of obstacle {body.owner!r}", MOST_REACH
+        if isinstance(shapes.get(body.owner), Mesh):
+            name, most = f"{name} (a mesh in millimetres needs scale: 0.001)", LARGEST_MESH
+        elif body.link is not None:
+            name = f"size of {body.owner!r} (a mesh in millimetres needs the scale 0.001)"
+            sides, most = [max(sides)], max(FAR * arm.robot.size, LARGEST_SMALL_PART)
+        warned.add(body.owner)
+        warn_of_millimetres(name, sides, most=most, stacklevel=3)
 
 
 def leave_out(assembly: Assembly, allowed: Sequence[tuple[str, str]]) -> Assembly | None:

@@ -87,7 +87,7 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measur
         raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
     if not step > 0:
         raise InputError(f"step = {step}; it must be positive (rad or m)")
-    arm, model, geometry = checker.arm, checker.arm.model, checker.geometry_model
+    arm, model, geometry = checker.arm, checker.arm.model, checker.coal_geometry()
     data, bodies = model.createData(), geometry.createData()
     # Pinocchio's broad phase is five times as fast, but does not report which pairs touch. It is not used with a
     # half-space, whose box is infinite.

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 import os
+import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,7 +37,7 @@ from pinproof.collision.shapes import (
     Shape,
     Sphere,
 )
-from pinproof.collision.surfaces import Cells, Ground, cell_faces, ground_surface
+from pinproof.collision.surfaces import Cells, Ground, cell_faces, ground_surface, merged_cells
 from pinproof.description.meshes import TriangleMesh, read_mesh
 from pinproof.errors import InputError, MeshError
 from pinproof.spatial import frozen, matrix
@@ -164,9 +165,11 @@ class Body:
     source: str = ""
     level: int = 0
     file: FileStamp | None = None
+    _read: int = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "link_from_body", frozen(self.link_from_body))
+        object.__setattr__(self, "_read", self._checksum())
         self.box.setflags(write=False)
 
     @cached_property
@@ -187,6 +190,17 @@ class Body:
         if self.solid is not None:
             return self.solid.witnesses
         return np.empty((0, 3)) if self.support is None else self.support.points[:1]
+
+    @property
+    def unchanged(self) -> bool:
+        """Whether the coal geometry, which cannot be made read-only, is still that with which the body was created."""
+        return bool(self._read == self._checksum())
+
+    def _checksum(self) -> int:
+        """A checksum of what coal reads of an exact mesh; other bodies are proven apart by their support alone."""
+        if not isinstance(self.geometry, coal.BVHModelBase):
+            return 0
+        return zlib.crc32(self.geometry.vertices().tobytes())
 
     def content(self) -> bytes:
         """Return all data on which verdicts depend, for a hash; name and colour are not included."""
@@ -214,6 +228,8 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     MeshError, InputError
         As :func:`shape_body` does.
     """
+    if isinstance(shape, PointCloud):
+        return _cloud_bodies(name, link, shape, link_from_body)
     if not isinstance(shape, Mesh) or shape.hull is not None:
         return [shape_body(name, name, link, shape, link_from_body)]
     file = None if shape.path is None else FileStamp.of(shape.path)
@@ -223,6 +239,29 @@ def shape_bodies(name: str, link: str | None, shape: Shape, link_from_body: pin.
     return [
         Body(f"{name}_part_{i}", name, link, part[0], link_from_body.copy(), *part[1:], remark, source=name, file=file)
         for i, part in enumerate(made)
+    ]
+
+
+def _cloud_bodies(name: str, link: str | None, cloud: PointCloud, link_from_cloud: pin.SE3) -> list[Body]:
+    """Return the boxes that together are the cells of a point cloud."""
+    low, high = (corners * cloud.resolution for corners in merged_cells(cloud.cells))
+    middles, halves = (low + high) / 2, (high - low) / 2
+    remark, rotation = _remark(cloud, None), np.array(link_from_cloud.rotation)
+    places = middles @ rotation.T + link_from_cloud.translation
+    corners, boxes_around = CORNERS * halves[:, None], np.stack([-halves, halves], axis=1)
+    return [
+        Body(
+            name if len(low) == 1 else f"{name}_part_{i}",
+            name,
+            link,
+            coal.Box(*(2 * half)),
+            pin.SE3(rotation, place),
+            box,
+            Support(points),
+            remark=remark,
+            source=name,
+        )
+        for i, (half, place, box, points) in enumerate(zip(halves, places, boxes_around, corners, strict=True))
     ]
 
 
@@ -245,7 +284,8 @@ def _remark(shape: Shape, solid: Inside | None) -> str:
     if isinstance(shape, Mesh) and shape.hull:
         return "the convex hull of the mesh is used"
     if isinstance(shape, PointCloud):
-        return f"point cloud in cells of {shape.resolution:g} m; unobserved space is treated as free"
+        lost = f"; {shape.dropped} points that are not finite are dropped" if shape.dropped else ""
+        return f"point cloud in cells of {shape.resolution:g} m; unobserved space is treated as free{lost}"
     return (
         ""
         if solid is None or solid.watertight

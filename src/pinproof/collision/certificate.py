@@ -22,6 +22,8 @@ from pinproof.collision.bodies import FileStamp
 from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
+from pinproof.common.display import html_block, html_list, outline
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion import Curve, MotionRecord
@@ -97,7 +99,7 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
     now = {body.name: body for body in checker.attached}
     if absent := [name for name in first.attached if name not in now]:
         found.append(f"it was certified with {_listed(absent)} attached, which is missing now")
-    if other := [name for name, told in first.attached.items() if name in now and body_digest(now[name]) != told]:
+    if other := [name for name, known in first.attached.items() if name in now and body_digest(now[name]) != known]:
         found.append(f"{_listed(other)} had another shape or pose on the tcp when it was certified")
     held = checker.arm.held
     for name, value in first.held.items():
@@ -344,8 +346,8 @@ class Certificate:
     def save(self, path: str | Path) -> None:
         """Write the proof to a ``.json`` or ``.json.gz`` file, for ``pinproof.verifier`` to re-check anywhere.
 
-        The format is described in docs/certificates.md. The verifier has accepted every file that is written; where its
-        bounds are less tight than those of :func:`certify`, intervals are bisected further. The file is written
+        The format is described in docs/formats/proof.md. The verifier has accepted every file that is written; where
+        its bounds are less tight than those of :func:`certify`, intervals are bisected further. The file is written
         atomically.
 
         Raises
@@ -381,6 +383,13 @@ class Certificate:
             raise NotProvenFree(self.message, self)
         return self
 
+    def __repr__(self) -> str:
+        return outline(f"Certificate({self.status.name}: {self.message})", self.notes)
+
+    def _repr_html_(self) -> str:
+        excluded = [f"not checked: {' and '.join(pair.owners)} ({pair.reason})" for pair in self.excluded]
+        return html_block(f"{self.status.name}: {self.message}", html_list((*self.notes, *excluded)))
+
     def __str__(self) -> str:
         return "\n".join((f"{self.status.name}: {self.message}", *(f"note: {note}" for note in self.notes)))
 
@@ -411,11 +420,12 @@ def curve_hash(curve: Curve) -> str:
 def setup_hash(arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> str:
     """Return a hash of an arm (kinematics, held joints, collision geometry), its attached objects, and a scene.
 
+    The pairs that the SRDF and the scene allow or disable are included.
     Meshes are hashed by name and by the present content of their files.
     """
     meshes = [None if geometry.mesh is None else geometry.mesh.path for geometry in arm.robot.urdf.collisions]
     digest = _hash_of(arm, tuple(map(_content_hash, meshes))).copy()
-    digest.update(repr(scene.allowed).encode())
+    digest.update(repr((scene.allowed, scene.disabled, arm.robot.srdf.disabled)).encode())
     for obstacle in (*attached, None, *scene.obstacles):
         if obstacle is None:  # separates the attached objects from the scene
             digest.update(b"scene")
@@ -510,6 +520,8 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
     solid = {body.link for body in checker.bodies if body.owner == body.link}
     if not solid:
         notes.append("the robot has no collision geometry, so its links are not checked")
+    elif has_generated_bodies(arm.robot.urdf):
+        notes.append(GENERATED_BODIES)
     elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
         notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
     if changed := [Path(file.path).name for file in changed_files(checker)]:

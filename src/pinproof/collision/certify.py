@@ -111,7 +111,7 @@ def certify(
     Raises
     ------
     InputError
-        If the curve's joints are not the arm's, or a setting is invalid.
+        If the curve's joints are not the arm's, a setting is invalid, or an array of the checker was modified in place.
     UnknownNameError
         If ``parting`` names an unknown body.
     """
@@ -129,6 +129,8 @@ def certify(
 
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
+
+    checker.refuse_changes()
 
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:

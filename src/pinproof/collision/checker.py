@@ -26,6 +26,7 @@ from pinproof.collision.assembly import (
     finer_levels,
     keep_pairs,
     leave_out,
+    warn_of_units,
 )
 from pinproof.collision.bodies import Body
 from pinproof.collision.coal_checks import Distance
@@ -35,6 +36,7 @@ from pinproof.collision.pairs import HOUSING_SHARE, Overlaps, PairRules, Pairs, 
 from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
+from pinproof.common.display import outline
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import finite
@@ -176,6 +178,13 @@ class CollisionChecker(CheckedBodies):
         self._still: FixedPairs | None = None
         self._known: Known = {}  # obstacle bodies by identity of the obstacle
         self._assemble(scene or Scene(), tuple(attached), tuple((str(a), str(b)) for a, b in allowed))
+        warn_of_units(arm, self.bodies, self.scene)
+
+    def __repr__(self) -> str:
+        counts = f"{len(self.bodies)} bodies, {len(self.pairs)} checked pairs, {len(self.excluded)} excluded pairs"
+        attached = "".join(f", {body.name} attached" for body in self.attached)
+        margin = f"margin {self.margin * 1e3:g} mm"
+        return outline(f"CollisionChecker({self.arm.robot.name!r}, {counts}, {margin}{attached})")
 
     # -- queries ----------------------------------------------------------------------------------------------------
 
@@ -403,6 +412,26 @@ class CollisionChecker(CheckedBodies):
             digest.update(body.content())
         return digest.hexdigest()
 
+    def refuse_changes(self) -> None:
+        """Raise an exception if the geometry of a body was modified in place.
+
+        Raises
+        ------
+        InputError
+            If the geometry of an exact mesh differs from that when the checker was created.
+        """
+        found = [f"the geometry of {body.name}" for body in self.bodies if not body.unchanged]
+        if found:
+            raise InputError(f"the checker was modified in place ({', '.join(found)}); create a new checker")
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if not name.startswith("_"):
+            raise AttributeError(
+                f"{name} of a checker is read-only; with_scene(), with_attached(), with_margin(), with_held() and "
+                "allowing() return other checkers"
+            )
+        object.__setattr__(self, name, value)
+
     def placed(self, q: Array) -> PlacedBodies:
         """Place every body at q (n,) in the workspace of this thread, without validation of q."""
         space = self.workspace
@@ -437,10 +466,20 @@ class CollisionChecker(CheckedBodies):
         self, made: Assembly, scene: Scene, attached: tuple[Obstacle, ...], allowed: tuple[tuple[str, str], ...]
     ) -> None:
         self._scene, self._attached, self._allowed = scene, attached, allowed
-        self.bodies, self.pairs, self.rounding = made.bodies, tuple(made.pairs.checked), made.rounding
-        self.excluded, self.finer = tuple(made.pairs.excluded), tuple(made.pairs.finer)
-        self._geometry, self.world = made.geometry, made.world
-        self.still_pairs, self.convex = made.world.still, made.world.convex
+        still, convex = made.world.still, made.world.convex
+        for array in (still, convex):
+            array.setflags(write=False)
+        self.__dict__.update(
+            bodies=made.bodies,
+            pairs=tuple(made.pairs.checked),
+            rounding=made.rounding,
+            excluded=tuple(made.pairs.excluded),
+            finer=tuple(made.pairs.finer),
+            world=made.world,
+            still_pairs=still,
+            convex=convex,
+        )
+        self._geometry = made.geometry
         self._known, self._geometry_model = made.known, None
         self._set_margins(self._margins)
 
@@ -453,11 +492,11 @@ class CollisionChecker(CheckedBodies):
         """Set the margins of all pairs, increased where obstacles may be displaced."""
         self._margins = margins
         owners = map(self._owners, range(len(self.pairs)))
-        self.margins = margins.of(owners, len(self.pairs), self.obstacles_and_links)
+        each = margins.of(owners, len(self.pairs), self.obstacles_and_links)
         if self._moved:
-            self.margins += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
-        self.margins.setflags(write=False)
-        self.world = self.world.with_margins(self.margins)
+            each += self._moved * np.array([self.bodies[j].link is None for _, j in self.pairs])
+        each.setflags(write=False)
+        self.__dict__.update(margins=each, world=self.world.with_margins(each))
         self._still = None
         self._threads = threading.local()
 
@@ -495,4 +534,4 @@ class CollisionChecker(CheckedBodies):
         self.__dict__.update(state)
         self._known, self._threads = {}, threading.local()
         self._geometry = pack_geometry(self.arm, self.bodies, self.rounding)
-        self.world = pack_world(self._geometry, self.pairs).with_margins(self.margins)
+        self.__dict__["world"] = pack_world(self._geometry, self.pairs).with_margins(self.margins)

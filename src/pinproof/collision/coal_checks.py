@@ -103,7 +103,7 @@ class CoalWorkspace:
     def __init__(self, checker: CheckedBodies) -> None:
         self._arm, self._bodies, self._pairs = checker.arm, checker.bodies, checker.pairs
         self._margins = checker.margins
-        self._model, self._geometry_model = checker.arm.model, checker.geometry_model
+        self._model, self._geometry_model = checker.arm.model, checker.coal_geometry()
         self._data = self._model.createData()
         # Made after the last geometry was added: adding one later corrupts memory.
         self._geometry_data = self._geometry_model.createData()
@@ -176,7 +176,7 @@ class PlainCoal:
     """
 
     def __init__(self, checker: CheckedBodies, *, broadphase: bool = False) -> None:
-        self._model, self._geometry = checker.arm.model, checker.geometry_model
+        self._model, self._geometry = checker.arm.model, checker.coal_geometry()
         self._data, self._bodies = self._model.createData(), self._geometry.createData()
         for k, margin in enumerate(checker.margins.tolist()):
             request = self._bodies.collisionRequests[k]

@@ -197,10 +197,10 @@ def convex_pieces(
     """
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
     space = _Space(contains, SNAP * size, NUDGE * size, size)
-    whole = _Cell(space, corners, _box(corners), *_reflex_edges(corners, SNAP * size))
-    if len(whole.reflex_planes()) > 1.5 * most and whole.deepest > tolerance:
+    mesh_cell = _Cell(space, corners, _box(corners), *_reflex_edges(corners, SNAP * size))
+    if len(mesh_cell.reflex_planes()) > 1.5 * most and mesh_cell.deepest > tolerance:
         return None
-    hulls = _joined(_cells(whole, most, tolerance), tolerance)
+    hulls = _joined(_cells(mesh_cell, most, tolerance), tolerance)
     return ConvexPieces(tuple(hull.points for hull in hulls), _excess(hulls, corners, contains))
 
 
@@ -235,10 +235,10 @@ class _Hull:
         return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
 
 
-def _cells(whole: _Cell, most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
+def _cells(mesh_cell: _Cell, most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
     """The hulls of the cells, each with samples of the surface in it, the worst cell cut first."""
     number = 0
-    queue = [(-whole.cost, number, whole)]
+    queue = [(-mesh_cell.cost, number, mesh_cell)]
     done: list[_Cell] = []
     while queue:
         cell = heapq.heappop(queue)[2]

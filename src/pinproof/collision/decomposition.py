@@ -81,13 +81,13 @@ def clusters(corners: Array, contains: Callable[[Array], bool], pieces: int = PI
     flat = corners.reshape(-1, 3)
     # Cells share corners, and the test whether a corner is inside the body is slow.
     known = cache(lambda *corner: contains(np.array([corner])))
-    whole = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), known)
-    enclosed = abs(float(np.linalg.det(corners - whole.box.mean(axis=0)).sum())) / 6
-    if 0 < whole.hull.volume <= SNUG * enclosed:
-        return [whole.hull.points]
-    halves = _joined(_cut_up(whole, False, pieces), pieces)
+    mesh_cell = _Cell(corners, np.array([flat.min(axis=0), flat.max(axis=0)]), known)
+    enclosed = abs(float(np.linalg.det(corners - mesh_cell.box.mean(axis=0)).sum())) / 6
+    if 0 < mesh_cell.hull.volume <= SNUG * enclosed:
+        return [mesh_cell.hull.points]
+    halves = _joined(_cut_up(mesh_cell, False, pieces), pieces)
     if sum(hull.volume for hull in halves) > CLOSE * enclosed:
-        covers = [halves, _joined(_cut_up(whole, True, pieces), pieces)]
+        covers = [halves, _joined(_cut_up(mesh_cell, True, pieces), pieces)]
         halves = min(covers, key=lambda hulls: sum(hull.volume for hull in hulls))
     return [hull.points for hull in halves]
 
@@ -114,11 +114,11 @@ class _Hull:
         return _Hull(np.concatenate([self.points, other.points]))
 
 
-def _cut_up(whole: _Cell, closely: bool, pieces: int) -> list[_Hull]:
+def _cut_up(mesh_cell: _Cell, closely: bool, pieces: int) -> list[_Hull]:
     """Return the hulls of the cells: cut at the best plane, or in halves, which suits round and hollow bodies."""
-    least = WORTH * float(np.prod(np.ptp(whole.box, axis=0)))
+    least = WORTH * float(np.prod(np.ptp(mesh_cell.box, axis=0)))
     number = 0
-    queue = [(-whole.space, number, whole)]
+    queue = [(-mesh_cell.space, number, mesh_cell)]
     done: list[_Hull] = []
     while queue:
         cell = heapq.heappop(queue)[2]

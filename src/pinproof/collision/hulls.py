@@ -159,6 +159,8 @@ class Solid:
         object.__setattr__(self, "watertight", closed)
         object.__setattr__(self, "witnesses", points[[faces[part[0], 0] for part in parts]])
         object.__setattr__(self, "corners", _oriented(points, faces, parts) if closed else points[faces])
+        for array in (self.witnesses, self.corners):
+            array.setflags(write=False)
 
     def contains(self, points: Array) -> bool:
         """Whether any of the points (N, 3), in the mesh's frame, lies inside; never if the mesh is not watertight."""

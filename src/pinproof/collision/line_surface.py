@@ -148,7 +148,7 @@ def body_distance(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3) 
 
     A convex body that stands for a mesh (its hull) is measured as the hull, so the distance is never too large.
     """
-    measured = MeasureConvex()(one.body, _row(at), other.body, _row(other_at)).attained
+    measured = MeasureConvex()(one.body, at.homogeneous, other.body, other_at.homogeneous).attained
     if measured > 0 and (_inside(one, at, other, other_at) or _inside(other, other_at, one, at)):
         return -measured
     return measured
@@ -164,7 +164,7 @@ def travel_to_touch(one: LineSurface, at: SE3, other: LineSurface, other_at: SE3
     measure, target, share = MeasureConvex(), other.surface or other.body, 0.0
     for step in range(MOST_ADVANCES):
         moved = SE3(at.rotation, at.translation + share * motion)
-        apart = measure(one.surface or one.body, _row(moved), target, _row(other_at)).attained
+        apart = measure(one.surface or one.body, moved.homogeneous, target, other_at.homogeneous).attained
         if apart <= TOUCH:
             return share if step else np.nan
         share += apart / max(length, np.finfo(float).tiny)
@@ -188,10 +188,6 @@ def point_distance(surface: LineSurface, point: Array) -> float:
     if surface.triangles is not None:
         return min(float(surface.enter(point[None], each, 0.0).depth[0]) for each in directions)
     return min(abs(float(surface.enter(point[None], each).depth[0])) for each in directions)
-
-
-def _row(at: SE3) -> Array:
-    return np.concatenate([at.rotation.ravel(), at.translation])
 
 
 def _inside(outer: LineSurface, at: SE3, inner: LineSurface, inner_at: SE3) -> bool:
@@ -262,15 +258,15 @@ def _facets(points: Array) -> tuple[Array, Array]:
 def _planes(normals: Array, offsets: Array, origins: Array, direction: Array) -> tuple[Array, Array, Array]:
     """Clipping of lines by half-spaces (Cyrus and Beck, 1978)."""
     slope = normals @ direction
-    room = offsets - origins @ normals.T
+    depths = offsets - origins @ normals.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        at = room / slope
+        at = depths / slope
     front, back = slope < -PARALLEL, slope > PARALLEL
     entering = np.where(front, at, -np.inf)
     first = entering.argmax(axis=1)
     depth = entering[np.arange(len(origins)), first]
     out = np.where(back, at, np.inf).min(axis=1)
-    missed = (np.where(front | back, np.inf, room) < 0).any(axis=1)
+    missed = (np.where(front | back, np.inf, depths) < 0).any(axis=1)
     return np.where(missed, np.inf, depth), np.where(missed, -np.inf, out), normals[first]
 
 

@@ -6,15 +6,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
+import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof.collision import decomposition, hulls
 from pinproof.collision.bodies import MESHES_KEPT, Body, FileStamp, hull_body, shape_body
 from pinproof.collision.decomposition import clusters
 from pinproof.collision.hulls import Solid
 from pinproof.collision.shapes import Box, Capsule, Cylinder, Mesh, Sphere
+from pinproof.common.disk_cache import cached, content_digest
 from pinproof.description import LinkGeometry
 from pinproof.description.meshes import read_mesh, resolved
 from pinproof.errors import InputError, MeshError, UnknownNameError
@@ -82,7 +85,7 @@ def link_bodies(geometry: LinkGeometry, how: LinkMeshes) -> list[Body]:
     if how == "hull":
         return [shape_body(geometry.name, geometry.link, geometry.link, shape, at)]
     file = _file(shape)
-    watertight = _solid(*file).watertight
+    watertight = _is_watertight(*file)
     if how == "surface":
         surface = replace(shape, hull=False, hollow=not watertight)
         return [shape_body(geometry.name, geometry.link, geometry.link, surface, at)]
@@ -207,7 +210,25 @@ def _solid(path: Path, _changed: int, scale: tuple[float, float, float]) -> Soli
 
 
 @lru_cache(maxsize=MESHES_KEPT)
+def _is_watertight(path: Path, changed: int, scale: tuple[float, float, float]) -> bool:
+    mesh = read_mesh(path, scale)
+
+    def make() -> dict[str, npt.NDArray[Any]]:
+        return {"watertight": np.array(_solid(path, changed, scale).watertight)}
+
+    key = content_digest(mesh.vertices, mesh.triangles)
+    return bool(cached("watertight", key, make, code=[hulls.__file__], libraries=["scipy"])["watertight"])
+
+
+@lru_cache(maxsize=MESHES_KEPT)
 def _parts(path: Path, changed: int, scale: tuple[float, float, float]) -> tuple[Body, ...]:
     """Return convex hulls that cover a watertight mesh, without a link; this takes 0.05 s to some seconds."""
-    solid = _solid(path, changed, scale)
-    return tuple(hull_body("", "", part, pin.SE3.Identity()) for part in clusters(solid.corners, solid.contains))
+    mesh = read_mesh(path, scale)
+
+    def make() -> dict[str, npt.NDArray[Any]]:
+        solid = _solid(path, changed, scale)
+        return {f"{number:04d}": part for number, part in enumerate(clusters(solid.corners, solid.contains))}
+
+    code = [decomposition.__file__, hulls.__file__]
+    found = cached("hulls", content_digest(mesh.vertices, mesh.triangles), make, code=code, libraries=["scipy", "coal"])
+    return tuple(hull_body("", "", found[name], pin.SE3.Identity()) for name in sorted(found))

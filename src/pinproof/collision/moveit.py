@@ -256,7 +256,7 @@ def _mesh(path: Path, stated: Mapping[str, Any], notes: list[str], name: str) ->
     if "resource" in stated:
         found = locate(str(stated["resource"]), path.parent, ())
         if found.path is None:
-            places = "\n  ".join(str(place) for place in found.looked_in)
+            places = "\n  ".join(str(place) for place in found.searched)
             raise InputError(f"the mesh {found.uri} was not found; it was looked for in\n  {places}")
         scale = numbers_of("dimensions", stated.get("dimensions", [1.0, 1.0, 1.0]))
         mesh = Mesh(found.path, tuple(scale) if isinstance(scale, list) else scale)

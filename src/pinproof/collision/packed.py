@@ -30,14 +30,15 @@ def pack_geometry(arm: Arm, bodies: Sequence[Body], rounding: float) -> Geometry
     rounding
         Allowance (m) for floating-point errors.
     """
-    tree, aligned = _joints(arm)
+    model = arm.model
+    tree, aligned = _joints(model, arm)
     joints, placements = [], np.zeros((len(bodies), 4, 4))
     frames: dict[str, tuple[int, pin.SE3]] = {}
     for i, body in enumerate(bodies):
         joint, place = ROOT, body.link_from_body
         if body.link is not None:
             if body.link not in frames:
-                frame = arm.model.frames[arm.model.getFrameId(body.link, pin.FrameType.BODY)]
+                frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
                 joint = int(frame.parentJoint) - 1
                 frames[body.link] = joint, frame.placement if joint < 0 else aligned[joint].inverse() * frame.placement
             joint, above = frames[body.link]
@@ -53,9 +54,9 @@ def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
     return World(geometry, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.zeros(len(pairs)))
 
 
-def _joints(arm: Arm) -> tuple[JointTree, list[pin.SE3]]:
+def _joints(model: pin.Model, arm: Arm) -> tuple[JointTree, list[pin.SE3]]:
     """Return the joints, and for each the rotation that takes z to its axis."""
-    model, data = arm.model, arm.model.createData()
+    data = model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)
     count = model.njoints - 1
     prismatic = (~columns[3:].any(axis=0)).tolist()

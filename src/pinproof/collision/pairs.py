@@ -105,17 +105,19 @@ class Overlaps:
         The robot.
     links
         The bodies of its links.
+    samples
+        Number of sampled configurations.
     """
 
-    def __init__(self, robot: Robot, links: LinkBodies) -> None:
-        self._robot, self._links = robot, links
+    def __init__(self, robot: Robot, links: LinkBodies, samples: int = SAMPLES) -> None:
+        self._robot, self._links, self._count = robot, links, samples
         self._verdicts: dict[frozenset[str], Overlap] = {}  # included in a pickle
 
     def of(self, a: str, b: str) -> Overlap:
         """Return how often two links touch."""
         pair = frozenset((a, b))
         if pair not in self._verdicts:
-            known = _known(self._robot).overlaps
+            known = _known(self._robot, self._count).overlaps
             key = pair, *sorted((link, self._links.meshes_of(link)) for link in pair)
             if key not in known:
                 known[key] = self._found(a, b)
@@ -153,10 +155,10 @@ class Overlaps:
     def _touching(
         self, a: Sequence[Body], b: Sequence[Body], *, where: Booleans | None = None, within: float = 0.0
     ) -> Booleans:
-        """Return (SAMPLES,) whether any bodies are ``within`` this distance (m), only at the samples ``where``."""
-        touching = np.zeros(SAMPLES, dtype=bool)
-        samples = _known(self._robot)
-        for i in range(SAMPLES) if where is None else np.flatnonzero(where).tolist():
+        """Return (samples,) whether any bodies are ``within`` this distance (m), only at the samples ``where``."""
+        touching = np.zeros(self._count, dtype=bool)
+        samples = _known(self._robot, self._count)
+        for i in range(self._count) if where is None else np.flatnonzero(where).tolist():
             placed = [[(body, samples.placement(i, body)) for body in bodies] for bodies in (a, b)]
             touching[i] = any(_touch(*one, *other, within) for one in placed[0] for other in placed[1])
         return touching
@@ -168,13 +170,13 @@ class Overlaps:
 class _Samples:
     """Random configurations of all joints of a robot, and the cached overlaps of its links."""
 
-    def __init__(self, robot: Robot) -> None:
+    def __init__(self, robot: Robot, count: int) -> None:
         self._model = robot.model
         self.overlaps: dict[Any, Overlap] = {}
         self._data = self._model.createData()
         self._placements: dict[tuple[int, str | None], pin.SE3] = {}
         rng = np.random.default_rng(SEED)
-        self._configurations = [_configuration(robot, rng) for _ in range(SAMPLES)]
+        self._configurations = [_configuration(robot, rng) for _ in range(count)]
         self._placed_at = -1
         self._lock = threading.Lock()  # all threads share the workspace
 
@@ -191,13 +193,14 @@ class _Samples:
         return self._placements[key] * body.link_from_body
 
 
-_KNOWN: WeakKeyDictionary[Robot, _Samples] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Robot, dict[int, _Samples]] = WeakKeyDictionary()
 
 
-def _known(robot: Robot) -> _Samples:
-    if robot not in _KNOWN:
-        _KNOWN[robot] = _Samples(robot)
-    return _KNOWN[robot]
+def _known(robot: Robot, count: int) -> _Samples:
+    known = _KNOWN.setdefault(robot, {})
+    if count not in known:
+        known[count] = _Samples(robot, count)
+    return known[count]
 
 
 def _configuration(robot: Robot, rng: np.random.Generator) -> npt.NDArray[np.float64]:
@@ -224,12 +227,23 @@ def _configuration(robot: Robot, rng: np.random.Generator) -> npt.NDArray[np.flo
 
 def _touch(a: Body, root_from_a: pin.SE3, b: Body, root_from_b: pin.SE3, within: float) -> bool:
     """Whether two bodies are at most ``within`` (m) apart, or one is inside the watertight mesh of the other."""
+    offset = _middle(a, root_from_a) - _middle(b, root_from_b)
+    if offset @ offset > (_ball(a) + _ball(b) + within + 1e-6) ** 2:  # farther apart than their bounding balls
+        return False
     request = coal.CollisionRequest()
     request.security_margin = within
     placed = [coal.Transform3s(at.rotation, at.translation) for at in (root_from_a, root_from_b)]
     if coal.collide(a.geometry, placed[0], b.geometry, placed[1], request, coal.CollisionResult()):
         return True
     return _inside(a, root_from_a, b, root_from_b) or _inside(b, root_from_b, a, root_from_a)
+
+
+def _middle(body: Body, root_from_body: pin.SE3) -> npt.NDArray[np.float64]:
+    return np.asarray(root_from_body.rotation @ body.box.mean(axis=0) + root_from_body.translation)
+
+
+def _ball(body: Body) -> float:
+    return float(np.linalg.norm(body.box[1] - body.box[0])) / 2
 
 
 def _inside(outer: Body, root_from_outer: pin.SE3, inner: Body, root_from_inner: pin.SE3) -> bool:
@@ -335,10 +349,10 @@ def choose_pairs(
     owned = {owner: [bodies[i] for i in own] for owner, own in members.items()}
     # Obstacles are not checked against each other. Most are in no rule, and are paired with all moving bodies at once.
     named = {owner for pair in (*reasons, *levels) for owner in pair}
-    standing = [owner for owner, own in members.items() if bodies[own[0]].link is None]
-    plain = [i for owner in standing if owner not in named for i in members[owner]]
+    fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
+    plain = [i for owner in fixed if owner not in named for i in members[owner]]
     pairs = Pairs([(i, j) for a in moving for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in standing if owner in named))):
+    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in fixed if owner in named))):
         key = frozenset((a, b))
         reason = reasons.get(key) or neighbours.reason(owned[a], owned[b])
         if reason:
@@ -391,7 +405,8 @@ def _is_root_frame(robot: Robot, link: str) -> bool:
     """Whether a link frame is that of the root, such as ``base_link`` fixed to ``world`` without an offset."""
     if link not in robot.urdf.links:
         return False
-    frame = robot.model.frames[robot.model.getFrameId(link, pin.FrameType.BODY)]
+    model = robot.model
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     return frame.parentJoint == 0 and bool(frame.placement.isIdentity(SAME_PLACE))
 
 

@@ -42,7 +42,7 @@ from pinproof.collision.separation import (
 )
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import Curve, bezier
-from pinproof.motion.curve import read_only
+from pinproof.motion.curve import BezierCurve, read_only
 from pinproof.spatial import matrix
 
 __all__ = ["prove_parting"]
@@ -99,7 +99,7 @@ def prove_parting(
             if separating.proof.end == first:
                 measured = full.checker.placed(at).measure(separating.pair)
                 if measured.attained - obstacle_tolerance <= full.checker.margins[separating.pair]:
-                    return _on_whole_curve(
+                    return _on_complete_curve(
                         curve, checker, proven, _not_separated(full.checker, separating, motion, prove)
                     )
         # Pairs of bodies are omitted, not of owners: other bodies of the same owners are checked on the whole curve.
@@ -108,7 +108,7 @@ def prove_parting(
             apart |= {pair} if until > first else full.parts_of[pair]
         proven.append(prove(_Part.of(curve, first, last), full.checker.without_pairs(apart) if apart else checker))
         if not proven[-1].free:
-            return _on_whole_curve(curve, checker, proven[:-1], proven[-1])
+            return _on_complete_curve(curve, checker, proven[:-1], proven[-1])
     return _free(curve, checker, proven, separating_pairs, obstacle_tolerance)
 
 
@@ -137,15 +137,15 @@ def _free(
     )
     clearance, observed = min(c.clearance for c in proven), min(c.observed for c in proven)
     message = "; ".join([free_sentence(clearance, len(checker.pairs), len(checker.excluded)), *map(str, partings)])
-    room = [c.tube.largest_obstacles for c in proven if c.tube is not None]
-    room += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
-        separating.room for separating in separating_pairs
+    slack = [c.tube.largest_obstacles for c in proven if c.tube is not None]
+    slack += [DEEPEST + separating.gap - obstacle_tolerance for separating in separating_pairs] + [
+        separating.slack for separating in separating_pairs
     ]
-    tube = MotionTube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(room), 0.0))
-    whole = _on_whole_curve(curve, checker, proven[:-1], proven[-1])
-    intervals = whole.intervals + sum(separating.proof.intervals for separating in separating_pairs)
+    tube = MotionTube(read_only(np.zeros(checker.arm.dof)), obstacle_tolerance, 0.0, max(min(slack), 0.0))
+    complete = _on_complete_curve(curve, checker, proven[:-1], proven[-1])
+    intervals = complete.intervals + sum(separating.proof.intervals for separating in separating_pairs)
     return replace(
-        whole,
+        complete,
         message=message,
         clearance=clearance,
         observed=observed,
@@ -188,7 +188,7 @@ class _SeparatingPair:
     departure: DepartureDirection
     proof: DepartureProof
     gap: float
-    room: float
+    slack: float
     of_facets: bool = False
 
     @property
@@ -285,8 +285,8 @@ def _separating_pair(
     of_facets: bool = False,
 ) -> _SeparatingPair:
     enough = float(checker.margins[pair]) + motion.obstacle_tolerance + 2 * checker.rounding
-    room = motion.gap(departure, proof.end) - enough
-    return _SeparatingPair(pair, _owners(checker, pair), departure, proof, gap, room, of_facets)
+    slack = motion.gap(departure, proof.end) - enough
+    return _SeparatingPair(pair, _owners(checker, pair), departure, proof, gap, slack, of_facets)
 
 
 def _best(
@@ -363,7 +363,7 @@ def _with_facets(checker: CollisionChecker, splits: Sequence[_Split]) -> tuple[C
 
 
 @dataclass(frozen=True, eq=False)
-class _Part:
+class _Part(BezierCurve):
     """A part of a curve with the same parameter."""
 
     joint_names: tuple[str, ...]
@@ -388,25 +388,8 @@ class _Part:
             pieces[0] = bezier.split(pieces[0], (first - knots[i]) / (ends - knots[i]))[1]
         return cls(names, np.array([first, *knots[i + 1 : j + 1], last]), pieces)
 
-    @property
-    def domain(self) -> tuple[float, float]:
-        return float(self.knots[0]), float(self.knots[-1])
-
-    @property
-    def start(self) -> Array:
-        point: Array = self.control[0, 0]
-        return point
-
-    @property
-    def end(self) -> Array:
-        point: Array = self.control[-1, -1]
-        return point
-
     def bezier(self) -> tuple[Array, Array]:
         return self.knots, self.control
-
-    def __call__(self, t: npt.ArrayLike) -> Array:
-        return bezier.evaluate(self.knots, self.control, t)
 
 
 def _indices(checker: CollisionChecker, names: Sequence[tuple[str, str]]) -> list[int]:
@@ -466,7 +449,7 @@ def _start_contact_verdict(
             f"{one} penetrates {other} by {-start_contact.distance * 1e3:.2f} mm at the start; parting allows "
             f"{DEEPEST * 1e3:g} mm. Correct one of the poses or shapes"
         )
-        return _on_whole_curve(curve, checker, [], replace(found, message=message))
+        return _on_complete_curve(curve, checker, [], replace(found, message=message))
     message = (
         f"{one} and {other} are {_apart(start_contact.distance)} at the start (margin "
         f"{start_contact.margin * 1e3:g} mm), and no direction separates {other} from the convex hull of {one}; "
@@ -477,7 +460,7 @@ def _start_contact_verdict(
         found, status=CertificateStatus.UNDECIDED, message=message, first_contact=None, undecided=span,
         clearance=np.nan,
     )  # fmt: skip
-    return _on_whole_curve(curve, checker, [], undecided)
+    return _on_complete_curve(curve, checker, [], undecided)
 
 
 def _apart(distance: float) -> str:
@@ -521,7 +504,7 @@ def _not_separated(
     )
 
 
-def _on_whole_curve(
+def _on_complete_curve(
     curve: Curve, checker: CollisionChecker, before: Sequence[Certificate], last: Certificate
 ) -> Certificate:
     """Return the verdict ``last`` on a part, after parts that are proven, as the verdict on the whole curve."""

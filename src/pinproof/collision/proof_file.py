@@ -1,6 +1,6 @@
 """Proof files: the evidence for each pair in each interval, writing a file, and verifying it against your own setup.
 
-The format is described in docs/certificates.md. :mod:`pinproof.verifier` reads it and has accepted every file written.
+The format is described in docs/formats/proof.md. :mod:`pinproof.verifier` reads it and has accepted every file written.
 """
 
 from __future__ import annotations
@@ -250,12 +250,12 @@ def joints_of(arm: Arm) -> list[dict[str, Any]]:
 
 def bodies_of(checker: CollisionChecker) -> list[dict[str, Any]]:
     """The bodies of a checker, in its order."""
-    arm, sources = checker.arm, _sources(checker)
+    model, sources = checker.arm.model, _sources(checker)
     rows = []
     for body in checker.bodies:
         joint, place = -1, body.link_from_body
         if body.link is not None:
-            frame = arm.model.frames[arm.model.getFrameId(body.link, pin.FrameType.BODY)]
+            frame = model.frames[model.getFrameId(body.link, pin.FrameType.BODY)]
             joint, place = int(frame.parentJoint) - 1, frame.placement * place
         kind = "obstacle" if body.link is None else "link" if body.owner == body.link else "attached"
         geometry = body.source or body.name

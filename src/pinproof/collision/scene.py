@@ -11,14 +11,18 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from pinproof.collision.shapes import Obstacle
-from pinproof.common.files import write_text_whole
+from pinproof.common.display import html_block, html_list, html_table, outline, shortened
+from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
-from pinproof.spatial import SE3, finite, matrix, rigid
+from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 
 if TYPE_CHECKING:
     from pinproof.common.yaml_file import LinedMapping
 
 __all__ = ["Attachments", "Scene"]
+
+SHAPE_WIDTH = 60
+"""Largest number of characters of a shape in a table of obstacles."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,21 @@ class Scene:
     notes: tuple[str, ...] = ()
     source: Path | None = None
 
+    def __repr__(self) -> str:
+        things = (f"{each.name}: {shortened(repr(each.shape), SHAPE_WIDTH)}" for each in self.obstacles)
+        count = len(self.obstacles)
+        source = "" if self.source is None else f", from {self.source.name}"
+        return outline(f"Scene({count} obstacle{'' if count == 1 else 's'}{source})", things, total=count)
+
+    def _repr_html_(self) -> str:
+        rows = (
+            [each.name, shortened(repr(each.shape), SHAPE_WIDTH), *(xyz_rpy(each.pose) + 0.0)]
+            for each in self.obstacles
+        )
+        columns = ("obstacle", "shape", "x", "y", "z", "roll", "pitch", "yaw")
+        title = f"Scene of {len(self.obstacles)} obstacles (m, rad)"
+        return html_block(title, html_table(columns, rows, total=len(self.obstacles)), html_list(self.notes))
+
     def __init__(
         self,
         obstacles: Iterable[Obstacle] = (),
@@ -61,8 +80,8 @@ class Scene:
         notes: Iterable[str] = (),
         source: str | Path | None = None,
     ) -> None:
-        things = tuple(obstacles)
-        names = [obstacle.name for obstacle in things]
+        obstacles = tuple(obstacles)
+        names = [obstacle.name for obstacle in obstacles]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:
             raise InputError(f"obstacle names must differ; {', '.join(doubled)} appear more than once")
@@ -70,7 +89,7 @@ class Scene:
         for _, obstacle in pairs:
             if obstacle not in names:
                 raise UnknownNameError("obstacle", obstacle, names, "the allowed contacts of the scene")
-        object.__setattr__(self, "obstacles", things)
+        object.__setattr__(self, "obstacles", obstacles)
         object.__setattr__(self, "allowed", pairs)
         object.__setattr__(self, "disabled", _pairs("disabled", disabled))
         object.__setattr__(self, "frame", frame)
@@ -94,20 +113,31 @@ class Scene:
 
     def remove(self, *names: str) -> Scene:
         """Return a new scene without these obstacles and without their allowed contacts."""
-        gone = {self[name].name for name in names}
-        return self._with(o for o in self.obstacles if o.name not in gone)
+        removed = {self[name].name for name in names}
+        return self._with(o for o in self.obstacles if o.name not in removed)
 
     def move(self, name: str, pose: pin.SE3 | npt.ArrayLike) -> Scene:
         """Return a new scene in which the obstacle has this ``pose`` (root_from_obstacle, SE3 or (4, 4))."""
         moved = replace(self[name], pose=pose)
         return self._with(moved if o.name == name else o for o in self.obstacles)
 
+    def transformed(self, root_from_scene: pin.SE3 | npt.ArrayLike) -> Scene:
+        """Return the scene, stated in the frame of a cell, in the frame of a robot that is placed in it.
+
+        Parameters
+        ----------
+        root_from_scene
+            The pose of the cell in the root frame of the robot, SE3 or (4, 4).
+        """
+        placement = rigid("root_from_scene", root_from_scene)
+        return self._with(replace(each, pose=placement * each.pose) for each in self.obstacles)
+
     def _with(self, obstacles: Iterable[Obstacle]) -> Scene:
-        things = tuple(obstacles)
-        gone = set(self.names) - {obstacle.name for obstacle in things}
-        allowed = [pair for pair in self.allowed if not gone & set(pair)]
+        obstacles = tuple(obstacles)
+        removed = set(self.names) - {obstacle.name for obstacle in obstacles}
+        allowed = [pair for pair in self.allowed if not removed & set(pair)]
         more = {name: getattr(self, name) for name in ("disabled", "frame", "notes", "source")}
-        return Scene(things, allowed=allowed, **more)
+        return Scene(obstacles, allowed=allowed, **more)
 
     @property
     def where(self) -> str:
@@ -137,11 +167,12 @@ class Scene:
             If the file cannot be read or its content is invalid; the message names the obstacle and the key.
         """
         from pinproof.collision.moveit import is_moveit, read_moveit_scene
-        from pinproof.collision.scene_file import SCENE_KEYS, read_scene
+        from pinproof.collision.scene_file import read_scene
+        from pinproof.collision.scene_keys import SCENE
         from pinproof.common.yaml_file import read_yaml
 
         path = Path(path)
-        stated = read_yaml(path, SCENE_KEYS, SceneError)
+        stated = read_yaml(path, SCENE.names, SceneError)
         content = (read_moveit_scene if is_moveit(stated) else read_scene)(path, stated)
         try:
             return cls(**content._asdict(), source=path)
@@ -173,9 +204,6 @@ def _pairs(what: str, stated: Iterable[Sequence[str]]) -> tuple[tuple[str, str],
     return tuple(pairs)
 
 
-KEYS = ("attached", "allowed_contacts", "held", "tip")
-TIP_KEYS = ("xyz", "rpy", "quat_xyzw")
-
 Value = TypeVar("Value")
 
 
@@ -183,17 +211,8 @@ Value = TypeVar("Value")
 class Attachments:
     """Bodies that the arm carries at its tcp: a tool, a part, or both.
 
-    The file format is::
-
-        attached:                              # bodies that move with the tcp; poses are tcp_from_body
-          - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
-          - {name: part, mesh: {path: part.stl, scale: 0.001}, xyz: [0, 0, 0.12], rpy: [0, 0, pi/2]}
-        allowed_contacts:                      # optional: pairs of bodies that may touch
-          - [picker, part]
-        held: {rail: 0.5}                      # optional: joints outside the arm, rad or m
-        tip: {xyz: [0, 0, 0.105]}              # optional: tcp_from_tip, the point of the tool that reaches a target
-
-    Each body has the keys of an obstacle (:mod:`pinproof.collision.scene_file`). Unknown keys are refused.
+    :meth:`load` reads them from a YAML file, whose keys are in :mod:`pinproof.collision.scene_keys`;
+    docs/formats/attached.md describes them with an example.
 
     Parameters
     ----------
@@ -230,11 +249,12 @@ class Attachments:
             If the file cannot be read or its content is invalid; the message names file, line and key.
         """
         from pinproof.collision.scene_file import pairs_of, read_obstacle
+        from pinproof.collision.scene_keys import ATTACHED
         from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown, require_list
 
         path = Path(path)
-        content = read_yaml(path, KEYS, SceneError)
-        refuse_unknown(SceneError, path, "key", content, KEYS, "")
+        content = read_yaml(path, ATTACHED.names, SceneError)
+        refuse_unknown(SceneError, path, "key", content, ATTACHED.names, "")
         if "attached" not in content:
             raise SceneError(path, "has no attached bodies; list them under 'attached:'")
         bodies: list[Obstacle] = []
@@ -266,7 +286,7 @@ class Attachments:
 
         path = Path(path)
         if path.suffix.lower() not in YAML_SUFFIXES:
-            raise SceneError(path, f"unknown suffix {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+            raise SceneError(path, unknown_suffix(path, YAML_SUFFIXES))
         folder = path.resolve().parent
         content: dict[str, Any] = {"attached": [stated_obstacle(body, folder) for body in self.bodies]}
         if self.allowed:
@@ -304,9 +324,11 @@ def _held(stated: object) -> dict[str, float]:
 
 def _tip(stated: object) -> SE3:
     from pinproof.collision.scene_file import pose_of
+    from pinproof.collision.scene_keys import POSE
 
     if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping with the keys {', '.join(TIP_KEYS)}")
-    if unknown := [key for key in stated if key not in TIP_KEYS]:
-        raise InputError(f"unknown key {unknown[0]!r}; valid: {', '.join(TIP_KEYS)}")
+        raise InputError(f"holds {stated!r}, not a mapping with the keys {', '.join(POSE.names)}")
+    for key in stated:
+        if key not in POSE.names:
+            raise UnknownNameError("key", key, POSE.names)
     return pose_of(stated)

@@ -1,43 +1,9 @@
 """Scene files and shapes in YAML.
 
-::
+The keys are in :mod:`pinproof.collision.scene_keys`, and docs/formats/scene.md describes them with an example. A MoveIt
+planning scene is recognised by its key ``world`` and read by :mod:`pinproof.collision.moveit`.
 
-    obstacles:
-      - name: table
-        box: [1.6, 1.2, 0.04]              # full sides x, y, z
-        xyz: [0.4, 0, -0.025]              # position of its centre; default: the origin
-        rpy: [0, 0, pi/2]                  # fixed axes; or quat_xyzw: [x, y, z, w]; default: no rotation
-        rgba: [0.6, 0.5, 0.4, 1]           # optional: colour, 0 to 1
-      - {name: ball, sphere: {radius: 0.1}}
-      - {name: part, mesh: {path: part.stl, scale: 0.001}}                 # relative to the scene file
-      - {name: floor, half_space: {}, xyz: [0, 0, -0.1]}                   # solid below its z = 0
-    allowed_contacts:
-      - [base_link, table]                 # a robot link and an obstacle that may touch
-    disabled_pairs: []                     # robot links that a MoveIt matrix disables: checked unless trusted
-    frame: base_link                       # optional: the root link that the robot must have
-
-The keys of shapes are::
-
-    box: [1.6, 1.2, 0.04]                        # full sides x, y, z
-    sphere: {radius: 0.1}
-    cylinder: {radius: 0.008, length: 0.04}
-    capsule: {radius: 0.02, length: 0.3}
-    cone: {radius: 0.02, length: 0.05}
-    ellipsoid: {rx: 0.1, ry: 0.1, rz: 0.2}       # semi-axes
-    half_space: {}                               # solid below z = 0
-    convex_hull: {points: [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]}
-    mesh: {path: part.stl, scale: 0.001}         # the path is relative to the folder of the file
-    mesh: {path: part.stl, hull: true}           # its convex hull; false: its triangles, also hollow: true
-    mesh: {vertices: [[0, 0, 0], ...], triangles: [[0, 1, 2], ...], hull: true}
-    point_cloud: {points: [[0, 0, 0], ...], resolution: 0.01}
-    height_map: {heights: [[0, 0.1], [0, 0]], x: 2, y: 2, bottom: -0.1}
-
-They are described at the classes in :mod:`pinproof.collision.shapes`. A MoveIt planning scene is recognised by its key
-``world`` and read by :mod:`pinproof.collision.moveit`.
-
-Lengths are in metres, angles in radians; poses are in the frame of the robot's root link. A number may be written as
-``[-][k*]pi[/m]``. Unknown keys and invalid values are refused with their line, because a scene that is read wrongly can
-cause a collision.
+Unknown keys and invalid values are refused with their line, because a scene that is read wrongly can cause a collision.
 """
 
 from __future__ import annotations
@@ -51,38 +17,21 @@ import numpy as np
 import pinocchio as pin
 import yaml
 
-from pinproof.collision.shapes import (
-    Box,
-    Capsule,
-    Cone,
-    ConvexHull,
-    Cylinder,
-    Ellipsoid,
-    HalfSpace,
-    HeightMap,
-    Mesh,
-    Obstacle,
-    PointCloud,
-    Shape,
-    Sphere,
-)
-from pinproof.common.files import is_file, write_text_whole
+from pinproof.collision.scene_keys import OBSTACLE, POSE, SCENE, SHAPES
+from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
+from pinproof.common.files import is_file, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import (
-    MOST_REACH,
     YAML_SUFFIXES,
     LinedMapping,
-    refuse_degrees,
+    parse_number,
     refuse_unknown,
     require_list,
 )
-from pinproof.description.dh import parse_number
 from pinproof.errors import FileError, InputError, SceneError
 from pinproof.spatial import SE3, Array, finite, pose
+from pinproof.units import MOST_REACH, refuse_degrees
 
 __all__ = [
-    "OBSTACLE_KEYS",
-    "SCENE_KEYS",
-    "SHAPE_KEYS",
     "SceneContent",
     "numbers_of",
     "pairs_of",
@@ -96,27 +45,13 @@ __all__ = [
     "write_scene",
 ]
 
-KINDS: dict[str, Any] = {
-    "sphere": Sphere,
-    "cylinder": Cylinder,
-    "capsule": Capsule,
-    "cone": Cone,
-    "ellipsoid": Ellipsoid,
-    "half_space": HalfSpace,
-    "convex_hull": ConvexHull,
-    "point_cloud": PointCloud,
-    "height_map": HeightMap,
-}
-SHAPE_KEYS = ("box", *KINDS, "mesh")
-MESH_KEYS = ("path", "scale", "hull", "hollow", "vertices", "triangles")
-OPTIONAL = ("bottom",)
 
 LARGEST_INDEX = 2**53
 """Up to this number every integer is a double."""
 
 
 def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
-    """Return the shape under one of :data:`SHAPE_KEYS`.
+    """Return the shape under one of the keys :data:`~pinproof.collision.scene_keys.SHAPES`.
 
     Raises
     ------
@@ -129,18 +64,17 @@ def read_shape(path: Path, kind: str, stated: object, where: str) -> Shape:
         if not isinstance(stated, list):
             raise InputError(f"box: {stated!r} is not a list of its full sides; write box: [x, y, z]")
         return Box(*finite("box", numbers_of("box", stated), (3,)))
-    keys = MESH_KEYS if kind == "mesh" else tuple(field.name for field in fields(KINDS[kind]))
+    table = SHAPES[kind].value
     if not isinstance(stated, dict):
-        wanted = ", ".join(f"{key}: ..." for key in keys)
+        wanted = ", ".join(f"{key}: ..." for key in table.names)
         raise InputError(f"{kind}: {stated!r} is not a mapping; write {kind}: {{{wanted}}}")
-    refuse_unknown(SceneError, path, f"key of {kind}", stated, keys or ("none",), where)
+    refuse_unknown(SceneError, path, f"key of {kind}", stated, table.names or ("none",), where)
     if kind == "mesh":
         return _mesh(path, stated)
-    missing = [key for key in keys if key not in stated and key not in OPTIONAL]
+    missing = [key for key in table.required if key not in stated]
     if missing:
         raise InputError(f"{kind} does not state its {' and '.join(missing)}")
-    made: Shape = KINDS[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
-    return made
+    return SHAPES_BY_KEY[kind](**{key: numbers_of(f"{kind}.{key}", value) for key, value in stated.items()})
 
 
 def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
@@ -154,14 +88,14 @@ def stated_shape(shape: Shape, folder: Path) -> tuple[str, Any]:
         file = Path(shape.path).resolve()
         inside = file.relative_to(folder) if file.is_relative_to(folder) else file
         return "mesh", {"path": inside.as_posix(), "scale": _listed(shape.scale), **how}
-    kind = next((kind for kind, made in KINDS.items() if type(shape) is made), None)
+    kind = next((kind for kind, made in SHAPES_BY_KEY.items() if type(shape) is made), None)
     if kind is None:
-        raise InputError(f"a {type(shape).__name__} has no key in files; known are {', '.join(SHAPE_KEYS)}")
+        raise InputError(f"a {type(shape).__name__} has no key in files; valid: {', '.join(SHAPES)}")
     return kind, {field.name: _listed(getattr(shape, field.name)) for field in fields(shape)}
 
 
 def numbers_of(key: str, stated: object) -> Any:
-    """Return one number, or nested lists of numbers, each as :func:`~pinproof.description.dh.parse_number` reads it.
+    """Return one number, or nested lists of numbers, each as :func:`~pinproof.common.yaml_file.parse_number` reads it.
 
     Raises
     ------
@@ -185,9 +119,9 @@ def pose_of(stated: Mapping[str, Any]) -> SE3:
         If they are invalid, or the angles can only be degrees.
     """
     numbers = {key: numbers_of(key, value) for key, value in stated.items()}
-    placed = pose(**numbers)
-    refuse_degrees("rpy", numbers.get("rpy", ()))
-    return placed
+    if "rpy" in numbers:
+        refuse_degrees("rpy", finite("rpy", numbers["rpy"], (3,)).tolist())
+    return pose(**numbers)
 
 
 def _mesh(path: Path, stated: Mapping[str, Any]) -> Mesh:
@@ -225,10 +159,6 @@ def _listed(value: Any) -> Any:
     return np.asarray(value).tolist()
 
 
-SCENE_KEYS = ("obstacles", "allowed_contacts", "disabled_pairs", "frame")
-OBSTACLE_KEYS = ("name", *SHAPE_KEYS, "xyz", "rpy", "quat_xyzw", "rgba")
-
-
 class SceneContent(NamedTuple):
     """The content of a scene file, from which :meth:`pinproof.Scene.load` makes a scene."""
 
@@ -252,7 +182,7 @@ def write_scene(scene: SceneContent, path: str | Path) -> None:
     """
     path = Path(path)
     if path.suffix.lower() not in YAML_SUFFIXES:
-        raise SceneError(path, f"unknown suffix {path.suffix!r}; valid: {', '.join(YAML_SUFFIXES)}")
+        raise SceneError(path, unknown_suffix(path, YAML_SUFFIXES))
     content: dict[str, Any] = {
         "obstacles": [stated_obstacle(obstacle, path.resolve().parent) for obstacle in scene.obstacles]
     }
@@ -276,14 +206,14 @@ def read_scene(path: Path, content: LinedMapping) -> SceneContent:
     SceneError
         If the content is invalid; the message names file, line, obstacle and key.
     """
-    refuse_unknown(SceneError, path, "key", content, SCENE_KEYS, "")
+    refuse_unknown(SceneError, path, "key", content, SCENE.names, "")
     if "obstacles" not in content:
         raise SceneError(path, "has no obstacles; write 'obstacles: []' for an empty scene")
     obstacles: list[Obstacle] = []
     for number, stated in enumerate(require_list(SceneError, path, "obstacles", content["obstacles"]), start=1):
         if not isinstance(stated, LinedMapping):
             raise SceneError(
-                path, f"{stated!r} is not an obstacle; valid keys: {', '.join(OBSTACLE_KEYS)}", f"#{number}"
+                path, f"{stated!r} is not an obstacle; valid keys: {', '.join(OBSTACLE.names)}", f"#{number}"
             )
         obstacle = read_obstacle(path, number, stated)
         if any(obstacle.name == other.name for other in obstacles):
@@ -325,14 +255,14 @@ def read_obstacle(path: Path, number: int, stated: LinedMapping) -> Obstacle:
         problem = "has no name" if name is None else f"has the name {name!r}, which is not a text (put it in quotes)"
         raise SceneError(path, f"obstacle {number} {problem}", f"line {stated.line}")
     where = f"line {stated.line}, obstacle {name!r}"
-    refuse_unknown(SceneError, path, "key", stated, OBSTACLE_KEYS, where)
-    kinds = [key for key in SHAPE_KEYS if key in stated]
+    refuse_unknown(SceneError, path, "key", stated, OBSTACLE.names, where)
+    kinds = [key for key in SHAPES if key in stated]
     if len(kinds) != 1:
         what = " and ".join(kinds) or "no shape"
-        raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPE_KEYS)}", where)
+        raise SceneError(path, f"has {what}; it needs one of {', '.join(SHAPES)}", where)
     try:
         shape = read_shape(path, kinds[0], stated[kinds[0]], where)
-        placement = pose_of({key: stated[key] for key in ("xyz", "rpy", "quat_xyzw") if key in stated})
+        placement = pose_of({key: stated[key] for key in POSE.names if key in stated})
         return Obstacle(name, shape, placement, _rgba(stated["rgba"]) if "rgba" in stated else None)
     except InputError as error:
         raise SceneError(path, str(error), where) from error

@@ -8,13 +8,14 @@ beyond their sixteen levels are dropped.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import permutations
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision.shapes import GRID_CELLS, HeightMap, PointCloud
 
-__all__ = ["Cells", "Ground", "cell_faces", "ground_surface"]
+__all__ = ["Cells", "Ground", "cell_faces", "ground_surface", "merged_cells"]
 
 Array = npt.NDArray[np.float64]
 
@@ -114,6 +115,29 @@ def cell_faces(cloud: PointCloud) -> tuple[Array, Indices]:
     four = np.arange(4 * len(corners)).reshape(-1, 4)
     triangles = np.concatenate([four[:, :3], four[:, [0, 2, 3]]])
     return corners.reshape(-1, 3) * cloud.resolution, triangles
+
+
+def merged_cells(cells: Indices) -> tuple[Indices, Indices]:
+    """Join cells to boxes that cover the same volume: lower corners (N, 3) and upper corners (N, 3), in cells.
+
+    Cells are joined to rows, rows to plates and plates to blocks, with the order of the axes that gives the fewest
+    boxes. A plane of cells becomes one box; the boxes of a noisy surface contain few cells each.
+    """
+    orders = (_joined(cells, order) for order in permutations(range(3)))
+    return min(orders, key=lambda boxes: len(boxes[0]))
+
+
+def _joined(cells: Indices, order: tuple[int, ...]) -> tuple[Indices, Indices]:
+    low, high = cells, cells + 1
+    for axis in order:
+        others = [other for other in range(3) if other != axis]
+        sides = [column for other in others for column in (high[:, other], low[:, other])]
+        rank = np.lexsort([low[:, axis], *sides])
+        low, high = low[rank], high[rank]
+        same = (low[1:, others] == low[:-1, others]).all(axis=1) & (high[1:, others] == high[:-1, others]).all(axis=1)
+        same &= low[1:, axis] == high[:-1, axis]
+        low, high = low[np.append(True, ~same)], high[np.append(~same, True)]
+    return low, high
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import codecs
 import os
+import re
 import stat
 import uuid
+from collections.abc import Iterable
 from pathlib import Path
 
 from pinproof.errors import FileError
 
 __all__ = [
     "LARGEST_TEXT",
+    "file_stems",
     "is_file",
     "read_bytes",
     "read_text",
     "refuse_unreadable",
+    "unknown_suffix",
     "write_bytes_whole",
     "write_text_whole",
 ]
@@ -57,6 +61,12 @@ def read_text(path: Path, error: type[FileError], *, largest: int = LARGEST_TEXT
         hint = "it looks like UTF-16" if data.startswith(_UTF_16) else f"{caught.reason}"
         line = data.count(b"\n", 0, caught.start) + 1
         raise error(path, f"is not UTF-8 text ({hint}); save it as UTF-8", f"line {line}") from caught
+
+
+def unknown_suffix(path: Path, valid: Iterable[str]) -> str:
+    """The text of an error for a file whose name has another suffix than the valid ones."""
+    stated = f"unknown file type {path.suffix!r}" if path.suffix else "the file name has no suffix"
+    return f"{stated}; valid: {', '.join(valid)}"
 
 
 def refuse_unreadable(path: Path, error: type[FileError], *, largest: int | None, remedy: str = "") -> None:
@@ -115,3 +125,19 @@ def write_bytes_whole(path: str | Path, content: bytes) -> None:
             scratch.unlink(missing_ok=True)
     except OSError as error:
         raise FileError(target, f"cannot be written: {error.strerror or error}") from error
+
+
+def file_stems(names: Iterable[str]) -> list[str]:
+    """A file name without suffix for each name: unique, without folders, and never ``report`` or ``*.program``."""
+    stems: list[str] = []
+    used = {"report"}
+    for name in names:
+        plain = re.sub(r"[^\w.+-]+", "_", name).lstrip(".") or "pick"
+        stem = plain = plain.replace(".program", "_program")  # the suffix of program files
+        count = 1
+        while stem.lower() in used:
+            count += 1
+            stem = f"{plain}_{count}"
+        used.add(stem.lower())
+        stems.append(stem)
+    return stems

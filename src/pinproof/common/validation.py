@@ -2,17 +2,54 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
+from collections.abc import Mapping
 from numbers import Integral, Real
+from typing import Any, NoReturn, TypeVar
 
 import numpy as np
 
 from pinproof.errors import InputError
 
-__all__ = ["Rng", "random_generator", "require_integer", "require_positive", "seed_sequence"]
+__all__ = [
+    "ReadOnlyDict",
+    "Rng",
+    "named_arguments",
+    "random_generator",
+    "require_integer",
+    "require_positive",
+    "seed_sequence",
+]
+
+Key = TypeVar("Key")
+Value = TypeVar("Value")
+Kind = TypeVar("Kind", bound=type)
 
 Rng = int | np.random.Generator
 """A seed, or a generator whose state advances."""
+
+
+def named_arguments(kind: Kind) -> Kind:
+    """Make a class raise InputError, with the names of its arguments, if arguments are missing or unknown.
+
+    A decorator of dataclasses whose calls are mistaken easily, such as ``Box([1, 1, 1])`` for ``Box(1, 1, 1)``.
+    """
+    create: Any = kind.__init__  # type: ignore[misc]  # of the class, not of an instance
+    signature = inspect.signature(kind)
+
+    @functools.wraps(create)
+    def checked(self: Any, *args: Any, **kwargs: Any) -> None:
+        try:
+            signature.bind(*args, **kwargs)
+        except TypeError as error:
+            call = f"{kind.__name__}({', '.join(signature.parameters)})"
+            raise InputError(f"{kind.__name__}: {error}; write {call}") from None
+        create(self, *args, **kwargs)
+
+    kind.__init__ = checked  # type: ignore[misc]
+    return kind
 
 
 def require_positive(name: str, value: float, *, zero: bool = False, below: float = math.inf) -> None:
@@ -54,3 +91,27 @@ def seed_sequence(rng: Rng) -> np.random.SeedSequence:
             "this Generator has no SeedSequence for independent streams; create it with numpy.random.default_rng"
         )
     return sequence
+
+
+class ReadOnlyDict(dict[Key, Value]):
+    """A copy of a mapping that cannot be changed; unlike ``types.MappingProxyType`` it can be pickled.
+
+    Parameters
+    ----------
+    content
+        The mapping.
+    remedy
+        What to do instead of changing it, for the message of the exception.
+    """
+
+    def __init__(self, content: Mapping[Key, Value], remedy: str) -> None:
+        super().__init__(content)
+        self._remedy = remedy
+
+    def _refuse(self, *_args: object, **_named: object) -> NoReturn:
+        raise TypeError(self._remedy)
+
+    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ReadOnlyDict, (dict(self), self._remedy)

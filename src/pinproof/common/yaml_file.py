@@ -1,16 +1,12 @@
-"""Reading YAML input files, with line numbers in error messages, and detecting wrong units.
-
-Duplicate and unknown keys are errors. Numbers that are plausible only in another unit (degrees instead of radians,
-millimetres instead of metres) are errors where the number itself leaves no doubt: 30 rad may be a joint limit, but an
-orientation of 90 rad is always a mistake.
-"""
+"""Reading YAML input files, with line numbers in error messages. Duplicate and unknown keys are errors."""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Hashable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import yaml
@@ -21,17 +17,15 @@ from yaml.reader import Reader
 from yaml.resolver import Resolver
 from yaml.scanner import Scanner
 
-from pinproof.common.files import read_text
-from pinproof.errors import FileError, InputError, UnknownNameError
+from pinproof.common.files import read_text, unknown_suffix
+from pinproof.errors import FileError, UnknownNameError
 
 __all__ = [
-    "MOST_REACH",
+    "NUMBER_PATTERN",
     "YAML_SUFFIXES",
     "LinedMapping",
+    "parse_number",
     "read_yaml",
-    "refuse_degree_limit",
-    "refuse_degrees",
-    "refuse_millimetres",
     "refuse_unknown",
     "require_list",
 ]
@@ -69,7 +63,7 @@ def read_yaml(
         Type of the exception if the file cannot be read; the message states file and line.
     """
     if path.suffix.lower() not in suffixes:
-        raise error(path, f"unknown file type {path.suffix!r}; valid: {', '.join(suffixes)}")
+        raise error(path, unknown_suffix(path, suffixes))
     remedy = "put meshes and points in mesh files, picks in a CSV table"
     text = _END_MARK.sub("\n", read_text(path, error, largest=LARGEST_YAML, remedy=remedy))
     if odd := _NO_YAML.search(text):
@@ -95,9 +89,14 @@ def read_yaml(
 
 
 class LinedMapping(dict[Any, Any]):
-    """A YAML mapping with the number of the line where it starts."""
+    """A YAML mapping with the number of the line where it starts, and those of its keys."""
 
     line: int
+    lines: Mapping[Any, int] = MappingProxyType({})
+
+    def place(self, key: object) -> str:
+        """Return the position of a key for messages: ``line 3, key robot``."""
+        return f"line {self.lines[key]}, key {key}" if key in self.lines else f"key {key}"
 
 
 def require_list(error: type[FileError], path: Path, key: str, stated: object) -> list[Any]:
@@ -174,6 +173,7 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
 def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
     mapping = LinedMapping()
     mapping.line = node.start_mark.line + 1
+    mapping.lines = lines = {}
     yield mapping
     for key_node, value_node in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
@@ -183,6 +183,7 @@ def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
             raise ConstructorError(None, None, "a list or a mapping cannot be a key", key_node.start_mark)
         if key in mapping:
             raise ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
+        lines[key] = key_node.start_mark.line + 1
         mapping[key] = loader.construct_object(value_node, deep=True)
 
 
@@ -199,40 +200,56 @@ def _number(loader: _LinedLoader, node: yaml.ScalarNode) -> int | float:
     return value
 
 
+def _angle(loader: _LinedLoader, node: yaml.ScalarNode) -> float:
+    """Construct ``!degrees 90`` and ``!radians 1.5``, which are tags of xacro and MoveIt, as radians."""
+    try:
+        value = parse_number(loader.construct_scalar(node))
+    except (ValueError, ConstructorError) as error:
+        raise ConstructorError(None, None, f"the value of {node.tag}: {error}", node.start_mark) from error
+    return math.radians(value) if node.tag == "!degrees" else value
+
+
+def _unknown_tag(_loader: _LinedLoader, node: yaml.Node) -> None:
+    raise ConstructorError(None, None, f"unknown tag {node.tag!r}; valid: {', '.join(ANGLE_TAGS)}", node.start_mark)
+
+
+ANGLE_TAGS = ("!degrees", "!radians")
+for _tag in ANGLE_TAGS:
+    _LinedLoader.add_constructor(_tag, _angle)
+_LinedLoader.add_constructor(None, _unknown_tag)
+
 for _kind, _made in (("map", _lined), ("int", _number), ("float", _number)):
     _LinedLoader.add_constructor(f"tag:yaml.org,2002:{_kind}", _made)
 
 
-MOST_TURN = 4 * math.pi
-"""Rad. Angles of an orientation are within two full rotations; 13 degrees and more exceed this."""
+_DECIMAL = r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)"
+_PLAIN = rf"[+-]?{_DECIMAL}(?:[eE][+-]?[0-9]+)?"
+_WITH_PI = rf"([+-]?)(?:({_DECIMAL})\s*\*\s*)?pi(?:\s*/\s*({_DECIMAL}))?"
+_WITH_COMMA = re.compile(r"[+-]?[0-9]+,[0-9]+")
 
-DEGREE_LIMITS = (50.0, 720.0)
-"""An integer joint limit between these values is assumed to be in degrees: in radians it is 8 rotations or more."""
-
-MOST_REACH = 100.0
-"""Metres. Longer distances on an arm or in its workspace are assumed to be in millimetres."""
-
-
-def refuse_degrees(name: str, angles: Sequence[float]) -> None:
-    """Raise InputError for angles of an orientation beyond two full rotations; the message converts from degrees."""
-    for angle in angles:
-        if abs(angle) > MOST_TURN:
-            raise InputError(f"{name}: {angle:g} rad is more than two full rotations; {_degrees(angle)}")
+NUMBER_PATTERN = rf"^\s*(?:{_PLAIN}|{_WITH_PI})\s*$"
+"""The texts that :func:`parse_number` accepts, as a regular expression for JSON Schema."""
 
 
-def refuse_degree_limit(name: str, limit: float | None) -> None:
-    """Raise InputError for a limit of a revolute joint that is probably in degrees (:data:`DEGREE_LIMITS`)."""
-    if limit is not None and DEGREE_LIMITS[0] < abs(limit) <= DEGREE_LIMITS[1] and limit == round(limit):
-        raise InputError(f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} full rotations; {_degrees(limit)}")
+def parse_number(value: object) -> float:
+    """Parse a number of a file: a number, or text such as ``0.33``, ``1e-3``, ``-pi/2`` or ``3*pi/4``.
 
-
-def refuse_millimetres(name: str, lengths: Sequence[float]) -> None:
-    """Raise InputError if the lengths are probably in millimetres: one exceeds 100 m and all others are 0 or >= 1 m."""
-    stated = [abs(length) for length in lengths if length]
-    if stated and max(stated) > MOST_REACH and min(stated) >= 1.0:
-        far = max(stated)
-        raise InputError(f"{name}: {far:g} m is too long; lengths are in metres, {far:g} mm = {far / 1000:g} m")
-
-
-def _degrees(angle: float) -> str:
-    return f"angles are in radians, {angle:g} degrees = {math.radians(angle):.6g} rad"
+    Raises
+    ------
+    ValueError
+        For anything else; expressions are not evaluated.
+    """
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("the integer is too large for a double") from None
+    text = value.strip() if isinstance(value, str) else ""
+    if re.fullmatch(_PLAIN, text):
+        return float(text)
+    match = re.fullmatch(_WITH_PI, text)
+    if match is None or (match[3] is not None and float(match[3]) == 0.0):
+        comma = ": use a decimal point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
+        raise ValueError(f"{value!r} is not a number{comma}; write a decimal number or [-][k*]pi[/m]")
+    size = float(match[2] or 1) * math.pi / float(match[3] or 1)
+    return -size if match[1] == "-" else size

@@ -30,11 +30,12 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.conversion.proof import prove_table_equals_arm
-from pinproof.description.dh import CONVENTIONS, DhRow, DhTable
+from pinproof.description.dh import DhRow, DhTable
+from pinproof.description.dh_keys import CONVENTIONS
 from pinproof.errors import ConversionError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.model.chain import link_path
+from pinproof.model.dh_proof import prove_table_equals_arm
 
 __all__ = ["COINCIDENT", "FARTHEST", "PARALLEL", "Axis", "frame_on", "frames_along", "row_numbers", "urdf_to_dh"]
 
@@ -275,6 +276,7 @@ def _own_axis(name: str, frame: Array) -> Axis:
 
 def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, alpha: float) -> DhRow:
     lower, upper, velocity = (float(x[i]) for x in (arm.limits.lower, arm.limits.upper, arm.limits.velocity))
+    effort = math.nan if arm.limits.effort is None else float(arm.limits.effort[i])
     limited = math.isfinite(lower) and math.isfinite(upper)
     if joint_type != "prismatic":
         joint_type = "revolute" if limited else "continuous"
@@ -292,6 +294,7 @@ def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, al
         joint_type,
         **({"lower": lower, "upper": upper} if limited else {}),
         **({"velocity": velocity} if math.isfinite(velocity) else {}),
+        **({"effort": effort} if math.isfinite(effort) else {}),
     )
 
 

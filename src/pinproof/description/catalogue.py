@@ -34,7 +34,7 @@ class CatalogueEntry:
     base
         Default base of ``robot.arm()`` if the tcp is a descendant of it; None for the root link.
     overlaps
-        Pairs of links whose collision geometry overlaps in every sampled configuration (scripts/catalogue_overlaps.py).
+        Pairs of links whose collision geometry overlaps in every sampled configuration (`pinproof info --overlaps`).
     """
 
     name: str
@@ -63,7 +63,8 @@ def find_robot(name: str) -> CatalogueEntry:
     """
     robots = _table("catalogue.yaml")
     if name not in robots:
-        raise UnknownNameError("robot", name, robots, "the catalogue (a path must end in .urdf, .xacro or .xml)")
+        where = "the catalogue (the name of a file ends in .urdf, .xacro, .xml, .yaml or .csv)"
+        raise UnknownNameError("robot", name, robots, where)
     data = robots[name]
     srdf = None if data.get("srdf") is None else _file(name, data["srdf"])
     overlaps = tuple((first, second) for first, second in _table("catalogue_overlaps.yaml").get(data["urdf"], ()))

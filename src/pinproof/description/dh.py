@@ -11,24 +11,8 @@ dh_(i-1) to frame dh_i:
 
       A = Rx(alpha) Tx(a) Rz(theta) Tz(d)
 
-A YAML file contains the complete table::
-
-    name: generic_6dof            # optional; default: the name of the file
-    convention: standard          # or modified; required
-    base: {xyz: [0, 0, 0], rpy: [0, 0, 0]}        # optional; also quat_xyzw, or matrix: four rows of four
-    tool: {xyz: [0, 0, 0.1]}                      # as base
-    rows:
-      - {name: joint_1, type: revolute, theta: 0, d: 0.33, a: 0, alpha: pi/2, lower: -pi, upper: pi, velocity: 3}
-
-A CSV file contains the rows and the convention::
-
-    # convention: standard
-    name,type,theta,d,a,alpha,lower,upper,velocity
-    joint_1,revolute,0,0.33,0,pi/2,-pi,pi,3
-
-Lengths are in metres, angles in radians. A number may be written as ``[-][k*]pi[/m]``, because a rounded 1.5708 is not
-exactly pi/2. The columns ``type``, ``lower``, ``upper`` and ``velocity`` are optional where :class:`DhRow` has a
-default.
+The keys of YAML files and the columns of CSV files are in :mod:`pinproof.description.dh_keys`, and docs/formats/dh.md
+describes them with examples. A number may be written as ``[-][k*]pi[/m]``, because a rounded 1.5708 is not pi/2.
 """
 
 from __future__ import annotations
@@ -46,22 +30,22 @@ import numpy as np
 import numpy.typing as npt
 import yaml
 
-from pinproof.common.files import read_text, write_text_whole
-from pinproof.common.yaml_file import read_yaml, refuse_degree_limit, refuse_degrees, refuse_millimetres, refuse_unknown
+from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.files import read_text, unknown_suffix, write_text_whole
+from pinproof.common.yaml_file import parse_number, read_yaml, refuse_unknown
+from pinproof.description.dh_keys import CONVENTIONS, DEFAULT_EFFORT, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
 from pinproof.errors import DhTableError, InputError, UnknownNameError
 from pinproof.spatial import finite, matrix, pose, rigid
+from pinproof.units import refuse_degree_limit, refuse_degrees, refuse_millimetres
 
 __all__ = [
-    "CONVENTIONS",
     "DEFAULT_PRISMATIC_VELOCITY",
     "DEFAULT_REVOLUTE_LIMIT",
     "DEFAULT_REVOLUTE_VELOCITY",
-    "JOINT_TYPES",
     "DhRow",
     "DhTable",
     "load_table",
     "other_separator",
-    "parse_number",
     "row_problem",
     "row_transform",
     "save_table",
@@ -69,17 +53,12 @@ __all__ = [
 
 Array = npt.NDArray[np.float64]
 
-CONVENTIONS = ("standard", "modified")
-JOINT_TYPES = ("revolute", "prismatic", "continuous")
-
 DEFAULT_REVOLUTE_LIMIT = math.pi
 """Rad. Default limits of a revolute row are -pi and pi: one full rotation."""
 DEFAULT_REVOLUTE_VELOCITY = math.pi
 """Rad/s. Default velocity limit of a revolute or continuous row, a common value for small arms."""
 DEFAULT_PRISMATIC_VELOCITY = 1.0
 """M/s. Default velocity limit of a prismatic row, a common value for linear axes."""
-LARGEST = 1e6
-"""Metres, radians, m/s, rad/s. Larger numbers are typing errors; sines would lose digits and products overflow."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +79,8 @@ class DhRow:
         rows; prismatic rows must state both.
     velocity
         Velocity limit in rad/s or m/s; by default pi rad/s and 1 m/s.
+    effort
+        Largest torque or force in N m or N; by default 100. No result depends on it.
 
     Raises
     ------
@@ -117,6 +98,7 @@ class DhRow:
     lower: float = cast(float, None)
     upper: float = cast(float, None)
     velocity: float = cast(float, None)
+    effort: float = cast(float, None)
 
     def __post_init__(self) -> None:
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
@@ -144,9 +126,9 @@ def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
     joint_type = values["joint_type"]
     if joint_type not in JOINT_TYPES:
         return "joint_type", f"unknown joint type {joint_type!r}; valid: {', '.join(JOINT_TYPES)}"
-    for column in ("theta", "d", "a", "alpha", "lower", "upper", "velocity"):
+    for column in ("theta", "d", "a", "alpha", "lower", "upper", "velocity", "effort"):
         value = values[column]
-        optional = column in ("lower", "upper", "velocity")
+        optional = column in ("lower", "upper", "velocity", "effort")
         if value is None and optional:
             continue
         if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
@@ -157,6 +139,8 @@ def row_problem(values: dict[str, Any]) -> tuple[str, str] | None:
             return column, f"{value} is not a finite number"
         if abs(value) > LARGEST and not unlimited:
             return column, f"{value} is larger than {LARGEST:g} m, rad, m/s or rad/s"
+    if values["effort"] is not None and values["effort"] <= 0:
+        return "effort", f"must be greater than 0, not {values['effort']:.17g}"
     return _limit_problem(joint_type, values["lower"], values["upper"], values["velocity"])
 
 
@@ -180,9 +164,9 @@ def _limit_problem(
 
 def _defaults(joint_type: str) -> dict[str, float]:
     if joint_type == "prismatic":
-        return {"velocity": DEFAULT_PRISMATIC_VELOCITY}
+        return {"velocity": DEFAULT_PRISMATIC_VELOCITY, "effort": DEFAULT_EFFORT}
     limit = math.inf if joint_type == "continuous" else DEFAULT_REVOLUTE_LIMIT
-    return {"lower": -limit, "upper": limit, "velocity": DEFAULT_REVOLUTE_VELOCITY}
+    return {"lower": -limit, "upper": limit, "velocity": DEFAULT_REVOLUTE_VELOCITY, "effort": DEFAULT_EFFORT}
 
 
 def _stated(values: dict[str, Any]) -> dict[str, float]:
@@ -214,22 +198,13 @@ def row_transform(row: DhRow, convention: str, q: float) -> Array:
 
 
 SUFFIXES = (".yaml", ".yml", ".csv")
-TABLE_KEYS = ("name", "convention", "base", "tool", "rows")
-COLUMNS = ("name", "type", "theta", "d", "a", "alpha", "lower", "upper", "velocity")
-MUST_STATE = ("name", "theta", "d", "a", "alpha")
-POSE_KEYS = ("xyz", "rpy", "quat_xyzw", "matrix")
-
-_DECIMAL = r"(?:\d+(?:\.\d*)?|\.\d+)"
-_PLAIN = re.compile(rf"[+-]?{_DECIMAL}(?:[eE][+-]?\d+)?")
-_WITH_COMMA = re.compile(r"[+-]?\d+,\d+")
-_WITH_PI = re.compile(rf"(?P<sign>[+-]?)(?:(?P<times>{_DECIMAL})\s*\*\s*)?pi(?:\s*/\s*(?P<over>{_DECIMAL}))?")
 
 
 def load_table(path: str | Path) -> DhTable:
     """Read a table; see :meth:`DhTable.load`."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise DhTableError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
+        raise DhTableError(path, unknown_suffix(path, SUFFIXES))
     return _table_from_csv(path) if path.suffix.lower() == ".csv" else _table_from_yaml(path)
 
 
@@ -237,43 +212,19 @@ def save_table(table: DhTable, path: str | Path) -> None:
     """Write a table; see :meth:`DhTable.save`."""
     path = Path(path)
     if path.suffix.lower() not in SUFFIXES:
-        raise DhTableError(path, f"unknown kind of file {path.suffix!r}; valid: {', '.join(SUFFIXES)}")
+        raise DhTableError(path, unknown_suffix(path, SUFFIXES))
     write_text_whole(path, _csv_text(table) if path.suffix.lower() == ".csv" else _yaml_text(table))
 
 
-def parse_number(value: object) -> float:
-    """Parse a number of a file: a number, or text such as ``0.33``, ``1e-3``, ``-pi/2`` or ``3*pi/4``.
-
-    Raises
-    ------
-    ValueError
-        For anything else; expressions are not evaluated.
-    """
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        try:
-            return float(value)
-        except OverflowError:
-            raise ValueError("the integer is too large for a double") from None
-    text = value.strip() if isinstance(value, str) else ""
-    if _PLAIN.fullmatch(text):
-        return float(text)
-    match = _WITH_PI.fullmatch(text)
-    if match is None or (match["over"] is not None and float(match["over"]) == 0.0):
-        comma = ": use a decimal point, not a comma" if _WITH_COMMA.fullmatch(text) else ""
-        raise ValueError(f"{value!r} is not a number{comma}; write a decimal number or [-][k*]pi[/m]")
-    size = float(match["times"] or 1) * math.pi / float(match["over"] or 1)
-    return -size if match["sign"] == "-" else size
-
-
 def _table_from_yaml(path: Path) -> DhTable:
-    content = read_yaml(path, TABLE_KEYS, DhTableError)
-    refuse_unknown(DhTableError, path, "key", content, TABLE_KEYS, "")
+    content = read_yaml(path, TABLE.names, DhTableError)
+    refuse_unknown(DhTableError, path, "key", content, TABLE.names, "")
     rows = content.get("rows")
     if not isinstance(rows, list) or not rows:
         raise DhTableError(path, "must be a list with at least one row", "key rows")
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, dict):
-            reason = f"{row!r} is not a mapping; valid keys: {', '.join(COLUMNS)}"
+            reason = f"{row!r} is not a mapping; valid keys: {', '.join(ROW.names)}"
             raise DhTableError(path, reason, f"row {number}")
     return _table(
         path,
@@ -298,11 +249,11 @@ def _table_from_csv(path: Path) -> DhTable:
     except csv.Error as error:
         raise DhTableError(path, f"is not valid CSV: {error}") from error
     if not content:
-        raise DhTableError(path, f"has no header; valid columns: {', '.join(COLUMNS)}")
+        raise DhTableError(path, f"has no header; valid columns: {', '.join(ROW.names)}")
     header = [cell.strip() for cell in content[0]]
     if other := other_separator(header):
         raise DhTableError(path, other, "header")
-    refuse_unknown(DhTableError, path, "column", header, COLUMNS, "header")
+    refuse_unknown(DhTableError, path, "column", header, ROW.names, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
         raise DhTableError(path, f"duplicate column {twice[0]}", "header")
@@ -326,10 +277,10 @@ def other_separator(header: Sequence[str]) -> str:
 
 def _row(path: Path, number: int, stated: Mapping[Any, Any]) -> DhRow:
     """Parse one row column by column, so that errors state the column."""
-    refuse_unknown(DhTableError, path, "column", stated, COLUMNS, f"row {number}")
+    refuse_unknown(DhTableError, path, "column", stated, ROW.names, f"row {number}")
     values: dict[str, Any] = {"name": stated.get("name"), "joint_type": stated.get("type", "revolute")}
-    for column in COLUMNS:
-        if stated.get(column) is None and column in MUST_STATE:
+    for column in ROW.names:
+        if stated.get(column) is None and column in ROW.required:
             raise DhTableError(path, "is missing", f"row {number}, column {column}")
         if column in ("name", "type"):
             continue
@@ -383,8 +334,9 @@ def _transform(path: Path, key: str, stated: object) -> Any:
     if stated is None:
         return np.eye(4)
     if not isinstance(stated, dict):
-        raise DhTableError(path, f"{stated!r} is not a transform; valid keys: {', '.join(POSE_KEYS)}", f"key {key}")
-    refuse_unknown(DhTableError, path, "key", stated, POSE_KEYS, f"key {key}")
+        reason = f"{stated!r} is not a transform; valid keys: {', '.join(TRANSFORM.names)}"
+        raise DhTableError(path, reason, f"key {key}")
+    refuse_unknown(DhTableError, path, "key", stated, TRANSFORM.names, f"key {key}")
     if "matrix" in stated and len(stated) > 1:
         raise DhTableError(path, "use either matrix, or xyz with rpy or quat_xyzw", f"key {key}")
     numbers: dict[str, Any] = {}
@@ -419,10 +371,11 @@ def _csv_text(table: DhTable) -> str:
     out = io.StringIO()
     out.write(f"# convention: {table.convention}\n")
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(COLUMNS)
-    for row in table.rows:
-        stated = _stated_number(row)
-        writer.writerow([stated.get(column, "") for column in COLUMNS])
+    rows = [_stated_number(row) for row in table.rows]
+    columns = [name for name in ROW.names if name != "effort" or any("effort" in row for row in rows)]
+    writer.writerow(columns)
+    for stated in rows:
+        writer.writerow([stated.get(column, "") for column in columns])
     return out.getvalue()
 
 
@@ -437,9 +390,11 @@ def _yaml_text(table: DhTable) -> str:
 
 
 def _stated_number(row: DhRow) -> dict[str, Any]:
-    """Return the columns of a row for a file; infinite limits of a continuous row are omitted."""
+    """Return the columns of a row for a file, without infinite limits and without the default effort."""
     values: dict[str, Any] = {"name": row.name, "type": row.joint_type}
-    values |= {column: getattr(row, column) for column in COLUMNS[2:]}
+    values |= {column: getattr(row, column) for column in ROW.names[2:]}
+    if row.effort == DEFAULT_EFFORT:
+        del values["effort"]
     return {column: value for column, value in values.items() if isinstance(value, str) or math.isfinite(value)}
 
 
@@ -510,6 +465,19 @@ class DhTable:
     def __len__(self) -> int:
         return len(self.rows)
 
+    def __repr__(self) -> str:
+        rows = (
+            f"{row.name}: {row.joint_type}, theta {row.theta:.6g}, d {row.d:.6g}, a {row.a:.6g}, alpha {row.alpha:.6g}"
+            for row in self.rows
+        )
+        return outline(f"DhTable({self.name!r}, {self.convention}, {len(self)} rows)", rows, total=len(self))
+
+    def _repr_html_(self) -> str:
+        names = ("name", "joint_type", "theta", "d", "a", "alpha", "lower", "upper", "velocity")
+        rows = ([getattr(row, name) for name in names] for row in self.rows)
+        title = f"{self.name}: DH table, {self.convention} convention (m, rad)"
+        return html_block(title, html_table([name.replace("_", " ") for name in names], rows, total=len(self)))
+
     @classmethod
     def load(cls, path: str | Path) -> DhTable:
         """Read a table from a ``.yaml``, ``.yml`` or ``.csv`` file; see :mod:`pinproof.description.dh`.
@@ -552,6 +520,11 @@ class DhTable:
     def velocity(self) -> Array:
         """(n,) velocity limits, rad/s or m/s."""
         return np.array([row.velocity for row in self.rows])
+
+    @property
+    def effort(self) -> Array:
+        """(n,) effort limits, N m or N."""
+        return np.array([row.effort for row in self.rows])
 
     def frames(self, q: npt.ArrayLike) -> Array:
         """Compute the poses of the frames dh_0 ... dh_n.
@@ -596,7 +569,7 @@ class DhTable:
             return table.name, table.convention, [(row.name, row.joint_type) for row in table.rows]
 
         def numbers(table: DhTable) -> Array:
-            columns = [(r.theta, r.d, r.a, r.alpha, r.lower, r.upper, r.velocity) for r in table.rows]
+            columns = [(r.theta, r.d, r.a, r.alpha, r.lower, r.upper, r.velocity, r.effort) for r in table.rows]
             return np.concatenate([np.ravel(columns), table.base.ravel(), table.tool.ravel()])
 
         same = names(self) == names(other)

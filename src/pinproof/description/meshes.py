@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.files import read_bytes
+from pinproof.common.disk_cache import cached, content_digest
+from pinproof.common.files import read_bytes, unknown_suffix
 from pinproof.description.packages import MeshFile
 from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError
@@ -23,6 +24,9 @@ MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
 
 LARGEST_MESH = 256 * 2**20
 """Bytes (256 MiB): five million triangles as binary STL, about a hundred times as many as a link needs."""
+
+MESH_LIBRARIES = ("trimesh", "pycollada")
+"""The distributions that parse mesh files."""
 
 FARTHEST = 1e4
 """Metres from the origin of the mesh. Larger coordinates are wrong units, and distances would lose digits."""
@@ -56,7 +60,7 @@ def read_mesh(path: str | Path, scale: tuple[float, float, float] = (1.0, 1.0, 1
     """
     path = Path(path)
     if path.suffix.lower() not in MESH_SUFFIXES:
-        raise MeshError(path, f"unknown mesh format {path.suffix!r}; valid: {', '.join(MESH_SUFFIXES)}")
+        raise MeshError(path, unknown_suffix(path, MESH_SUFFIXES))
     vertices, triangles = _load(path)
     if len(triangles) == 0:
         raise MeshError(path, "has no triangles")
@@ -82,7 +86,7 @@ def resolved(mesh: MeshFile, link: str) -> Path:
         If it was not found; the message states the link and the paths that were tried.
     """
     if mesh.path is None:
-        places = "\n  ".join(str(place) for place in mesh.looked_in)
+        places = "\n  ".join(str(place) for place in mesh.searched)
         raise MeshError(mesh.uri, f"the mesh of link {link!r} was not found; tried:\n  {places}")
     return mesh.path
 
@@ -117,14 +121,26 @@ def z_up(path: Path) -> npt.NDArray[np.float64]:
 
 def _load(path: Path) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
     """Return the vertices and triangles of the file, unscaled."""
-    import trimesh
-
     data = read_bytes(path, MeshError, largest=LARGEST_MESH, remedy="simplify the mesh, or split it into several")
     kind = path.suffix.lower()[1:]
     if kind == "dae":
         refuse_doctype(data, path, MeshError)
     if kind == "stl" and not data.lstrip().startswith(b"solid"):
         _refuse_truncated_stl(path, data)
+    if kind == "gltf":  # it refers to other files
+        return _parsed(path, data, kind)
+
+    def make() -> dict[str, npt.NDArray[Any]]:
+        vertices, triangles = _parsed(path, data, kind)
+        return {"vertices": vertices, "triangles": triangles}
+
+    found = cached("mesh", content_digest(data, kind), make, code=[__file__], libraries=MESH_LIBRARIES)
+    return found["vertices"], found["triangles"]
+
+
+def _parsed(path: Path, data: bytes, kind: str) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int64]]:
+    import trimesh
+
     try:
         loaded: Any = trimesh.load(
             BytesIO(data), file_type=kind, resolver=_beside(path), force="mesh", process=False, skip_materials=True

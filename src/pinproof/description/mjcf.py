@@ -166,31 +166,31 @@ def add_geom(words: Words, meshes: Mapping[str, Element], link: Element, geom: E
     UrdfError
         For an unsupported type; the message states the line.
     """
-    said = words.attributes(geom, inherited)
-    collides = said.get("contype", "1") != "0" or said.get("conaffinity", "1") != "0"
-    drawn = not collides or int(words.numbers(geom, said, "group", 1, "0")[0]) < HIDDEN_GROUP
-    kind = said.get("type", "sphere")
-    pose = words.pose(geom, said)
+    attributes = words.attributes(geom, inherited)
+    collides = attributes.get("contype", "1") != "0" or attributes.get("conaffinity", "1") != "0"
+    drawn = not collides or int(words.numbers(geom, attributes, "group", 1, "0")[0]) < HIDDEN_GROUP
+    kind = attributes.get("type", "sphere")
+    pose = words.pose(geom, attributes)
     if kind == "mesh":
-        shape = {"tag": "mesh", **_mesh(words, meshes, said, geom)}
-    elif kind in SIZES and "mesh" not in said:
-        shape, pose = _primitive(words, said, geom, kind, pose)
+        shape = {"tag": "mesh", **_mesh(words, meshes, attributes, geom)}
+    elif kind in SIZES and "mesh" not in attributes:
+        shape, pose = _primitive(words, attributes, geom, kind, pose)
     else:
-        what = f"a {kind} fitted to a mesh" if "mesh" in said else f"a {kind}"
+        what = f"a {kind} fitted to a mesh" if "mesh" in attributes else f"a {kind}"
         reason = f"contains {what}, which is not supported; valid: {', '.join(SIZES)}, mesh"
         raise UrdfError(words.path, reason, place(geom))
     for tag, wanted in (("collision", collides), ("visual", drawn)):
         if wanted:
-            _add(link, tag, shape, pose, said.get("rgba"), geom)
+            _add(link, tag, shape, pose, attributes.get("rgba"), geom)
 
 
 def _primitive(
-    words: Words, said: Mapping[str, str], geom: Element, kind: str, pose: Array
+    words: Words, attributes: Mapping[str, str], geom: Element, kind: str, pose: Array
 ) -> tuple[dict[str, str], Array]:
     """Return shape and pose; MJCF states half sides and half lengths, or the ends of the axis with ``fromto``."""
     count = SIZES[kind]
-    if "fromto" in said and kind != "sphere":
-        ends = words.numbers(geom, said, "fromto", 6)
+    if "fromto" in attributes and kind != "sphere":
+        ends = words.numbers(geom, attributes, "fromto", 6)
         along = ends[3:] - ends[:3]
         length = float(np.linalg.norm(along))
         if length < 1e-9:
@@ -198,14 +198,14 @@ def _primitive(
         pose = np.eye(4)
         pose[:3, :3], pose[:3, 3] = z_to(along), (ends[:3] + ends[3:]) / 2
         # The z axis of MuJoCo points from the second end to the first; all shapes here are symmetric.
-        given = max(len(said.get("size", "").split()), 1)
-        half = [*words.numbers(geom, said, "size", given)[: count - 1], length / 2]
+        given = max(len(attributes.get("size", "").split()), 1)
+        half = [*words.numbers(geom, attributes, "size", given)[: count - 1], length / 2]
         if kind == "box" and given < 2:
             half = [half[0], half[0], length / 2]
     else:
         # Additional numbers are allowed, because classes may be shared by several types.
-        given = max(len(said.get("size", "").split()), count)
-        half = list(words.numbers(geom, said, "size", given)[:count])
+        given = max(len(attributes.get("size", "").split()), count)
+        half = list(words.numbers(geom, attributes, "size", given)[:count])
     full = [repr(2 * float(value)) for value in half]
     if kind == "box":
         return {"tag": "box", "size": " ".join(full)}, pose
@@ -214,8 +214,8 @@ def _primitive(
     return {"tag": kind, "radius": repr(float(half[0])), "length": full[1]}, pose
 
 
-def _mesh(words: Words, meshes: Mapping[str, Element], said: Mapping[str, str], geom: Element) -> dict[str, str]:
-    name = said.get("mesh", "")
+def _mesh(words: Words, meshes: Mapping[str, Element], attributes: Mapping[str, str], geom: Element) -> dict[str, str]:
+    name = attributes.get("mesh", "")
     if name not in meshes:
         raise UrdfError(words.path, str(UnknownNameError("mesh", name, meshes, "a <geom>")), place(geom))
     asset = words.attributes(meshes[name], None)

@@ -23,7 +23,7 @@ class MeshFile:
 
     uri: str
     path: Path | None
-    looked_in: tuple[Path, ...]
+    searched: tuple[Path, ...]
 
 
 def locate(uri: str, urdf_folder: Path | None, package_dirs: Sequence[Path]) -> MeshFile:

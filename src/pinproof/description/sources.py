@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from pinproof.common.yaml_file import refuse_degree_limit
 from pinproof.description.mjcf import mjcf_of
 from pinproof.description.srdf import Srdf
 from pinproof.description.urdf import Urdf, read_urdf
 from pinproof.description.xml_reader import parse_file
 from pinproof.errors import InputError
+from pinproof.units import refuse_degree_limit
 
 __all__ = ["notes", "read_description"]
 

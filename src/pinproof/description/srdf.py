@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
+from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.xml_reader import Element, numbers, parse_file, place, required
 from pinproof.errors import UrdfError
 
-__all__ = ["DisabledPair", "EndEffector", "Group", "GroupState", "Srdf", "read_srdf", "srdf_of"]
+__all__ = ["DisabledPair", "EndEffector", "Group", "GroupState", "Srdf", "read_srdf", "srdf_of", "srdf_text"]
 
 
 T = TypeVar("T")
@@ -59,6 +60,9 @@ class EndEffector:
     group: str
 
 
+GROUPS_READ_ONLY = "the groups of a robot are read-only; load a changed SRDF"
+
+
 @dataclass(frozen=True)
 class Srdf:
     """The contents of an SRDF that are used for planning.
@@ -73,6 +77,14 @@ class Srdf:
     states: tuple[GroupState, ...] = ()
     end_effectors: tuple[EndEffector, ...] = ()
     disabled_links: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "groups", ReadOnlyDict(self.groups, GROUPS_READ_ONLY))
+
+    def __repr__(self) -> str:
+        path = "" if self.path is None else f"{self.path.name!r}, "
+        counts = f"{len(self.groups)} groups, {len(self.states)} states, {len(self.disabled)} disabled pairs"
+        return f"Srdf({path}{counts})"
 
 
 def read_srdf(path: str | Path) -> Srdf:
@@ -123,7 +135,7 @@ def srdf_of(root: Element, path: Path) -> Srdf:
     )
 
 
-def _pair(element: Element, path: Path) -> tuple[str, str]:
+def _pair(element: Element, path: str | Path) -> tuple[str, str]:
     return required(element, "link1", path), required(element, "link2", path)
 
 
@@ -167,3 +179,28 @@ def _join(
 
 def _once(names: Sequence[T]) -> tuple[T, ...]:
     return tuple(dict.fromkeys(names))
+
+
+def srdf_text(robot: str, srdf: Srdf, disabled: Sequence[DisabledPair]) -> str:
+    """Return the XML text of an SRDF with more disabled pairs.
+
+    Parameters
+    ----------
+    robot
+        Name of the robot.
+    srdf
+        The present SRDF. If it was read from a file, all elements of the file are kept; otherwise its pairs.
+    disabled
+        The pairs to disable, where ``srdf`` does not disable them.
+    """
+    from lxml import etree
+
+    root = etree.Element("robot", name=robot) if srdf.path is None else parse_file(srdf.path)
+    stated = {frozenset(_pair(element, robot)) for element in root.findall("disable_collisions")}
+    for pair in (*srdf.disabled, *disabled):
+        if frozenset(pair.links) not in stated:
+            stated.add(frozenset(pair.links))
+            first, second = pair.links
+            etree.SubElement(root, "disable_collisions", link1=first, link2=second, reason=pair.reason)
+    etree.indent(root)
+    return '<?xml version="1.0"?>\n' + str(etree.tostring(root, encoding="unicode")) + "\n"

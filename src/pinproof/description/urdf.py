@@ -16,6 +16,7 @@ from typing import Literal, cast, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.validation import ReadOnlyDict
 from pinproof.description.packages import MeshFile, climbs_out, locate
 from pinproof.description.xacro_files import expand_xacro
 from pinproof.description.xml_reader import (
@@ -221,7 +222,7 @@ class Mimic:
 class UrdfJoint:
     """A joint of a URDF; limits are None where the file states none.
 
-    A limit beyond :data:`UNBOUNDED` and a velocity limit of 0, which means "unknown" in practice, are None too.
+    A limit beyond :data:`UNBOUNDED`, and a velocity or effort limit of 0 ("unknown" in practice), are None too.
     """
 
     name: str
@@ -232,6 +233,7 @@ class UrdfJoint:
     upper: float | None
     velocity: float | None
     mimic: Mimic | None
+    effort: float | None = None
 
 
 def read_joint(element: Element, links: Mapping[str, Element], source: str | Path) -> UrdfJoint:
@@ -259,7 +261,7 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
         vector = numbers(axis, "xyz", 3, source)
         if np.abs(vector).max() < SMALLEST_AXIS:
             raise UrdfError(source, f"joint {name!r} has the axis {list(vector)}, which has no direction", place(axis))
-    lower, upper, velocity = _limits(element, name, kind, source)
+    lower, upper, velocity, effort = _limits(element, name, kind, source)
     mimic = element.find("mimic")
     rule = None
     if mimic is not None and kind != "fixed":
@@ -268,27 +270,31 @@ def read_joint(element: Element, links: Mapping[str, Element], source: str | Pat
         if max(abs(rule.multiplier), abs(rule.offset)) > FARTHEST:
             what = f"mimic joint {name!r} has the multiplier {rule.multiplier:g} and the offset {rule.offset:g}"
             raise UrdfError(source, f"{what}; the limit is {FARTHEST:g}", place(mimic))
-    return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule)
+    return UrdfJoint(name, cast(JointType, kind), ends[0], ends[1], lower, upper, velocity, rule, effort)
 
 
 def _limits(
     element: Element, name: str, kind: str, source: str | Path
-) -> tuple[float | None, float | None, float | None]:
-    """Return lower, upper, velocity; a missing limit is None, not the 0 of the URDF specification."""
+) -> tuple[float | None, float | None, float | None, float | None]:
+    """Return lower, upper, velocity, effort; a missing limit is None, not the 0 of the URDF specification."""
     limit = element.find("limit")
     if limit is None or kind == "fixed":
-        return None, None, None
+        return None, None, None, None
     spelt_attributes(limit, ("lower", "upper", "velocity", "effort"), source)
     lower = number(limit, "lower", source) if limit.get("lower") is not None else None
     upper = number(limit, "upper", source) if limit.get("upper") is not None else None
     if lower is not None and upper is not None and lower > upper:
         raise UrdfError(source, f"joint {name!r} has lower = {lower} above upper = {upper}", place(limit))
-    velocity = number(limit, "velocity", source) if limit.get("velocity") is not None else None
+    velocity, effort = (
+        number(limit, key, source) if limit.get(key) is not None else None for key in ("velocity", "effort")
+    )
     if velocity is not None and velocity < 0:
         raise UrdfError(source, f"joint {name!r} has the negative velocity limit {velocity}", place(limit))
+    if effort is not None and effort < 0:
+        raise UrdfError(source, f"joint {name!r} has the negative effort limit {effort}", place(limit))
     if kind == "continuous":
         lower = upper = None
-    return _usable(lower), _usable(upper), _usable(velocity) or None
+    return _usable(lower), _usable(upper), _usable(velocity) or None, _usable(effort) or None
 
 
 def _usable(bound: float | None) -> float | None:
@@ -320,13 +326,16 @@ MAX_LINKS = 1000
 """Largest number of links; urdfdom recurses for each link and crashes at about 5,000."""
 
 
+JOINTS_READ_ONLY = "the joints of a robot are read-only; load a changed URDF"
+
+
 @dataclass(frozen=True, eq=False)
 class Urdf:
     """A validated robot description.
 
     ``kinematics`` is URDF text for Pinocchio: the same links, joints and inertias without geometry. Continuous joints
     are written as revolute ones, so that each joint is one angle, and mimic tags are omitted because
-    :mod:`pinproof.model` handles them.
+    :mod:`pinproof.model` handles them. ``text`` is the complete XML text.
     """
 
     name: str
@@ -337,6 +346,30 @@ class Urdf:
     collisions: tuple[LinkGeometry, ...]
     visuals: tuple[LinkGeometry, ...]
     kinematics: str
+    text: str
+
+    def text_for(self, path: Path) -> str:
+        """Return the XML text for a file at ``path``, from which all meshes that were found are found again."""
+        from lxml import etree
+
+        folder = path.resolve().parent
+        moved = {}
+        for geometry in (*self.visuals, *self.collisions):
+            mesh = geometry.mesh
+            if mesh is not None and mesh.path is not None and locate(mesh.uri, folder, ()).path != mesh.path:
+                moved[mesh.uri] = str(mesh.path.resolve())
+        root = parse_text(self.text, path)
+        for element in root.iter("mesh"):
+            uri = str(element.get("filename", "")).strip()
+            element.set("filename", moved.get(uri, uri))
+        return '<?xml version="1.0"?>\n' + str(etree.tostring(root, encoding="unicode")) + "\n"
+
+    def __repr__(self) -> str:
+        geometry = f"{len(self.collisions)} collision and {len(self.visuals)} visual geometries"
+        return f"Urdf({self.name!r}, {len(self.links)} links, {len(self.joints)} joints, {geometry})"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joints", ReadOnlyDict(self.joints, JOINTS_READ_ONLY))
 
     def model_joint(self, joint: str) -> str:
         """The name of a joint in ``kinematics``; it differs where a link has the same name, which Pinocchio rejects."""
@@ -383,6 +416,8 @@ def read_urdf_text(text: str, *, name: str = "URDF text", package_dirs: Sequence
 
 def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: Sequence[str | Path] = ()) -> Urdf:
     """Read the URDF from an XML element; ``source`` is used in errors, ``path`` to find relative mesh paths."""
+    from lxml import etree
+
     if root.tag != "robot":
         raise UrdfError(source, f"is not a URDF: the root element is <{root.tag}>, not <robot>", place(root))
     macro = next((e for e in root.iter() if "xacro" in e.tag.rpartition("}")[0]), None)
@@ -412,6 +447,7 @@ def urdf_of(root: Element, source: str | Path, path: Path | None, package_dirs: 
         collisions=collisions,
         visuals=visuals,
         kinematics=_kinematics(root, joints),
+        text=str(etree.tostring(root, encoding="unicode")),
     )
 
 
@@ -477,7 +513,8 @@ def _kinematics(root: Element, joints: Mapping[str, UrdfJoint]) -> str:
             etree.SubElement(copy, "axis", xyz=" ".join(repr(float(v)) for v in unit))
         if kind in ("revolute", "prismatic"):
             # The parser of Pinocchio requires limits; those in use are in JointLimits.
-            etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort="1e9")
+            effort = "1e9" if joint.effort is None else repr(joint.effort)
+            etree.SubElement(copy, "limit", lower="-1e9", upper="1e9", velocity="1e9", effort=effort)
     return str(etree.tostring(robot, encoding="unicode"))
 
 

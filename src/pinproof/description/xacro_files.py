@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from pinproof.description.xml_reader import parse_file
-from pinproof.errors import InputError, UrdfError
+from pinproof.errors import InputError, UnknownNameError, UrdfError
 
 __all__ = ["expand_xacro"]
 
@@ -35,6 +35,8 @@ def expand_xacro(
     ------
     InputError
         If xacro is not installed.
+    UnknownNameError
+        If the file neither declares nor uses one of the arguments.
     UrdfError
         If the file cannot be expanded; the message contains the reason given by xacro.
     """
@@ -46,9 +48,9 @@ def expand_xacro(
         ) from error
     parse_file(path)  # checks the size, that the XML is well-formed, and that it has no entities
     job = {
-        "path": str(path),
+        "path": str(path.absolute()),
         "arguments": {key: str(value) for key, value in arguments.items()},
-        "package_dirs": [str(folder) for folder in package_dirs],
+        "package_dirs": [str(folder.absolute()) for folder in package_dirs],
     }
     try:
         done = subprocess.run(
@@ -69,6 +71,11 @@ def expand_xacro(
         last = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
         raise UrdfError(path, f"xacro cannot expand it: its process ended with {done.returncode}: {last}")
     answer = json.loads(done.stdout)
+    unknown = [name for name in arguments if name not in answer["known"]]
     if "error" in answer:
-        raise UrdfError(path, f"xacro cannot expand it: {answer['error']}")
+        # A file that fails before it declares an argument does not show that the argument is unknown.
+        stated = f"; it declares no argument {', '.join(unknown)} before that" if unknown else ""
+        raise UrdfError(path, f"xacro cannot expand it: {answer['error']}{stated}")
+    if unknown:
+        raise UnknownNameError("xacro argument", unknown[0], answer["known"], str(path))
     return str(answer["text"])

@@ -8,6 +8,7 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,13 +24,48 @@ def main() -> None:
     """Expand the file of the job; errors are returned in the result."""
     job = json.load(sys.stdin)
     _bound_memory()
-    answer: dict[str, str]
+    answer: dict[str, Any]
+    arguments = _Arguments(job["arguments"])
     with contextlib.redirect_stdout(sys.stderr):  # xacro prints warnings
         try:
-            answer = {"text": _expand(Path(job["path"]), job["arguments"], [Path(d) for d in job["package_dirs"]])}
+            text = _expand(Path(job["path"]), arguments, [Path(d) for d in job["package_dirs"]])
+            answer = {"text": text, "known": sorted(arguments.known)}
         except Exception as error:  # noqa: BLE001 - xacro raises whatever the expressions in the file raise
-            answer = {"error": " ".join(str(error).split()) or type(error).__name__}
+            answer = {
+                "error": _reason(error),
+                "known": sorted(arguments.known),
+            }
     json.dump(answer, sys.stdout)
+
+
+class _PackageNotFound(LookupError):
+    """A package of ``$(find ...)`` that does not exist."""
+
+
+def _reason(error: Exception) -> str:
+    cause: BaseException | None = error
+    while cause is not None:  # xacro wraps the errors of the expressions in a file
+        if isinstance(cause, _PackageNotFound):
+            return str(cause)
+        cause = cause.__cause__ or cause.__context__
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+class _Arguments(dict[str, str]):
+    """The values of the xacro arguments, with the names of all arguments that the file declares or uses."""
+
+    def __init__(self, values: Mapping[str, str]) -> None:
+        super().__init__(values)
+        self.known: set[str] = set()
+
+    def __contains__(self, name: object) -> bool:
+        self.known.add(str(name))  # xacro tests this for each <xacro:arg>
+        return super().__contains__(name)
+
+    def __getitem__(self, name: str) -> str:
+        value = super().__getitem__(name)
+        self.known.add(name)
+        return value
 
 
 def _expand(path: Path, arguments: dict[str, str], package_dirs: list[Path]) -> str:
@@ -39,9 +75,9 @@ def _expand(path: Path, arguments: dict[str, str], package_dirs: list[Path]) -> 
     def find(package: str) -> str:
         folder = find_package(package, path.resolve().parent, package_dirs)
         if folder is None:
-            raise LookupError(
+            raise _PackageNotFound(
                 f"package {package!r} was not found in package_dirs, above the file, in ROS_PACKAGE_PATH or "
-                "AMENT_PREFIX_PATH"
+                "AMENT_PREFIX_PATH; add the folder that contains it to package_dirs (--package-dir)"
             )
         return str(folder)
 

@@ -9,10 +9,11 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import ClikStep, FabrikStep
 from pinproof.errors import InputError
-from pinproof.ik.iterative import IterativeIk, KernelRule
+from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik
-from pinproof.ik.loop import DescentState, Stall, StepRule
+from pinproof.ik.loop import CompiledRule, DescentState, Stall, StepRule
 from pinproof.ik.task import GoalName, IkGoal, Task
 from pinproof.ik.windings import TURN, turning
 from pinproof.model import Arm
@@ -39,7 +40,7 @@ class Fabrik(IterativeIk):
 
     The original FABRIK moves points, which does not apply to robot arms: the joint centres of a wrist coincide, and a
     hinge rotates about one axis only. Here, links are rigid bodies with a hinge at both ends, and every optimal angle
-    has a closed form (:mod:`pinproof.kernels.step_fabrik`). Three further changes make it reliable:
+    has a closed form (``src/core/ik/fabrik_step.h``). Three further changes make it reliable:
 
     - The distance of a link from its desired pose is also measured at the end of the remaining arm. With hinges alone
       most arms converge very slowly.
@@ -87,7 +88,7 @@ class Fabrik(IterativeIk):
             )
         if goal is not None:
             raise InputError("Fabrik does not support goal=; use pp.Clik")
-        if len(arm.packed) - 1 != arm.dof or (arm.packed[:-1, 14:] != (1.0, 0.0)).any():
+        if arm.chain.has_mimic_joints:
             raise InputError(
                 f"Fabrik does not support mimic joints, and a joint between {arm.base!r} and {arm.tcp!r} is one; "
                 "use pp.Clik"
@@ -97,20 +98,16 @@ class Fabrik(IterativeIk):
         """The two passes, and the step of Clik below the handover residual."""
         return _Passes(Clik(max_step=self.max_step).step_rule(), HANDOVER if self.polish else 0.0)
 
-    def kernel_rule(self) -> KernelRule:
+    def compiled_rule(self) -> CompiledRule:
         """The compiled form of :meth:`step_rule`."""
-        from pinproof.kernels.descent import FABRIK
-
-        return FABRIK, (Clik.damping, HANDOVER**2 if self.polish else 0.0, 0.0)
+        return FabrikStep(ClikStep(Clik.damping), HANDOVER**2 if self.polish else 0.0)
 
 
 class _Passes:
-    """The step rule of :class:`Fabrik`, equal to the kernel's, with (4, 4) matrices in the axes of the target."""
+    """The step rule of :class:`Fabrik`, equal to the compiled one, with (4, 4) matrices in the axes of the target."""
 
     def __init__(self, end: StepRule, handover: float) -> None:
-        from pinproof.kernels import step_fabrik
-
-        self._constants = step_fabrik
+        self._constants = FabrikStep
         self._end, self._handover = end, handover
 
     def observe(self, here: DescentState) -> None:
@@ -122,7 +119,9 @@ class _Passes:
         turns, limits = turning(here.arm), here.arm.limits
         self._lower, self._upper = limits.lower, limits.upper
         self._low, self._high = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
-        self._chain, self._start = here.arm.packed, matrix(here.target.inverse())
+        chain = here.arm.chain
+        self._links, self._prismatic = [*chain.before, chain.tool], chain.prismatic
+        self._start = matrix(here.target.inverse())
         self._position_weight, self._rotation_mask = here.task.mask[0], here.task.mask[3:]
         self._step = self._pass(here.q, here.iteration)
         deadlock = here.waited > 0 and here.waited % self._constants.WAIT == 0
@@ -165,8 +164,8 @@ class _Passes:
     def _hinges(self, q: Array) -> tuple[list[Array], Array]:
         """The origin and direction (2, 3) of each hinge, and the pose (4, 4) of the tcp."""
         pose, hinges = self._start, []
-        for row, value in zip(self._chain, [*q, 0.0], strict=True):
-            pose = pose @ np.vstack([row[:12].reshape(3, 4), [0, 0, 0, 1]])
+        for link, value in zip(self._links, [*q, 0.0], strict=True):
+            pose = pose @ link
             hinges.append(np.vstack([pose[:3, 3], pose[:3, 2]]))
             if len(hinges) <= len(q):
                 pose = self._motion(len(hinges) - 1, hinges[-1], value) @ pose
@@ -194,7 +193,7 @@ class _Passes:
 
     def _best(self, k: int, hinge: Array, wanted: Array, ends: Weighed) -> float:
         """The motion of hinge k that is closest to the wanted motion (4, 4), measured at the ends."""
-        if self._chain[k, 12] == 0.0:
+        if not self._prismatic[k]:
             return self._angle(hinge, wanted, ends)
         shares = [(w, self._position_weight * float(hinge[1] @ (_at(wanted, one[0]) - one[0]))) for w, one in ends]
         return sum(w * along for w, along in shares) / sum(w for w, _ in shares)
@@ -205,7 +204,7 @@ class _Passes:
         c = s = 0.0
         for weight, one in ends:
             pairs = [(self._position_weight, one[0] - origin, _at(wanted, one[0]) - origin)]
-            pairs += [(self._constants.RHO**2, e, wanted[:3, :3] @ e) for e in one[1:]]
+            pairs += [(self._constants.HINGE_HALF_LENGTH**2, e, wanted[:3, :3] @ e) for e in one[1:]]
             for share, a, z in pairs:
                 c += weight * share * (a @ z - (d @ a) * (d @ z))
                 s += weight * share * float(d @ np.cross(a, z))
@@ -216,7 +215,7 @@ class _Passes:
         low, high = self._low[k] - value, self._high[k] - value
         if low <= change <= high:
             return change
-        if self._chain[k, 12] != 0.0:
+        if self._prismatic[k]:
             return float(np.clip(change, low, high))
         around = change + TURN if change < low else change - TURN
         if low <= around <= high:
@@ -224,7 +223,7 @@ class _Passes:
         return float(low if np.cos(change - low) >= np.cos(change - high) else high)
 
     def _motion(self, k: int, hinge: Array, by: float) -> Array:
-        if self._chain[k, 12] == 0.0:
+        if not self._prismatic[k]:
             return _turned(hinge, by)
         slid = np.eye(4)
         slid[:3, 3] = by * hinge[1]

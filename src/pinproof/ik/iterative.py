@@ -5,24 +5,25 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import IkSolver
+from pinproof._core import Search as CompiledSearch
 from pinproof.common.validation import Rng, require_integer, require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.loop import (
-    CompiledEngine,
-    KernelRule,
+    CompiledRule,
     OnStep,
-    PinocchioEngine,
-    Query,
+    PinocchioSearch,
+    Search,
     Stall,
     StepRule,
-    box_of,
+    compiled_solver,
     seeds_of,
 )
 from pinproof.ik.result import (
@@ -32,19 +33,16 @@ from pinproof.ik.result import (
     IkResult,
     IkSolutions,
     IkStatus,
-    found,
-    judge,
-    judge_many,
     not_found,
     refused,
     sampled,
 )
-from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_task, packed_goal
-from pinproof.ik.windings import difference, nearest_winding
+from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
+from pinproof.ik.windings import difference
 from pinproof.model import Arm
-from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
+from pinproof.spatial import SE3, finite, rigid_many, rigid_matrix
 
-__all__ = ["IterativeIk", "KernelRule"]
+__all__ = ["IterativeIk"]
 
 Array = npt.NDArray[np.float64]
 Accept = Callable[[Array], bool]
@@ -115,8 +113,8 @@ class IterativeIk(ABC):
             If one is not supported; the message names the alternatives.
         """
 
-    def kernel_rule(self) -> KernelRule | None:
-        """The compiled form of the step rule, or None if the method has none."""
+    def compiled_rule(self) -> CompiledRule | None:
+        """The step rule of the compiled core, or None if the method has none."""
         return None
 
     def solve(
@@ -161,9 +159,9 @@ class IterativeIk(ABC):
         InputError
             If the target is not rigid, q0 has the wrong shape, the task or goal is unknown, or rng is invalid.
         """
-        placement, start = rigid("target", target), _start(arm, q0)
-        engine = self._engine(on_step)
-        return self._solve(engine, self._query(arm, placement, start, rng, task, goal), accept)
+        matrix, start = rigid_matrix("target", target), _start(arm, q0)
+        search, engine = self._search(arm, matrix, start, rng, task, goal, on_step)
+        return self._solve(arm, search, engine, accept)
 
     def solve_batch(
         self,
@@ -198,34 +196,25 @@ class IterativeIk(ABC):
         require_integer("threads", threads, 1)
         many = rigid_many("targets", targets)
         starts = _starts(arm, q0, len(many))
-        engine = self._engine(None)
-        if accept is not None or not isinstance(engine, CompiledEngine):
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        solver = self._compiled(arm, resolved, None)
+        if accept is not None or solver is None:
 
             def one(index: int) -> IkResult:
-                query = self._query(arm, rigid("target", many[index]), starts[index], rng, task, goal)
-                return self._solve(engine, query, accept)
+                search, engine = self._search(arm, many[index], starts[index], rng, task, goal, None)
+                return self._solve(arm, search, engine, accept)
 
             with ThreadPoolExecutor(threads) as pool:
-                return IkBatch.of(list(pool.map(one, range(len(many)))), arm, engine.name)
+                name = "pinocchio" if solver is None else "compiled"
+                return IkBatch.of(list(pool.map(one, range(len(many)))), arm, name)
 
-        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
         self.check(arm, resolved, goal)
-        packed, seeds = packed_goal(goal, arm, arm.home), seeds_of(arm, rng)
-        box = box_of(arm)
-        firsts = arm.limits.clip(nearest_winding(arm, starts, starts))
-
-        def share(rows: slice) -> tuple[npt.NDArray[np.generic], ...]:
-            q, iterations, attempts = engine.many(
-                arm, box, many[rows], resolved, packed, firsts[rows], seeds, count=self.restarts + 1
-            )
-            return (*judge_many(arm, many[rows], resolved, q, starts[rows]), iterations, attempts)
-
-        cuts = np.linspace(0, len(many), threads + 1).astype(int)
-        with ThreadPoolExecutor(threads) as pool:
-            shares = list(pool.map(share, [slice(a, b) for a, b in pairwise(cuts.tolist())]))
-        q, errors, ok, iterations, attempts = (np.concatenate(part) for part in zip(*shares, strict=True))
+        null_space = make_goal(goal, arm, arm.home)
+        q, position, orientation, ok, iterations, attempts = solver.solve_batch(
+            many, starts, seeds_of(arm, rng).compiled, null_space and null_space.compiled, self.restarts + 1, threads
+        )
         codes = np.where(ok, STATUSES.index(IkStatus.FOUND), STATUSES.index(IkStatus.NOT_FOUND)).astype(np.int8)
-        return IkBatch(q, codes, errors[:, 0], errors[:, 1], iterations, attempts - 1, engine.name, arm)
+        return IkBatch(q, codes, position, orientation, iterations, attempts - 1, "compiled", arm)
 
     def solve_many(
         self,
@@ -256,33 +245,60 @@ class IterativeIk(ABC):
         """
         require_integer("count", count, 1)
         require_integer("attempts", attempts, 1)
-        query = self._query(arm, rigid("target", target), _start(arm, q0), rng, task, None)
-        engine = self._engine(None)
+        start = _start(arm, q0)
+        search, engine = self._search(arm, rigid_matrix("target", target), start, rng, task, None, None)
         kept: list[Candidate] = []
         tried = iterations = refusals = 0
         while tried < attempts and len(kept) < count:
-            end = engine(query, first=tried, count=attempts, polish=False)
-            tried, iterations = end.attempts, iterations + end.iterations
-            candidate = judge(arm, query.matrix, query.task, end.q, query.start)
-            if not candidate.fulfils or any(_same(arm, candidate.q, other.q) for other in kept):
+            candidate = search.next(attempts, False)
+            q, tried, iterations = candidate.q, candidate.attempts, candidate.iterations
+            if not candidate.fulfils or any(_same(arm, q, other.q) for other in kept):
                 continue
-            if not _accepts(accept, candidate):
+            if not _accepts(accept, q):
                 refusals += 1
                 continue
             kept.append(candidate)
-        kept.sort(key=lambda candidate: float(np.abs(candidate.q - query.start).max()))
+        kept.sort(key=lambda candidate: float(np.abs(candidate.q - start).max()))
         return IkSolutions(
             q=np.array([candidate.q for candidate in kept], dtype=float).reshape(len(kept), arm.dof),
-            position_error=np.array([candidate.errors[0] for candidate in kept], dtype=float),
-            orientation_error=np.array([candidate.errors[1] for candidate in kept], dtype=float),
+            position_error=np.array([candidate.position_error for candidate in kept], dtype=float),
+            orientation_error=np.array([candidate.orientation_error for candidate in kept], dtype=float),
             attempts=tried,
             iterations=iterations,
-            engine=engine.name,
+            engine=engine,
             message=sampled(len(kept), tried, refusals),
         )
 
-    def _engine(self, on_step: OnStep | None) -> CompiledEngine | PinocchioEngine:
-        rule = self.kernel_rule() if self.engine != "pinocchio" and on_step is None else None
+    def _search(
+        self,
+        arm: Arm,
+        target: Array,
+        start: Array,
+        rng: Rng,
+        task: TaskLike,
+        goal: GoalName | IkGoal | None,
+        on_step: OnStep | None,
+    ) -> tuple[Search, str]:
+        """The attempts for a target (4, 4), and the name of the engine that makes them."""
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        self.check(arm, resolved, goal)
+        seeds, null_space = seeds_of(arm, rng), make_goal(goal, arm, start)
+        solver = self._compiled(arm, resolved, on_step)
+        if solver is not None:
+            return CompiledSearch(solver, seeds.compiled, null_space and null_space.compiled, target, start), "compiled"
+        search = PinocchioSearch(
+            arm, resolved, seeds, null_space, target, start, rule=self.step_rule,
+            max_iterations=self.max_iterations, max_step=self.max_step, stall=self.stall, on_step=on_step,
+        )  # fmt: skip
+        return search, "pinocchio"
+
+    def _compiled(self, arm: Arm, task: Task, on_step: OnStep | None) -> IkSolver | None:
+        """The solver of the compiled core, which is cached; None if the loop on Pinocchio must be used."""
+        kept = _SOLVERS.setdefault(arm, {}) if on_step is None and self.engine != "pinocchio" else {}
+        solver = kept.get((self, task))
+        if solver is not None:
+            return solver
+        rule = self.compiled_rule() if on_step is None and self.engine != "pinocchio" else None
         if rule is None:
             if self.engine == "compiled":
                 why = (
@@ -291,57 +307,64 @@ class IterativeIk(ABC):
                     else "this method has no compiled rule"
                 )
                 raise InputError(f"engine='compiled' is not available: {why}; use engine='auto'")
-            return PinocchioEngine(self.step_rule, self.max_iterations, self.max_step, self.stall, on_step)
-        tolerances = self.position_tolerance, self.orientation_tolerance
-        return CompiledEngine(rule, tolerances, self.max_iterations, self.max_step, self.stall)
+            return None
+        solver = compiled_solver(arm, task, rule, self.max_iterations, self.max_step, self.stall)
+        while len(kept) >= SOLVERS_KEPT:
+            kept.pop(next(iter(kept)), None)
+        kept[self, task] = solver
+        return solver
 
-    def _query(
-        self, arm: Arm, target: SE3, start: Array, rng: Rng, task: TaskLike, goal: GoalName | IkGoal | None
-    ) -> Query:
-        resolved: Task = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        self.check(arm, resolved, goal)
-        first = start if arm.limits.contains(start) else arm.limits.clip(nearest_winding(arm, start, start))
-        packed = packed_goal(goal, arm, start)
-        return Query(arm, box_of(arm), target, matrix(target), resolved, packed, start, first, seeds_of(arm, rng))
-
-    def _solve(self, engine: CompiledEngine | PinocchioEngine, query: Query, accept: Accept | None) -> IkResult:
-        count, tried, iterations, refusals = self.restarts + 1, 0, 0, 0
-        first_refused: Candidate | None = None
-
-        def result(status: IkStatus, candidate: Candidate, message: str) -> IkResult:
-            return IkResult(status, candidate.q, *candidate.errors, iterations, tried - 1, engine.name, message)
-
+    def _solve(self, arm: Arm, search: Search, engine: str, accept: Accept | None) -> IkResult:
+        count, refusals = self.restarts + 1, 0
+        first: IkResult | None = None  # the first that accept rejected
         while True:
-            end = engine(query, first=tried, count=count, polish=first_refused is None)
-            tried, iterations = end.attempts, iterations + end.iterations
-            candidate = judge(query.arm, query.matrix, query.task, end.q, query.start)
-            if candidate.fulfils:
-                if _accepts(accept, candidate):
-                    return result(IkStatus.FOUND, candidate, found(candidate.errors, iterations, tried - 1))
+            found = search.next(count, first is None)
+            if found.fulfils:
+                result = _result(IkStatus.FOUND, found, engine, None)
+                if _accepts(accept, result.q):
+                    return result
                 refusals += 1
-                first_refused = first_refused or candidate
-            if tried < count:
+                first = first or result
+            if found.attempts < count:
                 continue
-            if first_refused is not None:
-                return result(IkStatus.REFUSED, first_refused, refused(refusals, tried))
-            message = not_found(query.arm, candidate.q, candidate.errors, iterations, tried)
-            return result(IkStatus.NOT_FOUND, candidate, message)
+            if first is None:
+                errors = found.position_error, found.orientation_error
+                message = not_found(arm, found.q, errors, found.iterations, found.attempts)
+                return _result(IkStatus.NOT_FOUND, found, engine, message)
+            return replace(
+                first,
+                status=IkStatus.REFUSED,
+                iterations=found.iterations,
+                restarts=found.attempts - 1,
+                words=refused(refusals, found.attempts),
+            )
 
 
-def _accepts(accept: Accept | None, candidate: Candidate) -> bool:
+SOLVERS_KEPT = 16
+"""Number of compiled solvers that are cached for an arm."""
+
+_SOLVERS: WeakKeyDictionary[Arm, dict[tuple[IterativeIk, Task], IkSolver]] = WeakKeyDictionary()
+
+
+def _result(status: IkStatus, found: Candidate, engine: str, words: str | None) -> IkResult:
+    errors = found.position_error, found.orientation_error
+    return IkResult(status, found.q, *errors, found.iterations, found.attempts - 1, engine, words)
+
+
+def _accepts(accept: Accept | None, q: Array) -> bool:
     """Whether ``accept`` returns True for a copy of the solution, or is not given."""
-    return accept is None or bool(accept(candidate.q.copy()))
+    return accept is None or bool(accept(q.copy()))
 
 
 def _start(arm: Arm, q0: npt.ArrayLike | None) -> Array:
-    return arm.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+    return arm.home if q0 is None else arm.configuration(q0, "q0")
 
 
 def _starts(arm: Arm, q0: npt.ArrayLike | None, count: int) -> Array:
     """The starts (count, n): q0 (n,) for all targets, or q0 (count, n)."""
     if q0 is None or np.ndim(q0) <= 1:
         return np.tile(_start(arm, q0), (count, 1))
-    return arm.limits.snap(finite("q0", q0, (count, arm.dof)))
+    return finite("q0", q0, (count, arm.dof))
 
 
 def _same(arm: Arm, a: Array, b: Array) -> bool:

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import ClikStep, SingularStep
 from pinproof.common.validation import require_positive
-from pinproof.ik.iterative import IterativeIk, KernelRule
-from pinproof.ik.loop import NOTHING, DescentState, StepRule
+from pinproof.ik.iterative import IterativeIk
+from pinproof.ik.loop import NOTHING, CompiledRule, DescentState, StepRule
 
 __all__ = ["Clik", "DampedLeastSquares", "PseudoInverse"]
 
@@ -52,20 +53,16 @@ class Clik(IterativeIk):
         """The damped least-squares step with these settings."""
         return _DampedStep(self.damping, self.max_step)
 
-    def kernel_rule(self) -> KernelRule:
+    def compiled_rule(self) -> CompiledRule:
         """The compiled form of :meth:`step_rule`."""
-        from pinproof.kernels.descent import CLIK
-
-        return CLIK, (self.damping, 0.0, 0.0)
+        return ClikStep(self.damping)
 
 
 class _DampedStep:
     """The step rule of :class:`Clik`, with the current factor of its damping."""
 
     def __init__(self, damping: float, max_step: float) -> None:
-        from pinproof.kernels import step_clik
-
-        self._constants = step_clik
+        self._constants = ClikStep
         self._damping, self._max_step = damping, max_step
         self._last, self._growth = np.inf, 1.0
 
@@ -125,11 +122,9 @@ class DampedLeastSquares(IterativeIk):
         """The damped least-squares step."""
         return _DampedLeastSquaresStep(self.damping, self.region)
 
-    def kernel_rule(self) -> KernelRule:
+    def compiled_rule(self) -> CompiledRule:
         """The compiled form of :meth:`step_rule`."""
-        from pinproof.kernels.descent import SINGULAR
-
-        return SINGULAR, (0.0, self.damping, self.region)
+        return SingularStep(0.0, self.damping, self.region)
 
 
 class _DampedLeastSquaresStep:
@@ -182,11 +177,9 @@ class PseudoInverse(IterativeIk):
         """The pseudo-inverse step."""
         return _PseudoInverseStep(self.cutoff)
 
-    def kernel_rule(self) -> KernelRule:
+    def compiled_rule(self) -> CompiledRule:
         """The compiled form of :meth:`step_rule`."""
-        from pinproof.kernels.descent import SINGULAR
-
-        return SINGULAR, (self.cutoff, 0.0, 0.0)
+        return SingularStep(self.cutoff, 0.0, 1.0)
 
 
 class _PseudoInverseStep:

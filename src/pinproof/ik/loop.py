@@ -11,38 +11,41 @@ A method is defined by its :class:`StepRule` alone. One descent repeats::
     stop if the residual has not decreased enough for some steps
 
 :func:`descend` is the loop on Pinocchio, for user-defined methods and for ``on_step``. The built-in methods run the
-same loop compiled (:mod:`pinproof.kernels.descent`); tests compare their iterates.
+same loop in the compiled core (``src/core/ik``); tests compare their iterates.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeAlias
 from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import ClikStep, FabrikStep, IkSolver, SingularStep
+from pinproof._core import Search as CompiledSearch
+from pinproof._core import Seeds as CompiledSeeds
 from pinproof.common.validation import Rng, random_generator
-from pinproof.ik.task import Task, drift
-from pinproof.ik.windings import TURN, turning
+from pinproof.ik.result import Candidate, judge
+from pinproof.ik.task import Goal, Task
+from pinproof.ik.windings import TURN, nearest_winding, turning
 from pinproof.model import Arm
-from pinproof.spatial import SE3, matrix
+from pinproof.spatial import SE3, matrix, rigid
 
 __all__ = [
-    "CompiledEngine",
+    "CompiledRule",
     "Descent",
     "DescentState",
     "IkStep",
-    "KernelRule",
-    "PinocchioEngine",
-    "Query",
-    "SearchEnd",
+    "OnStep",
+    "PinocchioSearch",
+    "Search",
     "Seeds",
     "Stall",
     "StepRule",
-    "box_of",
+    "compiled_solver",
     "descend",
     "seeds_of",
 ]
@@ -52,34 +55,16 @@ Array = npt.NDArray[np.float64]
 COUNT = 1024
 """Number of seeds of a set. The choice among them takes a microsecond; four times as many cost more than they save."""
 
-SPIN_WEIGHT = 0.4
-"""Weight of the rotation in the distance between poses, in units of the variance (m^2) of the positions."""
-
 SETS_KEPT = 4
-"""Number of sets that are cached for an arm; computing one takes a quarter of a millisecond."""
+"""Number of sets that are cached for an arm."""
 
 
 @dataclass(frozen=True, eq=False)
 class Seeds:
-    """Configurations (T, n) within the limits, their poses (12, T) in single precision, and the weight of rotations."""
+    """Configurations (T, n) within the limits, and the same with their poses for the compiled core."""
 
     q: Array
-    poses: npt.NDArray[np.float32]
-    spin_weight: float
-
-    def weights(self, mask: Array) -> Array:
-        """(2,) the weights of the squared distance and of the trace of the rotation, for a task mask (6,)."""
-        if not mask[:3].any():
-            return np.array([0.0, 1.0])
-        return np.array([1.0, self.spin_weight if mask[3:].all() else 0.0])
-
-    def nearest(self, target: Array, mask: Array) -> npt.NDArray[np.int64]:
-        """The indices of the seeds sorted by their distance in pose from a target (4, 4), for the loop on Pinocchio."""
-        distance, spin = self.weights(mask).astype(np.float32)
-        p = self.poses.reshape(3, 4, -1)
-        t = target[:3].astype(np.float32)
-        away = ((p[:, 3] - t[:, 3:]) ** 2).sum(axis=0)
-        return np.argsort(distance * away - spin * (p[:, :3] * t[:, :3, None]).sum(axis=(0, 1)), kind="stable")
+    compiled: CompiledSeeds
 
 
 _KEPT: WeakKeyDictionary[Arm, dict[int, Seeds]] = WeakKeyDictionary()
@@ -103,36 +88,20 @@ def seeds_of(arm: Arm, rng: Rng | np.random.SeedSequence) -> Seeds:
 
 
 def _made(arm: Arm, shift: Array) -> Seeds:
-    from pinproof.kernels.chain import forward_many
-
     root = 2.0
     for _ in range(64):
         root = (1 + root) ** (1 / (arm.dof + 1))
     steps = root ** -np.arange(1.0, arm.dof + 1)
     lower, upper = arm.limits.sampling_range()
     q = lower + (upper - lower) * ((shift + np.arange(1, COUNT + 1)[:, None] * steps) % 1.0)
-    poses = np.empty((COUNT, 4, 4))
-    forward_many(arm.packed, q, poses)
-    spread = float(poses[:, :3, 3].var(axis=0).sum())
-    return Seeds(q, np.ascontiguousarray(poses[:, :3].reshape(COUNT, 12).T, dtype=np.float32), SPIN_WEIGHT * spread)
+    return Seeds(q, CompiledSeeds(arm.chain, q))
 
 
-SATURATION = 1.0
-"""Largest norm of the residual (m and rad together) that is passed to a step rule; longer residuals are scaled."""
-
-SMALLEST_STEP = 1e-12
-"""Rad or m. A descent stops if its step is at most this, which does not change a pose."""
-
-GOAL_CONVERGED = 1e-4
-"""Rad or m. A goal has converged if its step moves no joint by more than this."""
-
-GOAL_STEPS = 300
-"""Additional steps for a goal after the task is satisfied. A step of a goal changes the task by the square of its
-length only, which the following steps correct."""
-
-
-NOTHING = 1e-12
-"""An entry or a singular value of a Jacobian below this (m or rad) is due to rounding."""
+NOTHING: float = SingularStep.NOTHING
+SATURATION: float = IkSolver.SATURATION
+SMALLEST_STEP: float = IkSolver.SMALLEST_STEP
+GOAL_CONVERGED: float = IkSolver.GOAL_CONVERGED
+GOAL_STEPS: int = IkSolver.GOAL_STEPS
 
 
 class Stall(NamedTuple):
@@ -212,7 +181,7 @@ def descend(
     arm: Arm,
     target: SE3,
     task: Task,
-    goal: Array,
+    goal: Goal | None,
     q: Array,
     rule: StepRule,
     *,
@@ -222,10 +191,7 @@ def descend(
     attempt: int = 0,
     on_step: Callable[[IkStep], None] | None = None,
 ) -> Descent:
-    """Descend from q within the limits until the task is satisfied or the descent stalls.
-
-    ``goal`` is packed (:func:`pinproof.ik.task.packed_goal`).
-    """
+    """Descend from q within the limits until the task is satisfied or the descent stalls."""
     box = _Box(arm)
     best_q, best, reached = q, np.inf, False
     mark, marked_at, iteration = np.inf, 0, 0
@@ -238,7 +204,7 @@ def descend(
         if here or (not reached and squared < best):
             best_q, best = q, squared
         reached = reached or here
-        if here and goal[0, 0] == 0.0:
+        if here and goal is None:
             break
         if squared < stall.progress * mark:
             mark, marked_at = squared, iteration
@@ -251,7 +217,8 @@ def descend(
         rotation = target_from_tcp[:3, :3]
         jacobian = task.jacobian(target_from_tcp, np.vstack([rotation @ local[:3], rotation @ local[3:]]))
         pull = residual if squared <= SATURATION**2 else residual * (SATURATION / np.sqrt(squared))
-        step = box.step(q, pull, jacobian, drift(goal, arm, q) if here else np.zeros(arm.dof), rule, max_step)
+        drift = goal.step(arm, q) if here and goal is not None else np.zeros(arm.dof)
+        step = box.step(q, pull, jacobian, drift, rule, max_step)
         largest = float(np.abs(step).max())
         if largest <= SMALLEST_STEP or (here and largest <= GOAL_CONVERGED):
             break
@@ -306,181 +273,139 @@ class _Box:
 
 OnStep = Callable[[IkStep], None]
 
-KernelRule = tuple[int, tuple[float, float, float]]
-"""A compiled step rule: its number in :mod:`pinproof.kernels.descent`, and its settings."""
+CompiledRule: TypeAlias = ClikStep | SingularStep | FabrikStep
+"""A step rule of the compiled core."""
 
-POLISH = Stall(progress=1 - 1e-6, patience=20)
+POLISH = Stall(progress=CompiledSearch.POLISH_PROGRESS, patience=CompiledSearch.POLISH_PATIENCE)
 """The best failed attempt is continued until its squared residual decreases by less than 1e-6 of it in 20 steps."""
 
 
-_BOXES: WeakKeyDictionary[Arm, Array] = WeakKeyDictionary()
+class Search(Protocol):
+    """The attempts for one target: an instance of ``_core.Search`` or of :class:`PinocchioSearch`."""
+
+    def next(self, count: int, polish: bool) -> Candidate:
+        """Make attempts until one satisfies the task, or until there are ``count`` for this target.
+
+        Without a solution, the result is the best attempt of this call, refined if ``polish``.
+        """
 
 
-@dataclass(frozen=True, eq=False)
-class Query:
-    """One IK problem.
+def compiled_solver(
+    arm: Arm, task: Task, rule: CompiledRule, max_iterations: int, max_step: float, stall: Stall
+) -> IkSolver:
+    """An arm, a task and a method for the compiled core."""
+    return IkSolver(
+        arm.chain,
+        lower=arm.limits.lower.tolist(),
+        upper=arm.limits.upper.tolist(),
+        periodic=arm.periodic.tolist(),
+        wraps=turning(arm).tolist(),
+        task=task.compiled,
+        rule=rule,
+        max_iterations=max_iterations,
+        max_step=max_step,
+        progress=stall.progress,
+        patience=stall.patience,
+    )
 
-    ``start`` (n,) is the caller's q0, within or outside the limits, and ``first`` (n,) the same within them; ``matrix``
-    (4, 4) is the target; ``box`` (5, n) are the limits in the form of :func:`box_of`; ``goal`` is packed.
+
+class PinocchioSearch:
+    """The same attempts as those of ``_core.Search``, with :func:`descend`.
+
+    Parameters
+    ----------
+    arm, task, seeds, goal
+        The problem.
+    target
+        (4, 4) ``base_from_target``.
+    q0
+        (n,) the start of the first attempt, within or outside the limits.
+    rule
+        Makes the step rule of one attempt.
+    max_iterations, max_step, stall
+        The settings of a descent.
+    on_step
+        Called with every step.
     """
 
-    arm: Arm
-    box: Array
-    target: SE3
-    matrix: Array
-    task: Task
-    goal: Array
-    start: Array
-    first: Array
-    seeds: Seeds
-
-
-class SearchEnd(NamedTuple):
-    """The result of a series of attempts: the first that satisfies the task, or the one with the smallest residual."""
-
-    q: Array
-    iterations: int
-    attempts: int
-
-
-class CompiledEngine:
-    """Runs the attempts in :mod:`pinproof.kernels.search`."""
-
-    name = "compiled"
-
     def __init__(
-        self, rule: KernelRule, tolerances: tuple[float, float], max_iterations: int, max_step: float, stall: Stall
-    ) -> None:
-        self._rule, self._settings = rule[0], np.array(rule[1], dtype=float)
-        self._tolerances = np.array(tolerances, dtype=float)
-        self._max_iterations, self._max_step, self._stall = max_iterations, max_step, stall
-
-    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> SearchEnd:
-        """Run the attempts ``first`` to ``count - 1``; if none satisfies the task and ``polish``, refine the best.
-
-        ``attempts`` of the result includes those before ``first``.
-        """
-        found = self.many(
-            query.arm, query.box, query.matrix[None], query.task, query.goal, query.first[None], query.seeds,
-            first=first, count=count, polish=polish,
-        )  # fmt: skip
-        return SearchEnd(found[0][0], int(found[1][0]), int(found[2][0]))
-
-    def many(
         self,
         arm: Arm,
-        box: Array,
-        targets: Array,
         task: Task,
-        goal: Array,
-        starts: Array,
         seeds: Seeds,
+        goal: Goal | None,
+        target: Array,
+        q0: Array,
         *,
-        first: int = 0,
-        count: int,
-        polish: bool = True,
-    ) -> tuple[Array, npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-        """Solve N targets (N, 4, 4) from N starts (N, n); returns q (N, n), and the numbers of steps and attempts."""
-        from pinproof.kernels.search import search
-
-        q, iterations, attempts = np.array(starts), np.empty(len(starts), np.int64), np.empty(len(starts), np.int64)
-        search(
-            self._rule,
-            self._settings,
-            arm.packed,
-            box,
-            self._tolerances,
-            task.mask,
-            goal,
-            np.array([self._max_iterations, self._max_step, count, polish, *self._stall], dtype=float),
-            seeds.q,
-            seeds.poses,
-            seeds.weights(task.mask),
-            first,
-            np.ascontiguousarray(targets),
-            q,
-            iterations,
-            attempts,
-        )
-        return q, iterations, attempts
-
-
-class PinocchioEngine:
-    """Runs the same attempts with :func:`descend`."""
-
-    name = "pinocchio"
-
-    def __init__(
-        self, rule: Callable[[], StepRule], max_iterations: int, max_step: float, stall: Stall, on_step: OnStep | None
+        rule: Callable[[], StepRule],
+        max_iterations: int,
+        max_step: float,
+        stall: Stall,
+        on_step: OnStep | None,
     ) -> None:
+        self._arm, self._task, self._goal, self._seeds = arm, task, goal, seeds
+        self._matrix, self._target = target, rigid("target", target)
+        self._q0 = q0 = arm.limits.snap(q0)
+        self._q = q0 if arm.limits.contains(q0) else arm.limits.clip(nearest_winding(arm, q0, q0))
         self._rule, self._max_iterations, self._max_step = rule, max_iterations, max_step
         self._stall, self._on_step = stall, on_step
+        self._order: list[int] = seeds.compiled.nearest(task.compiled, target)
+        self._attempts = self._iterations = 0
 
-    def __call__(self, query: Query, *, first: int, count: int, polish: bool) -> SearchEnd:
-        """As :meth:`CompiledEngine.__call__`."""
-        total, nearest, q = 0, None, query.first
-        order = query.seeds.nearest(query.matrix, query.task.mask).tolist()
-        for attempt in range(count):
-            if attempt == 1:
-                q = self._flip_or_seed(query, q, order)
-            elif attempt > 1:
-                q = query.seeds.q[order.pop(0)]
-            if 0 < attempt < first:
-                continue
-            watched = self._on_step if attempt >= first else None
-            descent = self._descend(query, q, attempt, watched, self._stall)
-            q = descent.q
-            if attempt < first:  # repeated, because the flips start from its result
-                continue
-            total += descent.iterations
+    def next(self, count: int, polish: bool) -> Candidate:
+        """As :meth:`Search.next`."""
+        best: Descent | None = None
+        while self._attempts < count:
+            if self._attempts == 1:
+                self._q = self._flip_or_seed()
+            elif self._attempts > 1:
+                self._q = self._seeds.q[self._order.pop(0)]
+            descent = self._descend(self._attempts, self._stall)
+            self._attempts += 1
             if descent.reached:
-                return SearchEnd(q, total, attempt + 1)
-            if nearest is None or descent.squared_residual < nearest.squared_residual:
-                nearest = descent
-        end = q if nearest is None else nearest.q
-        if not polish:
-            return SearchEnd(end, total, count)
-        descent = self._descend(query, end, count - 1, self._on_step, POLISH)
-        return SearchEnd(descent.q, total + descent.iterations, count)
+                return self._candidate()
+            if best is None or descent.squared_residual < best.squared_residual:
+                best = descent
+        if best is not None:
+            self._q = best.q
+        if polish:
+            self._descend(count - 1, POLISH)
+        return self._candidate()
 
-    def _descend(self, query: Query, q: Array, attempt: int, on_step: OnStep | None, stall: Stall) -> Descent:
-        return descend(
-            query.arm,
-            query.target,
-            query.task,
-            query.goal,
-            q,
+    def _descend(self, attempt: int, stall: Stall) -> Descent:
+        descent = descend(
+            self._arm,
+            self._target,
+            self._task,
+            self._goal,
+            self._q,
             self._rule(),
             max_iterations=self._max_iterations,
             max_step=self._max_step,
             stall=stall,
             attempt=attempt,
-            on_step=on_step,
+            on_step=self._on_step,
         )
+        self._q = descent.q
+        self._iterations += descent.iterations
+        return descent
 
-    def _flip_or_seed(self, query: Query, q: Array, order: list[int]) -> Array:
-        """The closest in pose to the target among the flips of q and the seeds; see :mod:`pinproof.kernels.search`."""
-        limits = query.arm.limits
+    def _candidate(self) -> Candidate:
+        return judge(self._arm, self._matrix, self._task, self._q, self._q0, self._iterations, self._attempts)
+
+    def _flip_or_seed(self) -> Array:
+        """The closest in pose to the target among the flips of q (one joint mirrored) and the seeds."""
+        limits, q = self._arm.limits, self._q
         with np.errstate(invalid="ignore"):
             middle = np.where(np.isfinite(limits.upper - limits.lower), (limits.lower + limits.upper) / 2, 0.0)
         flips = [np.where(np.arange(len(q)) == i, 2 * middle - q, q) for i in range(len(q))]
-        choice = [query.seeds.q[order[0]], *flips]
-        best = int(np.argmin([self._away(query, one) for one in choice]))
+        choice = [self._seeds.q[self._order[0]], *flips]
+        best = int(np.argmin([self._away(one) for one in choice]))
         if best == 0:
-            order.pop(0)
+            self._order.pop(0)
         return choice[best]
 
-    def _away(self, query: Query, q: Array) -> float:
-        distance, spin = query.seeds.weights(query.task.mask)
-        seen = query.target.actInv(query.arm.forward_kinematics(q))
+    def _away(self, q: Array) -> float:
+        distance, spin = self._seeds.compiled.weights(self._task.compiled)
+        seen = self._target.actInv(self._arm.forward_kinematics(q))
         return float(distance * seen.translation @ seen.translation - spin * np.trace(seen.rotation))
-
-
-def box_of(arm: Arm) -> Array:
-    """The limits (5, n) in the form of :mod:`pinproof.kernels.limits`."""
-    box = _BOXES.get(arm)
-    if box is None:
-        limits, turns = arm.limits, turning(arm)
-        stops = np.where(turns, -np.inf, limits.lower), np.where(turns, np.inf, limits.upper)
-        box = _BOXES[arm] = np.array([limits.lower, limits.upper, *stops, turns], dtype=float)
-    return box

@@ -5,6 +5,7 @@ The errors of every result are computed by forward kinematics after the solver's
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -12,10 +13,12 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import outline
 from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
 from pinproof.ik.windings import nearest_winding
 from pinproof.model import Arm
+from pinproof.units import far_hint
 
 __all__ = [
     "Candidate",
@@ -25,7 +28,6 @@ __all__ = [
     "IkStatus",
     "found",
     "judge",
-    "judge_many",
     "not_found",
     "refused",
     "sampled",
@@ -54,6 +56,7 @@ def not_found(arm: Arm, q: npt.NDArray[np.float64], errors: Errors, iterations: 
         f"not reached: residual {_errors(errors)} after {_count(attempts, 'attempt')} ({_count(iterations, 'step')})"
         f"{limits}. The target is probably out of reach: move the target or the base, check the tcp frame ({arm.tcp} "
         f"in {arm.base}), or use task='position'. If the residual is small, increase restarts or the tolerances"
+        f"{far_hint(errors[0], arm.robot.size)}"
     )
 
 
@@ -90,42 +93,29 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A configuration (n,), its errors in m and rad, and whether it satisfies the task within the limits."""
+    """A configuration (n,) of a search, its errors in m and rad, and whether it satisfies the task within the limits.
+
+    ``iterations`` and ``attempts`` are those of the search.
+    """
 
     q: Array
-    errors: tuple[float, float]
+    position_error: float
+    orientation_error: float
     fulfils: bool
+    iterations: int = 0
+    attempts: int = 0
 
 
-def judge(arm: Arm, target: Array, task: Task, q: Array, reference: Array) -> Candidate:
+def judge(
+    arm: Arm, target: Array, task: Task, q: Array, reference: Array, iterations: int = 0, attempts: int = 0
+) -> Candidate:
     """Shift q (n,) by 2 pi to be closest to ``reference`` (n,), and measure its errors for the target by Pinocchio."""
     q = nearest_winding(arm, q, reference)
     base_from_tcp, _ = arm.local_jacobian(q)  # skips the validation of q, which comes from the solver
-    errors = _measured(target[None], base_from_tcp.homogeneous[None], task)
+    errors = task.compiled.measure_batch(np.ascontiguousarray(target[None]), base_from_tcp.homogeneous[None].copy())
     fulfils = bool(task.fulfilled(errors)[0]) and arm.limits.contains(q)
-    return Candidate(q, (float(errors[0, 0]), float(errors[0, 1])), fulfils)
-
-
-def judge_many(
-    arm: Arm, targets: Array, task: Task, Q: Array, references: Array
-) -> tuple[Array, Array, npt.NDArray[np.bool_]]:
-    """:func:`judge` for targets (N, 4, 4) by the compiled chain: Q, errors (N, 2), and which satisfy the task."""
-    from pinproof.kernels.chain import forward_many
-
-    Q = np.ascontiguousarray(nearest_winding(arm, Q, references))
-    poses = np.empty((len(Q), 4, 4))
-    forward_many(arm.packed, Q, poses)
-    errors = _measured(targets, poses, task)
-    inside = ((arm.limits.lower <= Q) & (arm.limits.upper >= Q)).all(axis=1)
-    return Q, errors, task.fulfilled(errors) & inside
-
-
-def _measured(targets: Array, poses: Array, task: Task) -> Array:
-    from pinproof.kernels.task import measure_many
-
-    errors = np.empty((len(targets), 2))
-    measure_many(np.ascontiguousarray(targets), np.ascontiguousarray(poses), task.mask, errors)
-    return errors
+    position_error, orientation_error = errors[0].tolist()
+    return Candidate(q, position_error, orientation_error, fulfils, iterations, attempts)
 
 
 class IkStatus(Enum):
@@ -164,8 +154,8 @@ class IkResult:
         Attempts after the first.
     engine
         ``"compiled"``, ``"pinocchio"`` or ``"analytic"``.
-    message
-        Status, errors and reason as text, with a suggestion if there is no solution.
+    words
+        The message; by default it is composed from the other fields of a solution.
     """
 
     status: IkStatus
@@ -175,10 +165,22 @@ class IkResult:
     iterations: int
     restarts: int
     engine: str
-    message: str
+    words: str | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "q", _frozen(self.q))
+        if self.q.flags.writeable:
+            object.__setattr__(self, "q", _frozen(self.q))
+
+    @property
+    def message(self) -> str:
+        """Status, errors and reason as text, with a suggestion if there is no solution."""
+        if self.words is not None:
+            return self.words
+        return found((self.position_error, self.orientation_error), self.iterations, self.restarts)
+
+    def __repr__(self) -> str:
+        q = ", ".join(f"{value:.6g}" for value in self.q)
+        return outline(f"IkResult({self.message})", (f"q = [{q}]",))
 
     @property
     def ok(self) -> bool:
@@ -237,6 +239,11 @@ class IkBatch:
     def __post_init__(self) -> None:
         for name in ("q", "codes", "position_error", "orientation_error", "iterations", "restarts"):
             object.__setattr__(self, name, _frozen(getattr(self, name)))
+
+    def __repr__(self) -> str:
+        counts = Counter(STATUSES[code].value for code in self.codes.tolist())
+        found = ", ".join(f"{count:,} {status}" for status, count in counts.most_common())
+        return f"IkBatch({len(self.codes):,} targets{': ' if found else ''}{found})"
 
     @classmethod
     def of(cls, results: Sequence[IkResult], arm: Arm, engine: str) -> IkBatch:

@@ -22,11 +22,13 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Goal as CompiledGoal
+from pinproof._core import Task as CompiledTask
 from pinproof.common.validation import require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 
-__all__ = ["GoalName", "IkGoal", "IkTask", "Task", "TaskName", "drift", "make_task", "packed_goal"]
+__all__ = ["Goal", "GoalName", "IkGoal", "IkTask", "Task", "TaskName", "make_goal", "make_task"]
 
 Array = npt.NDArray[np.float64]
 TaskName = Literal["pose", "position", "orientation", "spin_x", "spin_y", "spin_z"]
@@ -104,6 +106,11 @@ class Task:
             linear.dot(linear) <= self.position_tolerance**2 and angular.dot(angular) <= self.orientation_tolerance**2
         )
 
+    @cached_property
+    def compiled(self) -> CompiledTask:
+        """The task for the compiled core."""
+        return CompiledTask((self.mask > 0).tolist(), self.position_tolerance, self.orientation_tolerance)
+
     def fulfilled(self, errors: Array) -> npt.NDArray[np.bool_]:
         """(N,) whether distances and angles (N, 2) are within the tolerances."""
         return np.asarray((errors[:, 0] <= self.bounds[0]) & (errors[:, 1] <= self.bounds[1]))
@@ -149,6 +156,7 @@ def _named(name: str, position_tolerance: float, orientation_tolerance: float) -
     return _made(TASKS[name], position_tolerance, orientation_tolerance)
 
 
+@lru_cache(maxsize=64)
 def _made(task: IkTask, position_tolerance: float, orientation_tolerance: float) -> Task:
     flags = np.array([getattr(task, name) for name in COORDINATES], dtype=float)
     return Task(flags, position_tolerance, orientation_tolerance)
@@ -188,7 +196,7 @@ FINITE_STEP = 1e-5
 TINY = 1e-14
 """Added to the squares of the singular values, so that the logarithm is finite at singularities."""
 
-LONGEST_DRIFT = 0.2
+LONGEST_GOAL_STEP = 0.2
 """Rad or m: the largest motion of a joint for a goal in one step, so that the task remains nearly satisfied."""
 
 
@@ -224,36 +232,56 @@ class IkGoal:
         require_positive("gain", self.gain)  # type: ignore[arg-type]  # set above
 
 
-def packed_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Array:
-    """The goal (3, max(n, 2)) in the form of :mod:`pinproof.kernels.goals`."""
-    packed = np.zeros((3, max(arm.dof, 2)))
+@dataclass(frozen=True, eq=False)
+class Goal:
+    """An :class:`IkGoal` for an arm.
+
+    Parameters
+    ----------
+    kind
+        ``"posture"``: towards a configuration; ``"near"``: the same, towards the start of the search;
+        ``"manipulability"``.
+    gain
+        As in :class:`IkGoal`.
+    posture, weight
+        (n,) the configuration, and the weight of each joint.
+    """
+
+    kind: Literal["posture", "near", "manipulability"]
+    gain: float
+    posture: Array
+    weight: Array
+
+    @cached_property
+    def compiled(self) -> CompiledGoal:
+        """The goal for the compiled core."""
+        return CompiledGoal(self.kind, self.gain, self.posture.tolist(), self.weight.tolist())
+
+    def step(self, arm: Arm, q: Array) -> Array:
+        """The step (n,) at q before its projection into the null space; equal to that of :attr:`compiled`."""
+        if self.kind == "manipulability":
+            shifts = FINITE_STEP * np.eye(arm.dof)
+            rises = [_log_manipulability(arm, q + shift) - _log_manipulability(arm, q - shift) for shift in shifts]
+            step = self.gain * np.array(rises) / (2 * FINITE_STEP)
+        else:
+            step = self.gain * self.weight * (self.posture - q)
+        largest = float(np.abs(step).max())
+        return np.asarray(step * (LONGEST_GOAL_STEP / largest) if largest > LONGEST_GOAL_STEP else step)
+
+
+def make_goal(goal: IkGoal | GoalName | None, arm: Arm, q0: Array) -> Goal | None:
+    """Make the goal of an arm and a start q0 (n,)."""
     if goal is None:
-        return packed
+        return None
     if not isinstance(goal, IkGoal):
         goal = IkGoal(goal)
-    packed[0, :2] = {"centre": 1.0, "manipulability": 2.0, "near": 3.0}[goal.kind], goal.gain
-    packed[1, : arm.dof], packed[2, : arm.dof] = q0, 1.0
-    if goal.kind == "centre":
-        lower, upper = arm.limits.sampling_range()
-        packed[1, : arm.dof] = (lower + upper) / 2
-        share = (upper - lower).min() / np.maximum(upper - lower, 1e-9)
-        packed[2, : arm.dof] = np.where(np.isfinite(arm.limits.upper - arm.limits.lower), share**2, 0.0)
-    return packed
-
-
-def drift(packed: Array, arm: Arm, q: Array) -> Array:
-    """The step (n,) of the goal at q before its projection into the null space; equal to the kernel's."""
-    kind, gain = packed[0, :2]
-    if kind == 0.0:
-        return np.zeros(arm.dof)
-    if kind != 2.0:
-        step = gain * packed[2, : arm.dof] * (packed[1, : arm.dof] - q)
-    else:
-        shifts = FINITE_STEP * np.eye(arm.dof)
-        rises = [_log_manipulability(arm, q + shift) - _log_manipulability(arm, q - shift) for shift in shifts]
-        step = gain * np.array(rises) / (2 * FINITE_STEP)
-    largest = float(np.abs(step).max())
-    return np.asarray(step * (LONGEST_DRIFT / largest) if largest > LONGEST_DRIFT else step)
+    gain = 1.0 if goal.gain is None else goal.gain
+    if goal.kind != "centre":
+        return Goal(goal.kind, gain, q0, np.ones(arm.dof))
+    lower, upper = arm.limits.sampling_range()
+    share = (upper - lower).min() / np.maximum(upper - lower, 1e-9)
+    weight = np.where(np.isfinite(arm.limits.upper - arm.limits.lower), share**2, 0.0)
+    return Goal("posture", gain, (lower + upper) / 2, weight)
 
 
 def _log_manipulability(arm: Arm, q: Array) -> float:

@@ -8,10 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Tracker as CompiledTracker
 from pinproof.common.validation import require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.result import AT_LIMIT
-from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_task, packed_goal
+from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
 from pinproof.model import Arm
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, finite, matrix, rigid, rigid_many
@@ -53,9 +54,9 @@ class TrackResult:
     Attributes
     ----------
     position_error, orientation_error
-        (N,) distance in m and angle in rad from each pose to the tcp, by Pinocchio's forward kinematics, independently
-        of the loop that computed q. Only coordinates that the task selects count; if the task selects no position or
-        no orientation, the complete error is reported.
+        (N,) distance in m and angle in rad from each pose to the tcp, by forward kinematics at the returned q. Only
+        coordinates that the task selects count; if the task selects no position or no orientation, the complete error
+        is reported.
     reached
         (N,) whether both errors are within the tolerances.
     """
@@ -71,6 +72,9 @@ class TrackResult:
     position_error: Array = field(init=False)
     orientation_error: Array = field(init=False)
     reached: Flags = field(init=False)
+
+    def __repr__(self) -> str:
+        return f"TrackResult({self.message})"
 
     def __post_init__(self) -> None:
         errors = slips(self.arm, self.task, self.poses, self.q)
@@ -192,12 +196,8 @@ class TrackResult:
 
 
 def slips(arm: Arm, task: Task, poses: Array, q: Array) -> Array:
-    """(N, 2) distances (m) and angles (rad) from the poses (N, 4, 4) to the tcp at q (N, n), by Pinocchio."""
-    from pinproof.kernels.task import measure_many
-
-    errors = np.empty((len(q), 2))
-    measure_many(np.ascontiguousarray(poses), arm.forward_kinematics_batch(q), task.mask, errors)
-    return errors
+    """(N, 2) distances (m) and angles (rad) from the poses (N, 4, 4) to the tcp at q (N, n)."""
+    return np.asarray(task.compiled.measure_batch(np.ascontiguousarray(poses), arm.forward_kinematics_batch(q)))
 
 
 TaskLike = TaskName | IkTask | Sequence[bool]
@@ -327,14 +327,14 @@ class Tracker:
     @property
     def q(self) -> Array:
         """(n,) the current configuration."""
-        return self._follower.state[0].copy()
+        return np.asarray(self._follower.core.q)
 
     @property
     def slip(self) -> tuple[float, float]:
         """Distance (m) and angle (rad) from the last pose to the tcp; 0 before the first pose."""
         if self._pose is None:
             return 0.0, 0.0
-        position, orientation = slips(self.arm, self._follower.task, self._pose, self._follower.state[:1])[0].tolist()
+        position, orientation = slips(self.arm, self._follower.task, self._pose, self.q[None])[0].tolist()
         return position, orientation
 
     @property
@@ -355,7 +355,7 @@ class Tracker:
 
 
 class _Follower:
-    """The compiled loop and its state between cycles."""
+    """The compiled tracker, and what it was made for."""
 
     def __init__(
         self,
@@ -373,18 +373,15 @@ class _Follower:
         self.start, self.velocity = arm.limits.snap(arm.configuration(q0, "q0")), _speeds(arm, velocity)
         if outside := arm.limits.violations(self.start, arm.joint_names):
             raise InputError(f"q0 must be inside the limits: {'; '.join(outside)}")
-        self.state = np.zeros((3, arm.dof))
-        self.state[0] = self.start
-        limits = np.array([arm.limits.lower, arm.limits.upper])
-        self._fixed = arm.packed, limits, self.velocity, self.task.mask, packed_goal(goal, arm, self.start)
+        null_space = make_goal(goal, arm, self.start)
+        self.core = CompiledTracker(
+            arm.chain, arm.limits.lower.tolist(), arm.limits.upper.tolist(), self.velocity.tolist(),
+            self.task.compiled, null_space and null_space.compiled, self.start.tolist(),
+        )  # fmt: skip
 
     def __call__(self, poses: Array, durations: Array) -> Array:
         """The next N configurations (N, n)."""
-        from pinproof.kernels.track import track_many
-
-        q = np.empty((len(poses), self.state.shape[1]))
-        track_many(*self._fixed, self.state, poses, durations, q)
-        return q
+        return np.asarray(self.core.track(poses, durations))
 
 
 def _speeds(arm: Arm, velocity: float | npt.ArrayLike | None) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.model import Arm
+from pinproof.model.limits import AT_LIMIT
 
 __all__ = ["difference", "nearest_winding", "turning"]
 
@@ -43,7 +44,7 @@ def nearest_winding(arm: Arm, q: Array, reference: Array) -> Array:
     elsewhere = (np.abs(reference - q) > np.pi) | (q < lower) | (q > upper)
     if not np.count_nonzero(elsewhere & arm.periodic):  # nothing to shift: the common case, and faster
         return q
-    fewest, most = np.ceil((lower - q) / TURN), np.floor((upper - q) / TURN)
+    fewest, most = np.ceil((lower - AT_LIMIT - q) / TURN), np.floor((upper + AT_LIMIT - q) / TURN)
     turns = np.clip(np.round((reference - q) / TURN), fewest, most)
     # Only rounding is clipped here: a shifted angle may exceed a limit that is a multiple of 2 pi by one bit.
     return np.where(arm.periodic & (turns != 0), np.clip(q + turns * TURN, lower, upper), q)

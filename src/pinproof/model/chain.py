@@ -1,4 +1,4 @@
-"""The chain of an arm: joints from base to tcp, mimic joints, reduced Pinocchio model, packed array, SRDF groups.
+"""The chain of an arm: joints from base to tcp, mimic joints, reduced Pinocchio model, compiled chain, SRDF groups.
 
 The configuration of the reduced Pinocchio model is an affine function of the configuration q of the arm::
 
@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from pinproof._core import Chain as CompiledChain
 from pinproof.description import Srdf, Urdf, UrdfJoint
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.limits import JointLimits
@@ -25,12 +26,12 @@ from pinproof.model.limits import JointLimits
 __all__ = [
     "Chain",
     "affine",
+    "compiled_chain",
     "find_chain",
     "group_ends",
     "held_values",
     "joint_axis",
     "link_path",
-    "pack_chain",
     "periodic",
     "reduced_model",
 ]
@@ -178,7 +179,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
 
 def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLimits:
     """Return the limits of the joints; infinite positions and NaN velocities where the file states none."""
-    lower, upper, velocity = [], [], []
+    lower, upper, velocity, effort = [], [], [], []
     for name in names:
         joint = urdf.joints[name]
         low = -np.inf if joint.lower is None else joint.lower
@@ -203,7 +204,9 @@ def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLi
         lower.append(low)
         upper.append(high)
         velocity.append(np.nan if np.isinf(speed) else speed)
-    return JointLimits(np.array(lower), np.array(upper), np.array(velocity))
+        effort.append(np.nan if joint.effort is None else joint.effort)
+    efforts = None if np.isnan(effort).all() else np.array(effort)
+    return JointLimits(np.array(lower), np.array(upper), np.array(velocity), effort=efforts)
 
 
 def reduced_model(urdf: Urdf, model: pin.Model, moving: set[str], held: Mapping[str, float]) -> pin.Model:
@@ -220,12 +223,14 @@ def reduced_model(urdf: Urdf, model: pin.Model, moving: set[str], held: Mapping[
     return pin.buildReducedModel(model, lock, q)
 
 
-def pack_chain(model: pin.Model, tcp_frame: int, root_from_base: pin.SE3, scale: Array, offset: Array) -> Array:
-    """Pack the chain from the base to the tcp into one array for the compiled loops.
+def compiled_chain(
+    model: pin.Model, tcp_frame: int, root_from_base: pin.SE3, scale: Array, offset: Array
+) -> CompiledChain:
+    """The chain from the base to the tcp for the compiled core, mimic followers included.
 
     Every joint frame is rotated so that the joint moves about, or along, its own z axis. With the rotation A_k that
     takes z to the axis of joint k, the chain is base_from_tcp = C_1 X_1(q) C_2 X_2(q) ... C_m X_m(q) C_tool, where X_k
-    is Rz or Tz and the constant C_k contain the A_k. See :mod:`pinproof.kernels.chain` for the layout.
+    is Rz or Tz and the constant C_k contain the A_k.
 
     Parameters
     ----------
@@ -237,25 +242,22 @@ def pack_chain(model: pin.Model, tcp_frame: int, root_from_base: pin.SE3, scale:
         Pose of the base link in the root link.
     scale, offset
         The map from q to the configuration of the model (:func:`affine`).
-
-    Returns
-    -------
-    Array
-        (m + 1, 16): a row for each of the m joints, mimic followers included, and one for the tool.
     """
     tcp = model.frames[tcp_frame]
-    joints = [joint for joint in model.supports[tcp.parentJoint] if joint != 0]
-    rows = np.zeros((len(joints) + 1, 16))
+    rows = [joint - 1 for joint in model.supports[tcp.parentJoint] if joint != 0]
+    leader = [int(np.abs(scale[row]).argmax()) for row in rows]
+    before, prismatic = np.empty((len(rows), 4, 4)), []
     behind = root_from_base.inverse()  # the constant transform before the next joint
-    for row, joint in zip(rows, joints, strict=False):
-        axis, prismatic = joint_axis(model, joint)
+    for row, out in zip(rows, before, strict=True):
+        axis, slides = joint_axis(model, row + 1)
         aligned = _from_z(axis)
-        row[:12] = (behind * model.jointPlacements[joint] * aligned).homogeneous[:3].ravel()
-        leader = int(np.abs(scale[joint - 1]).argmax())
-        row[12:] = prismatic, leader, scale[joint - 1, leader], offset[joint - 1]
+        out[:] = (behind * model.jointPlacements[row + 1] * aligned).homogeneous
+        prismatic.append(slides)
         behind = aligned.inverse()
-    rows[-1, :12] = (behind * tcp.placement).homogeneous[:3].ravel()
-    return rows
+    return CompiledChain(
+        before, prismatic, leader, scale[rows, leader], offset[rows], (behind * tcp.placement).homogeneous.copy(),
+        scale.shape[1],
+    )  # fmt: skip
 
 
 def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:

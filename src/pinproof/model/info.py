@@ -14,6 +14,8 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import html_block, html_list, html_table, outline
+
 __all__ = ["SAMPLES", "JointInfo", "RobotInfo", "Role", "describe_axes"]
 
 Array = npt.NDArray[np.float64]
@@ -122,6 +124,8 @@ class JointInfo:
         outside the arm, held at ``held_at`` (rad or m; None for a floating or planar joint). ``fixed``: a fixed joint.
     lower, upper, velocity, acceleration
         The limits in use, in rad or m, per s, per s^2; None if unlimited or unknown.
+    effort
+        The largest torque or force, in N m or N; None if unknown.
     mimic
         ``"multiplier * leader + offset"`` of a mimic joint, else empty.
     """
@@ -137,6 +141,7 @@ class JointInfo:
     acceleration: float | None
     held_at: float | None = None
     mimic: str = ""
+    effort: float | None = None
 
 
 @dataclass(frozen=True)
@@ -190,6 +195,21 @@ class RobotInfo:
     def to_dict(self) -> dict[str, Any]:
         """Return nested dicts and lists that JSON can represent, without NaN and infinity."""
         return {name: _plain(value) for name, value in asdict(self).items()}
+
+    def __repr__(self) -> str:
+        return outline(f"RobotInfo({self._headline})", (self.kinematic_class, *self.missing))
+
+    def _repr_html_(self) -> str:
+        names = ("name", "type", "role", "parent", "child", "lower", "upper", "velocity", "acceleration")
+        rows = ([getattr(joint, name) for name in names] for joint in self.joints)
+        table = html_table(names, rows, total=len(self.joints))
+        facts = (self.kinematic_class, f"Acceleration limits: {self.acceleration_source}", *self.missing)
+        return html_block(f"{self._headline} (rad or m)", html_list(facts), table)
+
+    @property
+    def _headline(self) -> str:
+        count = f"{self.dof} joint{'' if self.dof == 1 else 's'}"
+        return f"{self.name}, {self.base} -> {self.tcp}, {count} of {len(self.joints)} in the robot"
 
 
 def _plain(value: Any) -> Any:

@@ -1,22 +1,6 @@
-"""Joint limits of position, velocity, acceleration and jerk.
+"""Joint limits of position, velocity, acceleration, jerk and effort.
 
-Files have the format of ``joint_limits.yaml`` of MoveIt::
-
-    joint_limits:
-      elbow_joint:
-        has_velocity_limits: true
-        max_velocity: 3.15                 # rad/s or m/s
-        has_acceleration_limits: true
-        max_acceleration: 5.0              # rad/s^2 or m/s^2
-        has_jerk_limits: true
-        max_jerk: 40.0                     # rad/s^3 or m/s^3
-        has_position_limits: true          # optional, as all of them
-        min_position: -3.1
-        max_position: 3.1
-
-A limit is used if its ``has_...`` key is true; limits that are not stated are not changed. The smaller of
-``max_deceleration`` (of either sign) and ``max_acceleration`` is used for both. The keys
-``default_velocity_scaling_factor`` and ``default_acceleration_scaling_factor`` are not limits and are ignored.
+Files have the format of ``joint_limits.yaml`` of MoveIt; docs/formats/limits.md describes it.
 """
 
 from __future__ import annotations
@@ -29,16 +13,21 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import outline
+from pinproof.common.file_keys import BOOLEAN, PLAIN_NUMBER, FileKey, KeyTable, mapping_to
+from pinproof.common.validation import named_arguments
 from pinproof.common.yaml_file import LinedMapping, read_yaml, refuse_unknown
 from pinproof.errors import FileError, InputError, UnknownNameError
 
-__all__ = ["AT_LIMIT", "DEFAULT_RAMP", "JointLimits", "LimitsFile", "distinct"]
+__all__ = ["AT_LIMIT", "DEFAULT_RAMP", "JointLimits", "LimitsFile", "distinct", "guess_note"]
 
 Array = npt.NDArray[np.float64]
 
 DEFAULT_RAMP = 0.5
 """Seconds in which a joint reaches its velocity limit if no acceleration limit is known (a URDF has none)."""
 
+GUESSED = "default:"
+"""The start of the source of accelerations that follow from :data:`DEFAULT_RAMP`."""
 
 AT_LIMIT = 1e-9
 """Rad or m. Joint values beyond a limit by less than this are set to the limit; rounding by adding 2 pi, by converting
@@ -57,6 +46,7 @@ def distinct(*values: float) -> list[str]:
     return texts
 
 
+@named_arguments
 @dataclass(frozen=True, eq=False)
 class JointLimits:
     """Limits of the n joints of an arm, in joint order.
@@ -69,12 +59,12 @@ class JointLimits:
         (n,) in rad/s or m/s, above 0; NaN where it is not known (timing then raises an error).
     acceleration
         (n,) in rad/s^2 or m/s^2, above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`.
-    acceleration_source
-        Where the accelerations come from, for results that depend on them.
     jerk
         (n,) in rad/s^3 or m/s^3, above 0, NaN where it is not known; None if it is known for no joint.
-    jerk_source
-        Where the jerks come from.
+    effort
+        (n,) in N m or N, above 0, NaN where it is not known; None if it is known for no joint. No result depends on it.
+    acceleration_source, jerk_source
+        Where the accelerations and the jerks come from, for results that depend on them.
 
     Raises
     ------
@@ -86,25 +76,33 @@ class JointLimits:
     upper: Array
     velocity: Array
     acceleration: Array = None  # type: ignore[assignment]  # filled in below; never None afterwards
-    acceleration_source: str = ""
     jerk: Array | None = None
-    jerk_source: str = ""
+    effort: Array | None = None
+    acceleration_source: str = field(default="", kw_only=True)
+    jerk_source: str = field(default="", kw_only=True)
+
+    def __repr__(self) -> str:
+        kinds = ("lower", "upper", "velocity", "acceleration", "jerk")
+        known = [(kind, getattr(self, kind)) for kind in kinds if getattr(self, kind) is not None]
+        rows = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known)
+        return outline(f"JointLimits({len(self.lower)} joints, acceleration: {self.acceleration_source})", rows)
 
     def __post_init__(self) -> None:
         source = self.acceleration_source or "given by the caller"
         acceleration = self.acceleration
         if acceleration is None:
-            acceleration = np.asarray(self.velocity, dtype=float) / DEFAULT_RAMP
-            source = f"default: the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
+            acceleration = _array("velocity", self.velocity) / DEFAULT_RAMP
+            source = f"{GUESSED} the velocity limit reached in {DEFAULT_RAMP} s (no acceleration limit is known)"
         arrays = {
             "lower": self.lower,
             "upper": self.upper,
             "velocity": self.velocity,
             "acceleration": acceleration,
             **({} if self.jerk is None else {"jerk": self.jerk}),
+            **({} if self.effort is None else {"effort": self.effort}),
         }
         for name, value in arrays.items():
-            array = np.array(value, dtype=float)
+            array = _array(name, value)
             if array.ndim != 1 or array.shape != np.shape(self.lower):
                 raise InputError(f"limits.{name} must have the shape {np.shape(self.lower)}; it has {array.shape}")
             array.setflags(write=False)
@@ -114,6 +112,8 @@ class JointLimits:
             object.__setattr__(self, "jerk_source", self.jerk_source or "given by the caller")
             if (self.jerk <= 0).any():
                 raise InputError("jerk limits must be above 0 (NaN where not known)")
+        if self.effort is not None and (self.effort <= 0).any():
+            raise InputError("effort limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
             raise InputError(f"limits must hold lower <= upper; they are {self.lower} and {self.upper}")
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
@@ -145,8 +145,13 @@ class JointLimits:
 
     def snap(self, q: Array) -> Array:
         """Return q (..., n) with values beyond a limit by less than :data:`AT_LIMIT` set to the limit."""
-        clipped = self.clip(q)
+        clipped = np.minimum(np.maximum(q, self.lower), self.upper)  # as clip, in a third of its time
         return np.asarray(np.where(np.abs(q - clipped) < AT_LIMIT, clipped, q))
+
+    def inside(self, q: Array) -> npt.NDArray[np.bool_]:
+        """Return (...,) whether q (..., n) is inside the limits after :meth:`snap`."""
+        near = self.snap(q)
+        return np.asarray(((near >= self.lower) & (near <= self.upper)).all(axis=-1))
 
     def violations(self, q: Array, joint_names: Sequence[str]) -> list[str]:
         """Return one sentence for each joint of q (n,) outside its limits, without tolerance (see :meth:`snap`)."""
@@ -179,16 +184,94 @@ class JointLimits:
         return lower, upper
 
 
+def _array(name: str, value: object) -> Array:
+    """A new array of the numbers, which may be NaN or infinite."""
+    try:
+        return np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"limits.{name} must be numbers, one for each joint, not {value!r}") from error
+
+
 KINDS = {
     "position": ("min_position", "max_position"),
     "velocity": ("max_velocity",),
     "acceleration": ("max_acceleration",),
     "deceleration": ("max_deceleration",),
     "jerk": ("max_jerk",),
+    "effort": ("max_effort",),
 }
-LEFT_ASIDE = ("has_effort_limits", "max_effort", "angle_wraparound")
-JOINT_KEYS = (*(f"has_{kind}_limits" for kind in KINDS), *(key for keys in KINDS.values() for key in keys), *LEFT_ASIDE)
-FILE_KEYS = ("joint_limits", "default_velocity_scaling_factor", "default_acceleration_scaling_factor")
+_SIZE = {
+    "velocity": {"exclusiveMinimum": 0},
+    "acceleration": {"exclusiveMinimum": 0},
+    "deceleration": {"not": {"const": 0}},
+    "jerk": {"exclusiveMinimum": 0},
+    "effort": {"exclusiveMinimum": 0},
+}
+
+LIMITS = KeyTable(
+    "limits_of_a_joint",
+    "The limits of one joint. A limit is used if its `has_...` key is true; limits that are not stated are unchanged.",
+    (
+        FileKey("has_position_limits", BOOLEAN, "whether `min_position` and `max_position` are used"),
+        FileKey("min_position", PLAIN_NUMBER, "lower limit of the position", "rad or m"),
+        FileKey("max_position", PLAIN_NUMBER, "upper limit of the position", "rad or m"),
+        FileKey("has_velocity_limits", BOOLEAN, "whether `max_velocity` is used"),
+        FileKey("max_velocity", PLAIN_NUMBER, "largest velocity, above 0", "rad/s or m/s"),
+        FileKey("has_acceleration_limits", BOOLEAN, "whether `max_acceleration` is used"),
+        FileKey("max_acceleration", PLAIN_NUMBER, "largest acceleration, above 0", "rad/s² or m/s²"),
+        FileKey("has_deceleration_limits", BOOLEAN, "whether `max_deceleration` is used"),
+        FileKey(
+            "max_deceleration",
+            PLAIN_NUMBER,
+            "largest deceleration, of either sign; the smaller of `max_deceleration` and `max_acceleration` is used "
+            "for both",
+            "rad/s² or m/s²",
+        ),
+        FileKey("has_jerk_limits", BOOLEAN, "whether `max_jerk` is used"),
+        FileKey("max_jerk", PLAIN_NUMBER, "largest jerk, above 0", "rad/s³ or m/s³"),
+        FileKey("has_effort_limits", BOOLEAN, "whether `max_effort` is used"),
+        FileKey("max_effort", PLAIN_NUMBER, "largest torque or force, above 0; no result depends on it", "N m or N"),
+        FileKey("angle_wraparound", {}, "ignored"),
+    ),
+    {
+        "allOf": [
+            rule
+            for kind, keys in KINDS.items()
+            for rule in (
+                {
+                    "if": {"anyOf": [{"required": [key]} for key in keys]},
+                    "then": {"required": [f"has_{kind}_limits"]},
+                },
+                {
+                    "if": {
+                        "required": [f"has_{kind}_limits"],
+                        "properties": {f"has_{kind}_limits": {"const": True}},
+                    },
+                    "then": {
+                        "required": list(keys),
+                        "properties": {} if kind == "position" else dict.fromkeys(keys, _SIZE[kind]),
+                    },
+                },
+            )
+        ]
+    },
+)
+"""The keys of one joint."""
+
+FILE = KeyTable(
+    "limits",
+    "Joint limits in the format of `joint_limits.yaml` of MoveIt.",
+    (
+        FileKey(
+            "joint_limits",
+            {**mapping_to(LIMITS), "minProperties": 1},
+            "the limits by name of the joint",
+            required=True,
+        ),
+        FileKey("default_velocity_scaling_factor", {}, "not a limit; ignored"),
+        FileKey("default_acceleration_scaling_factor", {}, "not a limit; ignored"),
+    ),
+)
 
 
 @dataclass(frozen=True)
@@ -203,6 +286,8 @@ class LimitsFile:
         (lower, upper) in rad or m.
     velocity, acceleration, jerk
         In rad or m per second, per second squared and cubed.
+    effort
+        In N m or N.
     joints
         All joints in the file.
     """
@@ -212,6 +297,7 @@ class LimitsFile:
     velocity: Mapping[str, float] = field(default_factory=dict)
     acceleration: Mapping[str, float] = field(default_factory=dict)
     jerk: Mapping[str, float] = field(default_factory=dict)
+    effort: Mapping[str, float] = field(default_factory=dict)
     joints: tuple[str, ...] = ()
 
     def over(self, limits: JointLimits, joint_names: Sequence[str], known: Sequence[str]) -> JointLimits:
@@ -235,6 +321,7 @@ class LimitsFile:
         lower, upper, velocity = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy()
         acceleration = limits.acceleration.copy()
         jerk = np.full(len(limits), np.nan) if limits.jerk is None else limits.jerk.copy()
+        effort = np.full(len(limits), np.nan) if limits.effort is None else limits.effort.copy()
         for i, name in enumerate(joint_names):
             lower[i], upper[i] = self.position.get(name, (lower[i], upper[i]))
             if name in self.velocity:
@@ -243,14 +330,16 @@ class LimitsFile:
                     acceleration[i] = velocity[i] / DEFAULT_RAMP
             acceleration[i] = self.acceleration.get(name, acceleration[i])
             jerk[i] = self.jerk.get(name, jerk[i])
+            effort[i] = self.effort.get(name, effort[i])
         return JointLimits(
             lower,
             upper,
             velocity,
             acceleration,
-            self._source(self.acceleration, joint_names, limits.acceleration_source),
             None if np.isnan(jerk).all() else jerk,
-            self._source(self.jerk, joint_names, limits.jerk_source or "not known"),
+            None if np.isnan(effort).all() else effort,
+            acceleration_source=self._source(self.acceleration, joint_names, limits.acceleration_source),
+            jerk_source=self._source(self.jerk, joint_names, limits.jerk_source or "not known"),
         )
 
     def _source(self, stated: Mapping[str, float], joint_names: Sequence[str], others: str) -> str:
@@ -263,11 +352,18 @@ class LimitsFile:
         return f"{self.path.name}, but for {', '.join(missing)}: {others}"
 
 
+def guess_note(source: str) -> str:
+    """A sentence for durations if the source of the acceleration limits states a default; otherwise empty."""
+    if GUESSED not in source:
+        return ""
+    return f"Durations follow from guessed acceleration limits: {source.removeprefix(GUESSED).strip()}"
+
+
 def _read_limits(path: str | Path) -> LimitsFile:
     """The limits that a file states; see :meth:`JointLimits.load`."""
     path = Path(path)
-    content = read_yaml(path, FILE_KEYS, FileError)
-    refuse_unknown(FileError, path, "key", content, FILE_KEYS, "")
+    content = read_yaml(path, FILE.names, FileError)
+    refuse_unknown(FileError, path, "key", content, FILE.names, "")
     joints = content.get("joint_limits")
     if not isinstance(joints, dict) or not joints:
         raise FileError(path, "must be a mapping of joint names to limits", "key joint_limits")
@@ -276,7 +372,7 @@ def _read_limits(path: str | Path) -> LimitsFile:
         if not isinstance(name, str) or not isinstance(stated, LinedMapping):
             raise FileError(path, f"joint {name!r} must be a name with a mapping of limits", "key joint_limits")
         where = f"line {stated.line}"
-        refuse_unknown(FileError, path, "key", stated, JOINT_KEYS, f"{where}, joint {name}")
+        refuse_unknown(FileError, path, "key", stated, LIMITS.names, f"{where}, joint {name}")
         for kind, keys in KINDS.items():
             values = _stated(path, f"{where}, joint {name}", stated, kind, keys)
             if values is not None:
@@ -292,6 +388,7 @@ def _read_limits(path: str | Path) -> LimitsFile:
         {name: value for name, (value,) in found["velocity"].items()},
         acceleration,
         {name: value for name, (value,) in found["jerk"].items()},
+        {name: value for name, (value,) in found["effort"].items()},
         tuple(joints),
     )
 

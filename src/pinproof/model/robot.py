@@ -1,4 +1,4 @@
-"""Robots and arms: loading a description, selecting the chain from a base to a tcp, FK and Jacobians by Pinocchio.
+"""Robots and arms: loading a description, selecting the chain from a base to a tcp, FK and Jacobians.
 
 :class:`Robot` and :class:`Arm` refer to each other, so they are in one module.
 """
@@ -12,35 +12,29 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
-from dataclasses import replace as replace_fields
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, NoReturn
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.description import (
-    CatalogueEntry,
-    Srdf,
-    Urdf,
-    UrdfJoint,
-    find_robot,
-    read_description,
-    read_srdf,
-    read_urdf_text,
-)
+from pinproof.common.display import outline
+from pinproof.common.files import write_text_whole
+from pinproof.common.validation import ReadOnlyDict
+from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.description.sources import notes
-from pinproof.description.srdf import DisabledPair
-from pinproof.errors import FileError, InputError, UnknownNameError, UrdfError
+from pinproof.errors import InputError, UnknownNameError, UrdfError
 from pinproof.model.chain import (
     Chain,
     affine,
+    compiled_chain,
     find_chain,
     group_ends,
     held_values,
     link_path,
-    pack_chain,
     periodic,
     reduced_model,
 )
@@ -53,8 +47,8 @@ __all__ = [
     "Reference",
     "Robot",
     "Singularity",
+    "build_robot",
     "kinematic_class",
-    "load_robot",
     "load_robot_from_text",
 ]
 
@@ -65,7 +59,6 @@ REFERENCES: tuple[Reference, ...] = ("LOCAL_WORLD_ALIGNED", "LOCAL", "WORLD")
 
 
 DH_FRAME = re.compile(r"dh_\d+")
-SUFFIXES = (".urdf", ".xacro", ".xml", ".mjcf")
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,18 +81,8 @@ class Singularity:
     singular_values: Array
 
 
-class _Held(dict[str, float]):
-    """The read-only values of the joints outside an arm, with which its model was built."""
-
-    def _refuse(self, *_args: object, **_named: object) -> NoReturn:
-        raise TypeError(
-            "the held joints of an arm are read-only; arm.with_held({name: value}) makes an arm with others"
-        )
-
-    __setitem__ = __delitem__ = __ior__ = clear = pop = popitem = setdefault = update = _refuse
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _Held, (dict(self),)
+HELD_READ_ONLY = "the held joints of an arm are read-only; arm.with_held({name: value}) makes an arm with others"
+HOME_READ_ONLY = "the home of a robot is read-only; pass the configuration where it is needed"
 
 
 class Arm:
@@ -107,6 +90,9 @@ class Arm:
 
     A configuration ``q`` is (n,) in the order of :attr:`joint_names`, in rad or m; a continuous joint is one unwrapped
     angle. Poses of the tcp are in the frame of the base link. All methods are thread-safe.
+
+    An arm is read-only, so that a certificate of it stays valid; :meth:`with_limits`, :meth:`with_held` and
+    :meth:`pinproof.Robot.arm` return other arms.
 
     Attributes
     ----------
@@ -127,29 +113,43 @@ class Arm:
         mimic follower of multiplier 0.5).
     root_from_base
         Pose of the base link in the root link.
+    chain
+        The joints from base to tcp for the compiled core.
     """
 
     def __init__(
         self, robot: Robot, base: str, tcp: str, chain: Chain, limits: JointLimits, held: Mapping[str, float]
     ) -> None:
         self.robot, self.base, self.tcp = robot, base, tcp
-        self.limits, self.held = limits, _Held(held)
+        self.limits, self.held = limits, ReadOnlyDict(held, HELD_READ_ONLY)
         self.joint_names, self.angular = chain.joint_names, chain.angular
         self.followers = chain.followers
-        self.model = reduced_model(robot.urdf, robot.model, {*chain.joint_names, *chain.followers}, held)
-        self.scale, self.offset = affine(robot.urdf, chain, tuple(self.model.names)[1:])
+        self._model = reduced_model(robot.urdf, robot._model, {*chain.joint_names, *chain.followers}, held)
+        self.scale, self.offset = affine(robot.urdf, chain, tuple(self._model.names)[1:])
         for array in (self.scale, self.offset):
             array.setflags(write=False)
         self.periodic = periodic(robot.urdf, chain)
         self._tcp_id = self._frame_id(tcp)
         self._threads = threading.local()
-        base_frame = self.model.frames[self._frame_id(base)]
+        base_frame = self._model.frames[self._frame_id(base)]
         if base_frame.parentJoint != 0:
             raise InputError(
                 f"the base {base!r} is moved by the arm's own joints, through a mimic joint; choose another"
             )
         self.root_from_base: pin.SE3 = frozen(base_frame.placement)
-        self.packed: Array = pack_chain(self.model, self._tcp_id, self.root_from_base, self.scale, self.offset)
+        self.chain = compiled_chain(self._model, self._tcp_id, self.root_from_base, self.scale, self.offset)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name in self.__dict__:
+            raise AttributeError(
+                f"{name} of an arm is read-only; arm.with_limits(), arm.with_held() and robot.arm() return other arms"
+            )
+        object.__setattr__(self, name, value)
+
+    @property
+    def model(self) -> Any:
+        """A copy of the reduced :class:`pinocchio.Model` of the arm; changing it does not change the arm."""
+        return self._model.copy()
 
     @property
     def dof(self) -> int:
@@ -159,6 +159,10 @@ class Arm:
     @property
     def home(self) -> Array:
         """(n,) home configuration of the robot, or the middle of the limits where none is defined (continuous: 0)."""
+        return self._home.copy()
+
+    @cached_property
+    def _home(self) -> Array:
         lower, upper = self.limits.sampling_range()
         middle = dict(zip(self.joint_names, (lower + upper) / 2, strict=True))
         return self.limits.clip(np.array([self.robot.home.get(name, middle[name]) for name in self.joint_names]))
@@ -184,12 +188,11 @@ class Arm:
         return self._placement(self.configuration(q), self._tcp_id)
 
     def forward_kinematics_batch(self, Q: npt.ArrayLike) -> Array:
-        """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n)."""
-        many = finite("Q", Q, (None, self.dof))
-        out = np.empty((len(many), 4, 4))
-        for row, q in enumerate(many):
-            out[row] = self._placement(q, self._tcp_id).homogeneous
-        return out
+        """Compute ``base_from_tcp`` (N, 4, 4) at the configurations Q (N, n), by the compiled core.
+
+        It equals :meth:`forward_kinematics`, which uses Pinocchio, up to rounding.
+        """
+        return np.asarray(self.chain.forward_batch(finite("Q", Q, (None, self.dof))))
 
     def frame_placement(self, q: npt.ArrayLike, frame: str) -> pin.SE3:
         """Compute ``base_from_frame`` for any link of the robot at the configuration q (n,)."""
@@ -219,9 +222,9 @@ class Arm:
     def local_jacobian(self, q: Array) -> tuple[pin.SE3, Array]:
         """Compute ``base_from_tcp`` and its (6, n) Jacobian in the axes of the tcp without validating q."""
         data = self._data()
-        pin.computeJointJacobians(self.model, data, self.scale @ q + self.offset)
-        placement = pin.updateFramePlacement(self.model, data, self._tcp_id)
-        local = pin.getFrameJacobian(self.model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
+        pin.computeJointJacobians(self._model, data, self.scale @ q + self.offset)
+        placement = pin.updateFramePlacement(self._model, data, self._tcp_id)
+        local = pin.getFrameJacobian(self._model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
         # For a model with one joint Pinocchio returns (6,), not (6, 1).
         return self.root_from_base.actInv(placement), local.reshape(6, -1) @ self.scale
 
@@ -254,7 +257,8 @@ class Arm:
         if len(limits) != self.dof:
             raise InputError(f"limits hold {len(limits)} joints; the arm has {self.dof}: {', '.join(self.joint_names)}")
         other = copy(self)
-        other.limits = limits
+        other.__dict__["limits"] = limits
+        other.__dict__.pop("_home", None)
         return other
 
     def with_held(self, held: Mapping[str, float]) -> Arm:
@@ -294,22 +298,22 @@ class Arm:
 
     def _placement(self, q: Array, frame_id: int) -> pin.SE3:
         data = self._data()
-        pin.forwardKinematics(self.model, data, self.scale @ q + self.offset)
+        pin.forwardKinematics(self._model, data, self.scale @ q + self.offset)
         # updateFramePlacement returns a view of data; the product below is a new transform.
-        return self.root_from_base.actInv(pin.updateFramePlacement(self.model, data, frame_id))
+        return self.root_from_base.actInv(pin.updateFramePlacement(self._model, data, frame_id))
 
     def _data(self) -> Any:
         """Return the ``pinocchio.Data`` of this thread; sharing one between threads gives wrong results."""
         data = getattr(self._threads, "data", None)
         if data is None:
-            data = self._threads.data = self.model.createData()
+            data = self._threads.data = self._model.createData()
         return data
 
     def _frame_id(self, name: str) -> int:
         """Return the index of a frame; for an unknown name Pinocchio returns the number of frames without an error."""
-        if not self.model.existFrame(name, pin.FrameType.BODY):
+        if not self._model.existFrame(name, pin.FrameType.BODY):
             raise UnknownNameError("frame", name, self.robot.urdf.links, f"robot {self.robot.name!r}")
-        return int(self.model.getFrameId(name, pin.FrameType.BODY))
+        return int(self._model.getFrameId(name, pin.FrameType.BODY))
 
 
 def _is_mimic(joints: Mapping[str, UrdfJoint], name: str) -> bool:
@@ -324,9 +328,6 @@ class Robot:
     ----------
     urdf, srdf
         The description.
-    model
-        The :class:`pinocchio.Model` of all joints. Continuous joints are one angle; mimic joints are independent here
-        and coupled to their leaders by :class:`Arm`.
     default_tcp
         Default tcp of :meth:`arm`.
     home
@@ -337,15 +338,33 @@ class Robot:
 
     urdf: Urdf
     srdf: Srdf
-    model: Any
     default_tcp: str | None = None
     home: Mapping[str, float] = field(default_factory=dict)
     default_base: str | None = None
+    _model: Any = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_model", _model_of(self.urdf))
+        object.__setattr__(self, "home", ReadOnlyDict(self.home, HOME_READ_ONLY))
+
+    @property
+    def model(self) -> Any:
+        """A copy of the :class:`pinocchio.Model` of all joints; changing it does not change the robot.
+
+        Continuous joints are one angle; mimic joints are independent here and coupled to their leaders by :class:`Arm`.
+        """
+        return self._model.copy()
+
+    def __repr__(self) -> str:
+        moving = [joint.name for joint in self.urdf.joints.values() if joint.type != "fixed"]
+        tcp = "" if self.default_tcp is None else f", tcp {self.default_tcp}"
+        head = f"Robot({self.name!r}, {len(self.urdf.links)} links, {len(moving)} moving joints{tcp})"
+        return outline(head, (f"joints: {', '.join(moving)}", *self.notes))
 
     @property
     def size(self) -> float:
         """Largest distance (m) from the root to a link along the links, without the travel of prismatic joints."""
-        model = self.model
+        model = self._model
         reach = np.zeros(model.njoints)
         for joint in range(1, model.njoints):
             step = np.linalg.norm(model.jointPlacements[joint].translation)
@@ -361,6 +380,18 @@ class Robot:
     def name(self) -> str:
         """Name of the robot in the URDF."""
         return self.urdf.name
+
+    def save_urdf(self, path: str | Path) -> None:
+        """Write the URDF atomically; for a xacro file the expanded one, for a DH table or MJCF the generated one.
+
+        URIs of meshes that could not be found from the new file are replaced by the absolute paths of the meshes.
+
+        Raises
+        ------
+        FileError
+            If the file cannot be written.
+        """
+        write_text_whole(path, self.urdf.text_for(Path(path)))
 
     def info(self, arm: Arm | None = None) -> RobotInfo:
         """Return the properties of the robot and of one of its arms (default: :meth:`arm` without arguments).
@@ -424,13 +455,13 @@ class Robot:
         else:
             if isinstance(limits, LimitsFile):
                 new_limits = limits.over(chain.limits, chain.joint_names, list(self.urdf.joints))
-                told: Mapping[str, tuple[float, float]] = limits.position
+                position: Mapping[str, tuple[float, float]] = limits.position
             else:
-                told = limits or {}
-                new_limits = chain.limits.replace(chain.joint_names, told)
+                position = limits or {}
+                new_limits = chain.limits.replace(chain.joint_names, position)
             for name in chain.joint_names:
                 joint = self.urdf.joints[name]
-                if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in told:
+                if joint.type != "continuous" and (joint.lower is None or joint.upper is None) and name not in position:
                     raise InputError(
                         f"{joint.type} joint {name!r} states no lower and upper limit; "
                         f"pass limits={{{name!r}: (lower, upper)}}"
@@ -553,91 +584,58 @@ def _joint(arm: Arm, name: str) -> JointInfo:
             velocity=_known(limits.velocity[i]),
             acceleration=_known(limits.acceleration[i]),
             mimic=mimic,
+            effort=None if limits.effort is None else _known(limits.effort[i]),
         )
     role: Role = "follower" if name in arm.followers else "fixed" if joint.type == "fixed" else "held"
     held_at = arm.held.get(name) if role == "held" else None
-    return JointInfo(*ends, role, joint.lower, joint.upper, joint.velocity, None, held_at, mimic)
+    return JointInfo(*ends, role, joint.lower, joint.upper, joint.velocity, None, held_at, mimic, joint.effort)
 
 
 def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
-    said = []
+    notes = []
     if robot.srdf.path is None and not robot.srdf.disabled:
-        said.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
+        notes.append("no SRDF: no groups, no named states, and only neighbouring links may touch")
     if not robot.urdf.collisions:
-        said.append("no collision geometry: nothing of the robot can collide")
+        notes.append("no collision geometry: contact of its links is not detected")
+    elif has_generated_bodies(robot.urdf):
+        notes.append(GENERATED_BODIES)
     slow = [name for name, v in zip(arm.joint_names, arm.limits.velocity, strict=True) if np.isnan(v)]
     if slow:
-        said.append(f"no velocity limit: {', '.join(slow)}")
+        notes.append(f"no velocity limit: {', '.join(slow)}")
     if arm.limits.acceleration_source.startswith("default"):
-        said.append(f"no acceleration limits; {arm.limits.acceleration_source}")
+        notes.append(f"no acceleration limits; {arm.limits.acceleration_source}")
     endless = [n for n, low in zip(arm.joint_names, arm.limits.lower, strict=True) if np.isinf(low)]
     if endless:
-        said.append(f"no position limits (continuous): {', '.join(endless)}")
+        notes.append(f"no position limits (continuous): {', '.join(endless)}")
     if not robot.home:
-        said.append("no home: the middle of the limits stands for it")
-    return (*said, *robot.notes)
+        notes.append("no home: the middle of the limits stands for it")
+    return (*notes, *robot.notes)
 
 
 def _known(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-def load_robot(
-    source: str | Path,
-    *,
-    srdf: str | Path | None = None,
-    package_dirs: Sequence[str | Path] = (),
-    xacro_args: Mapping[str, str] | None = None,
-) -> Robot:
-    """Load a robot by catalogue name or from a URDF, xacro or MJCF file.
+def load_robot_from_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Robot:
+    """Load a robot from URDF text; ``name`` is used instead of a file in errors."""
+    return build_robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf())
 
-    Parameters
-    ----------
-    source
-        A name such as ``"ur5"``, or a path that ends in ``.urdf``, ``.xacro``, ``.xml`` or ``.mjcf``.
-    srdf
-        An SRDF file. Default: that of the catalogue, none for a path.
-    package_dirs
-        Folders that contain ROS packages, searched first for ``package://`` meshes and ``$(find ...)`` in xacro.
-    xacro_args
-        Values for the ``<xacro:arg>`` elements of a xacro file.
+
+def build_robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None = None) -> Robot:
+    """Build the kinematic model of a description; ``entry`` states tcp, base and home of a robot of the catalogue."""
+    if entry is None:
+        return Robot(urdf, srdf)
+    return Robot(urdf, srdf, entry.tcp, entry.home, entry.base)
+
+
+def _model_of(urdf: Urdf) -> pin.Model:
+    """The Pinocchio model of all joints.
 
     Raises
     ------
-    UnknownNameError
-        If the name is not in the catalogue.
     UrdfError
-        If the file is invalid; the message states the line.
-    FileError
-        If one of ``package_dirs`` is not a folder.
-    InputError
-        If the file is a xacro file and the extra ``xacro`` is not installed.
+        If Pinocchio refuses the description or drops links.
     """
-    entry: CatalogueEntry | None = None
-    if isinstance(source, str) and not source.endswith(SUFFIXES) and "/" not in source:
-        entry = find_robot(source)
-        source, srdf = entry.urdf, srdf or entry.srdf
-    path = Path(source)
-    if path.suffix not in SUFFIXES:
-        raise UrdfError(path, f"is not a robot description: its name must end in one of {', '.join(SUFFIXES)}")
-    for folder in package_dirs:
-        if not Path(folder).is_dir():
-            raise FileError(folder, "is no folder; package_dirs holds folders with ROS packages in them")
-    urdf, words = read_description(path, package_dirs=package_dirs, xacro_args=xacro_args)
-    if srdf is not None:
-        words = read_srdf(srdf)
-    if entry is not None:
-        overlaps = tuple(DisabledPair(pair, "overlaps in every sampled configuration") for pair in entry.overlaps)
-        words = replace_fields(words, disabled=(*words.disabled, *overlaps))
-    return _robot(urdf, words, entry)
-
-
-def load_robot_from_text(text: str, *, name: str = "URDF text", package_dirs: Sequence[str | Path] = ()) -> Robot:
-    """Load a robot from URDF text; ``name`` is used instead of a file in errors."""
-    return _robot(read_urdf_text(text, name=name, package_dirs=package_dirs), Srdf(), None)
-
-
-def _robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None) -> Robot:
     try:
         model = pin.buildModelFromXML(urdf.kinematics)
     except (ValueError, RuntimeError) as error:
@@ -645,6 +643,4 @@ def _robot(urdf: Urdf, srdf: Srdf, entry: CatalogueEntry | None) -> Robot:
     missing = [name for name in urdf.links if not model.existFrame(name, pin.FrameType.BODY)]
     if missing:
         raise UrdfError(urdf.path or urdf.name, f"Pinocchio dropped the links {missing}")
-    if entry is None:
-        return Robot(urdf, srdf, model)
-    return Robot(urdf, srdf, model, entry.tcp, entry.home, entry.base)
+    return model

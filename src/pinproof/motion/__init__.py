@@ -4,6 +4,7 @@ from pinproof.motion.blended_path import BlendedPath
 from pinproof.motion.cubic_path import CubicPath
 from pinproof.motion.curve import Curve
 from pinproof.motion.joint_path import JointPath
+from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.timing import MotionLimits, time_parametrise
 from pinproof.motion.trajectory import Trajectory
@@ -14,7 +15,10 @@ __all__ = [
     "Curve",
     "JointPath",
     "MotionLimits",
+    "MotionProgram",
     "MotionRecord",
+    "ProgramEvent",
+    "ProgramSegment",
     "Trajectory",
     "time_parametrise",
 ]

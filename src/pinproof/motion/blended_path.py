@@ -13,7 +13,7 @@ import numpy.typing as npt
 from pinproof.errors import InputError
 from pinproof.motion import bezier, corner
 from pinproof.motion.cubic_path import CubicPath
-from pinproof.motion.curve import Array, checked_joint_names, ends_meet, read_only
+from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_meet, read_only
 from pinproof.motion.joint_path import JointPath
 from pinproof.spatial import finite
 
@@ -34,7 +34,7 @@ GAUSS_POINTS = 16
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class BlendedPath:
+class BlendedPath(BezierCurve):
     """Polynomial pieces over a path parameter with a continuous derivative, except at the stops; no timing.
 
     In results of :meth:`rounded`, the parameter is the arc length on straight segments and close to it in corners.
@@ -135,30 +135,9 @@ class BlendedPath:
         knots = np.concatenate([[0.0], np.cumsum(width)])
         return cls(knots, control, parts[0].joint_names, knots[1:-1][_jumps(knots, control)].tolist())
 
-    def __call__(self, t: npt.ArrayLike) -> Array:
-        """The configuration (n,) at ``t`` in the domain, or (N, n) at (N,) of them; InputError outside."""
-        return bezier.evaluate(self.knots, self.control, t)
-
     def bezier(self) -> tuple[Array, Array]:
         """Knots (k+1,) and control points (k, degree+1, n)."""
         return self.knots, self.control
-
-    @property
-    def domain(self) -> tuple[float, float]:
-        """First and last parameter."""
-        return float(self.knots[0]), float(self.knots[-1])
-
-    @property
-    def start(self) -> Array:
-        """(n,) first configuration."""
-        point: Array = self.control[0, 0]
-        return point
-
-    @property
-    def end(self) -> Array:
-        """(n,) last configuration."""
-        point: Array = self.control[-1, -1]
-        return point
 
     @cached_property
     def length(self) -> float:

@@ -11,14 +11,14 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.motion import bezier
-from pinproof.motion.curve import Array, checked_joint_names, read_only
+from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, read_only
 from pinproof.spatial import finite
 
 __all__ = ["CubicPath"]
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class CubicPath:
+class CubicPath(BezierCurve):
     """A C1 cubic Hermite spline over a path parameter; no timing.
 
     It represents curves that are smooth in joint space, such as a straight line of the tcp. The arm does not stop at
@@ -98,30 +98,9 @@ class CubicPath:
             return cls(points, np.zeros_like(points), parameter[: len(points)], names)
         return cls(points, CubicSpline(parameter, points)(parameter, 1), parameter, names)
 
-    def __call__(self, t: npt.ArrayLike) -> Array:
-        """The configuration (n,) at ``t`` in the domain, or (N, n) at (N,) of them; InputError outside."""
-        return bezier.evaluate(*self._pieces, t)
-
     def bezier(self) -> tuple[Array, Array]:
         """Knots (k+1,) and control points (k, 4, n), one piece between consecutive points."""
         return self._pieces
-
-    @property
-    def domain(self) -> tuple[float, float]:
-        """First and last parameter."""
-        return float(self.knots[0]), float(self.knots[-1])
-
-    @property
-    def start(self) -> Array:
-        """(n,) first point."""
-        point: Array = self.q[0]
-        return point
-
-    @property
-    def end(self) -> Array:
-        """(n,) last point."""
-        point: Array = self.q[-1]
-        return point
 
     def reversed(self) -> CubicPath:
         """The same image from end to start, over the same domain."""

@@ -9,8 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
+from pinproof.motion import bezier
 
-__all__ = ["MEET_TOLERANCE", "Curve", "checked_joint_names", "ends_meet", "read_only"]
+__all__ = ["MEET_TOLERANCE", "BezierCurve", "Curve", "checked_joint_names", "ends_meet", "read_only"]
 
 Array = npt.NDArray[np.float64]
 
@@ -50,6 +51,36 @@ class Curve(Protocol):
 
     def __call__(self, t: npt.ArrayLike) -> Array:
         """The configuration (n,) at a scalar parameter, or (N, n) at (N,) parameters."""
+
+
+class BezierCurve:
+    """Domain, ends and evaluation of a curve that is stored as Bezier pieces."""
+
+    def bezier(self) -> tuple[Array, Array]:
+        """Knots (k+1,) and control points (k, degree+1, n)."""
+        raise NotImplementedError
+
+    def __call__(self, t: npt.ArrayLike) -> Array:
+        """The configuration (n,) at ``t`` in the domain, or (N, n) at (N,) of them; InputError outside."""
+        return bezier.evaluate(*self.bezier(), t)
+
+    @property
+    def domain(self) -> tuple[float, float]:
+        """First and last parameter."""
+        knots, _ = self.bezier()
+        return float(knots[0]), float(knots[-1])
+
+    @property
+    def start(self) -> Array:
+        """(n,) first configuration."""
+        point: Array = self.bezier()[1][0, 0]
+        return point
+
+    @property
+    def end(self) -> Array:
+        """(n,) last configuration."""
+        point: Array = self.bezier()[1][-1, -1]
+        return point
 
 
 def read_only(array: Array) -> Array:

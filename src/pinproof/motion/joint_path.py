@@ -10,16 +10,16 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import html_block, html_table
 from pinproof.errors import InputError
-from pinproof.motion import bezier
-from pinproof.motion.curve import Array, checked_joint_names, ends_meet, read_only
+from pinproof.motion.curve import Array, BezierCurve, checked_joint_names, ends_meet, read_only
 from pinproof.spatial import finite
 
 __all__ = ["JointPath"]
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class JointPath:
+class JointPath(BezierCurve):
     """Straight segments between waypoints; no timing.
 
     The parameter is the index of the waypoint as a float: ``path(1.5)`` is the middle between waypoints 1 and 2. A path
@@ -74,30 +74,9 @@ class JointPath:
         """The number of waypoints."""
         return len(self.q)
 
-    def __call__(self, t: npt.ArrayLike) -> Array:
-        """The configuration (n,) at index ``t`` in [0, m-1], or (N, n) at (N,) of them; InputError outside."""
-        return bezier.evaluate(*self._pieces, t)
-
     def bezier(self) -> tuple[Array, Array]:
         """Knots (k+1,) and control points (k, 2, n), one piece per segment."""
         return self._pieces
-
-    @property
-    def domain(self) -> tuple[float, float]:
-        """First and last parameter: (0, m-1)."""
-        return 0.0, float(len(self.q) - 1)
-
-    @property
-    def start(self) -> Array:
-        """(n,) first waypoint."""
-        point: Array = self.q[0]
-        return point
-
-    @property
-    def end(self) -> Array:
-        """(n,) last waypoint."""
-        point: Array = self.q[-1]
-        return point
 
     @property
     def length(self) -> float:
@@ -124,3 +103,8 @@ class JointPath:
 
     def __repr__(self) -> str:
         return f"JointPath({len(self.q)} waypoints, {len(self.joint_names)} joints, length {self.length:.6g})"
+
+    def _repr_html_(self) -> str:
+        rows = ([number, *q] for number, q in enumerate(self.q))
+        title = f"Path of {len(self.q)} waypoints, length {self.length:.4g} (rad or m)"
+        return html_block(title, html_table(("waypoint", *self.joint_names), rows, total=len(self.q)))

@@ -8,6 +8,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 from pinproof.errors import InputError
+from pinproof.motion.motion_keys import RECORD
 
 __all__ = ["Certified", "MotionRecord", "read_records", "records_of"]
 
@@ -75,9 +76,6 @@ class MotionRecord:
         )
 
 
-KEYS = frozenset(MotionRecord.__dataclass_fields__)
-
-
 class Certified(Protocol):
     """The attributes of a certificate that :meth:`pinproof.Trajectory.save` requires."""
 
@@ -106,10 +104,10 @@ def _record(number: int, stated: object) -> MotionRecord:
     where = f"certified[{number}]"
     if not isinstance(stated, dict):
         raise InputError(f"{where} must be an object, not {type(stated).__name__}")
-    if missing := sorted(KEYS - stated.keys()):
+    if missing := [key for key in RECORD.required if key not in stated]:
         raise InputError(f"{where} lacks {', '.join(missing)}")
-    if unknown := sorted(map(str, stated.keys() - KEYS)):
-        raise InputError(f"{where} has unknown keys {', '.join(unknown)}; valid: {', '.join(sorted(KEYS))}")
+    if unknown := sorted(str(key) for key in stated if key not in RECORD.names):
+        raise InputError(f"{where} has unknown keys {', '.join(unknown)}; valid: {', '.join(RECORD.names)}")
     for key, kind in (("name", str), ("status", str), ("curve", str), ("setup", str), ("pairs", int)):
         if type(stated[key]) is not kind:
             raise InputError(f"{where}.{key} is {stated[key]!r}; it must be {'text' if kind is str else 'an integer'}")

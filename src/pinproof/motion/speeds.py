@@ -305,15 +305,24 @@ def _without_averaged_ends(
     return grid.between(path, float(begin), float(end)), window[first:last]
 
 
+def _squared_ceiling(fastest: Array, stop: npt.NDArray[np.bool_], ends: tuple[float, float]) -> Array:
+    """The largest squared speed at each grid point, from those (m, 2) at both ends of each step."""
+    ceiling = np.full(len(stop), np.inf)
+    np.minimum(ceiling[:-1], fastest[:, 0] ** 2, out=ceiling[:-1])
+    np.minimum(ceiling[1:], fastest[:, 1] ** 2, out=ceiling[1:])
+    ceiling[stop] = 0.0
+    ceiling[[0, -1]] = np.square(ends)
+    return ceiling
+
+
 class _Phases:
     """The phases of each step, at most seven: one on the steps of bends, the closed forms on straight steps."""
 
     def __init__(
         self, path: PreparedPath, grid: Grid, bounds: Bounds, ends: tuple[float, float], window: Array | None
     ) -> None:
-        s, piece, step = grid.s, grid.piece, np.diff(grid.s)
+        s, piece, step, slope = grid.s, grid.piece, np.diff(grid.s), grid.slope
         bent = ~path.straight[piece]
-        slope, curvature = grid.slope, grid.curvature
         velocity = bounds.velocity / grid.slowdown[:, None]
         acceleration = bounds.acceleration / grid.slowdown[:, None] ** 2
         jerk = None if bounds.jerk is None else bounds.jerk / grid.slowdown[:, None] ** 3
@@ -325,19 +334,10 @@ class _Phases:
         fastest = _least(velocity[:, None], slope)
         self._bent = bent
         if jerk is not None:
-            third = np.stack([path.at(s[:-1], 3, piece), path.at(s[1:], 3, piece)], axis=1)
-            third[~bent] = 0.0
-            self._straight_limits = [_least(limit, slope[:, 0]) for limit in (velocity, acceleration, jerk)]
-            sharpest = np.sqrt(_least(acceleration[:, None], curvature)), np.cbrt(_least(jerk[:, None], third))
-            self._bend_speed = np.minimum(fastest, np.minimum(*sharpest)).min(axis=1)
-            fastest = np.minimum(fastest, np.cbrt(_BEND_SHARE * _least(jerk[:, None], third)))
-        ceiling = np.full(len(s), np.inf)
-        np.minimum(ceiling[:-1], fastest[:, 0] ** 2, out=ceiling[:-1])
-        np.minimum(ceiling[1:], fastest[:, 1] ** 2, out=ceiling[1:])
+            fastest = self._limited_by_jerk(path, grid, fastest, velocity, acceleration, jerk)
         stop = np.isin(s, path.knots[path.stops])
-        ceiling[stop] = 0.0
-        ceiling[[0, -1]] = np.square(ends)
-        x, stuck = fastest_speeds(slope, curvature, step, ceiling, soft, ceiling[0], ceiling[-1])
+        ceiling = _squared_ceiling(fastest, stop, ends)
+        x, stuck = fastest_speeds(slope, grid.curvature, step, ceiling, soft, ceiling[0], ceiling[-1])
         if stuck is not None:
             raise _timing_error(stuck, len(step), ends)
         speed = np.sqrt(x)
@@ -363,6 +363,17 @@ class _Phases:
             limits = [_least(limit, slope[:, 0])[rows] for limit in (velocity, acceleration, jerk)]
             if len(rows):
                 self._double_s(rows, step[rows], *limits)
+
+    def _limited_by_jerk(
+        self, path: PreparedPath, grid: Grid, fastest: Array, velocity: Array, acceleration: Array, jerk: Array
+    ) -> Array:
+        """The largest speeds (m, 2) at the ends of the steps; stores the limits used by constant speed in bends."""
+        third = np.stack([path.at(grid.s[:-1], 3, grid.piece), path.at(grid.s[1:], 3, grid.piece)], axis=1)
+        third[~self._bent] = 0.0
+        self._straight_limits = [_least(limit, grid.slope[:, 0]) for limit in (velocity, acceleration, jerk)]
+        sharpest = np.sqrt(_least(acceleration[:, None], grid.curvature)), np.cbrt(_least(jerk[:, None], third))
+        self._bend_speed = np.minimum(fastest, np.minimum(*sharpest)).min(axis=1)
+        return np.asarray(np.minimum(fastest, np.cbrt(_BEND_SHARE * _least(jerk[:, None], third))))
 
     def set_constant_speed_in_bends(self, steps: slice) -> None:
         """Replace the phases of a run with straight ends: constant speed in bends, ramps on straight segments."""

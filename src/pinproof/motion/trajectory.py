@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.common.display import PLOT_POINTS, html_block, html_list, html_plot, html_table
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
@@ -132,6 +133,35 @@ class Trajectory:
             "; ".join(dict.fromkeys(part.limits_note for part in parts if part.limits_note)),
             accelerations=_concatenated(curvatures) if curvatures else None,
         )
+
+    def split(self, time: float) -> tuple[Trajectory, Trajectory]:
+        """The parts before and after a point at which the motion rests; :meth:`join` restores the trajectory exactly.
+
+        Raises
+        ------
+        InputError
+            If the trajectory has no inner point at this time, or moves there.
+        """
+        clock = whole_nanoseconds(self.times)
+        k = int(np.searchsorted(clock, round(time * trajectory_files.NANO)))
+        if not 0 < k < len(clock) - 1 or clock[k] != round(time * trajectory_files.NANO):
+            raise InputError(f"the trajectory has no point between its ends at {time} s")
+        if self.velocities[k].any():
+            raise InputError(f"the trajectory moves at {time} s; it can be split only where it rests")
+        parts = []
+        for rows in (slice(None, k + 1), slice(k, None)):
+            times, curvature = seconds(clock[rows] - clock[rows][0]), self.accelerations
+            parts.append(
+                Trajectory(
+                    times,
+                    self.q[rows],
+                    self.velocities[rows],
+                    self.joint_names,
+                    self.limits_note,
+                    accelerations=None if curvature is None else curvature[rows],
+                )
+            )
+        return parts[0], parts[1]
 
     def slowed(self, factor: float) -> Trajectory:
         """The same motion with ``factor`` times the duration; accelerations are divided by the square of the factor.
@@ -379,6 +409,18 @@ class Trajectory:
     def __repr__(self) -> str:
         points = f"{len(self.times)} points, {self.interpolant}"
         return f"Trajectory({self.duration:.6g} s, {points}, {len(self.joint_names)} joints)"
+
+    def _repr_html_(self) -> str:
+        low, high = self.range()
+        speeds, rates = self.max_velocity(), self.max_acceleration()
+        columns = ("joint", "start", "end", "lowest", "highest", "largest velocity", "largest acceleration")
+        rows = zip(self.joint_names, self.q[0], self.q[-1], low, high, speeds, rates, strict=True)
+        instants = np.linspace(0.0, self.duration, PLOT_POINTS)
+        lines = dict(zip(self.joint_names, np.asarray(self(instants)).T, strict=True))
+        source = html_list([f"Limits: {self.limits_note}"] if self.limits_note else [])
+        plot = html_plot(instants, lines, "rad or m")
+        title = f"Trajectory of {self.duration:.4g} s, {len(self.times)} points, {self.interpolant} (rad or m, s)"
+        return html_block(title, html_table(columns, rows, total=len(low)), plot, source)
 
 
 def _concatenated(parts: list[Array]) -> Array:

@@ -21,16 +21,16 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.files import read_text
+from pinproof.common.file_keys import KeyTable
+from pinproof.common.files import read_text, unknown_suffix
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import InputError, TrajectoryError
+from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, UNITS, WRITTEN
 from pinproof.motion.motion_record import MotionRecord, read_records
 
 __all__ = [
-    "INTERPOLANTS",
     "LONGEST",
     "NANO",
-    "UNITS",
     "Points",
     "Reader",
     "Record",
@@ -54,14 +54,7 @@ LONGEST = 2.0**50 / NANO
 """Longest duration (s, 13 days), up to which ``whole_nanoseconds(seconds(k)) == k``: the rounding errors of k / NANO
 and of its product with NANO are each half a unit of a 53-bit mantissa at most, together less than half a nanosecond."""
 
-INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
-"""The names of the interpolants in the metadata of a file."""
-
-UNITS = {"positions": "rad or m", "velocities": "rad/s or m/s", "time_from_start": "s and ns"}
-
-_TOP_KEYS = {"header", "joint_names", "points", "pinproof"}
 _RATES = ("velocities", "accelerations")
-_POINT_KEYS = {"positions", *_RATES, "effort", "time_from_start"}
 _TIME_KEYS = (("sec", "nanosec"), ("secs", "nsecs"))
 
 _MARK = "# pinproof: "
@@ -101,9 +94,10 @@ class Record:
 
     def meta(self) -> dict[str, object]:
         """The metadata: the key ``pinproof`` of JSON files, the first line of CSV files."""
-        units, kind = dict(UNITS), "cubic"
-        if self.accelerations is not None:
-            units["accelerations"], kind = "rad/s^2 or m/s^2", "quintic"
+        units, kind = dict(UNITS), "quintic"
+        if self.accelerations is None:
+            kind = "cubic"
+            del units["accelerations"]
         meta = {"version": 1, "interpolant": INTERPOLANTS[kind], "units": units, "limits_note": self.limits_note}
         return {**meta, "certified": [each.to_dict() for each in self.certified]} if self.certified else meta
 
@@ -133,12 +127,12 @@ class Reader:
         """Refuse the JSON tokens NaN and Infinity."""
         self.fail(f"holds {token}; all numbers must be finite")
 
-    def known_keys(self, data: dict[str, Any], known: set[str], required: set[str], place: str) -> None:
+    def known_keys(self, data: dict[str, Any], table: KeyTable, place: str) -> None:
         """Check that all required keys and no unknown keys exist."""
-        if missing := sorted(required - data.keys()):
+        if missing := [key for key in table.required if key not in data]:
             self.fail(f"lacks {', '.join(missing)}", place)
-        if unknown := sorted(map(str, data.keys() - known)):
-            self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(sorted(known))}", place)
+        if unknown := sorted(str(key) for key in data if key not in table.names):
+            self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(table.names)}", place)
 
     def number(self, cell: str, place: str) -> float:
         """Convert a text to a number."""
@@ -193,6 +187,8 @@ class Reader:
         for key, expected in record.meta().items() if meta is not None else ():
             if key not in ("limits_note", "certified") and meta.get(key) != expected:
                 self.fail(f"{key} must be {expected!r}, not {meta.get(key)!r}", meta_place)
+        if meta is not None:
+            self.known_keys(meta, META, meta_place)
         return record
 
     def _note(self, meta: Any, place: str) -> str:
@@ -243,13 +239,13 @@ def from_json(reader: Reader, text: str) -> Record:
 
 def from_yaml(reader: Reader, _text: str) -> Record:
     """Read a message in YAML."""
-    return _from_message(reader, read_yaml(reader.path, sorted(_TOP_KEYS), TrajectoryError))
+    return _from_message(reader, read_yaml(reader.path, MOTION.names, TrajectoryError))
 
 
 def _from_message(reader: Reader, data: Any) -> Record:
     if not isinstance(data, dict):
         reader.fail("must be an object with joint_names and points")
-    reader.known_keys(data, _TOP_KEYS, required={"joint_names", "points"}, place="")
+    reader.known_keys(data, MOTION, "")
     names = data["joint_names"]
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         reader.fail("must be a list of strings", "joint_names")
@@ -270,13 +266,13 @@ def _from_message(reader: Reader, data: Any) -> Record:
 def _read_point(reader: Reader, point: Any, place: str, count: int, points: Points) -> None:
     if not isinstance(point, dict):
         reader.fail("must be an object", place)
-    reader.known_keys(point, _POINT_KEYS, required={"positions", "time_from_start"}, place=place)
     if not point.get("velocities"):
         reader.fail(
             "lacks velocities: a controller interpolates positions linearly, with a velocity jump at every point; "
             "create a JointPath from the positions and time it with time_parametrise",
             place,
         )
+    reader.known_keys(point, POINT, place)
     if point.get("effort"):
         reader.fail("efforts are not supported; remove them", f"{place}.effort")
     points.places.append(place)
@@ -367,7 +363,7 @@ _READERS: dict[str, Callable[[Reader, str], Record]] = {
 def write(path: str | Path, record: Record) -> None:
     """Write ``record`` in the format of the file extension; the complete file replaces the target."""
     target = Path(path)
-    text = _by_extension(target, _WRITERS, "written")(record)
+    text = _by_extension(target, _WRITERS, WRITTEN)(record)
     temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
         try:
@@ -383,13 +379,11 @@ def write(path: str | Path, record: Record) -> None:
 def read(path: str | Path) -> Record:
     """Read an output of :func:`write`, or a JointTrajectory message with positions and velocities."""
     source = Path(path)
-    parse = _by_extension(source, _READERS, "read")
+    parse = _by_extension(source, _READERS, READ)
     return parse(Reader(source), read_text(source, TrajectoryError))
 
 
-def _by_extension(path: Path, codecs: dict[str, Codec], done: str) -> Codec:
+def _by_extension(path: Path, codecs: dict[str, Codec], valid: tuple[str, ...]) -> Codec:
     if path.suffix.lower() not in codecs:
-        raise TrajectoryError(
-            path, f"a trajectory is {done} as {', '.join(codecs)}, not {path.suffix or 'a file without extension'}"
-        )
+        raise TrajectoryError(path, unknown_suffix(path, valid))
     return codecs[path.suffix.lower()]

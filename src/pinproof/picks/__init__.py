@@ -6,11 +6,11 @@ files), ``judging`` (one pick, from reach to the timed and certified motion), ``
 """
 
 from pinproof.picks.batch.campaign import Campaign, CampaignResult
-from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, reach_map
+from pinproof.picks.batch.reach_map import ReachComparison, ReachMap, attainable_orientations, reach_map
 from pinproof.picks.batch.reach_region import ReachRegion, approach_directions, tool_orientations
 from pinproof.picks.batch.screen_picks import screen_picks
 from pinproof.picks.batch.screening import ScreenResult, ScreenStatus
-from pinproof.picks.batch.validate import validate_picks
+from pinproof.picks.batch.validate import PicksInterrupted, validate_picks
 from pinproof.picks.input.pick import (
     GraspSpin,
     GraspTolerance,
@@ -20,19 +20,22 @@ from pinproof.picks.input.pick import (
     PickProblem,
     Picks,
     PlaceTarget,
+    SuctionCup,
 )
 from pinproof.picks.input.picks_file import open_picks, read_picks
 from pinproof.picks.input.settings import GripLimits, PickBudget, PickWeights
 from pinproof.picks.input.sources import PickGrid, PickList, PickSource, PickTable
 from pinproof.picks.judging.changes import apply_suggestion
-from pinproof.picks.judging.grip import FingerContact, GripResult
+from pinproof.picks.judging.grip import CupContact, FingerContact, GripResult
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickMotion, PickStatus, PickVerdict, Stage, StageResult
-from pinproof.picks.report.report import PickReport
+from pinproof.picks.report.report import REPORT_SUFFIXES, PickReport
 
 __all__ = [
+    "REPORT_SUFFIXES",
     "Campaign",
     "CampaignResult",
+    "CupContact",
     "FingerContact",
     "GraspSpin",
     "GraspTolerance",
@@ -54,6 +57,7 @@ __all__ = [
     "PickVerdict",
     "PickWeights",
     "Picks",
+    "PicksInterrupted",
     "PlaceTarget",
     "ReachComparison",
     "ReachMap",
@@ -62,8 +66,10 @@ __all__ = [
     "ScreenStatus",
     "Stage",
     "StageResult",
+    "SuctionCup",
     "apply_suggestion",
     "approach_directions",
+    "attainable_orientations",
     "open_picks",
     "reach_map",
     "read_picks",

@@ -1,8 +1,9 @@
 """Planning: RRT-Connect, OMPL, simplification of paths, and Cartesian moves; every path has a certificate."""
 
-from pinproof.planning.blend import blend
+from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
+from pinproof.planning.planners import DEFAULT_PLANNER, PLANNERS, Planner, make_planner
 from pinproof.planning.result import (
     LinearPlanResult,
     LinearStatus,
@@ -12,19 +13,23 @@ from pinproof.planning.result import (
     PosesPlanResult,
 )
 from pinproof.planning.rrt_connect import RrtConnect
-from pinproof.planning.simplify import SimplifyResult, shortcut, simplify
+from pinproof.planning.simplification import SimplifyResult, shortcut, simplify
 
 __all__ = [
+    "DEFAULT_PLANNER",
+    "PLANNERS",
     "LinearPlanResult",
     "LinearStatus",
     "OmplPlanner",
     "PlanProgress",
     "PlanResult",
     "PlanStatus",
+    "Planner",
     "PosesPlanResult",
     "RrtConnect",
     "SimplifyResult",
     "blend",
+    "make_planner",
     "ompl_planners",
     "plan_linear",
     "plan_poses",

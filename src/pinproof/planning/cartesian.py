@@ -91,8 +91,7 @@ def plan_linear(
     )
     first, last = arm.limits.snap(arm.configuration(start, "start")), rigid("target", target)
     if message := _outside_limits(arm, first):
-        outside = np.flatnonzero((first < arm.limits.lower) | (first > arm.limits.upper))
-        names = tuple(arm.joint_names[joint] for joint in outside)
+        names = tuple(np.array(arm.joint_names)[first != arm.limits.clip(first)].tolist())
         return LinearPlanResult(LinearStatus.LIMIT, None, None, 0.0, message, joints=names)
     here = arm.forward_kinematics(first)
     route = Route.straight(here, nearest_target(here, last, follower.task))

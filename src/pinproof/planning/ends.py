@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 from pinproof.model import Arm
+from pinproof.model.limits import AT_LIMIT
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.spatial import finite
 
@@ -101,8 +103,8 @@ def _turns(arm: Arm, joint: int, start: float, goal: float) -> list[int]:
         return [0]
     below = int(np.floor((start - goal) / TURN))
     low, high = arm.limits.lower[joint], arm.limits.upper[joint]
-    fewest = below if np.isinf(low) else int(np.ceil((low - goal) / TURN))
-    most = below + 1 if np.isinf(high) else int(np.floor((high - goal) / TURN))
+    fewest = below if np.isinf(low) else int(np.ceil((low - AT_LIMIT - goal) / TURN))
+    most = below + 1 if np.isinf(high) else int(np.floor((high + AT_LIMIT - goal) / TURN))
     return sorted({0, *range(fewest, most + 1)})
 
 
@@ -150,9 +152,11 @@ def _reason(checker: CollisionChecker, q: Array) -> str:
 
 
 def _invalid_start(checker: CollisionChecker, start: Array) -> PlanResult:
-    message = f"the start is invalid: {_reason(checker, start)}"
-    contacts = checker.check(start).contacts
-    return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=contacts, checker=checker)
+    found = checker.check(start)
+    message = "; ".join(
+        filter(None, [f"the start is invalid: {_reason(checker, start)}", overlap_hint(checker, start, found)])
+    )
+    return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=found.contacts, checker=checker)
 
 
 def _invalid_goals(checker: CollisionChecker, goals: Array) -> PlanResult:

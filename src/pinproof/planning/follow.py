@@ -81,9 +81,6 @@ SAMPLING_SHARE = 0.1
 MIN_SAMPLES, MAX_SAMPLES = 3, 4096
 """Minimum and maximum number of sampling steps on a piece. A piece that requires more must be subdivided."""
 
-PRISMATIC, LEADER, MULTIPLIER, OFFSET = 12, 13, 14, 15
-"""Columns of :attr:`Arm.packed`, see :mod:`pinproof.kernels.chain`."""
-
 
 def line_task(task: TaskName | IkTask | Sequence[bool]) -> IkTask:
     """The task of a linear move, from its name or its coordinates.
@@ -364,9 +361,8 @@ class DeviationBound:
 
     def _second_derivatives(self, knots: Array, control: Array, route: Route) -> tuple[Array, Array]:
         """(k,) bounds of |D''| on each piece, for the position and for the orientation."""
-        chain = self._arm.packed
-        joints, leader = chain[:-1], chain[:-1, LEADER].astype(int)
-        scale, turns = np.abs(joints[:, MULTIPLIER]), joints[:, PRISMATIC] == 0.0
+        chain = self._arm.chain
+        leader, scale, turns = chain.index, np.abs(chain.multiplier), ~chain.prismatic
         first = bezier.derivative(knots, control)
         rate = np.abs(first).max(axis=1)[:, leader] * scale
         second = np.abs(bezier.derivative(knots, first)).max(axis=1)[:, leader] * scale
@@ -381,11 +377,11 @@ class DeviationBound:
         return linear + of_route[:, 0], self._norm * rotation
 
     def _levers(self, control: Array) -> Array:
-        """(m,) how far the tcp is at most from the origin of each joint, 1 for a joint that shiftes."""
-        chain = self._arm.packed
-        joints = chain[:-1]
-        reached = np.abs(control[:, :, joints[:, LEADER].astype(int)]).max(axis=(0, 1))
-        shift = (np.abs(joints[:, MULTIPLIER]) * reached + np.abs(joints[:, OFFSET])) * joints[:, PRISMATIC]
-        links = np.linalg.norm(chain[1:, [3, 7, 11]], axis=1) + np.append(shift[1:], 0.0)
+        """(m,) how far the tcp is at most from the origin of each joint, 1 for a prismatic joint."""
+        chain = self._arm.chain
+        reached = np.abs(control[:, :, chain.index]).max(axis=(0, 1))
+        shift = (np.abs(chain.multiplier) * reached + np.abs(chain.offset)) * chain.prismatic
+        behind = np.vstack([chain.before[1:, :3, 3], chain.tool[:3, 3]])
+        links = np.linalg.norm(behind, axis=1) + np.append(shift[1:], 0.0)
         lever = np.cumsum(links[::-1])[::-1]
-        return np.where(joints[:, PRISMATIC] != 0.0, 1.0, lever)
+        return np.where(chain.prismatic, 1.0, lever)

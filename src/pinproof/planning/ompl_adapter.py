@@ -10,7 +10,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
 
@@ -28,6 +28,9 @@ from pinproof.planning.rrt_connect import SEARCH_PAD, sampling_box
 __all__ = ["OmplPlanner", "ompl_planners"]
 
 Array = npt.NDArray[np.float64]
+
+UNLIMITED = 86_400.0
+"""Time limit (s) of a planner that is limited by its edges; OMPL does not accept infinity."""
 
 NOT_PARAMETERS = {"name", "problemDefinition", "plannerInputStates"}
 """Setters of a planner that do not belong to its parameters."""
@@ -94,6 +97,10 @@ class OmplPlanner:
             if name not in settings:
                 raise UnknownNameError("parameter", name, settings, self.planner)
         object.__setattr__(self, "parameters", MappingProxyType(dict(self.parameters)))
+
+    def limited_to(self, nodes: int) -> OmplPlanner:
+        """Return the planner with a budget of work instead of time: four edges for each node."""
+        return replace(self, max_edges=4 * nodes, time_limit=UNLIMITED)
 
     def plan(
         self,

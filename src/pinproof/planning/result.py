@@ -6,10 +6,12 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from typing import TypeVar
 
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Contact
+from pinproof.common.display import outline
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 
@@ -22,6 +24,8 @@ __all__ = [
     "PosesPlanResult",
     "Progress",
 ]
+
+Outcome = TypeVar("Outcome", bound="_Outcome")
 
 
 class PlanStatus(Enum):
@@ -60,8 +64,31 @@ Progress = Callable[[PlanProgress], bool | None]
 """A callback that is called many times a second during a search. If it returns False, the search ends as CANCELLED."""
 
 
+class _Outcome:
+    """The part that all results of planning share."""
+
+    message: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether the result is a certified path."""
+        raise NotImplementedError
+
+    def or_raise(self: Outcome) -> Outcome:
+        """Return the result if it is a certified path.
+
+        Raises
+        ------
+        PlanFailed
+            Otherwise, with the message.
+        """
+        if not self.ok:
+            raise PlanFailed(self.message, self)
+        return self
+
+
 @dataclass(frozen=True, eq=False)
-class PlanResult:
+class PlanResult(_Outcome):
     """The outcome of a plan.
 
     Parameters
@@ -108,22 +135,15 @@ class PlanResult:
     contacts: tuple[Contact, ...] = ()
     checker: CollisionChecker | None = None
 
+    def __repr__(self) -> str:
+        counts = f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
+        path = () if self.path is None else (repr(self.path),)
+        return outline(f"PlanResult({self.status.name}: {self.message})", (*path, counts))
+
     @property
     def ok(self) -> bool:
         """Whether a certified path was found."""
         return self.status is PlanStatus.FOUND
-
-    def or_raise(self) -> PlanResult:
-        """Return the result if a path was found.
-
-        Raises
-        ------
-        PlanFailed
-            Otherwise, with the message.
-        """
-        if not self.ok:
-            raise PlanFailed(self.message, self)
-        return self
 
 
 class LinearStatus(Enum):
@@ -138,7 +158,7 @@ class LinearStatus(Enum):
 
 
 @dataclass(frozen=True, eq=False)
-class LinearPlanResult:
+class LinearPlanResult(_Outcome):
     """A straight move of the tcp.
 
     Parameters
@@ -173,21 +193,9 @@ class LinearPlanResult:
         """Whether the complete line is possible and proven free."""
         return self.status is LinearStatus.COMPLETE
 
-    def or_raise(self) -> LinearPlanResult:
-        """Return the result if the move is complete.
-
-        Raises
-        ------
-        PlanFailed
-            Otherwise, with the message.
-        """
-        if not self.ok:
-            raise PlanFailed(self.message, self)
-        return self
-
 
 @dataclass(frozen=True, eq=False)
-class PosesPlanResult:
+class PosesPlanResult(_Outcome):
     """A move of the tcp through a sequence of poses.
 
     Parameters
@@ -216,15 +224,3 @@ class PosesPlanResult:
     def ok(self) -> bool:
         """Whether the complete move is possible and proven free."""
         return self.status is LinearStatus.COMPLETE
-
-    def or_raise(self) -> PosesPlanResult:
-        """Return the result if the move is complete.
-
-        Raises
-        ------
-        PlanFailed
-            Otherwise, with the message.
-        """
-        if not self.ok:
-            raise PlanFailed(self.message, self)
-        return self

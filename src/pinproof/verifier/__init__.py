@@ -2,7 +2,7 @@
 
 Nothing here imports the rest of pinproof, so a robot cell can trust a proof without trusting its maker:
 ``python -m pinproof.verifier proof.json``, or copy this folder anywhere and run ``python -m verifier proof.json``.
-The file format is described in docs/certificates.md.
+The file format is described in docs/formats/proof.md.
 """
 
 from .interval_bounds import IntervalBounds

@@ -183,7 +183,7 @@ def _digest(*parts: Any) -> str:
 
 
 def body_digest(row: Any) -> str:
-    """The hash of a body: its joint, placement and the numbers of its shape, in the order of docs/certificates.md."""
+    """The hash of a body: its joint, placement and the numbers of its shape, in the order of docs/formats/proof.md."""
     shape = row["shape"]
     parts: list[Any] = [row["joint"], row["placement"]]
     if isinstance(shape, dict):

@@ -133,7 +133,7 @@ class Proof:
     Parameters
     ----------
     document
-        The mapping of docs/certificates.md.
+        The mapping of docs/formats/proof.md.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from pinproof.spatial import matrix
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.wire import Commands, node_path
 
-__all__ = ["Film", "Phase", "animate", "checked_motion", "film", "still", "tracks"]
+__all__ = ["Film", "Phase", "animate", "checked_motion", "film", "quaternions", "still", "tracks"]
 
 Array = npt.NDArray[np.float64]
 
@@ -179,14 +179,34 @@ def tracks(
 
 def _tracks(commands: Commands, stamps: dict[str, Any], poses: Array) -> list[dict[str, Any]]:
     """The tracks of position and orientation of one node with poses (F, 4, 4), each only if it changes."""
-    from scipy.spatial.transform import Rotation
-
     found = []
     if np.ptp(poses[:, :3, 3], axis=0).max() > MOVING_TOLERANCE:
         found.append((".position", "vector3", poses[:, :3, 3]))
     if np.ptp(poses[:, :3, :3], axis=0).max() > MOVING_TOLERANCE:
-        found.append((".quaternion", "quaternion", Rotation.from_matrix(poses[:, :3, :3]).as_quat()))
+        found.append((".quaternion", "quaternion", quaternions(poses[:, :3, :3])))
     return [
         {"name": name, "type": kind, "times": stamps, "values": commands.array(values.astype(np.float32).ravel())}
         for name, kind, values in found
     ]
+
+
+def quaternions(rotations: Array) -> Array:
+    """(N, 4) quaternions x, y, z, w of rotation matrices (N, 3, 3).
+
+    The largest of the four components is computed first, which avoids cancellation (Shepperd 1978).
+    """
+    trace = np.trace(rotations, axis1=1, axis2=2)
+    diagonal = np.diagonal(rotations, axis1=1, axis2=2)
+    squares = np.column_stack([1 + 2 * diagonal - trace[:, None], 1 + trace])  # four times x^2, y^2, z^2, w^2
+    products = np.empty((len(rotations), 4, 4))
+    products[:, range(4), range(4)] = squares
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        products[:, i, j] = products[:, j, i] = rotations[:, i, j] + rotations[:, j, i]
+    for i, (j, k) in enumerate(((2, 1), (0, 2), (1, 0))):
+        products[:, i, 3] = products[:, 3, i] = rotations[:, j, k] - rotations[:, k, j]
+    rows = products[np.arange(len(rotations)), squares.argmax(axis=1)]
+    rows /= np.linalg.norm(rows, axis=1, keepdims=True)
+    # q and -q are the same rotation; neighbours get the same sign.
+    flips = np.einsum("ij,ij->i", rows[1:], rows[:-1]) < 0
+    rows[1:] *= np.where(np.cumsum(flips) % 2, -1.0, 1.0)[:, None]
+    return np.asarray(rows)

@@ -15,10 +15,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.viewer.stage import DrawnObstacle, Stage
+from pinproof.viewer.stage import DrawnObstacle, Stage, box_corners
 from pinproof.viewer.surfaces import Surface
 
-__all__ = ["FIELD_OF_VIEW", "MARGIN", "View", "choose_view", "fit"]
+__all__ = [
+    "FIELD_OF_VIEW",
+    "MARGIN",
+    "View",
+    "choose_view",
+    "extremes",
+    "fit",
+    "near_obstacles",
+    "placed_points",
+    "tool_points",
+]
 
 Array = npt.NDArray[np.float64]
 
@@ -28,11 +38,11 @@ FIELD_OF_VIEW = 30.0
 ASPECT = 4 / 3
 """Aspect ratio (width / height) for which directions are compared."""
 
-GRID = (80, 60)
+GRID = (60, 45)
 """Cells of the picture for which directions are compared."""
 
-SAMPLES = 1500
-"""Sample points on the surface of each link; their spacing is smaller than a cell of GRID."""
+SAMPLES = 400
+"""Sample points on the surface of each link."""
 
 COMPARED_INSTANTS = 3
 """Instants of the motion at which directions are compared."""
@@ -43,6 +53,12 @@ SEEN_CELLS = 2
 MIN_OCCLUSION = 1e-3
 """Fraction of the line of sight that must be inside a box to count as occluded."""
 
+ENOUGH_TOOL = 0.4
+"""Fraction of the largest visible area of the tool that a direction must show at every compared instant."""
+
+FEW_INSTANTS = 20
+"""Number of key frames up to which the slowest instant of the robot is not searched."""
+
 ENOUGH_SHARE = 0.20
 """Fraction of the picture that the robot should fill; directions that exceed it are not preferred."""
 
@@ -52,8 +68,29 @@ SIMILAR_MERIT = 0.985
 MARGIN = 0.05
 """Fraction of half the canvas that is left free at its border."""
 
-MOVING_MARGIN = 0.01
+MOVING_MARGIN = 0.03
 """The same for a motion. It is smaller, because all positions of the robot over the motion must fit."""
+
+NEAR_SHARE = 0.18
+"""Obstacles within this fraction of the radius of the robot's motion from the tool are in the picture."""
+
+NEAR_SAMPLES = 200
+"""Sample points on the surface of each obstacle, of which those near the tool are in the picture."""
+
+MOST_TOOL_POINTS = 200
+"""Largest number of points of the tool to which the distance of obstacles is computed."""
+
+DIRECTIONS = 200
+"""Directions in which the extreme points of a set are found; the others are in their hull but for 1 % of its size."""
+
+OUTLINE = 26
+"""The same for the outline of each link, which is placed at many instants."""
+
+MOST_INSTANTS = 120
+"""Largest number of instants at which all links are framed; the tool is framed at every key frame."""
+
+CHUNK = 20_000
+"""Number of points whose extremes are computed at a time, to limit the memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +117,9 @@ class View:
         return float(np.linalg.norm(self.points.max(axis=0) - self.points.min(axis=0))) / 2
 
 
-def choose_view(stage: Stage, poses: Array, points: Array, *, also: Array | None = None) -> View:
+def choose_view(
+    stage: Stage, poses: Array, points: Array, *, also: Array | None = None, tool: Array | None = None
+) -> View:
     """Choose the view of a motion.
 
     Parameters
@@ -91,32 +130,52 @@ def choose_view(stage: Stage, poses: Array, points: Array, *, also: Array | None
         (N, 3) further points that the picture must contain, such as the tcp path and contacts.
     also
         (k, L, 4, 4) further poses of the links that the picture must contain, but that do not affect the direction.
+    tool
+        (M, 3) points of the tool and of carried parts over the motion. The picture contains them and the obstacles near
+        them.
     """
     rng = np.random.default_rng(0)
     drawn = [k for k, link in enumerate(stage.links) if link.surfaces]
     poses = poses[:, drawn]
-    links = [_samples(stage.links[k].surfaces, rng) for k in drawn]
+    links = [_samples(stage.links[k].surfaces, SAMPLES, rng) for k in drawn]
     owner = np.repeat(np.arange(len(links)), SAMPLES)
-    instants = sorted({round(i) for i in np.linspace(0, len(poses) - 1, 24)})
-    outlines = [_extremes(np.concatenate([s.vertices for s in stage.links[k].surfaces])) for k in drawn]
-    framed = [poses[i] for i in instants] + ([] if also is None else list(also[:, drawn]))
-    points = _extremes(np.concatenate([points, *(_placed(outlines, each) for each in framed)]))
-    compared = sorted({round(i) for i in np.linspace(0, len(poses) - 1, COMPARED_INSTANTS)})
-    shown = [_placed(links, poses[i]) for i in compared]
-    boxes = [_Box.around(obstacle) for obstacle in stage.obstacles]
+    outlines = [extremes(np.concatenate([s.vertices for s in stage.links[k].surfaces]), OUTLINE) for k in drawn]
+    framed = poses[:: -(-len(poses) // MOST_INSTANTS)]
+    framed = np.concatenate([framed, poses[-1:], *([] if also is None else [also[:, drawn]])])
+    points = extremes(np.concatenate([points, *_swept(outlines, framed)]))
+    if tool is not None and len(tool):
+        radius = float(np.linalg.norm(np.ptp(points, axis=0))) / 2
+        points = extremes(np.concatenate([points, tool, near_obstacles(stage, tool, NEAR_SHARE * radius)]))
+    shown = [_placed(links, poses[i]) for i in _compared(poses)]
+    boxes = _Boxes.around(stage.obstacles)
 
-    def merit(direction: Array) -> tuple[int, float, float]:
-        cells = np.array([_cells_of_links(p, owner, boxes, direction, points) for p in shown])
-        seen = int((cells >= SEEN_CELLS).sum(axis=1).min())
-        share = float(cells.sum(axis=1).min()) / (GRID[0] * GRID[1])
-        # Square roots favour a view that shows every link well over one that shows a single link very large.
-        return seen, round(min(share, ENOUGH_SHARE), 2), float(np.sqrt(cells).sum())
+    is_tool = stage.tool[drawn]
 
-    merits = [(merit(direction), direction) for direction in _directions()]
-    seen, share, most = max(each[0] for each in merits)
-    margin = MARGIN if len(instants) == 1 else MOVING_MARGIN
-    good = (d for m, d in merits if m[0] == seen and m[1] >= share and m[2] >= SIMILAR_MERIT * most)
-    return View(next(good), points, margin)
+    def cells_seen(direction: Array) -> Array:
+        return np.array([_cells_of_links(p, owner, boxes, direction, points) for p in shown])
+
+    directions = _directions()
+    cells = np.array([cells_seen(direction) for direction in directions])
+    seen = (cells >= SEEN_CELLS).sum(axis=2).min(axis=1)
+    tool_seen = cells[:, :, is_tool].sum(axis=2).min(axis=1)
+    share = np.minimum(cells.sum(axis=2).min(axis=1) / (GRID[0] * GRID[1]), ENOUGH_SHARE).round(2)
+    # Square roots favour a view that shows every link well over one that shows a single link very large.
+    merit = np.sqrt(cells).sum(axis=(1, 2))
+    good = tool_seen >= ENOUGH_TOOL * tool_seen.max()
+    for each, least in ((seen, 1.0), (share, 1.0), (merit, SIMILAR_MERIT)):
+        good &= each >= least * each[good].max()
+    return View(directions[int(np.flatnonzero(good)[0])], points, MARGIN if len(poses) == 1 else MOVING_MARGIN)
+
+
+def _compared(poses: Array) -> list[int]:
+    """The instants at which directions are compared: start, middle, end, and where the robot is slowest in between."""
+    count = len(poses)
+    instants = {round(i) for i in np.linspace(0, count - 1, COMPARED_INSTANTS)}
+    inner = slice(count // 10, count - count // 10)
+    if count > FEW_INSTANTS:
+        speed = np.abs(np.diff(poses[inner, :, :3, 3], axis=0)).sum(axis=(1, 2))
+        instants.add(inner.start + int(speed.argmin()))
+    return sorted(instants)
 
 
 def fit(points: Array, direction: Array, aspect: float, margin: float = MARGIN) -> tuple[Array, Array, Array]:
@@ -139,7 +198,7 @@ def _axes(direction: Array) -> Array:
 def _directions() -> list[Array]:
     """Three-quarter views in order of preference; the first is from the front right and above."""
     choices = []
-    for elevation in np.deg2rad((24.0, 12.0, 38.0)):
+    for elevation in np.deg2rad((24.0, 12.0, 38.0, 58.0)):
         for azimuth in np.deg2rad((-45, 45, -30, 30, -60, 60, -15, 15, -90, 90, -120, 120, -150, 150, 180)):
             level = np.cos(elevation)
             choices.append(np.array([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)]))
@@ -147,7 +206,7 @@ def _directions() -> list[Array]:
 
 
 def _cells_of_links(
-    samples: Array, owner: npt.NDArray[np.int64], boxes: Sequence[_Box], direction: Array, framed: Array
+    samples: Array, owner: npt.NDArray[np.int64], boxes: _Boxes, direction: Array, framed: Array
 ) -> Array:
     """(L,) number of cells of the picture in which each link is in front, from samples and a depth buffer."""
     axes, tangent, camera = fit(framed, direction, ASPECT)
@@ -155,61 +214,105 @@ def _cells_of_links(
     picture = x[:, :2] / (-x[:, 2:] * tangent)
     inside = np.flatnonzero((np.abs(picture) < 1).all(axis=1) & (x[:, 2] < 0))
     column, row = ((picture[inside] + 1) / 2 * GRID).astype(np.int64).T
-    cell = row * GRID[0] + column
-    nearest = np.lexsort((-x[inside, 2], cell))
-    first = np.unique(cell[nearest], return_index=True)[1]
-    front = inside[nearest[first]]
-    for box in boxes:
-        front = front[~box.hides(samples[front], camera @ axes)]
+    # Written in order of decreasing distance, so that the nearest sample of each cell remains.
+    order = np.argsort(x[inside, 2])
+    buffer = np.full(GRID[0] * GRID[1], -1)
+    buffer[(row * GRID[0] + column)[order]] = inside[order]
+    front = buffer[buffer >= 0]
+    front = front[~boxes.hide(samples[front], camera @ axes)]
     return np.bincount(owner[front], minlength=int(owner[-1]) + 1).astype(float)
 
 
 @dataclass(frozen=True, eq=False)
-class _Box:
-    """The bounding box of an obstacle in the frame of the obstacle."""
+class _Boxes:
+    """The bounding boxes of B obstacles, each in the frame of its obstacle."""
 
-    obstacle_from_root: Array
+    rotation: Array
+    shift: Array
     low: Array
     high: Array
 
     @classmethod
-    def around(cls, obstacle: DrawnObstacle) -> _Box:
-        corners = np.concatenate([s.vertices for s in obstacle.surfaces])
-        obstacle_from_root = np.asarray(np.linalg.inv(obstacle.pose), dtype=np.float64)
-        return cls(obstacle_from_root, corners.min(axis=0), corners.max(axis=0))
+    def around(cls, obstacles: Sequence[DrawnObstacle]) -> _Boxes:
+        corners = [box_corners(each.surfaces) for each in obstacles if each.surfaces]
+        poses = [np.linalg.inv(each.pose) for each in obstacles if each.surfaces]
+        obstacle_from_root = np.array(poses).reshape(-1, 4, 4)
+        bounds = np.array(corners).reshape(-1, 8, 3)
+        return cls(obstacle_from_root[:, :3, :3], obstacle_from_root[:, :3, 3], bounds.min(axis=1), bounds.max(axis=1))
 
-    def hides(self, points: Array, camera: Array) -> npt.NDArray[np.bool_]:
-        """Which points (N, 3) the box hides from the camera (3,); points on the surface of the box are not hidden."""
-        rotation, shift = self.obstacle_from_root[:3, :3], self.obstacle_from_root[:3, 3]
-        start, end = points @ rotation.T + shift, rotation @ camera + shift
-        with np.errstate(
-            divide="ignore", invalid="ignore"
-        ):  # a ray along a face gives 0 / 0, which counts as not hidden
-            at = np.stack([(self.low - start) / (end - start), (self.high - start) / (end - start)])
-        enter, leave = at.min(axis=0).max(axis=1), at.max(axis=0).min(axis=1)
-        return np.maximum(enter, 0.0) + MIN_OCCLUSION < np.minimum(leave, 1.0)
+    def hide(self, points: Array, camera: Array) -> npt.NDArray[np.bool_]:
+        """Which points (N, 3) a box hides from the camera (3,); points on the surface of a box are not hidden."""
+        start = np.einsum("bij,nj->bin", self.rotation, points) + self.shift[:, :, None]
+        end = self.rotation @ camera + self.shift
+        with np.errstate(divide="ignore", invalid="ignore"):  # a ray along a face gives 0 / 0, which is not hidden
+            scale = 1.0 / (end[:, :, None] - start)
+            one, other = (self.low[:, :, None] - start) * scale, (self.high[:, :, None] - start) * scale
+        enter, leave = np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
+        return np.asarray((np.maximum(enter, 0.0) + MIN_OCCLUSION < np.minimum(leave, 1.0)).any(axis=0))
+
+
+def tool_points(stage: Stage, poses: Array) -> Array:
+    """(N, 3) points around the tool at all poses (F, L, 4, 4) of the links: the corners of the boxes of its links."""
+    found = [np.empty((0, 3))]
+    for k in np.flatnonzero(stage.tool):
+        found.append(placed_points(box_corners(stage.links[k].surfaces), poses[:, k]))
+    return np.concatenate(found)
+
+
+def placed_points(points: Array, poses: Array) -> Array:
+    """(F N, 3) points (N, 3) of a body at poses (F, 4, 4)."""
+    return np.asarray((points @ np.swapaxes(poses[:, :3, :3], 1, 2) + poses[:, None, :3, 3]).reshape(-1, 3))
+
+
+def near_obstacles(stage: Stage, tool: Array, reach: float) -> Array:
+    """(N, 3) points of the obstacles within ``reach`` (m) of points of the tool (M, 3).
+
+    An obstacle of at most this size is contained as a whole, a larger one by the part of its surface that is near.
+    """
+    rng = np.random.default_rng(0)
+    kept = tool[:: -(-len(tool) // MOST_TOOL_POINTS)]
+    found = [np.empty((0, 3))]
+    for obstacle in stage.obstacles:
+        if not obstacle.surfaces:
+            continue
+        corners = placed_points(box_corners(obstacle.surfaces), obstacle.pose[None])
+        samples = placed_points(_samples(obstacle.surfaces, NEAR_SAMPLES, rng), obstacle.pose[None])
+        squares = (samples**2).sum(axis=1)[:, None] + (kept**2).sum(axis=1) - 2 * samples @ kept.T
+        close = squares.min(axis=1) <= reach**2
+        if close.any():
+            small = np.linalg.norm(np.ptp(corners, axis=0)) <= 2 * reach
+            found.append(corners if small else samples[close])
+    return np.concatenate(found)
 
 
 def _placed(links: Sequence[Array], poses: Array) -> Array:
     return np.concatenate([p @ t[:3, :3].T + t[:3, 3] for p, t in zip(links, poses, strict=True)])
 
 
-def _samples(surfaces: Sequence[Surface], rng: np.random.Generator) -> Array:
-    """(SAMPLES, 3) points distributed uniformly over surfaces."""
+def _swept(outlines: Sequence[Array], poses: Array) -> list[Array]:
+    """The extreme points of bodies, each with its outline (N, 3), over poses (F, L, 4, 4)."""
+    return [extremes(placed_points(outline, poses[:, k])) for k, outline in enumerate(outlines)]
+
+
+def _samples(surfaces: Sequence[Surface], count: int, rng: np.random.Generator) -> Array:
+    """(count, 3) points distributed uniformly over surfaces."""
     corners = np.concatenate([s.vertices[s.triangles] for s in surfaces])
     a, ab, ac = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = np.linalg.norm(np.cross(ab, ac), axis=1)
-    chosen = rng.choice(len(area), size=SAMPLES, p=area / area.sum())
-    u, v = rng.random((2, SAMPLES, 1))
+    chosen = rng.choice(len(area), size=count, p=area / area.sum())
+    u, v = rng.random((2, count, 1))
     folded = u + v > 1
     u, v = np.where(folded, 1 - u, u), np.where(folded, 1 - v, v)
     return np.asarray(a[chosen] + u * ab[chosen] + v * ac[chosen])
 
 
-def _extremes(points: Array) -> Array:
-    """The extreme points in 400 directions, which are distributed over the sphere by a Fibonacci spiral."""
-    k = np.arange(400) + 0.5
-    z, turn = 1 - k / 200, np.pi * (1 + 5**0.5) * k
+def extremes(points: Array, directions: int = DIRECTIONS) -> Array:
+    """The extreme points in some directions, which are distributed over the sphere by a Fibonacci spiral."""
+    k = np.arange(directions) + 0.5
+    z, turn = 1 - 2 * k / directions, np.pi * (1 + 5**0.5) * k
     level = np.sqrt(1 - z * z)
     outward = np.column_stack([level * np.cos(turn), level * np.sin(turn), z])
-    return points[np.unique((points @ outward.T).argmax(axis=0))]
+    while len(points) > CHUNK:
+        parts = (points[start : start + CHUNK] for start in range(0, len(points), CHUNK))
+        points = np.concatenate([part[np.unique((outward @ part.T).argmax(axis=1))] for part in parts])
+    return points[np.unique((outward @ points.T).argmax(axis=1))]

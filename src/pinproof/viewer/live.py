@@ -7,7 +7,8 @@ import logging
 import queue
 import threading
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
+from html import escape
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from types import TracebackType
@@ -26,7 +27,7 @@ from pinproof.viewer.page import NO_FRAMES, Page, render_page
 from pinproof.viewer.picture import Picture
 from pinproof.viewer.wire import node_path, transform_command
 
-__all__ = ["LiveView", "show"]
+__all__ = ["LiveView", "PageSnapshot", "show"]
 
 LOOPBACK = "127.0.0.1"
 """Only this machine can open the page. The server of meshcat listens on every interface."""
@@ -36,6 +37,9 @@ HEARTBEAT = 10.0
 
 RETRY = 1000.0
 """Milliseconds after which a page that lost the connection tries to reconnect."""
+
+FRAME_HEIGHT = 480
+"""Height of the page in a notebook, in pixels."""
 
 CLOSE_TIMEOUT = 2.0
 """Seconds that :meth:`LiveView.close` waits for the server thread."""
@@ -65,7 +69,8 @@ def show(
     """Show an arm live in the browser; the function returns immediately.
 
     An open page follows the changes made through the returned object. A page that loses the connection reconnects as
-    soon as a view is served at the same address again.
+    soon as a view is served at the same address again. In a Jupyter notebook, the returned object as the last
+    expression of a cell displays the page inside the notebook.
 
     Parameters
     ----------
@@ -146,6 +151,10 @@ class LiveView:
         picture = replace(self._picture, scene=scene, trajectory=trajectory, certificate=certificate)
         self._show(replace(picture, q=q, ghosts=ghosts, check=check))
 
+    def snapshot(self) -> PageSnapshot:
+        """The present page as a value that a notebook displays and saves; it needs no server and no connection."""
+        return PageSnapshot(render_page(self._picture).text)
+
     def wait(self, timeout: float | None = None) -> bool:
         """Wait until another thread closes the view, or for ``timeout`` seconds; return whether it is closed."""
         return self._closed.wait(timeout)
@@ -172,6 +181,13 @@ class LiveView:
     def __repr__(self) -> str:
         return f"LiveView({self.url}{', closed' if self._closed.is_set() else ''})"
 
+    def _repr_html_(self) -> str:
+        if self._closed.is_set():
+            return f"<p>The live view at {self.url} is closed.</p>"
+        remark = "The browser must run on the machine of the kernel; otherwise display view.snapshot()."
+        link = f'<a href="{self.url}" target="_blank">{self.url}</a>'
+        return f"{_frame('src', self.url)}<p>Live view at {link}. {remark}</p>"
+
     def _show(self, picture: Picture) -> None:
         page_id, page = _new_page(picture)
         with self._lock:
@@ -196,6 +212,21 @@ class LiveView:
     def _unsubscribe(self, listener: queue.SimpleQueue[Event]) -> None:
         with self._lock:
             self._listeners.discard(listener)
+
+
+@dataclass(frozen=True)
+class PageSnapshot:
+    """A page that a Jupyter notebook displays and saves in its output; ``text`` is its complete HTML."""
+
+    text: str = field(repr=False)
+
+    def _repr_html_(self) -> str:
+        return _frame("srcdoc", self.text)
+
+
+def _frame(source: str, value: str) -> str:
+    style = f"width:100%;height:{FRAME_HEIGHT}px;border:0"
+    return f'<iframe title="pinproof" style="{style}" {source}="{escape(value)}"></iframe>'
 
 
 def _new_page(picture: Picture) -> tuple[str, Page]:

@@ -21,7 +21,7 @@ from pinproof.spatial import finite
 from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
 from pinproof.viewer.stage import Stage
-from pinproof.viewer.surfaces import Rgba, Surface, ball, cone, shade, tube
+from pinproof.viewer.surfaces import Rgba, Surface, ball, box_triangles, cone, revolved, shade, tube
 from pinproof.viewer.wire import Commands, node_path
 
 __all__ = [
@@ -101,17 +101,14 @@ class PoseMarkers:
 @lru_cache(maxsize=4)
 def arrow(length: float) -> Surface:
     """An arrow of the given length (m) along z that ends at the origin."""
-    from trimesh import creation, util
-
     head_length, radius = 0.42 * length, 0.05 * length
-    head = creation.cone(radius=0.17 * length, height=head_length, sections=SIDES)  # its base is at z = 0
-    head.apply_translation((0, 0, -head_length))
-    shaft = creation.cylinder(radius=radius, height=length - head_length, sections=SIDES)
-    shaft.apply_translation((0, 0, -(length + head_length) / 2))
-    bar = creation.box(extents=(0.5 * length, 2 * radius, 2 * radius))
-    bar.apply_translation((0, 0, -length))
-    mesh = util.concatenate([head, shaft, bar])
-    return shade(np.array(mesh.vertices, dtype=float), np.array(mesh.faces, dtype=np.int64), (1, 1, 1, 1))
+    head = revolved([0, 0.17 * length, 0], [-head_length, -head_length, 0], sides=SIDES)
+    shaft = revolved([0, radius, radius, 0], [-length, -length, -head_length, -head_length], sides=SIDES)
+    bar, faces = box_triangles(0.5 * length, 2 * radius, 2 * radius)
+    parts = [head, shaft, (bar - [0.0, 0.0, length], faces)]
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts[:-1])])
+    triangles = np.concatenate([faces + start for (_, faces), start in zip(parts, starts, strict=True)])
+    return shade(np.concatenate([vertices for vertices, _ in parts]), triangles, (1, 1, 1, 1))
 
 
 FRAME_SHARE = 0.11
@@ -240,9 +237,6 @@ GHOST_HUES = ((0.12, 0.47, 0.80), (0.90, 0.45, 0.10), (0.16, 0.58, 0.28), (0.72,
 SAME_POSE = 1e-4
 """Metres or matrix entries. Copies that differ by less are drawn once; often joints differ only by full rotations."""
 
-RIGID_TOLERANCE = 1e-6
-"""Metres or matrix entries. Links whose pose in the tcp frame changes by less belong to the tool."""
-
 
 def ghosts_at(stage: Stage, q: Array) -> Array:
     """(k, L, 4, 4) ``root_from_link`` at the configurations q (m, n), without duplicates."""
@@ -302,24 +296,9 @@ def _different(poses: Array) -> npt.NDArray[np.int64]:
     return np.sort(np.unique(rounded, axis=0, return_index=True)[1])
 
 
-def _tool(stage: Stage) -> npt.NDArray[np.bool_]:
-    """(L,) which drawn links belong to the tool: those fixed in the tcp frame, else the last drawn link before it."""
-    rng = np.random.default_rng(0)
-    arm, drawn = stage.arm, np.array([bool(link.surfaces) for link in stage.links])
-    low, high = np.maximum(arm.limits.lower, arm.home - 1.0), np.minimum(arm.limits.upper, arm.home + 1.0)
-    samples = [arm.home, *(low + rng.random((2, arm.dof)) * (high - low))]
-    tcp_from_link = np.stack([np.linalg.inv(stage.tcp_pose(q)) @ stage.link_poses(q) for q in samples])
-    fixed = np.asarray((np.abs(tcp_from_link - tcp_from_link[0]) < RIGID_TOLERANCE).all(axis=(0, 2, 3))) & drawn
-    names, joint = [link.name for link in stage.links], arm.robot.urdf.parent_joint(arm.tcp)
-    while not fixed.any() and joint is not None:
-        fixed = np.array([name == joint.parent for name in names]) & drawn
-        joint = arm.robot.urdf.parent_joint(joint.parent)
-    return fixed
-
-
 def swept(stage: Stage, shown: Film, reach: float) -> Array:
     """(k, L, 4, 4) poses of the tool at several steps of a motion; NaN for all other links."""
-    tool = _tool(stage)
+    tool = stage.tool
     if len(shown.times) < 2 or not tool.any():
         return np.empty((0, len(stage.links), 4, 4))
     rotation = shown.poses[:, int(np.flatnonzero(tool)[0]), :3, :3]

@@ -22,7 +22,7 @@ from pinproof.motion import Trajectory
 from pinproof.spatial import SE3, finite, matrix, rigid
 from pinproof.viewer.animation import Film, Phase, animate, checked_motion, film, still
 from pinproof.viewer.assembly import view_settings
-from pinproof.viewer.camera import View, choose_view
+from pinproof.viewer.camera import View, choose_view, tool_points
 from pinproof.viewer.overlays import (
     GHOST_HUES,
     ColouredPoints,
@@ -43,6 +43,7 @@ from pinproof.viewer.wire import Commands, node_path
 __all__ = ["LAYERS", "Caption", "Layer", "Picture", "RenderedPicture", "caption_of", "checked_layers", "stage_commands"]
 
 UNPROVEN = "NOT VALIDATED"
+MAP = "MAP"
 
 SUMMARY_FIGURES = ("Proven clearance", "Duration")
 """Figures that also appear in the caption of a single line."""
@@ -55,7 +56,7 @@ class Caption:
     Parameters
     ----------
     headline
-        ``FREE``, ``NOT VALIDATED`` or ``IN CONTACT``.
+        ``FREE``, ``NOT VALIDATED``, ``IN CONTACT``, or ``MAP`` for drawn points without a motion.
     reason
         One sentence that states what is proven, or why nothing is proven.
     tone
@@ -233,8 +234,8 @@ def checked_layers(names: Collection[str]) -> frozenset[str]:
 
 Array = npt.NDArray[np.float64]
 
-PATH_RADIUS = 0.004
-"""Metres. Radius of the drawn tcp path."""
+PATH_RADIUS, PATH_SHARE = 0.004, 0.006
+"""Radius of the drawn tcp path: metres, and the largest fraction of the radius of the picture."""
 
 PATH_ORANGE: Rgba = (0.93, 0.42, 0.05, 1.0)
 START_WHITE: Rgba = (0.98, 0.98, 0.98, 1.0)
@@ -297,10 +298,14 @@ class Picture:
         marks = marks_of(self.check if caption.contact is None else caption.contact)
         ghost_poses = ghosts_at(stage, ghosts)
         extra = [mark.points for mark in marks] + ([] if self.points is None else [self.points.xyz])
-        view = choose_view(stage, shown.poses, np.concatenate([shown.tcp, *extra]), also=ghost_poses)
+        points = np.concatenate([shown.tcp, *extra])
+        view = choose_view(stage, shown.poses, points, also=ghost_poses, tool=tool_points(stage, shown.poses))
         commands, radius = stage_commands(stage, shown, view), view.radius
         if self.points is not None:
             self.points.draw(commands)
+            if self.trajectory is None and self.check is None:
+                reason = "The coloured points show a map; the arm shows one configuration, and nothing is proven."
+                caption = replace(caption, headline=MAP, reason=reason)
             caption = replace(caption, legend=self.points.legend)
         for number, mark in enumerate(marks):
             mark.draw(commands, number, mark_radius(radius))
@@ -364,7 +369,7 @@ class Picture:
 def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
     """The commands that draw the links, obstacles, tcp path and motion in meshcat's viewer."""
     commands = Commands()
-    add_surroundings(commands, view, stage.floor)
+    add_surroundings(commands, view, stage.floor(shown.poses))
     for link, root_from_link in zip(stage.links, shown.poses[0], strict=True):
         for number, surface in enumerate(link.surfaces):
             commands.set_surface(node_path("robot", link.name, "visual", str(number)), surface)
@@ -377,15 +382,15 @@ def stage_commands(stage: Stage, shown: Film, view: View) -> Commands:
         for number, surface in enumerate(obstacle.surfaces):
             commands.set_surface(node_path("scene", obstacle.name, str(number)), surface)
         commands.set_transform(node_path("scene", obstacle.name), obstacle.pose)
-    add_path(commands, shown)
+    add_path(commands, shown, min(PATH_RADIUS, PATH_SHARE * view.radius))
     animate(commands, stage, shown)
     return commands
 
 
-def add_path(commands: Commands, shown: Film) -> None:
-    """Draw the path of the tcp from a white sphere at its start to an orange one at its end."""
-    line = tube(shown.tcp, PATH_RADIUS, PATH_ORANGE)
+def add_path(commands: Commands, shown: Film, radius: float) -> None:
+    """Draw the path of the tcp as a tube from a white sphere at its start to an orange one at its end."""
+    line = tube(shown.tcp, radius, PATH_ORANGE)
     if line is not None:
         commands.set_surface("/tcp path/line", line)
-        commands.set_surface("/tcp path/start", ball(shown.tcp[0], 2.5 * PATH_RADIUS, START_WHITE))
-        commands.set_surface("/tcp path/end", ball(shown.tcp[-1], 2.5 * PATH_RADIUS, PATH_ORANGE))
+        commands.set_surface("/tcp path/start", ball(shown.tcp[0], 2.5 * radius, START_WHITE))
+        commands.set_surface("/tcp path/end", ball(shown.tcp[-1], 2.5 * radius, PATH_ORANGE))

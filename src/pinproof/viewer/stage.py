@@ -19,7 +19,7 @@ from pinproof.model import Arm
 from pinproof.spatial import matrix
 from pinproof.viewer.surfaces import Surface, body_surfaces, link_surfaces, merge_by_colour, obstacle_surfaces, shade
 
-__all__ = ["MAX_BYTES", "DrawnLink", "DrawnObstacle", "Stage", "set_stage", "simplified"]
+__all__ = ["MAX_BYTES", "DrawnLink", "DrawnObstacle", "Stage", "box_corners", "set_stage", "simplified"]
 
 Array = npt.NDArray[np.float64]
 
@@ -31,6 +31,10 @@ CELLS = (0.0005, 0.001, 0.002, 0.003, 0.005, 0.008, 0.012, 0.020, 0.035, 0.060)
 
 MIN_TRIANGLES = 1500
 """Surfaces with fewer triangles are not simplified."""
+
+
+RIGID_TOLERANCE = 1e-6
+"""Metres or matrix entries. Links whose pose in the tcp frame changes by less belong to the tool."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +83,39 @@ class Stage:
         return matrix(self.arm.root_from_base * self.arm.forward_kinematics(q))
 
     @cached_property
-    def floor(self) -> float:
-        """Height (m) of the floor: the lowest point of all obstacles, but at most that of the root link."""
+    def tool(self) -> npt.NDArray[np.bool_]:
+        """(L,) which links belong to the tool: the drawn ones fixed in the tcp frame, else the last one before it."""
+        rng = np.random.default_rng(0)
+        arm, names = self.arm, [link.name for link in self.links]
+        own = np.array([name in arm.robot.urdf.links for name in names])  # a page also draws groups of arrows
+        drawn = np.array([bool(link.surfaces) for link in self.links]) & own
+        low, high = np.maximum(arm.limits.lower, arm.home - 1.0), np.minimum(arm.limits.upper, arm.home + 1.0)
+        samples = [arm.home, *(low + rng.random((2, arm.dof)) * (high - low))]
+        moving = [name for name, is_own in zip(names, own, strict=True) if is_own]
+        tcp_from_link = np.stack([np.linalg.inv(self.tcp_pose(q)) @ self.frame_poses(q, moving) for q in samples])
+        fixed = np.zeros(len(names), dtype=bool)
+        fixed[own] = (np.abs(tcp_from_link - tcp_from_link[0]) < RIGID_TOLERANCE).all(axis=(0, 2, 3))
+        fixed, joint = fixed & drawn, arm.robot.urdf.parent_joint(arm.tcp)
+        while not fixed.any() and joint is not None:
+            fixed = np.array([name == joint.parent for name in names]) & drawn
+            joint = arm.robot.urdf.parent_joint(joint.parent)
+        return fixed
+
+    def floor(self, poses: Array) -> float:
+        """Height (m) of the floor: the lowest point of all obstacles and of links at poses (F, L, 4, 4), at most 0."""
         lowest = [float((s.vertices @ o.pose[2, :3] + o.pose[2, 3]).min()) for o in self.obstacles for s in o.surfaces]
+        for link, root_from_link in zip(self.links, np.moveaxis(poses, 1, 0), strict=True):
+            if link.surfaces:
+                corners = box_corners(link.surfaces)
+                lowest.append(float((root_from_link[:, 2, :3] @ corners.T + root_from_link[:, 2, 3:]).min()))
         return min([0.0, *lowest])
+
+
+def box_corners(surfaces: Iterable[Surface]) -> Array:
+    """(8, 3) the corners of the box around surfaces, with edges along the axes."""
+    bounds = [(each.vertices.min(axis=0), each.vertices.max(axis=0)) for each in surfaces]
+    low, high = np.min([b[0] for b in bounds], axis=0), np.max([b[1] for b in bounds], axis=0)
+    return np.where(np.indices((2, 2, 2)).reshape(3, 8).T == 0, low, high)
 
 
 def set_stage(arm: Arm, scene: Scene | None, attached: Sequence[Obstacle] = (), *, bodies: bool = False) -> Stage:

@@ -7,12 +7,14 @@ other shape is refused.
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
@@ -34,8 +36,9 @@ from pinproof.collision import (
 )
 from pinproof.collision.bodies import triangles_of
 from pinproof.collision.surfaces import cell_faces, ground_surface
-from pinproof.description import LinkGeometry
-from pinproof.description.meshes import collada_unit, read_mesh, resolved, z_up
+from pinproof.common.disk_cache import cached, content_digest
+from pinproof.description import LinkGeometry, meshes
+from pinproof.description.meshes import TriangleMesh, collada_unit, read_mesh, resolved, z_up
 from pinproof.errors import InputError, MeshError, ViewerError
 
 __all__ = [
@@ -45,10 +48,12 @@ __all__ = [
     "Surface",
     "ball",
     "body_surfaces",
+    "box_triangles",
     "cone",
     "link_surfaces",
     "merge_by_colour",
     "obstacle_surfaces",
+    "revolved",
     "shade",
     "tube",
 ]
@@ -112,9 +117,6 @@ def shade(
     Its normal is the mean of the normals of its faces, weighted by area. With a texture (``uv`` (V, 2) and ``image``),
     vertices on a seam of the texture are duplicated too.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     grid = np.rint(vertices / WELD_GRID).astype(np.int64)
     _, first, welded = np.unique(grid, axis=0, return_index=True, return_inverse=True)
     points, faces = vertices[first], welded.reshape(-1)[triangles]
@@ -141,8 +143,7 @@ def shade(
     first_edge, second_edge = first_edge[smooth], second_edge[smooth]
     rows = np.concatenate([low_corner[first_edge], high_corner[first_edge]])
     columns = np.concatenate([low_corner[second_edge], high_corner[second_edge]])
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(3 * count, 3 * count))
-    total, label = connected_components(graph, directed=False)
+    total, label = _components(3 * count, rows, columns)
 
     normals = np.zeros((total, 3))
     np.add.at(normals, label, np.repeat(cross, 3, axis=0))
@@ -157,6 +158,24 @@ def shade(
     source = vertex_uv[:, 0]
     corners = vertex.reshape(count, 3).astype(np.int64)
     return Surface(positions[source], normals[source], corners, rgba, vertex_uv[:, 1:] * UV_GRID, image)
+
+
+def _components(
+    count: int, rows: npt.NDArray[np.int64], columns: npt.NDArray[np.int64]
+) -> tuple[int, npt.NDArray[np.int64]]:
+    """The number of connected components of a graph of ``count`` nodes with edges, and the component of each node."""
+    label = np.arange(count)
+    while True:
+        least = np.minimum(label[rows], label[columns])
+        smaller = label.copy()
+        np.minimum.at(smaller, label[rows], least)
+        np.minimum.at(smaller, label[columns], least)
+        smaller = smaller[smaller]
+        if np.array_equal(smaller, label):
+            break
+        label = smaller
+    roots, component = np.unique(label, return_inverse=True)
+    return len(roots), component.reshape(-1)
 
 
 def merge_by_colour(surfaces: Sequence[Surface]) -> list[Surface]:
@@ -210,6 +229,13 @@ def _data_url(image: Any) -> str:
 LINK_GREY: Rgba = (0.72, 0.74, 0.77, 1.0)
 OBSTACLE_SAND: Rgba = (0.80, 0.70, 0.55, 1.0)
 COLLISION_AMBER: Rgba = (0.95, 0.62, 0.10, 0.45)
+REFERENCE = re.compile(rb"\.(?:bin|bmp|gif|jpe?g|mtl|png|tga|tiff?|webp)\b", re.IGNORECASE)
+"""The ends of the names of files in a mesh file."""
+
+NOT_IN_NAMES = re.compile(rb"[\x00-\x1f<>\"'|*?]")
+LONGEST_NAME = 200
+"""Characters that separate the name of a file from other text, and the largest number of bytes of a name."""
+
 COLOURED_SUFFIXES = (".dae", ".obj", ".ply", ".glb", ".gltf")
 SIDES = 96
 """Segments of a circle; the end of a capsule then meets its cylinder without visible gaps."""
@@ -259,11 +285,15 @@ def body_surfaces(geometry: LinkGeometry) -> list[Surface]:
         raise MeshError(geometry.name, f"the mesh of link {geometry.link!r} names no file")
     else:
         mesh = read_mesh(resolved(geometry.mesh, geometry.link), _three(geometry.size))
-        try:
-            surface = shade(*_hull(ConvexHull(mesh.vertices)), COLLISION_AMBER)
-        except InputError:  # a flat mesh has no hull
-            surface = shade(mesh.vertices, mesh.triangles, COLLISION_AMBER)
+        (surface,) = _stored("hull", content_digest(mesh.vertices, mesh.triangles), lambda: [_hull_surface(mesh)])
     return [surface.moved(geometry.origin)]
+
+
+def _hull_surface(mesh: TriangleMesh) -> Surface:
+    try:
+        return shade(*_hull(ConvexHull(mesh.vertices)), COLLISION_AMBER)
+    except InputError:  # a flat mesh has no hull
+        return shade(mesh.vertices, mesh.triangles, COLLISION_AMBER)
 
 
 def obstacle_surfaces(obstacle: Obstacle) -> list[Surface]:
@@ -329,42 +359,57 @@ def cone(tip: Array, direction: Array, radius: float, height: float, rgba: Rgba)
     return shade(*_cone(radius, height), rgba).moved(a_from_cone)
 
 
-def _centred(made: Any) -> Triangles:
-    """Vertices and triangles of a trimesh, with the centre of its bounding box at the origin."""
-    # trimesh places the base of a cone at z = 0; the origin of its capsules differs between releases.
-    vertices = np.array(made.vertices, dtype=float)
-    vertices -= (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    return vertices, np.array(made.faces, dtype=np.int64)
+def revolved(radii: npt.ArrayLike, heights: npt.ArrayLike, *, sides: int = SIDES) -> Triangles:
+    """The surface that a profile of M points describes about z, from a point on the axis to a point on the axis."""
+    radius, height = np.asarray(radii, dtype=float), np.asarray(heights, dtype=float)
+    rings = len(radius) - 2  # the first and the last point are on the axis
+    angles = np.linspace(0, 2 * np.pi, sides, endpoint=False)
+    circle = np.column_stack([np.cos(angles), np.sin(angles)])
+    around = np.concatenate(
+        [np.column_stack([r * circle, np.full(sides, z)]) for r, z in zip(radius, height, strict=True)]
+    )
+    vertices = np.vstack([[0.0, 0.0, height[0]], around[sides:-sides], [0.0, 0.0, height[-1]]])
+    here = np.arange(sides)
+    after, last = (here + 1) % sides, 1 + rings * sides
+    triangles = [np.column_stack([np.zeros_like(here), 1 + after, 1 + here])]
+    for ring in range(rings - 1):
+        low, high = 1 + ring * sides, 1 + (ring + 1) * sides
+        triangles.append(np.column_stack([low + here, low + after, high + after]))
+        triangles.append(np.column_stack([low + here, high + after, high + here]))
+    top = last - sides
+    triangles.append(np.column_stack([top + here, top + after, np.full_like(here, last)]))
+    return vertices, np.concatenate(triangles).astype(np.int64)
 
 
-def _box(x: float, y: float, z: float) -> Triangles:
-    from trimesh import creation
+BOX_FACES = np.array([[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]])
+"""The corners of the six faces of a box, counter-clockwise seen from outside; corner 4 x + 2 y + z, each 0 or 1."""
 
-    return _centred(creation.box(extents=(x, y, z)))
+
+def box_triangles(x: float, y: float, z: float) -> Triangles:
+    """Vertices and triangles of a box with these sides, centred at the origin."""
+    vertices = (np.indices((2, 2, 2)).reshape(3, 8).T - 0.5) * [x, y, z]
+    return vertices, np.concatenate([BOX_FACES[:, [0, 1, 2]], BOX_FACES[:, [0, 2, 3]]]).astype(np.int64)
 
 
 def _sphere(radius: float) -> Triangles:
-    from trimesh import creation
-
-    return _centred(creation.icosphere(subdivisions=4, radius=radius))
+    return _capsule(radius, 0.0)
 
 
 def _cylinder(radius: float, length: float) -> Triangles:
-    from trimesh import creation
-
-    return _centred(creation.cylinder(radius=radius, height=length, sections=SIDES))
+    return revolved([0, radius, radius, 0], [-length / 2, -length / 2, length / 2, length / 2])
 
 
 def _cone(radius: float, length: float) -> Triangles:
-    from trimesh import creation
-
-    return _centred(creation.cone(radius=radius, height=length, sections=SIDES))
+    return revolved([0, radius, 0], [-length / 2, -length / 2, length / 2])
 
 
 def _capsule(radius: float, length: float) -> Triangles:
-    from trimesh import creation
-
-    return _centred(creation.capsule(radius=radius, height=length, count=(SIDES // 2, SIDES // 4)))
+    angles = np.linspace(-np.pi / 2, 0, SIDES // 4 + 1)
+    radii, heights = radius * np.cos(angles), radius * np.sin(angles) - length / 2
+    ends = slice(None, -1) if length == 0 else slice(None)
+    radii, heights = np.concatenate([radii, radii[ends][::-1]]), np.concatenate([heights, -heights[ends][::-1]])
+    radii[[0, -1]] = 0.0
+    return revolved(radii, heights)
 
 
 def _ellipsoid(shape: Ellipsoid) -> Triangles:
@@ -373,7 +418,7 @@ def _ellipsoid(shape: Ellipsoid) -> Triangles:
 
 
 def _half_space(_: HalfSpace) -> Triangles:
-    vertices, triangles = _box(PLATE_SIZE, PLATE_SIZE, PLATE_THICKNESS)
+    vertices, triangles = box_triangles(PLATE_SIZE, PLATE_SIZE, PLATE_THICKNESS)
     return vertices - [0.0, 0.0, PLATE_THICKNESS / 2], triangles
 
 
@@ -393,7 +438,7 @@ def _mesh_triangles(shape: Mesh) -> Triangles:
 
 
 SHAPES: dict[type, Callable[[Any], Triangles]] = {
-    Box: lambda shape: _box(shape.x, shape.y, shape.z),
+    Box: lambda shape: box_triangles(shape.x, shape.y, shape.z),
     Sphere: lambda shape: _sphere(shape.radius),
     Cylinder: lambda shape: _cylinder(shape.radius, shape.length),
     Capsule: lambda shape: _capsule(shape.radius, shape.length),
@@ -408,7 +453,7 @@ SHAPES: dict[type, Callable[[Any], Triangles]] = {
 """How each shape of an obstacle or attached object is drawn. A new shape is registered here."""
 
 PRIMITIVES: dict[str, Callable[..., Triangles]] = {
-    "box": _box,
+    "box": box_triangles,
     "sphere": _sphere,
     "cylinder": _cylinder,
     "capsule": _capsule,
@@ -440,7 +485,60 @@ def _mesh(
     """Surfaces of a mesh file; ``own_colours`` keeps the colours and textures that the file states."""
     checked = read_mesh(path, scale)
     if not own_colours or path.suffix.lower() not in COLOURED_SUFFIXES:
-        return [shade(checked.vertices, checked.triangles, stated or default)]
+        key = content_digest(checked.vertices, checked.triangles, repr(stated or default))
+        return _stored("shaded", key, lambda: [shade(checked.vertices, checked.triangles, stated or default)])
+    data = path.read_bytes()
+    settings = repr((scale, stated, default, _referred(path, data)))
+    key = content_digest(data, path.suffix, str(path.parent), settings)
+    return _stored("coloured", key, lambda: _coloured(path, scale, stated, default))
+
+
+def _referred(path: Path, data: bytes) -> list[tuple[str, int, int]]:
+    """The files that a mesh file names (textures, materials, buffers): name, size and time of change; -1 if missing."""
+    names = set()
+    for end in REFERENCE.finditer(data):
+        name = NOT_IN_NAMES.split(data[max(0, end.start() - LONGEST_NAME) : end.end()])[-1].strip()
+        names |= {name, name.split()[-1]}  # "map_Kd texture.png"
+    found = []
+    for name in sorted(names):
+        text = unquote(name.decode("utf-8", "replace"))
+        file = path.parent / text
+        try:
+            status = file.stat()
+        except (OSError, ValueError):
+            found.append((text, -1, -1))
+            continue
+        found.append((text, status.st_size, status.st_mtime_ns))
+        if file.suffix.lower() == ".mtl" and path.suffix.lower() != ".mtl":
+            found += _referred(file, file.read_bytes())
+    return found
+
+
+def _stored(kind: str, key: str, make: Callable[[], list[Surface]]) -> list[Surface]:
+    """The surfaces of an entry of the cache on disk, or those that ``make`` computes."""
+
+    def arrays() -> dict[str, npt.NDArray[Any]]:
+        found: dict[str, npt.NDArray[Any]] = {}
+        for number, each in enumerate(make()):
+            values = {"vertices": each.vertices, "normals": each.normals, "triangles": each.triangles}
+            values["rgba"] = np.array(each.rgba)
+            if each.uv is not None and each.image is not None:
+                values |= {"uv": each.uv, "image": np.frombuffer(each.image.encode("ascii"), dtype=np.uint8)}
+            found |= {f"{number:04d} {name}": value for name, value in values.items()}
+        return found
+
+    found = cached(kind, key, arrays, code=[__file__, meshes.__file__], libraries=["trimesh", "pycollada", "pillow"])
+    surfaces = []
+    for number in sorted({name.split()[0] for name in found}):
+        values = {name.split()[1]: value for name, value in found.items() if name.startswith(f"{number} ")}
+        r, g, b, a = values["rgba"].tolist()
+        image = values["image"].tobytes().decode("ascii") if "image" in values else None
+        shape = values["vertices"], values["normals"], values["triangles"]
+        surfaces.append(Surface(*shape, (r, g, b, a), values.get("uv"), image))
+    return surfaces
+
+
+def _coloured(path: Path, scale: tuple[float, float, float], stated: Rgba | None, default: Rgba) -> list[Surface]:
     import trimesh
 
     scene = trimesh.load(path, force="scene", process=False)

@@ -77,9 +77,9 @@ def planar(rng: np.random.Generator, kinds: str) -> list[Axis]:
 
 
 def first_distinct(made: Callable[[], list[Axis]]) -> list[Axis]:
-    """The first triple whose neighbours move differently: by 0.05 rad, or 5 cm where they are parallel and turn.
+    """The first triple whose neighbours move differently: by 0.05 rad, or 5 cm where they are parallel and revolute.
 
-    Neighbours within 0.01 of each other are one joint to the solver, which says that it rests no triple on them.
+    Neighbours within 0.01 of each other are one joint to the solver, which uses no triple with them.
     """
     while True:
         triple = made()

@@ -163,6 +163,7 @@ def test_mimic_and_eight_joints_have_no_closed_form():
         pp.AnalyticIk().solve_all(arm, pp.pose())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "share"), [("panda", 1.0), ("iiwa14", 1.0), ("xarm7", 0.98)])
 def test_seven_joints_have_the_generating_configuration_at_its_redundant_value(name, share):
     arm = pp.load_robot(name).arm()
@@ -201,24 +202,24 @@ def test_interval_ends_of_seven_joints_are_where_the_number_of_branches_changes(
 
     for one in found.intervals:
         assert branches_at((one.lower + one.upper) / 2) == one.branches
-        for end, way in ((one.lower, -1), (one.upper, 1)):
+        for end, direction in ((one.lower, -1), (one.upper, 1)):
             if lower + 1e-6 < end < upper - 1e-6:
-                assert branches_at(end - way * 1e-6) == one.branches
-                assert branches_at(end + way * 1e-6) != one.branches
+                assert branches_at(end - direction * 1e-6) == one.branches
+                assert branches_at(end + direction * 1e-6) != one.branches
 
 
 def test_values_of_the_redundant_joint_can_be_given():
     arm, solver = pp.load_robot("panda").arm(), pp.AnalyticIk(redundant_steps=24)
     targets = arm.forward_kinematics_batch(np.random.default_rng(4).uniform(*arm.limits.sampling_range(), (20, 7)))
     joint, values = solver.redundant_grid(arm)
-    whole = solver.solve_all_batch(arm, targets)
+    complete = solver.solve_all_batch(arm, targets)
     parts = [solver.solve_all_batch(arm, targets, redundant_values=some) for some in (values[::2], values[1::2])]
-    np.testing.assert_array_equal(sum(part.count for part in parts), whole.count)
-    np.testing.assert_array_equal(sum(part.outside for part in parts), whole.outside)
+    np.testing.assert_array_equal(sum(part.count for part in parts), complete.count)
+    np.testing.assert_array_equal(sum(part.outside for part in parts), complete.outside)
     even = parts[0].q[:, :, joint]
     assert np.isin(even[np.isfinite(even)], values[::2]).all()
-    for target, row, count in zip(targets, whole.q, whole.count, strict=True):
-        np.testing.assert_array_equal(row[:count], solver.solve_all(arm, target).rows[:, :7])
+    for target, row, count in zip(targets, complete.q, complete.count, strict=True):
+        np.testing.assert_array_equal(row[:count], solver.solve_all(arm, target).branches)
 
 
 def test_redundant_values_require_an_arm_of_seven_joints(ur5):

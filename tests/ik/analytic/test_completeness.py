@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 import pinproof as pp
 from pinproof.ik.analytic.geometry import lines_of
 from pinproof.ik.analytic.plan import plans_of
 
+from ...examples import examples
 from .arms import (
     apart,
     arm_of,
@@ -72,7 +73,7 @@ def test_special_angles_are_solved(name):
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=250, suppress_health_check=[HealthCheck.too_slow])
+@examples(250)
 @given(made=six_axes())
 def test_any_six_joints_with_a_triple_are_solved(made):
     axes, tool, _ = made
@@ -85,7 +86,7 @@ def test_any_six_joints_with_a_triple_are_solved(made):
     assert (misses(arm, found.q, q)[regular] < SAME).all()
 
 
-@settings(deadline=None, max_examples=80, suppress_health_check=[HealthCheck.too_slow])
+@examples(80)
 @given(made=six_axes(), seed=st.integers(0, 1000))
 def test_the_set_of_branches_does_not_depend_on_the_generating_branch(made, seed):
     """The set of branches does not depend on the branch that generated the target, nor on q0."""
@@ -126,21 +127,18 @@ def test_branches_are_distinct():
 
 def test_parallel_and_spherical_triples_give_the_same_branches(generic):
     plans = [plan.with_tolerances(1e-9, 1e-9) for plan in plans_of(generic)]
-    kinds = {(int(plan.array[0, 1]), bool(plan.array[0, 2])) for plan in plans}
+    kinds = {(plan.core.first_of_triple, plan.core.planar) for plan in plans}
     assert {(1, True), (3, False)} <= kinds
     for q in random_configurations(generic, 200, seed=7):
         target = np.array(generic.forward_kinematics(q).homogeneous)
-        sets = []
-        for plan in plans:
-            out = np.empty(plan.shape)
-            sets.append(out[: plan.kernel(plan.array, target, plan.home, 0.0, out), :6].copy())
+        sets = [plan.solve(target, plan.home).q for plan in plans]
         for one in sets[1:]:
             assert len(one) == len(sets[0])
             assert (apart(generic, one[:, None], sets[0][None]).min(axis=0) < SAME).all()
 
 
 @pytest.mark.slow
-@settings(deadline=None, max_examples=60, suppress_health_check=[HealthCheck.too_slow])
+@examples(60)
 @given(
     seed=st.integers(0, 2**32 - 1),
     front=st.sampled_from(["", "R", "P"]),

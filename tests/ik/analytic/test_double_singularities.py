@@ -66,6 +66,7 @@ def assert_claims_hold(arm, q):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ARMS)
 def test_completeness_claims_at_special_angles_are_true(name):
     arm = arm_named(name)
@@ -73,24 +74,26 @@ def test_completeness_claims_at_special_angles_are_true(name):
     assert found.ok.mean() > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "fixed"), [("stanford", {1: 0.0, 4: 0.0}), ("generic_6dof", {1: np.pi / 2, 2: 0.0, 4: 0.0})]
 )
 def test_a_limited_wrist_at_a_straight_elbow_is_solved(name, fixed):
     """The elbow is known to 1e-8 only, the direction of the wrist is undetermined, and joint 4 is limited."""
-    whole = arm_named(name)
-    arm = arm_named(name, limits={whole.joint_names[3]: (-1.0, 1.0)})
+    complete = arm_named(name)
+    arm = arm_named(name, limits={complete.joint_names[3]: (-1.0, 1.0)})
     rng = np.random.default_rng(0)
-    q = rng.uniform(*arm.limits.sampling_range(), (300, 6))
+    q = rng.uniform(*arm.limits.sampling_range(), (150, 6))  # finds an error in 2 % with a probability of 95 %
     q[:, list(fixed)] = list(fixed.values())
     targets = arm.forward_kinematics_batch(q)
     found = pp.AnalyticIk().solve_batch(arm, targets)
     assert found.ok.all()
     for target, one in zip(targets, found.q, strict=True):
         assert_reaches(arm, one, target)
-    assert_claims_hold(arm, q[:60])
+    assert_claims_hold(arm, q[:30])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stanford", "generic_6dof"])
 def test_limited_wrists_are_solved_at_special_angles(name):
     arm = arm_named(name, limits={arm_named(name).joint_names[3]: (-1.0, 1.0)})
@@ -139,8 +142,8 @@ def test_the_tolerance_is_part_of_the_completeness_claim(ur5, tolerance):
         q = rng.uniform(-3.0, 3.0, 6)
         q[2] = 0.0
         target = np.array(ur5.forward_kinematics(q).homogeneous)
-        way = rng.normal(size=3)
-        target[:3, 3] += way / np.linalg.norm(way) * tolerance * rng.uniform(0.0, 1.5)
+        direction = rng.normal(size=3)
+        target[:3, 3] += direction / np.linalg.norm(direction) * tolerance * rng.uniform(0.0, 1.5)
         answer = closed.solve(ur5, target)
         if search.solve(ur5, target, q).ok:
             searched += 1
@@ -159,10 +162,48 @@ def test_targets_off_by_less_than_the_tolerance_are_not_impossible(name, toleran
     arm = arm_named(name)
     rng = np.random.default_rng(21)
     targets = arm.forward_kinematics_batch(special_configurations(arm, 1500, seed=16))
-    way = rng.normal(size=(len(targets), 3))
-    targets[:, :3, 3] += way / np.linalg.norm(way, axis=1)[:, None] * 0.95 * tolerance * rng.random((len(way), 1))
+    direction = rng.normal(size=(len(targets), 3))
+    targets[:, :3, 3] += (
+        direction / np.linalg.norm(direction, axis=1)[:, None] * 0.95 * tolerance * rng.random((len(direction), 1))
+    )
     solver = pp.AnalyticIk(position_tolerance=tolerance, orientation_tolerance=tolerance)
     found = solver.solve_all_batch(arm, targets)
     assert found.ok.mean() > 0.9
     for target in targets[~found.ok]:
         assert solver.solve(arm, target).status is IkStatus.NOT_FOUND
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [-4.0185122892, -6.0354708363, -8.8447127056e-11, -np.pi / 2, np.pi, -0.53117261234],
+        [-1.8497003017, -2.2007341673, 0.0, -np.pi / 2, np.pi, 1.2812370847],
+        [4.5460066564, 3.5531867545, 3.3008130106e-10, -np.pi / 2, -2 * np.pi, -1.9817788758],
+        [5.4613757139, -4.0290278865, 4.1281417943e-11, 4.7108220638, np.pi, -2.2257544812],
+    ],
+)
+def test_a_stretched_elbow_with_parallel_wrist_axes_is_solved(ur5, q):
+    """Branches exist only where the wrist happens to keep the elbow straight, which no scanned value meets."""
+    target = ur5.forward_kinematics(q)
+    found = pp.AnalyticIk().solve_all(ur5, target)
+    assert found.ok
+    for row in found.q:
+        assert_reaches(ur5, row, target.homogeneous)
+    assert pp.AnalyticIk().solve(ur5, target).ok
+    assert pp.AnalyticIk().solve_all_batch(ur5, [target]).ok[0]
+    assert_claims_hold(ur5, np.array([q]))
+
+
+def test_a_double_root_between_two_simple_ones_is_not_called_impossible():
+    arm = pp.load_robot("pr2_left").arm(tcp="l_wrist_flex_link", base="torso_lift_link")
+    q = [2.2853981634, -0.2175600694796525, 0.0, -2.290377654558246, 1.5707958056617823, -1.1164156898720963]
+    assert pp.AnalyticIk().solve(arm, arm.forward_kinematics(q)).status is not IkStatus.IMPOSSIBLE
+
+
+def test_families_that_rounding_cuts_into_pieces_are_not_called_complete():
+    """The elbow is exactly at its limit, 0; whether a member is within the limits is then a matter of rounding."""
+    arm = pp.load_robot("romeo_left").arm(tcp="LWristRollLink", base="torso")
+    q = np.array([np.pi / 2, 1.14032, 0.4080726811922806, 0.0, -1.303123311212126])
+    found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q))
+    assert any(family.upper - family.lower < 1e-4 for family in found.families)
+    assert not found.complete

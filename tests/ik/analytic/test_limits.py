@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 import pinproof as pp
@@ -12,6 +12,7 @@ from pinproof.ik import IkStatus
 from pinproof.ik.analytic.plan import plan_for
 from pinproof.spatial import SE3
 
+from ...examples import examples
 from .arms import (
     Axis,
     apart,
@@ -145,7 +146,7 @@ def test_branches_appear_at_the_workspace_boundary(beyond):
         assert_reaches(arm, answer.q, target.homogeneous)
 
 
-@settings(deadline=None, max_examples=60)
+@examples(60)
 @given(seed=st.integers(0, 10**6), name=st.sampled_from(["ur5", "puma560", "generic_6dof"]), scale=st.floats(0.2, 1.6))
 def test_targets_that_clik_reaches_are_never_impossible(seed, name, scale):
     arm = pp.load_robot(name).arm(tcp="tool0") if name == "ur5" else pp.load_robot(name).arm()
@@ -177,7 +178,7 @@ def calibrated(name, rng, amount):
     return arm_of(axes, tool=(0.6, 0.3, 0.2))
 
 
-@settings(deadline=None, max_examples=24)
+@examples(24)
 @given(seed=st.integers(0, 10**6), name=st.sampled_from(sorted(CALIBRATED)), amount=st.sampled_from([1e-6, 1e-4, 1e-3]))
 def test_calibrated_arms_are_solved(seed, name, amount):
     """All branches of an arm whose axes deviate from the ideal are found."""

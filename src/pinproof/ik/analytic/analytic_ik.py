@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof import _core
 from pinproof.common.validation import Rng, random_generator, require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sweep_many
@@ -30,6 +29,9 @@ Array = npt.NDArray[np.float64]
 
 DOUBLE, SHAPE = np.dtype(np.float64), (4, 4)
 
+NO_VALUE = np.zeros((1, 1))
+"""The values of the redundant joint of an arm without one."""
+
 FINEST_PROOF = 1e-6
 """M or rad. IMPOSSIBLE is returned only for tolerances up to this: with larger ones, a reachable pose close to the
 target might satisfy them."""
@@ -39,11 +41,11 @@ target might satisfy them."""
 class AnalyticIk:
     """Inverse kinematics in closed form: all IK branches, for arms with a suitable geometry.
 
-    The condition is determined from the chain (:mod:`pinproof.kernels.two_curves`): three consecutive axes among six
-    meet in one point, are parallel, or generate motions of one plane (Pieper's condition). Shorter arms are completed
-    to six joints; for arms of seven, one joint is swept. Axes that deviate by up to 5e-3 rad or 5 mm (for an arm of
-    1 m) after calibration are solved for the ideal arm, and the solutions are refined on the true arm by Newton's
-    method. Every solution is verified by forward kinematics of the true chain.
+    The condition is determined from the chain (``src/core/closed_form/outer_joints.h``): three consecutive axes among
+    six meet in one point, are parallel, or generate motions of one plane (Pieper's condition). Shorter arms are
+    completed to six joints; for arms of seven, one joint is swept. Axes that deviate by up to 5e-3 rad or 5 mm (for an
+    arm of 1 m) after calibration are solved for the ideal arm, and the solutions are refined on the true arm by
+    Newton's method. Every solution is verified by forward kinematics of the true chain.
 
     Parameters
     ----------
@@ -93,21 +95,18 @@ class AnalyticIk:
         known, plan = self._latest  # a lookup by the arm would take a third of the time of the solution
         if known() is not arm:
             plan = self._plan(arm)
-        reference = plan.home if q0 is None else arm.configuration(q0, "q0")
+        reference = plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
         if not (
             type(target) is np.ndarray and target.dtype is DOUBLE and target.shape == SHAPE and target.flags.carray
         ):
             target = np.array(rigid("target", target).homogeneous)
         if plan.redundant is not None:
             return self._swept(arm, plan, np.array(rigid("target", target).homogeneous), reference)
-        out = np.empty(plan.shape)
-        count = plan.kernel(plan.array, target, reference, 0.0, out)
-        if count <= 0:
-            if count < 0:
-                rigid("target", target)  # raises with the reason
-            elif out[-1, 0]:
-                out, count = branches_elsewhere(arm, plan, target, reference, out)
-        return IkBranches(arm, plan, target, reference, out, count)
+        found = plan.core.solve(target, reference)
+        if found is None or (found.all_free_joints and not len(found)):
+            rigid("target", target)  # raises with the reason
+            found = branches_elsewhere(arm, plan, target, reference)
+        return IkBranches(arm, plan, target, reference, found)
 
     def solve_all_batch(
         self,
@@ -137,8 +136,6 @@ class AnalyticIk:
         NoClosedForm, InputError
             As :meth:`solve_all`; the message names the target.
         """
-        from pinproof.kernels.branches import BAD_TARGET, ELSEWHERE, branches_of_many
-
         require_integer("threads", threads, 1)
         plan = self._plan(arm)
         many = _poses(targets)
@@ -147,31 +144,22 @@ class AnalyticIk:
             return self._swept_batch(arm, plan, rigid_many("targets", many), references, redundant_values)
         if redundant_values is not None:
             raise InputError(f"redundant_values requires an arm of 7 joints, and this arm has {arm.dof}; omit it")
-        q = np.empty((len(many), plan.capacity, plan.dof))
-        errors = np.empty((len(many), plan.capacity, 2))
-        counts, outside = np.empty((2, len(many)), dtype=np.int64)
-        known = np.empty(len(many), dtype=np.bool_)
-        no_value = np.zeros((1, 1))
-
-        def share(start: int, stop: int) -> None:
-            branches_of_many(plan.array, many, references, no_value, start, stop, q, errors, counts, outside, known)
-
-        if threads == 1:
-            share(0, len(many))
-        else:
-            cuts = np.linspace(0, len(many), threads + 1).astype(int).tolist()
-            with ThreadPoolExecutor(threads) as pool:
-                list(pool.map(lambda cut: share(*cut), pairwise(cuts)))
+        q, errors, counts, outside, known = (
+            part[:, 0] for part in plan.core.solve_batch(many, references, NO_VALUE, plan.capacity, threads)
+        )
         if (counts < 0).any():
-            if (counts == BAD_TARGET).any():
+            if (counts == _core.BAD_TARGET).any():
                 rigid_many("targets", many)  # raises with the index and the reason
-            for row in np.flatnonzero(counts == ELSEWHERE):
-                rows = self.solve_all(arm, many[row], references[row if len(references) > 1 else 0]).rows
-                counts[row] = len(rows)
-                if len(rows) > q.shape[1]:
-                    more = ((0, 0), (0, len(rows) - q.shape[1]), (0, 0))
+            for row in np.flatnonzero(counts == _core.ELSEWHERE):
+                reference = references[row if len(references) > 1 else 0]
+                found = plan.solve(many[row], reference)
+                if not len(found):
+                    found = branches_elsewhere(arm, plan, many[row], reference)
+                counts[row] = count = len(found)
+                if count > q.shape[1]:
+                    more = ((0, 0), (0, count - q.shape[1]), (0, 0))
                     q, errors = np.pad(q, more, constant_values=np.nan), np.pad(errors, more, constant_values=np.nan)
-                q[row, : len(rows)], errors[row, : len(rows)] = rows[:, : arm.dof], rows[:, arm.dof : arm.dof + 2]
+                q[row, :count], errors[row, :count] = found.q, found.errors
         k = max(int(counts.max(initial=0)), 1)
         complete = known & (plan.deviation == 0.0)
         return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside, complete)
@@ -199,7 +187,8 @@ class AnalyticIk:
 
         def result(status: IkStatus, q: Array, message: str) -> IkResult:
             candidate = judge(arm, found.target, resolved, q, reference)
-            return IkResult(status, candidate.q, *candidate.errors, 0, 0, self.engine, message)
+            errors = candidate.position_error, candidate.orientation_error
+            return IkResult(status, candidate.q, *errors, 0, 0, self.engine, message)
 
         nearest = [branch for family in found.families for branch in [family.nearest(reference)]]
         choice = nearest_winding(arm, np.array([*branches, *nearest]).reshape(-1, arm.dof), reference)
@@ -264,7 +253,8 @@ class AnalyticIk:
         """(1, n) or (count, n) the reference configurations."""
         if q0 is None:
             return plan.home[None]
-        return arm.configuration(q0, "q0")[None] if np.ndim(q0) <= 1 else finite("q0", q0, (count, arm.dof))
+        given = arm.configuration(q0, "q0")[None] if np.ndim(q0) <= 1 else finite("q0", q0, (count, arm.dof))
+        return arm.limits.snap(given)
 
     def _pose_only(self, task: TaskLike) -> Task:
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
@@ -274,8 +264,8 @@ class AnalyticIk:
 
     def _swept(self, arm: Arm, plan: Plan, target: Array, reference: Array) -> IkBranches:
         grid = self._grid(arm, plan, reference)
-        rows, intervals = sweep(plan, target, reference, grid)
-        return IkBranches(arm, plan, target, reference, rows, len(rows) - 1, grid, intervals)
+        found, intervals = sweep(plan, target, reference, grid)
+        return IkBranches(arm, plan, target, reference, found, grid, intervals)
 
     def _swept_batch(
         self, arm: Arm, plan: Plan, many: Array, references: Array, given: npt.ArrayLike | None
@@ -310,7 +300,9 @@ class AnalyticIk:
         plan = self._plan(arm)
         if plan.redundant is None:
             return None
-        return plan.redundant, self._grid(arm, plan, plan.home if q0 is None else arm.configuration(q0, "q0"))
+        return plan.redundant, self._grid(
+            arm, plan, plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+        )
 
     def _grid(self, arm: Arm, plan: Plan, reference: Array) -> Array:
         """Values of the redundant joint: equidistant over its limits, and its value in the reference."""
@@ -321,7 +313,7 @@ class AnalyticIk:
 
 
 def _poses(targets: npt.ArrayLike | Sequence[SE3]) -> Array:
-    """The targets as an array (N, 4, 4) for a kernel, which checks itself whether they are rigid."""
+    """The targets as an array (N, 4, 4) for the compiled core, which checks itself whether they are rigid."""
     plain = isinstance(targets, np.ndarray) and targets.dtype is DOUBLE and targets.flags.carray
     if plain and targets.ndim == 3 and targets.shape[1:] == SHAPE:  # type: ignore[union-attr]  # plain is an array
         return targets  # type: ignore[return-value]

@@ -10,11 +10,15 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
+from pinproof import _core
+from pinproof.common.display import html_block, html_table
 from pinproof.errors import IkFailed
 from pinproof.ik.analytic.family import IkFamily, families_of
 from pinproof.ik.analytic.plan import Plan
 from pinproof.ik.windings import TURN, nearest_winding
 from pinproof.model import Arm
+from pinproof.model.limits import AT_LIMIT
+from pinproof.units import far_hint
 
 __all__ = ["IkBranches", "IkBranchesBatch", "Interval", "joined", "sweep", "sweep_many"]
 
@@ -47,16 +51,15 @@ def joined(intervals: tuple[Interval, ...]) -> list[tuple[float, float]]:
     return spans
 
 
-def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[Array, tuple[Interval, ...]]:
-    """The rows (b + 1, n + 4) of all values, in the layout of the kernel for one value, and the intervals.
+def sweep(plan: Plan, target: Array, reference: Array, values: Array) -> tuple[_core.Branches, tuple[Interval, ...]]:
+    """The branches at all values of the redundant joint, nearest to the reference first, and the intervals.
 
     An interval ends where the number of branches changes between two adjacent values; branches that appear and
     disappear between two values are not found.
     """
     q, errors, counts, _ = sweep_many(plan, target[None], reference[None], values[None])
-    rows = np.zeros((len(q) + 1, plan.dof + 4))
-    rows[:-1, : plan.dof], rows[:-1, plan.dof : plan.dof + 2] = q, errors
-    return rows, _intervals(plan, target, reference, values, counts[0])
+    order = np.argsort(np.abs(q - reference).max(axis=1, initial=0.0), kind="stable")
+    return _core.Branches(q[order], errors[order]), _intervals(plan, target, reference, values, counts[0])
 
 
 def sweep_many(
@@ -67,44 +70,40 @@ def sweep_many(
     Returns q (b, n) and errors (b, 2), ordered by target and value, the number of branches for each target and value
     (N, v), and the number of further branches outside the limits (N, v).
     """
-    from pinproof.kernels.branches import branches_of_many
-
-    v = values.shape[1]
-    counts, outside = np.zeros((2, len(targets) * v), dtype=np.int64)
-    known = np.empty(BLOCK * v, dtype=np.bool_)
+    counts, outside = np.zeros((2, len(targets), values.shape[1]), dtype=np.int64)
     found, missed = [np.empty((0, plan.dof))], [np.empty((0, 2))]
     for first in range(0, len(targets), BLOCK):
         rows = slice(first, first + BLOCK)
-        some, here = targets[rows], slice(first * v, (first + BLOCK) * v)
-        q = np.empty((len(some) * v, plan.capacity, plan.dof))
-        errors = np.empty((len(some) * v, plan.capacity, 2))
         own = [each if len(each) == 1 else each[rows] for each in (references, values)]
-        branches_of_many(plan.array, some, *own, 0, len(q), q, errors, counts[here], outside[here], known)
-        np.maximum(counts[here], 0, out=counts[here])  # negative codes: the sweep covers other values of free joints
-        there = np.arange(plan.capacity) < counts[here, None]
-        found.append(q[there])
-        missed.append(errors[there])
-    return np.concatenate(found), np.concatenate(missed), counts.reshape(-1, v), outside.reshape(-1, v)
+        q, errors, number, outside[rows], _ = plan.core.solve_batch(targets[rows], *own, plan.capacity)
+        counts[rows] = np.maximum(number, 0)  # negative codes: the sweep covers other values of free joints
+        exists = np.arange(plan.capacity) < counts[rows, :, None]
+        found.append(q[exists])
+        missed.append(errors[exists])
+    return np.concatenate(found), np.concatenate(missed), counts, outside
 
 
 def _intervals(
     plan: Plan, target: Array, reference: Array, values: Array, counts: npt.NDArray[np.int64]
 ) -> tuple[Interval, ...]:
-    found, start, count, out = [], float(values[0]), int(counts[0]), np.empty(plan.shape)
+    def count_at(value: float) -> int:
+        return len(plan.solve(target, reference, value))
+
+    found, start, count = [], float(values[0]), int(counts[0])
     for i in range(len(values) - 1):
         low = float(values[i])
         while count != counts[i + 1]:
             high = float(values[i + 1])
             while high - low > END:
                 middle = (low + high) / 2
-                if plan.kernel(plan.array, target, reference, middle, out) == count:
+                if count_at(middle) == count:
                     low = middle
                 else:
                     high = middle
             found.append(Interval(start, low, count))
             # The count may differ from that at the next grid value, as several changes may lie between two values.
             start = low = high
-            count = plan.kernel(plan.array, target, reference, high, out)
+            count = count_at(high)
     found.append(Interval(start, float(values[-1]), count))
     return tuple(one for one in found if one.branches)
 
@@ -129,10 +128,8 @@ class IkBranches:
         (4, 4) the pose.
     reference
         (n,) q0.
-    out, count
-        (c + 1, n + 4) the output of the kernel: ``count`` rows of q, distance (m), angle (rad), free joints (bits) and
-        number of the solution; in the last row the free joints, the number of branches that failed the check, the
-        number of branches outside the limits, whether a quartic was solved, and the unresolved solutions.
+    found
+        The branches of the compiled core, nearest to q0 first.
     grid, intervals
         For seven joints: the values of the redundant joint, and the intervals with a constant number of branches.
     """
@@ -143,29 +140,17 @@ class IkBranches:
         plan: Plan,
         target: Array,
         reference: Array,
-        out: Array,
-        count: int,
+        found: _core.Branches,
         grid: Array | None = None,
         intervals: tuple[Interval, ...] = (),
     ) -> None:
         self.arm, self._plan, self.target, self.reference = arm, plan, target, reference
-        self._out, self._count, self.grid, self.intervals = out, count, grid, intervals
-
-    @cached_property
-    def rows(self) -> Array:
-        """(b, n + 4) the rows of the kernel's output, sorted by the largest joint difference from q0."""
-        rows = self._out[: self._count]
-        away = np.abs(rows[:, : self._plan.dof] - self.reference).max(axis=1, initial=0.0)
-        return rows[np.argsort(away, kind="stable")]
-
-    @property
-    def _tail(self) -> Array:
-        return np.asarray(self._out[-1])
+        self._found, self.grid, self.intervals = found, grid, intervals
 
     @cached_property
     def branches(self) -> Array:
         """(b, n) the solutions that are distinct modulo 2 pi, read-only."""
-        return _locked(self.rows[:, : self._plan.dof].copy())
+        return np.asarray(self._found.q)
 
     @cached_property
     def _expanded(self) -> tuple[Array, npt.NDArray[np.int64]]:
@@ -186,25 +171,25 @@ class IkBranches:
     @property
     def position_error(self) -> Array:
         """(k,) distance (m) of the tcp from the target at each row of :attr:`q`, by forward kinematics."""
-        return np.asarray(self.rows[self._expanded[1], self._plan.dof])
+        return np.asarray(self.errors[:, 0])
 
     @property
     def orientation_error(self) -> Array:
         """(k,) angle (rad) between the orientations of tcp and target at each row of :attr:`q`."""
-        return np.asarray(self.rows[self._expanded[1], self._plan.dof + 1])
+        return np.asarray(self.errors[:, 1])
 
-    @property
+    @cached_property
     def errors(self) -> Array:
         """(k, 2) :attr:`position_error` (m) and :attr:`orientation_error` (rad)."""
-        return np.stack([self.position_error, self.orientation_error], axis=1)
+        return np.asarray(self._found.errors[self._expanded[1]])
 
     @cached_property
     def _families(self) -> tuple[tuple[IkFamily, ...], bool]:
         """The families, and whether each solution with a free joint belongs to one of them."""
-        if self._plan.redundant is not None or not self._tail[0]:
+        if self._plan.redundant is not None or not self._found.all_free_joints:
             return (), True
-        found, all_met = families_of(self.arm, self._plan, self.target, self.reference, self.rows, self._tail)
-        return tuple(found), all_met
+        families, all_met = families_of(self.arm, self._plan, self.target, self.reference, self._found)
+        return tuple(families), all_met
 
     @property
     def families(self) -> tuple[IkFamily, ...]:
@@ -214,19 +199,20 @@ class IkBranches:
     @property
     def ok(self) -> bool:
         """Whether there is at least one solution."""
-        return self._count > 0
+        return len(self._found) > 0
 
     @property
     def complete(self) -> bool:
         """Whether these are proven to be all solutions.
 
         This is the case for up to six joints of exact geometry, unless a candidate close to a double root failed its
-        check, or joints are free at the target and no member of their family was found, or two joints are free
-        independently of each other.
+        check, or joints are free at the target and no member of their family was found or the family ends
+        where neither a limit nor a fold explains it, or two joints are free independently of each other.
         """
-        if self._plan.redundant is not None or self._plan.deviation > 0.0 or self._tail[1] or int(self._tail[4]) & 1:
+        found = self._found
+        if self._plan.redundant is not None or self._plan.deviation > 0.0 or found.failed or found.doubtful:
             return False
-        return not self._tail[0] or (self.ok and self._families[1])
+        return not found.all_free_joints or (self.ok and self._families[1])
 
     @property
     def redundant_joint(self) -> str | None:
@@ -236,25 +222,26 @@ class IkBranches:
     @property
     def message(self) -> str:
         """The number of branches, and the reason if no solution was found, as text."""
-        count = self._count
+        count, outside, failed = len(self._found), self._found.outside, self._found.failed
         if self._plan.redundant is not None:
             spans = ", ".join(f"[{low:.4g}, {high:.4g}]" for low, high in joined(self.intervals))
             where = f"solutions exist for its values in {spans}" if spans else "no value has a solution"
             return f"{count} configurations over a sweep of {self.redundant_joint}; {where}"
         text = f"{count} branch{'' if count == 1 else 'es'}"
-        if self._tail[2]:
-            text += f", {int(self._tail[2])} more outside the limits"
-        if self._tail[1]:
-            text += f", {int(self._tail[1])} not confirmed by forward kinematics"
+        if outside:
+            text += f", {outside} more outside the limits"
+        if failed:
+            text += f", {failed} not confirmed by forward kinematics"
         if self.families:
             text += f", {len(self.families)} of them with a free joint"
         if count:
             return text
-        if self._tail[2]:
+        if outside:
             return f"{text}: the joint limits exclude every solution; move the target or widen the limits"
         short = self.arm.dof < 6
         why = f"an arm of {self.arm.dof} joints reaches few poses exactly" if short else "the target is out of reach"
-        return f"{text}: {why}; use Clik to get the closest configuration and its residual"
+        far = far_hint(float(np.linalg.norm(self.target[:3, 3])), self.arm.robot.size)
+        return f"{text}: {why}; use Clik to get the closest configuration and its residual{far}"
 
     def nearest(self, q: npt.ArrayLike) -> Array:
         """(n,) the solution with the smallest largest joint difference from ``q`` (n,), including shifts by 2 pi.
@@ -275,17 +262,9 @@ class IkBranches:
 
         Rotations by 2 pi do not change the pose of any link, so they are accepted or rejected together.
         """
-        taken = np.array([bool(accept(branch.copy())) for branch in self.branches], dtype=bool)
-        return IkBranches(
-            self.arm,
-            self._plan,
-            self.target,
-            self.reference,
-            np.vstack([self.rows[taken], self._tail]),
-            int(taken.sum()),
-            self.grid,
-            self.intervals,
-        )
+        taken = [i for i, branch in enumerate(self.branches) if accept(branch.copy())]
+        found = self._found.select(taken)
+        return IkBranches(self.arm, self._plan, self.target, self.reference, found, self.grid, self.intervals)
 
     def or_raise(self) -> IkBranches:
         """The result itself if it contains a solution.
@@ -307,6 +286,13 @@ class IkBranches:
 
     def __repr__(self) -> str:
         return f"IkBranches({self.message})"
+
+    def _repr_html_(self) -> str:
+        errors = zip(self.q, self.position_error, self.orientation_error, strict=True)
+        rows = ([number, *q, *rest] for number, (q, *rest) in enumerate(errors))
+        columns = ("branch", *self.arm.joint_names, "position error [m]", "orientation error [rad]")
+        title = f"IK branches of {self.arm.robot.name} (rad or m): {self.message}"
+        return html_block(title, html_table(columns, rows, total=len(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,7 +338,7 @@ def _windings(arm: Arm, branch: Array) -> Array:
         if not arm.periodic[joint] or not np.isfinite(upper - lower):
             choices.append([value])
             continue
-        fewest, most = np.ceil((lower - value) / TURN), np.floor((upper - value) / TURN)
+        fewest, most = np.ceil((lower - AT_LIMIT - value) / TURN), np.floor((upper + AT_LIMIT - value) / TURN)
         turns = {0.0, *np.arange(fewest, most + 1).tolist()}
         choices.append([min(max(value + k * TURN, lower), upper) if k else value for k in sorted(turns)])
     return np.array(list(product(*choices))).reshape(-1, arm.dof)

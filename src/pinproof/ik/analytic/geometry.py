@@ -94,20 +94,17 @@ def lines_of(arm: Arm) -> tuple[list[Line], Array]:
     NoClosedForm
         If the chain contains a mimic joint.
     """
-    chain = arm.packed
-    coupled = len(chain) - 1 != arm.dof or (chain[:-1, 14] != 1.0).any() or chain[:-1, 15].any()
-    if coupled:
+    chain = arm.chain
+    if chain.has_mimic_joints:
         raise NoClosedForm(
             f"no closed form: the chain from {arm.base!r} to {arm.tcp!r} contains a mimic joint, which couples the "
             "equations; use Clik"
         )
     pose, lines = np.eye(4), []
-    for row in chain:
-        step = np.eye(4)
-        step[:3] = row[:12].reshape(3, 4)
-        pose = pose @ step
-        lines.append(Line(pose[:3, 2].copy(), pose[:3, 3].copy(), bool(row[12]), int(row[13])))
-    return lines[:-1], pose
+    for before, prismatic, index in zip(chain.before, chain.prismatic.tolist(), chain.index.tolist(), strict=True):
+        pose = pose @ before
+        lines.append(Line(pose[:3, 2].copy(), pose[:3, 3].copy(), prismatic, index))
+    return lines, pose @ chain.tool
 
 
 def size_of(lines: Sequence[Line], tool: Array) -> float:

@@ -7,16 +7,17 @@ plan without a quartic and with the smallest deviation from the ideal geometry i
 from __future__ import annotations
 
 import weakref
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.errors import NoClosedForm
+from pinproof import _core
+from pinproof.errors import InputError, NoClosedForm
 from pinproof.ik.analytic.geometry import EXACT, Line, Triple, completed, find_triples, lines_of, size_of
 from pinproof.model import Arm
+from pinproof.spatial import rigid
 
 __all__ = ["Plan", "plan_for", "plans_of", "why_not"]
 
@@ -73,10 +74,12 @@ class Plan:
 
     Parameters
     ----------
-    array
-        The input of the kernels; tolerances are filled in by :meth:`with_tolerances`.
+    core
+        The solver of the compiled core.
     dof
         n.
+    size
+        Length of the arm (m).
     method
         The triple that is used, as text.
     redundant
@@ -85,56 +88,53 @@ class Plan:
         Deviation of the axes from the ideal geometry (rad, or fraction of the arm's size); 0 within rounding.
     home
         (n,) the default reference configuration.
-    lower, upper
-        (n,) limits.
     angular
         (n,) which joints are revolute.
     capacity
         Number of rows for branches in a batch.
-    kernel
-        :func:`pinproof.kernels.branches.branches_of_one`, which is imported late.
     """
 
-    array: Array
+    core: _core.ClosedForm
     dof: int
+    size: float
     method: str
     redundant: int | None
     deviation: float
     home: Array
-    lower: Array
-    upper: Array
     angular: npt.NDArray[np.bool_]
     capacity: int
-    kernel: Callable[[Array, Array, Array, float, Array], int]
 
-    @cached_property
-    def shape(self) -> tuple[int, int]:
-        """Shape of the output array of the kernel: one row per branch and a last row, with n + 4 columns."""
-        from pinproof.kernels.branches import ROWS
+    def solve(self, target: Array, reference: Array, value: float = 0.0) -> _core.Branches:
+        """The branches for a pose (4, 4), at a value of the redundant joint of an arm of seven joints.
 
-        return ROWS + 1, self.dof + 4
+        Raises
+        ------
+        InputError
+            If the pose is not rigid.
+        """
+        found = self.core.solve(target, reference, value)
+        if found is None:
+            rigid("target", target)  # raises with the reason
+            raise InputError("the target is not a rigid transform")
+        return found
 
     def with_tolerances(self, position: float, orientation: float) -> Plan:
         """A copy of the plan for tolerances in m and rad."""
-        from pinproof.kernels.roots import ROUNDING
-
-        array = self.array.copy()
-        array[0, 7] = max(array[0, 7], 4.0 * max(position / array[0, 6], orientation))
-        array[0, 9], array[0, 10] = position, orientation
-        array[0, 12] = max(4.0 * max(position / array[0, 6], orientation), ROUNDING)
-        array[0, 11] = max(VIRTUAL_TOLERANCE, 100.0 * self.deviation, 100.0 * max(position, orientation))
-        return replace(self, array=array)
+        virtual = max(VIRTUAL_TOLERANCE, 100.0 * self.deviation, 100.0 * max(position, orientation))
+        return replace(self, core=self.core.with_tolerances(position, orientation, virtual))
 
     def without_limits(self) -> Plan:
         """A copy of the plan for joints without limits."""
-        array = self.array.copy()
-        lines = array[self.dof + 3 :]
-        lines[:, 9] = np.where(lines[:, 8] >= 0, -np.inf, lines[:, 9])
-        lines[:, 10] = np.where(lines[:, 8] >= 0, np.inf, lines[:, 10])
-        return replace(self, array=array)
+        return replace(self, core=self.core.without_limits())
 
 
-_PLANS: weakref.WeakKeyDictionary[Arm, dict[tuple[float, float], Plan]] = weakref.WeakKeyDictionary()
+@dataclass(frozen=True, eq=False)
+class _PlansOfArm:
+    base: Plan
+    by_tolerances: dict[tuple[float, float], Plan] = field(default_factory=dict)
+
+
+_PLANS: weakref.WeakKeyDictionary[Arm, _PlansOfArm] = weakref.WeakKeyDictionary()
 
 
 def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) -> Plan:
@@ -147,12 +147,11 @@ def plan_for(arm: Arm, position_tolerance: float, orientation_tolerance: float) 
     """
     plans = _PLANS.get(arm)
     if plans is None:
-        plans = _PLANS[arm] = {}
+        plans = _PLANS[arm] = _PlansOfArm(_best(arm))
     tolerances = position_tolerance, orientation_tolerance
-    plan = plans.get(tolerances)
+    plan = plans.by_tolerances.get(tolerances)
     if plan is None:
-        base = next(iter(plans.values())) if plans else _best(arm)
-        plan = plans[tolerances] = base.with_tolerances(*tolerances)
+        plan = plans.by_tolerances[tolerances] = plans.base.with_tolerances(*tolerances)
     return plan
 
 
@@ -191,15 +190,14 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
     lower, upper = arm.limits.sampling_range()
     tried = plan.with_tolerances(1e-9, 1e-9)
     found, quartic, sensitivity = 0, False, 0.0
-    out = np.empty(plan.shape)
     for q in rng.uniform(lower, upper, (TRIALS, plan.dof)):
         target = np.array(arm.forward_kinematics(q).homogeneous)
         value = 0.0 if plan.redundant is None else float(q[plan.redundant])
-        count = plan.kernel(tried.array, target, plan.home, value, out)
-        apart = np.abs(out[:count, : plan.dof] - q)
+        branches = tried.solve(target, plan.home, value)
+        apart = np.abs(branches.q - q)
         apart = np.where(plan.angular, np.abs(apart - 2 * np.pi * np.round(apart / (2 * np.pi))), apart)
-        found += bool((apart.max(axis=1) < 1e-6).any()) if count else 0
-        quartic = quartic or bool(out[-1, 3])
+        found += bool((apart.max(axis=1) < 1e-6).any()) if len(branches) else 0
+        quartic = quartic or branches.by_quartic
         if plan.redundant is not None:
             motion = np.linalg.svd(arm.jacobian(q))[2][-1]
             sensitivity += float(abs(motion[plan.redundant]) / np.abs(motion).max()) / TRIALS
@@ -207,9 +205,6 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
 
 
 def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, tool: Array, size: float) -> Plan:
-    from pinproof.kernels.branches import branches_of_one
-    from pinproof.kernels.roots import ROUNDING
-
     six = [i for i in range(len(order)) if i != locked]
     ideal = list(order)
     for i, line in zip(six[triple.first : triple.first + 3], triple.lines, strict=True):
@@ -219,34 +214,42 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, t
     deviation = triple.deviation if triple.deviation > EXACT else 0.0
     turning = next(k for k in range(3) if not triple.lines[k].prismatic)
     reverse = triple.planar and triple.lines[2].prismatic and not triple.lines[0].prismatic
-    n = arm.dof
-    array = np.zeros((n + 3 + len(order), 16))
-    array[0, :7] = n, triple.first, triple.planar, reverse, turning, -1 if locked is None else locked, size
-    array[0, 7], array[0, 8] = max(BORDER, 20.0 * deviation), 20.0 * deviation
-    array[0, 13] = ROUNDING if deviation else max(ROUNDING, 4.0 * triple.deviation)
-    array[1 : n + 2] = arm.packed
-    scaled = tool.copy()
-    scaled[:3, 3] /= size
-    array[n + 2, :12] = scaled[:3].ravel()
-    for row, line in zip(array[n + 3 :], ideal, strict=True):
-        row[:3], row[3:6], row[6], row[8] = line.direction, line.point / size, line.prismatic, line.joint
-        row[9:11] = (arm.limits.lower[line.joint], arm.limits.upper[line.joint]) if line.joint >= 0 else (0.0, 0.0)
+    ideal_tool = tool.copy()
+    ideal_tool[:3, 3] /= size
+    own = [line.joint for line in ideal]
+    core = _core.ClosedForm(
+        chain=arm.chain,
+        size=size,
+        directions=np.array([line.direction for line in ideal]),
+        points=np.array([line.point for line in ideal]) / size,
+        prismatic=[bool(line.prismatic) for line in ideal],
+        indices=own,
+        lower=np.array([arm.limits.lower[joint] if joint >= 0 else 0.0 for joint in own]),
+        upper=np.array([arm.limits.upper[joint] if joint >= 0 else 0.0 for joint in own]),
+        tool=ideal_tool,
+        first_of_triple=triple.first,
+        planar=triple.planar,
+        reversed=reverse,
+        normal=turning,
+        locked=locked,
+        border=max(BORDER, 20.0 * deviation),
+        spread=20.0 * deviation,
+        rounding=_core.EQUATION_ROUNDING if deviation else max(_core.EQUATION_ROUNDING, 4.0 * triple.deviation),
+    )
     names = [arm.joint_names[order[i].joint] if order[i].joint >= 0 else "a virtual joint" for i in six]
     method = f"the axes of {', '.join(names[triple.first : triple.first + 3])} {triple.name}"
     if deviation:
         method += f" up to {deviation:.2g}; solutions are refined on the true arm"
     return Plan(
-        array=array,
-        dof=n,
+        core=core,
+        dof=arm.dof,
+        size=size,
         method=method,
         redundant=None if locked is None else order[locked].joint,
         deviation=deviation,
         home=arm.home,
-        lower=np.array(arm.limits.lower),
-        upper=np.array(arm.limits.upper),
         angular=arm.angular,
         capacity=MOST_BRANCHES * (2 if deviation else 1),
-        kernel=branches_of_one,
     )
 
 

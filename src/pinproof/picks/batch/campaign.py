@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy.typing as npt
 
+from pinproof import _core
 from pinproof.collision import Scene
 from pinproof.common.content_hash import LENGTH, digest
 from pinproof.common.validation import require_integer
@@ -64,7 +65,7 @@ PACKAGE = Path(__file__).parents[2]
 BESIDE_IT = ("benchmarks", "cli", "viewer")
 """Packages that do not affect verdicts. They are not hashed, so editing them does not invalidate rows."""
 
-LIBRARIES = ("pin", "coal", "numpy", "numba")
+LIBRARIES = ("pin", "coal", "numpy")
 """The libraries whose results enter the verdicts."""
 
 
@@ -74,7 +75,7 @@ def code_here() -> str:
 
     The version alone is not sufficient, because it does not change while a checkout is being edited.
     """
-    into = hashlib.sha256()
+    into = hashlib.sha256(_core.SOURCE_HASH.encode())
     for path in sorted(PACKAGE.rglob("*.py"), key=lambda path: path.relative_to(PACKAGE).as_posix()):
         name = path.relative_to(PACKAGE)
         if name.parts[0] not in BESIDE_IT:
@@ -192,6 +193,9 @@ class CampaignResult:
     to_retry: int = 0
     setup: PickSetup | None = field(default=None, repr=False, compare=False)
 
+    def __repr__(self) -> str:
+        return f"CampaignResult({self.summary}; {str(self.path)!r})"
+
     @classmethod
     def open(cls, folder: str | Path, *, resumed: int = 0, damaged: int = 0) -> CampaignResult:
         """Open the result of a finished campaign from its folder.
@@ -205,8 +209,10 @@ class CampaignResult:
         """
         path = Path(folder) / ROWS
         if not path.exists():
-            begun = (Path(folder) / JOURNAL).exists()
-            raise CampaignError(f"{folder}: " + ("this campaign is not finished; run it again" if begun else "no rows"))
+            started = (Path(folder) / JOURNAL).exists()
+            raise CampaignError(
+                f"{folder}: " + ("this campaign is not finished; run it again" if started else "no rows")
+            )
         header = read_header(path)
         verdicts: Counter[str] = Counter()
         failed_at: Counter[str] = Counter()
@@ -322,8 +328,8 @@ def _rows(path: Path) -> Iterator[dict[str, Any]]:
             for index, line in enumerate(file):
                 row = read(line)
                 if row is None or row["index"] != index:
-                    said = "is damaged or was edited; run the campaign again to judge this pick again"
-                    raise FileError(path, said, f"line {index + 2}")
+                    reason = "is damaged or was edited; run the campaign again to judge this pick again"
+                    raise FileError(path, reason, f"line {index + 2}")
                 yield row
     except OSError as error:
         raise FileError(path, f"cannot be read: {error.strerror or error}") from error
@@ -400,7 +406,7 @@ class Campaign:
                 "judge": judge_words(self._judge),
             },
             "acceleration_source": checker.arm.limits.acceleration_source,
-            "notes": list(self._setup.not_covered()),
+            "notes": list(self._setup.not_covered(self._picks.with_object)),
             "excluded_pairs": [[*pair.owners, pair.reason] for pair in checker.excluded],
         }
         return dict(json.loads(to_line(header)))

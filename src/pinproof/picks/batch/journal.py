@@ -65,7 +65,7 @@ class LineFile:
             raise FileError(path, f"cannot be written: {error.strerror or error}") from error
         try:
             self._lock()
-            self.size = self._whole_size()
+            self.size = self._size_of_complete_rows()
             self.torn = self._file.seek(0, os.SEEK_END) - self.size
         except OSError as error:
             self._file.close()
@@ -85,7 +85,7 @@ class LineFile:
         except OSError:
             pass  # some network file systems do not support locks; a single process can still use the file
 
-    def _whole_size(self) -> int:
+    def _size_of_complete_rows(self) -> int:
         """The number of bytes in complete lines."""
         end = self._file.seek(0, os.SEEK_END)
         while end > 0:

@@ -32,16 +32,13 @@ class Span:
     """
 
     def __init__(self, arm: Arm) -> None:
-        from pinproof.kernels.chain import LEADER, MULTIPLIER, OFFSET, SLIDES
-
-        chain, limits = arm.packed, arm.limits
-        rows, slides = chain[:-1], chain[:-1, SLIDES] != 0.0
-        reach = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[rows[:, LEADER].astype(int)]
-        travel = np.where(slides, np.abs(rows[:, MULTIPLIER]) * reach + np.abs(rows[:, OFFSET]), 0.0)
-        self._longest = np.linalg.norm(rows[1:, [3, 7, 11]], axis=1).sum() + travel.sum()
-        self._first = rows[0, [3, 7, 11]]
-        tool = np.vstack([chain[-1, :12].reshape(3, 4), [0.0, 0.0, 0.0, 1.0]])
-        self._last = np.linalg.inv(tool)[:, 3]
+        chain, limits = arm.chain, arm.limits
+        reach = np.maximum(np.abs(limits.lower), np.abs(limits.upper))[chain.index]
+        travel = np.where(chain.prismatic, np.abs(chain.multiplier) * reach + np.abs(chain.offset), 0.0)
+        joints = chain.before[:, :3, 3]
+        self._longest = np.linalg.norm(joints[1:], axis=1).sum() + travel.sum()
+        self._first = joints[0]
+        self._last = np.linalg.inv(chain.tool)[:, 3]
 
     def may_reach(self, targets: Array) -> npt.NDArray[np.bool_]:
         """(N,) whether targets (N, 4, 4) are within the bound; all others are proven to be out of reach."""
@@ -192,8 +189,8 @@ class _Searched(Proposals):
         if number < len(self._starts):
             return _searched(self._arm, targets, self._starts[number], self._rng + number, self._span)
         wide = _searched(self._wide, targets, self._starts[0], self._rng, Span(self._wide))
-        q, limits, outside = turned_inside(self._arm, wide.q), self._arm.limits, wide.outside
-        inside = ((q >= limits.lower) & (q <= limits.upper)).all(axis=1)
+        q, outside = turned_inside(self._arm, wide.q), wide.outside
+        inside = self._arm.limits.inside(q)
         outside[wide.row[~inside]] = True
         return Proposed(wide.row[inside], np.ascontiguousarray(q[inside]), outside, np.zeros(len(targets), dtype=bool))
 

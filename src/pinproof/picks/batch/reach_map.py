@@ -9,7 +9,6 @@ import csv
 import io
 import zipfile
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,11 +17,13 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
-from pinproof.common.files import write_bytes_whole, write_text_whole
-from pinproof.common.validation import require_integer
+from pinproof.common.files import unknown_suffix, write_bytes_whole, write_text_whole
+from pinproof.common.validation import Rng, require_integer
 from pinproof.errors import FileError, InputError
+from pinproof.ik import Clik
+from pinproof.model import Arm
 from pinproof.picks.batch.reach_region import ReachRegion
-from pinproof.picks.batch.screening import Screening, ScreenStatus, code_of
+from pinproof.picks.batch.screening import Screening, ScreenStatus, code_of, in_chunks
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "_read_map",
     "_write_comparison",
     "_write_map",
+    "attainable_orientations",
     "reach_map",
     "slices",
 ]
@@ -75,6 +77,11 @@ class ReachMap:
     clearance: Array
     complete: bool
     title: str = ""
+
+    def __repr__(self) -> str:
+        points, orientations = self.reachable.shape
+        shares = f"{self.reachable.mean():.1%} reachable, {self.free.mean():.1%} free"
+        return f"ReachMap({points:,} points, {orientations} orientations: {shares})"
 
     def __post_init__(self) -> None:
         count = len(self.region), len(self.orientations)
@@ -345,7 +352,7 @@ def _read_map(path: str | Path) -> ReachMap:
 def _kind(path: str | Path, known: tuple[str, ...]) -> str:
     kind = Path(path).suffix.lower()
     if kind not in known:
-        raise InputError(f"{path}: the suffix must be {' or '.join(known)}, not {kind or 'empty'}")
+        raise InputError(f"{path}: {unknown_suffix(Path(path), known)}")
     return kind
 
 
@@ -357,8 +364,32 @@ def _csv(columns: tuple[str, ...], rows: npt.NDArray[np.float64]) -> str:
     return out.getvalue()
 
 
-CHUNK = 4096
-"""Poses solved at a time, so that their results fit into the processor cache and progress can be reported."""
+def attainable_orientations(
+    arm: Arm,
+    orientations: npt.ArrayLike,
+    *,
+    tip: SE3 | npt.ArrayLike | None = None,
+    world_from_root: SE3 | npt.ArrayLike | None = None,
+    rng: Rng = 0,
+) -> Mask:
+    """Search for configurations with each orientation at any position; without obstacles and self-collision.
+
+    An arm with fewer than six joints takes only some orientations. If a search fails, this is no proof.
+
+    Parameters
+    ----------
+    arm, orientations, tip, world_from_root, rng
+        As for :func:`reach_map`.
+
+    Returns
+    -------
+    (m,)
+        True where a configuration was found.
+    """
+    tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))
+    place = rigid("world_from_root", SE3.Identity() if world_from_root is None else world_from_root)
+    targets = np.linalg.inv(matrix(place * arm.root_from_base)) @ _frames(orientations) @ np.linalg.inv(tcp_from_tip)
+    return np.asarray(Clik().solve_batch(arm, targets, rng=rng, task="orientation").ok)
 
 
 def reach_map(
@@ -418,22 +449,16 @@ def reach_map(
     reachable, free = np.zeros(total, dtype=bool), np.zeros(total, dtype=bool)
     figures = np.full((total, 2), np.nan)
 
-    def share(start: int) -> int:
-        rows = np.arange(start, min(start + CHUNK, total))
+    def share(start: int, stop: int) -> None:
+        rows = np.arange(start, stop)
         targets = frames[rows % m]
         targets[:, :3, 3] = region.points[rows // m]
-        looked = screening.look(before @ targets @ after)
-        free[rows] = looked.codes == code_of(ScreenStatus.FREE)
-        reachable[rows] = looked.codes > code_of(ScreenStatus.LIMITS)
-        figures[rows] = np.column_stack([looked.manipulability, looked.clearance])
-        return len(rows)
+        screened = screening.screen(before @ targets @ after)
+        free[rows] = screened.codes == code_of(ScreenStatus.FREE)
+        reachable[rows] = screened.codes > code_of(ScreenStatus.LIMITS)
+        figures[rows] = np.column_stack([screened.manipulability, screened.clearance])
 
-    done = 0
-    with ThreadPoolExecutor(threads) as pool:
-        for count in pool.map(share, range(0, total, CHUNK)):
-            done += count
-            if progress is not None:
-                progress(done, total)
+    in_chunks(share, total, threads, progress)
     shape = points, m
     return ReachMap(
         region,
@@ -450,11 +475,11 @@ def reach_map(
 def _title(checker: CollisionChecker, tcp_from_tip: Array, place: SE3) -> str:
     """The robot, tool and scene, as text."""
     arm, tool = checker.arm, ", ".join(body.name for body in checker.attached)
-    tip, stands = tcp_from_tip[:3, 3], place.translation
+    tip, base = tcp_from_tip[:3, 3], place.translation
     words = [f"{arm.robot.name}, {arm.base} to {arm.tcp}", f"{len(checker.scene.obstacles)} obstacles"]
     words += [f"with {tool}"] if tool else []
     words += [f"tip {_metres(tip)} m from the tcp"] if tip.any() else []
-    words += [f"the robot at {_metres(stands)} m"] if stands.any() else []
+    words += [f"the robot at {_metres(base)} m"] if base.any() else []
     return ", ".join(words)
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.validation import require_integer
+from pinproof.common.validation import require_integer, require_positive
 from pinproof.errors import InputError
 from pinproof.spatial import finite
 
@@ -39,7 +39,8 @@ def approach_directions(axis: npt.ArrayLike = (0.0, 0.0, -1.0), half_angle: floa
     length = float(np.linalg.norm(direction))
     if length < 1e-9:
         raise InputError("axis is zero")
-    if not 0.0 <= half_angle <= np.pi:
+    require_positive("half_angle", half_angle, zero=True)
+    if half_angle > np.pi:
         raise InputError(f"half_angle = {half_angle}; it must be from 0 to pi rad")
     require_integer("count", count, 1)
     if count == 1 or half_angle == 0.0:
@@ -62,8 +63,9 @@ def tool_orientations(directions: npt.ArrayLike = (0.0, 0.0, -1.0), spins: int =
     InputError
         If a direction is zero or the number of spins is not a positive integer.
     """
-    many = np.atleast_2d(np.asarray(directions, dtype=float))
-    many = finite("directions", many, (None, 3))
+    # nested lists of different lengths have no dimension; finite() then names the valid shapes
+    single = np.ndim(np.asarray(directions, dtype=object)) == 1 and not isinstance(directions, str)
+    many = finite("directions", directions, (3,) if single else (None, 3)).reshape(-1, 3)
     lengths = np.linalg.norm(many, axis=1)
     if not (lengths > 1e-9).all():
         raise InputError(f"direction {int(np.flatnonzero(lengths <= 1e-9)[0])} is zero")

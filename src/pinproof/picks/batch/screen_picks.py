@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
@@ -15,7 +14,7 @@ from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.picks.batch.screening import Looked, Screening, ScreenResult, ScreenStatus, code_of
+from pinproof.picks.batch.screening import ScreenedPoses, Screening, ScreenResult, ScreenStatus, code_of, in_chunks
 from pinproof.picks.input.pick import TIP, GraspSpin, GraspTolerance, Pick, PickProblem, Picks, family
 from pinproof.picks.input.sources import PickSource, as_source
 from pinproof.picks.judging.configurations import limit_margins
@@ -24,7 +23,7 @@ from pinproof.picks.judging.setup import check_held_joints
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.spatial import SE3, matrix, rigid, rigid_many
 
-__all__ = ["GraspScreening", "LookedPicks", "screen_picks"]
+__all__ = ["GraspScreening", "ScreenedPicks", "screen_picks"]
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
@@ -33,20 +32,20 @@ UNREADABLE, CONTACT, FREE = map(code_of, (ScreenStatus.UNREADABLE, ScreenStatus.
 
 
 @dataclass(frozen=True, eq=False)
-class LookedPicks:
+class ScreenedPicks:
     """The screening results of some picks: their names, and the result and family index of the best grasp of each."""
 
     names: tuple[str, ...]
-    looked: Looked
+    screened: ScreenedPoses
     member: Indices
 
     @classmethod
-    def joined(cls, parts: Sequence[LookedPicks], dof: int) -> LookedPicks:
+    def joined(cls, parts: Sequence[ScreenedPicks], dof: int) -> ScreenedPicks:
         """The concatenation of any number of parts."""
-        some = [cls((), Looked.nothing(0, dof), np.empty(0, dtype=np.int64)), *parts]
+        some = [cls((), ScreenedPoses.nothing(0, dof), np.empty(0, dtype=np.int64)), *parts]
         return cls(
             tuple(name for part in some for name in part.names),
-            Looked.joined([part.looked for part in some]),
+            ScreenedPoses.joined([part.screened for part in some]),
             np.concatenate([part.member for part in some]),
         )
 
@@ -87,30 +86,30 @@ class GraspScreening:
         """Whether all configurations of each grasp are checked."""
         return self._screening.complete
 
-    def poses(self, poses: Array) -> Looked:
+    def poses(self, poses: Array) -> ScreenedPoses:
         """Screen poses ``root_from_tip`` (N, 4, 4)."""
-        return self._screening.look(self._targets(poses))
+        return self._screening.screen(self._targets(poses))
 
-    def picks(self, part: Iterable[Pick | PickProblem]) -> LookedPicks:
+    def picks(self, part: Iterable[Pick | PickProblem]) -> ScreenedPicks:
         """Screen picks; the grasps of a family are checked ring by ring until one is free."""
         items = list(part)
-        best, member = Looked.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
+        best, member = ScreenedPoses.nothing(len(items), self._cell.arm.dof), np.zeros(len(items), dtype=np.int64)
         left = list(self._readable(items))
         while left:
             sizes = np.array([len(each.rings[0]) for each in left])
             owner, starts = np.repeat(np.arange(len(left)), sizes), np.cumsum(sizes) - sizes
             poses = np.concatenate([each.pose @ each.rings[0] for each in left])
-            looked = self._look(poses, [each.object for each in left], owner)
-            order = np.lexsort((-np.nan_to_num(looked.manipulability), -looked.codes, owner))
+            screened = self._screen_poses(poses, [each.object for each in left], owner)
+            order = np.lexsort((-np.nan_to_num(screened.manipulability), -screened.codes, owner))
             top, index = order[starts], np.array([each.index for each in left])
-            better = looked.codes[top] > best.codes[index]
+            better = screened.codes[top] > best.codes[index]
             done = np.array([each.done for each in left])
             member[index[better]] = (done + top - starts)[better]
-            best.put(index[better], looked, top[better])
+            best.put(index[better], screened, top[better])
             for each in left:
                 each.done += len(each.rings.pop(0))
             left = [each for each in left if best.codes[each.index] != FREE and each.rings]
-        return LookedPicks(tuple(item.name for item in items), best, member)
+        return ScreenedPicks(tuple(item.name for item in items), best, member)
 
     def _targets(self, poses: Array) -> Array:
         return np.ascontiguousarray(self._before @ poses @ self._after)
@@ -131,21 +130,21 @@ class GraspScreening:
                 axis = tuple((pick.pose.rotation.T @ axis).tolist())
             yield _Open(index, matrix(pick.pose), list(_rings(pick.spin, pick.tolerance, axis)), taken)
 
-    def _look(self, poses: Array, objects: Sequence[str | None], owner: Indices) -> Looked:
+    def _screen_poses(self, poses: Array, objects: Sequence[str | None], owner: Indices) -> ScreenedPoses:
         """Screen poses of the picks ``owner`` (N,), where the hand may touch the object of its pick.
 
         Contact with the object is first not allowed, which needs no additional checker: a pose that is free then is
         also free with the contact allowed.
         """
         targets = self._targets(poses)
-        looked = self._screening.look(targets)
-        again = [(objects[owner[k]], int(k)) for k in np.flatnonzero(looked.codes == CONTACT)]
+        screened = self._screening.screen(targets)
+        again = [(objects[owner[k]], int(k)) for k in np.flatnonzero(screened.codes == CONTACT)]
         with_object = sorted((name, k) for name, k in again if name is not None)
         for name, group in groupby(with_object, key=lambda each: each[0]):
             rows = np.array([k for _, k in group])
             allowed = self._make(self._cell.checker.allowing(*((each, name) for each in self._hand)))
-            looked.put(rows, allowed.look(targets[rows]), np.arange(len(rows)))
-        return looked
+            screened.put(rows, allowed.screen(targets[rows]), np.arange(len(rows)))
+        return screened
 
 
 @lru_cache(maxsize=64)
@@ -153,10 +152,6 @@ def _rings(spin: GraspSpin, tolerance: GraspTolerance, axis: tuple[float, float,
     """``nominal_from_tip`` (m, 4, 4) ring by ring; the first grasp, which is usually free, is a separate ring."""
     rings = [np.array([matrix(each.nominal_from_tip) for each in r]) for r in family(spin, tolerance, np.array(axis))]
     return tuple(ring for ring in (rings[0][:1], rings[0][1:], *rings[1:]) if len(ring))
-
-
-CHUNK = 4096
-"""Picks screened at a time, so that their results fit into the processor cache and progress can be reported."""
 
 
 def screen_picks(
@@ -221,37 +216,30 @@ def screen_picks(
         margin=named.margin if margin is None else margin,
     )
     check_held_joints(arm, shared)
-    told = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
+    home_q = shared.home_configuration(arm.joint_names, arm.home) if home is None else home
     checker = CollisionChecker(arm, scene, margin=shared.margin, attached=shared.open_tool)
-    cell = Cell(checker, shared, arm.configuration(told, "home"))
+    cell = Cell(checker, shared, arm.limits.snap(arm.configuration(home_q, "home")))
     screening = GraspScreening(cell, attempts=attempts, rng=rng, clearance=clearance)
     total = len(source)
 
-    def share(start: int) -> LookedPicks:
-        stop = min(start + CHUNK, total)
+    def share(start: int, stop: int) -> ScreenedPicks:
         if isinstance(source, _Poses):
-            return LookedPicks((), screening.poses(source.poses[start:stop]), np.zeros(stop - start, dtype=np.int64))
+            return ScreenedPicks((), screening.poses(source.poses[start:stop]), np.zeros(stop - start, dtype=np.int64))
         return screening.picks(source.part(start, stop))
 
-    parts = []
-    with ThreadPoolExecutor(threads) as pool:
-        for part in pool.map(share, range(0, total, CHUNK)):
-            parts.append(part)
-            if progress is not None:
-                progress(min(len(parts) * CHUNK, total), total)
-    found = LookedPicks.joined(parts, arm.dof)
-    looked, free = found.looked, found.looked.codes == code_of(ScreenStatus.FREE)
+    found = ScreenedPicks.joined(in_chunks(share, total, threads, progress), arm.dof)
+    screened, free = found.screened, found.screened.codes == code_of(ScreenStatus.FREE)
     margins = np.full(total, np.nan)
-    margins[free] = np.clip(limit_margins(arm, looked.q[free]), 0.0, 1.0)
+    margins[free] = np.clip(limit_margins(arm, screened.q[free]), 0.0, 1.0)
     return ScreenResult(
         source.names if isinstance(source, _Poses) else found.names,
         arm.joint_names,
-        looked.codes,
-        looked.q,
+        screened.codes,
+        screened.q,
         found.member,
         margins,
-        looked.manipulability,
-        looked.clearance,
+        screened.manipulability,
+        screened.clearance,
         screening.complete,
         _Reasons(cell, source, rng),
     )
@@ -272,6 +260,10 @@ class _Poses(PickSource):
 
     def digest(self) -> str:
         raise NotImplementedError
+
+    @property
+    def with_object(self) -> frozenset[bool]:
+        return frozenset([False])
 
 
 class _Numbered(Sequence[str]):

@@ -5,26 +5,48 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, fields
 from enum import Enum
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
-from pinproof.common.files import write_text_whole
+from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
 from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.verdict import Stage
 
-__all__ = ["CODES", "Looked", "ScreenResult", "ScreenStatus", "Screening", "code_of"]
+__all__ = ["CODES", "ScreenResult", "ScreenStatus", "ScreenedPoses", "Screening", "code_of", "in_chunks"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Indices = npt.NDArray[np.int64]
+
+
+CHUNK = 4096
+"""Poses screened at a time, so that their results fit into the processor cache and progress can be reported."""
+
+Part = TypeVar("Part")
+
+
+def in_chunks(
+    work: Callable[[int, int], Part], total: int, threads: int, progress: Callable[[int, int], None] | None
+) -> list[Part]:
+    """Return ``work(start, stop)`` for chunks of ``range(total)``, in order; ``progress`` gets the number finished."""
+    stops = [min(start + CHUNK, total) for start in range(0, total, CHUNK)]
+    parts: list[Part] = []
+    with ThreadPoolExecutor(threads) as pool:
+        for stop, part in zip(stops, pool.map(work, range(0, total, CHUNK), stops), strict=True):
+            parts.append(part)
+            if progress is not None:
+                progress(stop, total)
+    return parts
 
 
 class ScreenStatus(Enum):
@@ -71,7 +93,7 @@ def code_of(status: ScreenStatus) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class Looked:
+class ScreenedPoses:
     """The screening results of N poses.
 
     Parameters
@@ -90,16 +112,16 @@ class Looked:
     clearance: Array
 
     @classmethod
-    def nothing(cls, count: int, dof: int) -> Looked:
+    def nothing(cls, count: int, dof: int) -> ScreenedPoses:
         """Initial results of ``count`` poses, with the lowest status and NaN."""
         return cls(np.zeros(count, dtype=np.int8), np.full((count, dof), np.nan), *np.full((2, count), np.nan))
 
     @classmethod
-    def joined(cls, parts: Sequence[Looked]) -> Looked:
+    def joined(cls, parts: Sequence[ScreenedPoses]) -> ScreenedPoses:
         """The concatenation of at least one part."""
         return cls(*(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls)))
 
-    def put(self, rows: Indices, other: Looked, others: Indices) -> None:
+    def put(self, rows: Indices, other: ScreenedPoses, others: Indices) -> None:
         """Copy the rows ``others`` of another result into ``rows``."""
         for each in fields(self):
             getattr(self, each.name)[rows] = getattr(other, each.name)[others]
@@ -151,7 +173,7 @@ class Screening:
         """
         return self._proposals.complete and self._known
 
-    def look(self, targets: Array) -> Looked:
+    def screen(self, targets: Array) -> ScreenedPoses:
         """Screen targets (N, 4, 4), ``base_from_tcp``.
 
         Of the free configurations found in the same round, the result has the one with the largest manipulability.
@@ -180,7 +202,7 @@ class Screening:
         clearance = np.full(count, np.nan)
         if self._clearance and free.any():
             clearance[free] = self._checker.clearance_batch(q[free])
-        return Looked(codes.astype(np.int8), q, volume, clearance)
+        return ScreenedPoses(codes.astype(np.int8), q, volume, clearance)
 
     def _judge(self, row: Indices, q: Array, reached: Mask, free: Mask, own: Mask, kept: Array, volume: Array) -> None:
         """Check configurations q (k, n) of the poses ``row`` (k,), and update the results of all poses in place.
@@ -264,6 +286,9 @@ class ScreenResult:
     complete: bool
     _reason: Callable[[int], str] = field(repr=False)
 
+    def __repr__(self) -> str:
+        return f"ScreenResult({self.summary})"
+
     def __post_init__(self) -> None:
         for name in ("codes", "q", "member", "limit_margin", "manipulability", "clearance"):
             array = np.array(getattr(self, name))
@@ -314,12 +339,12 @@ class ScreenResult:
             If the file cannot be written.
         """
         if Path(path).suffix.lower() != ".csv":
-            raise InputError(f"{path}: the suffix of a screening result is .csv")
+            raise InputError(f"{path}: {unknown_suffix(Path(path), ['.csv'])}")
         out = io.StringIO()
         writer = csv.writer(out, lineterminator="\n")
         writer.writerow(("name", "status", "grasp", *FIGURES, *self.joint_names))
         figures = np.column_stack([*(getattr(self, name) for name in FIGURES), self.q])
         for name, code, member, row in zip(self.names, self.codes.tolist(), self.member.tolist(), figures, strict=True):
-            told = ["" if np.isnan(value) else f"{value:.9g}" for value in row.tolist()]
-            writer.writerow((name, CODES[code].value, member, *told))
+            cells = ["" if np.isnan(value) else f"{value:.9g}" for value in row.tolist()]
+            writer.writerow((name, CODES[code].value, member, *cells))
         write_text_whole(path, out.getvalue())

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,11 +16,23 @@ from pinproof.model import Arm
 from pinproof.picks.batch.workers import IN_FLIGHT, Workers, do_chunks
 from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
+from pinproof.picks.input.sources import PickList
 from pinproof.picks.judging.setup import PickSetup
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.picks.report.report import PickReport
 
-__all__ = ["validate_picks"]
+__all__ = ["PicksInterrupted", "validate_picks"]
+
+Progress = Callable[[int, int], object]
+
+
+class PicksInterrupted(KeyboardInterrupt):
+    """Ctrl-C during :func:`pinproof.validate_picks`; ``report`` has the verdicts on the picks judged before."""
+
+    def __init__(self, report: PickReport) -> None:
+        total = len(report.verdicts) + report.not_judged
+        super().__init__(f"interrupted after {len(report.verdicts):,} of {total:,} picks")
+        self.report = report
 
 
 def validate_picks(
@@ -34,6 +47,7 @@ def validate_picks(
     in_flight: int = IN_FLIGHT,
     weights: PickWeights | None = None,
     budget: PickBudget | None = None,
+    progress: Progress | None = None,
 ) -> PickReport:
     """Judge every pick in all stages, from reach to the timed and certified motion.
 
@@ -65,6 +79,8 @@ def validate_picks(
         The weights of the score by which complete motions are compared.
     budget
         The limits of the search for each pick.
+    progress
+        Called after each pick or chunk of picks with the number of picks that are judged, and the number of all picks.
 
     Raises
     ------
@@ -72,6 +88,8 @@ def validate_picks(
         If ``picks`` contains anything but picks, and for the same reasons as in :meth:`PickSetup.make`.
     CampaignError
         If the workers cannot start, or a pick kills every worker that judges it.
+    PicksInterrupted
+        After Ctrl-C (a KeyboardInterrupt); its ``report`` has the verdicts on the picks that were judged before.
     """
     if not isinstance(picks, Picks):
         for index, pick in enumerate(picks):
@@ -80,14 +98,38 @@ def validate_picks(
         picks = Picks(tuple(picks))
     setup = PickSetup.make(arm, scene, picks, home=home, rng=rng, weights=weights, budget=budget)
     seed_sequence(rng).spawn(len(picks))  # so that the next call with this Generator uses other streams
-    task = _VerdictTask(setup)
     if executor is None and workers is None:
-        verdicts = task(0, picks.picks)
+        judged = _one_by_one(setup, picks)
     else:
-        verdicts = _by_workers(task, picks, executor=executor, workers=workers, in_flight=in_flight)
+        judged = _by_workers(_VerdictTask(setup), picks, executor=executor, workers=workers, in_flight=in_flight)
+    found: dict[int, PickVerdict] = {}
+    try:
+        with closing(judged):
+            for index, verdict in judged:
+                found[index] = verdict
+                if progress is not None:
+                    progress(len(found), len(picks))
+    except KeyboardInterrupt:
+        raise PicksInterrupted(_report(setup, picks, found)) from None
+    return _report(setup, picks, found)
+
+
+def _report(setup: PickSetup, picks: Picks, found: Mapping[int, PickVerdict]) -> PickReport:
+    arm = setup.checker.arm
     return PickReport(
-        arm.robot.name, tuple(verdicts), picks.problems, arm.limits.acceleration_source, setup.not_covered(), setup
+        arm.robot.name,
+        tuple(found[index] for index in sorted(found)),
+        picks.problems,
+        arm.limits.acceleration_source,
+        setup.not_covered(PickList(picks).with_object),
+        setup,
+        not_judged=len(picks.picks) - len(found),
     )
+
+
+def _one_by_one(setup: PickSetup, picks: Picks) -> Generator[tuple[int, PickVerdict], None, None]:
+    for index, pick in enumerate(picks.picks):
+        yield index, setup.judge(index, pick)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +140,9 @@ class _VerdictTask:
         return [self.setup.judge(index, pick) for index, pick in enumerate(part, start)]
 
 
-def _by_workers(task: _VerdictTask, picks: Picks, **where: Any) -> list[PickVerdict]:
-    found: dict[int, list[PickVerdict]] = {}
+def _by_workers(task: _VerdictTask, picks: Picks, **where: Any) -> Generator[tuple[int, PickVerdict], None, None]:
     for outcome in do_chunks(task, lambda i, j: picks.picks[i:j], [(0, len(picks))], **where):
         if outcome.crashed:
             name = picks.picks[outcome.start].name
             raise CampaignError(f"every worker process that judged pick {name!r} alone died")
-        found[outcome.start] = outcome.result
-    return [verdict for start in sorted(found) for verdict in found[start]]
+        yield from enumerate(outcome.result, outcome.start)

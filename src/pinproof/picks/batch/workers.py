@@ -93,9 +93,9 @@ def work(key: str, package: bytes | None, start: int, part: Any) -> Answer:
         while len(_known) >= KEPT:
             _known.pop(next(iter(_known)), None)  # the oldest; another thread may have removed it
         task = _known[key] = pickle.loads(package)
-    begun = time.perf_counter()
+    start_time = time.perf_counter()
     result = None if part is None else task(start, part)
-    return Answer(True, result, time.perf_counter() - begun, here)
+    return Answer(True, result, time.perf_counter() - start_time, here)
 
 
 class SingleWorkerExecutor(ProcessPoolExecutor):
@@ -278,7 +278,7 @@ class TrackedExecutor:
         self._ready = False
         self._group = self._failed_starts = 0
         self._suspects: list[list[Chunk]] = []
-        self._told: set[str] = set()
+        self._workers_with_task: set[str] = set()
         self.pending: dict[Future[Answer], Chunk | None] = {}
         """The pending chunks; None represents the task alone, which is sent first to each executor."""
 
@@ -323,7 +323,7 @@ class TrackedExecutor:
         except Exception as error:
             if not _killed_workers(error):
                 if chunk is None:
-                    raise CampaignError(f"the workers cannot load the task: {_told(error)}") from error
+                    raise CampaignError(f"the workers cannot load the task: {_error_text(error)}") from error
                 raise
             del self.pending[future]
             yield from self._suspect(chunk, self._group == 1, MAX_DEATHS, error)
@@ -335,8 +335,8 @@ class TrackedExecutor:
             yield Outcome(chunk.start, chunk.stop, answer.result, False, answer.seconds, answer.worker)
         else:
             # A new worker returns all chunks queued for it; the task is large, so it is sent with only one of them.
-            packed = chunk.returned or answer.worker not in self._told
-            self._told.add(answer.worker)
+            packed = chunk.returned or answer.worker not in self._workers_with_task
+            self._workers_with_task.add(answer.worker)
             chunk.returned = not packed
             self._submit(self._executor, chunk, sent, packed=packed)
 
@@ -375,7 +375,7 @@ class TrackedExecutor:
         self.pending.clear()
         if self._callers_own:
             raise CampaignError(
-                f"the executor broke ({_told(error)}); pass a function that creates executors instead "
+                f"the executor broke ({_error_text(error)}); pass a function that creates executors instead "
                 "of an executor, so that a broken one can be replaced"
             ) from error
         self.close()
@@ -389,8 +389,8 @@ class TrackedExecutor:
         self._failed_starts += 1
         if self._failed_starts >= FAILED_STARTS or self._callers_own:
             raise CampaignError(
-                f"no worker starts ({_told(error)}); see its output on stderr. A program that starts processes must "
-                "protect its main part with: if __name__ == '__main__'"
+                f"no worker starts ({_error_text(error)}); see its output on stderr. A program that starts processes "
+                "must protect its main part with: if __name__ == '__main__'"
             ) from error
 
     def close(self, *, wait_for_it: bool = False) -> None:
@@ -403,7 +403,7 @@ class TrackedExecutor:
             executor.shutdown(wait=wait_for_it)
 
 
-def _told(error: BaseException) -> str:
+def _error_text(error: BaseException) -> str:
     return f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
 
 

@@ -6,14 +6,16 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.description import Urdf
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.model import Arm
+from pinproof.model import Arm, JointLimits, load_robot
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, pose, rigid
 
@@ -27,6 +29,7 @@ __all__ = [
     "PickProblem",
     "Picks",
     "PlaceTarget",
+    "SuctionCup",
     "family",
     "moved",
     "moved_by",
@@ -102,7 +105,7 @@ class GraspTolerance:
     tilt: float = 0.0
 
     def __post_init__(self) -> None:
-        sides = np.full(3, self.position) if np.ndim(self.position) == 0 else self.position
+        sides = self.position if isinstance(self.position, Iterable) else (self.position,) * 3
         position = finite("tolerance.position", sides, (3,))
         tilt = float(finite("tolerance.tilt", [self.tilt], (1,))[0])
         if (position < 0).any() or tilt < 0:
@@ -269,14 +272,42 @@ class GripperFingers:
         return replace(first, pose=aside * first.pose), replace(second, pose=aside.inverse() * second.pose)
 
 
+@dataclass(frozen=True, kw_only=True)
+class SuctionCup:
+    """The face of a suction cup: a disc centred at the tip, perpendicular to the tip's z axis, along which it faces.
+
+    Parameters
+    ----------
+    radius
+        Metres: the radius of the face.
+    gap
+        Metres: largest distance of any point of its rim from the surface of the part along the axis, in front of the
+        face or behind it. The lip of the cup has to compensate it; 1 mm suits a flat cup, and bellows allow more.
+    tilt
+        rad: largest angle between the face and the surface at its rim.
+    """
+
+    radius: float
+    gap: float = 1e-3
+    tilt: float = 0.1
+
+    def __post_init__(self) -> None:
+        radius, gap, tilt = finite("radius, gap and tilt of the cup", [self.radius, self.gap, self.tilt], (3,)).tolist()
+        if not (radius > 0 and gap > 0 and 0 < tilt < np.pi / 2):
+            raise InputError(
+                f"the cup has the radius {radius} m, the gap {gap} m and the tilt {tilt} rad; radius and gap must be "
+                "above 0, and tilt between 0 and pi/2"
+            )
+
+
 Direction = tuple[float, float, float]
 
-TIP, ROOT = "tip", "root"
-"""The frame of a direction: the tool's tip or the robot's root link."""
+TIP, ROOT, OBJECT = "tip", "root", "object"
+"""The frame of a direction is the tip or the root link; the pose of a place is that of the tip or the object."""
 
-WAYS = ("approach", "retreat")
+MOVES = ("approach", "retreat")
 
-LONGEST_WAY = 20.0
+LONGEST_MOVE = 20.0
 """Metres: the largest approach or retreat. Larger values are probably stated in millimetres."""
 
 
@@ -288,7 +319,8 @@ class PlaceTarget:
     ----------
     pose
         ``frame_from_tip`` at the release. For a family of grasps it is the pose of the nominal grasp, so that the final
-        pose of the object is the same for every member.
+        pose of the object is the same for every member. With ``pose_of="object"`` it is ``frame_from_object``, the
+        final pose of the object itself.
     frame
         As for :class:`Pick`.
     approach, approach_direction, approach_frame
@@ -298,6 +330,8 @@ class PlaceTarget:
     support
         The obstacle or obstacles that the object is put onto; by default those within 1 mm below it. Stored as a tuple
         of names.
+    pose_of
+        ``"tip"`` or ``"object"``.
     """
 
     pose: SE3
@@ -309,12 +343,15 @@ class PlaceTarget:
     retreat_direction: Direction = (0.0, 0.0, -1.0)
     retreat_frame: str = TIP
     support: str | Sequence[str] | None = None
+    pose_of: str = TIP
 
     def __post_init__(self) -> None:
+        if self.pose_of not in (TIP, OBJECT):
+            raise UnknownNameError("pose_of", self.pose_of, (TIP, OBJECT), "place")
         object.__setattr__(self, "pose", frozen(rigid("pose of place", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, "place"))
-        for way in WAYS:
-            _check_way(self, way, "place")
+        for move in MOVES:
+            _check_move(self, move, "place")
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,10 +412,23 @@ class Pick:
             raise InputError(f"a pick needs a name, not {self.name!r}")
         object.__setattr__(self, "pose", frozen(rigid(f"pose of pick {self.name!r}", self.pose)))
         object.__setattr__(self, "support", support_names(self.support, f"pick {self.name!r}"))
-        for way in WAYS:
-            _check_way(self, way, f"pick {self.name!r}")
+        for move in MOVES:
+            _check_move(self, move, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
+
+    def transformed(self, root_from_pick: SE3) -> Pick:
+        """Return the pick transformed as by :meth:`Picks.transformed`."""
+        place = None if self.place is None else _transformed(self.place, root_from_pick)
+        return replace(_transformed(self, root_from_pick), place=place)
+
+    def __repr__(self) -> str:
+        x, y, z = self.pose.translation
+        frame = f" in {self.frame}" if self.frame else ""
+        carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
+        what = "" if carried is None else f", object {carried}{'' if self.place is None else ', placed'}"
+        lines = f"approach {self.approach * 1e3:g} mm, retreat {self.retreat * 1e3:g} mm"
+        return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
 
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` at the start of the approach."""
@@ -387,6 +437,19 @@ class Pick:
     def retreat_pose(self) -> SE3:
         """``frame_from_tip`` at the end of the retreat."""
         return moved(self.pose, self.retreat, self.retreat_direction, self.retreat_frame)
+
+
+_Target = TypeVar("_Target", Pick, PlaceTarget)
+
+
+def _transformed(target: _Target, placement: SE3) -> _Target:
+    directions = {
+        f"{move}_direction": tuple((placement.rotation @ getattr(target, f"{move}_direction")).tolist())
+        for move in MOVES
+        if getattr(target, f"{move}_frame") == ROOT
+    }
+    pose = target.pose if target.frame else placement * target.pose
+    return replace(target, pose=pose, **directions)  # type: ignore[arg-type]  # three numbers each
 
 
 def moved(pose: SE3, distance: float, direction: Direction, frame: str) -> SE3:
@@ -414,19 +477,21 @@ def support_names(stated: object, of: str = "") -> tuple[str, ...] | None:
     return names
 
 
-def _check_way(thing: Pick | PlaceTarget, way: str, of: str) -> None:
+def _check_move(thing: Pick | PlaceTarget, move: str, of: str) -> None:
     """Validate an approach or retreat, and normalise its direction."""
-    value = float(finite(f"{way} of {of}", [getattr(thing, way)], (1,))[0])
-    if not 0 <= value <= LONGEST_WAY:
-        raise InputError(f"{way} of {of} is {value:g} m; it must be from 0 to {LONGEST_WAY:g} (lengths are in metres)")
-    direction = finite(f"{way}_direction of {of}", getattr(thing, f"{way}_direction"), (3,))
+    value = float(finite(f"{move} of {of}", [getattr(thing, move)], (1,))[0])
+    if not 0 <= value <= LONGEST_MOVE:
+        raise InputError(
+            f"{move} of {of} is {value:g} m; it must be from 0 to {LONGEST_MOVE:g} (lengths are in metres)"
+        )
+    direction = finite(f"{move}_direction of {of}", getattr(thing, f"{move}_direction"), (3,))
     if (largest := float(np.abs(direction).max())) < 1e-9:
-        raise InputError(f"{way}_direction of {of} is zero")
+        raise InputError(f"{move}_direction of {of} is zero")
     direction /= largest  # so that no square overflows
-    if getattr(thing, f"{way}_frame") not in (TIP, ROOT):
-        raise UnknownNameError(f"{way}_frame", getattr(thing, f"{way}_frame"), (TIP, ROOT), of)
-    object.__setattr__(thing, way, value)
-    object.__setattr__(thing, f"{way}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
+    if getattr(thing, f"{move}_frame") not in (TIP, ROOT):
+        raise UnknownNameError(f"{move}_frame", getattr(thing, f"{move}_frame"), (TIP, ROOT), of)
+    object.__setattr__(thing, move, value)
+    object.__setattr__(thing, f"{move}_direction", tuple((direction / np.linalg.norm(direction)).tolist()))
 
 
 @dataclass(frozen=True)
@@ -454,6 +519,8 @@ class Picks:
         Bodies that move with the tcp; their pose is ``tcp_from_body``.
     fingers
         The two fingers of a parallel gripper, which are open before the grasp and closed on the object after it.
+    cup
+        The suction cup at the tip, instead of fingers. Its body is one of ``tool``.
     gripper
         Links of the robot that may touch the object during and after the approach, as ``tool`` and ``fingers`` may.
     held
@@ -471,6 +538,9 @@ class Picks:
     robot, tcp, scene, home
         What the file states, if anything: a robot (name or path), its tcp frame, a scene file, and a home configuration
         by joint name (rad or m).
+    srdf, package_dirs, xacro_args, limits
+        More that the file may state of the robot: an SRDF file, folders of ROS packages, values for the arguments of a
+        xacro file, and a file of joint limits.
     source
         The file they were read from.
     """
@@ -480,6 +550,7 @@ class Picks:
     tip: SE3 = field(default_factory=SE3.Identity)
     tool: tuple[Obstacle, ...] = ()
     fingers: GripperFingers | None = None
+    cup: SuctionCup | None = None
     gripper: tuple[str, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     grip: Mapping[str, float] = field(default_factory=dict)
@@ -490,16 +561,38 @@ class Picks:
     tcp: str | None = None
     scene: Path | None = None
     home: Mapping[str, float] = field(default_factory=dict)
+    srdf: Path | None = None
+    package_dirs: tuple[Path, ...] = ()
+    xacro_args: Mapping[str, str] = field(default_factory=dict)
+    limits: Path | None = None
     source: Path | None = None
 
+    def __repr__(self) -> str:
+        return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
+
+    def _repr_html_(self) -> str:
+        rows = ([each.name, *each.pose.translation, each.frame, each.approach, each.retreat] for each in self.picks)
+        columns = ("pick", "x", "y", "z", "frame", "approach", "retreat")
+        problems = html_list(f"unreadable: {each.name}: {each.reason}" for each in self.problems)
+        return html_block(f"{self._headline} (m)", html_table(columns, rows, total=len(self.picks)), problems)
+
+    @property
+    def _headline(self) -> str:
+        count = len(self.picks)
+        unreadable = f", {len(self.problems)} unreadable" if self.problems else ""
+        source = "" if self.source is None else f", from {self.source.name}"
+        return f"{count} pick{'' if count == 1 else 's'}{unreadable}{source}"
+
     def __post_init__(self) -> None:
-        for key in ("picks", "problems", "tool", "gripper"):
+        for key in ("picks", "problems", "tool", "gripper", "package_dirs"):
             object.__setattr__(self, key, tuple(getattr(self, key)))
         names = Counter(pick.name for pick in self.picks)
         doubled = sorted(name for name, count in names.items() if count > 1)
         if doubled:
             raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
         object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
+        if self.cup is not None and (self.fingers is not None or self.grip):
+            raise InputError("picks state a cup and fingers; a part is held by one of them")
 
     def __len__(self) -> int:
         return len(self.picks)
@@ -511,6 +604,41 @@ class Picks:
     def open_tool(self) -> tuple[Obstacle, ...]:
         """The bodies attached to the tcp before the grasp: the tool and the open fingers."""
         return self.tool if self.fingers is None else (*self.tool, *self.fingers.apart())
+
+    def load_arm(self) -> Arm:
+        """Load the arm that the file states, with its limits and held joints.
+
+        Raises
+        ------
+        InputError
+            If the file states no robot; also for the reasons of :func:`pinproof.load_robot` and
+            :meth:`pinproof.Robot.arm`.
+        """
+        if self.robot is None:
+            raise InputError(f"{self.source or 'picks'}: states no robot; add 'robot: ur5' or the path of a robot file")
+        robot = load_robot(
+            self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
+        )
+        limits = None if self.limits is None else JointLimits.load(self.limits)
+        return robot.arm(self.tcp, limits=limits, held=self.held)
+
+    def transformed(self, root_from_picks: SE3 | npt.ArrayLike) -> Picks:
+        """Return the picks, stated in the frame of a cell, in the frame of a robot that is placed in it.
+
+        Poses that name no frame, named frames without a parent, and directions in the root frame are transformed.
+        Poses in the frame of an obstacle follow their obstacle (:meth:`pinproof.Scene.transformed`); those in the frame
+        of a robot link are unchanged.
+
+        Parameters
+        ----------
+        root_from_picks
+            The pose of the cell in the root frame of the robot, SE3 or (4, 4).
+        """
+        placement = rigid("root_from_picks", root_from_picks)
+        frames = {
+            name: frame if frame.frame else NamedFrame(placement * frame.pose) for name, frame in self.frames.items()
+        }
+        return replace(self, picks=tuple(pick.transformed(placement) for pick in self.picks), frames=frames)
 
     def tcp_target(self, root_from_tip: SE3, root_from_base: SE3) -> SE3:
         """``base_from_tcp`` that places the tip at a pose in the root frame."""

@@ -13,18 +13,18 @@ import numpy as np
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
-from pinproof.common.yaml_file import LinedMapping, refuse_millimetres
+from pinproof.collision.scene_keys import POSE
+from pinproof.common.file_keys import KeyTable
+from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import FileError, InputError, UnknownNameError
-from pinproof.picks.input.pick import STEPS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names
+from pinproof.picks.input.pick import MOVES, OBJECT, STEPS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names
+from pinproof.picks.input.picks_keys import GRID, PATTERN, PLACE, SPIN_RANGE, TOLERANCE
 from pinproof.spatial import SE3, finite
+from pinproof.units import refuse_millimetres
 
-__all__ = ["DEFAULT_KEYS", "PICK_KEYS", "POSE_KEYS", "is_turned", "make_pick", "mapping_of", "picks_of_row"]
+__all__ = ["is_turned", "make_pick", "mapping_of", "picks_of_row"]
 
-POSE_KEYS = ("xyz", "rpy", "quat_xyzw")
-WAY_KEYS = tuple(f"{way}{part}" for way in ("approach", "retreat") for part in ("", "_direction", "_frame"))
-DEFAULT_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "spin", "tolerance", "object", "support", "place")
-PICK_KEYS = ("name", *DEFAULT_KEYS, "pattern")
-PLACE_KEYS = (*POSE_KEYS, "frame", *WAY_KEYS, "support")
+MOVE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
 
 LARGEST_PATTERN = 100_000
 """Largest number of picks of one row; :class:`pinproof.picks.PickGrid` generates more on demand."""
@@ -57,7 +57,7 @@ def is_turned(stated: Mapping[str, Any]) -> bool:
 
 
 def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
-    """The pick that is stated with :data:`DEFAULT_KEYS`; mesh paths are relative to the file at ``path``."""
+    """The pick that is stated with the keys of ``DEFAULTS``; mesh paths are relative to the file at ``path``."""
     read: dict[str, Callable[[Any], Any]] = {
         "spin": _spin,
         "tolerance": _tolerance,
@@ -66,26 +66,28 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "place": _place,
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
-    return Pick(name, **_way(stated), **settings)
+    return Pick(name, **_moves(stated), **settings)
 
 
-def mapping_of(key: str, stated: object, keys: tuple[str, ...]) -> dict[str, Any]:
-    """Check that a value is a mapping whose keys are all known, and return it."""
+def mapping_of(key: str, stated: object, table: KeyTable) -> dict[str, Any]:
+    """Check that a value is a mapping with known keys and all required ones, and return it."""
     if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping of {', '.join(keys)}")
+        raise InputError(f"holds {stated!r}, not a mapping of {', '.join(table.names)}")
     for each in stated:
-        if each not in keys:
-            raise UnknownNameError(f"key of {key}" if key else "key", each, keys)
+        if each not in table.names:
+            raise UnknownNameError(f"key of {key}" if key else "key", each, table.names)
+    if missing := [each for each in table.required if each not in stated]:
+        raise InputError(f"{f'{key} ' if key else ''}does not state {' and '.join(missing)}")
     return stated
 
 
-def _way(stated: Mapping[str, Any]) -> dict[str, Any]:
+def _moves(stated: Mapping[str, Any]) -> dict[str, Any]:
     """The settings that picks and places share: pose, frame, approach and retreat."""
     settings: dict[str, Any] = {}
-    for key in (*POSE_KEYS, "frame", *WAY_KEYS):
+    for key in (*POSE.names, "frame", *MOVE_KEYS):
         if key in stated:
             settings[key] = _text(key, stated[key]) if key.endswith("frame") else numbers_of(key, stated[key])
-    placed = pose_of({key: settings.pop(key) for key in POSE_KEYS if key in settings})
+    placed = pose_of({key: settings.pop(key) for key in POSE.names if key in settings})
     refuse_millimetres("xyz", placed.translation.tolist())
     return {"pose": placed, **settings}
 
@@ -95,9 +97,7 @@ def _spin(stated: object) -> GraspSpin:
     if stated == "free":
         return GraspSpin.free()
     if isinstance(stated, dict):
-        settings = mapping_of("spin", stated, ("range", "steps"))
-        if "range" not in settings:
-            raise InputError("spin does not state its range: [first, last]")
+        settings = mapping_of("spin", stated, SPIN_RANGE)
         first, last = finite("spin.range", numbers_of("spin.range", settings["range"]), (2,)).tolist()
         return GraspSpin.between(first, last, _count("spin.steps", settings.get("steps", STEPS)))
     angles = numbers_of("spin", stated)
@@ -105,7 +105,7 @@ def _spin(stated: object) -> GraspSpin:
 
 
 def _tolerance(stated: object) -> GraspTolerance:
-    settings = mapping_of("tolerance", stated, ("position", "tilt"))
+    settings = mapping_of("tolerance", stated, TOLERANCE)
     return GraspTolerance(**{key: numbers_of(f"tolerance.{key}", value) for key, value in settings.items()})
 
 
@@ -122,12 +122,19 @@ def _object(stated: object, path: Path) -> Obstacle | str:
 
 
 def _place(stated: object) -> PlaceTarget:
-    settings = mapping_of("place", stated, PLACE_KEYS)
-    if "xyz" not in settings or not is_turned(settings):
-        raise InputError("place does not state its xyz and rpy or quat_xyzw")
-    return PlaceTarget(
-        **_way(settings), support=_support(settings["support"], "place") if "support" in settings else None
-    )
+    settings = dict(mapping_of("place", stated, PLACE))
+    support = _support(settings.pop("support"), "place") if "support" in settings else None
+    tip = [key for key in POSE.names if key in settings]
+    if "object_pose" not in settings:
+        if "xyz" not in tip or len(tip) < 2:
+            raise InputError("place does not state its xyz and rpy or quat_xyzw, or its object_pose")
+        return PlaceTarget(**_moves(settings), support=support)
+    if tip:
+        raise InputError(
+            f"place states {' and '.join(tip)} of the tip, and object_pose; only one or the other is possible"
+        )
+    final = mapping_of("place.object_pose", settings.pop("object_pose"), POSE)
+    return PlaceTarget(**_moves({**settings, **final}), support=support, pose_of=OBJECT)
 
 
 def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
@@ -137,9 +144,7 @@ def _support(stated: object, of: str = "") -> tuple[str, ...] | None:
 
 def _pattern(stated: object) -> Iterator[tuple[tuple[int, ...], list[float]]]:
     """The indices of a grid and the offset (m) of each from the first, along the axes of the pick's frame."""
-    grid = mapping_of("pattern.grid", mapping_of("pattern", stated, ("grid",)).get("grid"), ("counts", "step"))
-    if set(grid) != {"counts", "step"}:
-        raise InputError("pattern.grid does not state its counts and its step")
+    grid = mapping_of("pattern.grid", mapping_of("pattern", stated, PATTERN)["grid"], GRID)
     counts = [_count("pattern.grid.counts", count) for count in _three("counts", grid["counts"])]
     step = finite("pattern.grid.step", numbers_of("pattern.grid.step", grid["step"]), (3,)).tolist()
     if prod(counts) > LARGEST_PATTERN:  # math.prod, because that of NumPy overflows

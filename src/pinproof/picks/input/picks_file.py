@@ -1,68 +1,25 @@
-"""Picks as files, in YAML or JSON.
+"""Picks files in YAML or JSON, and tables of picks in CSV.
 
-::
-
-    robot: ur5                             # a catalogue name, or a URDF relative to this file
-    tcp: tool0                             # optional: the arm's tcp frame
-    held: {rail: 0.5}                      # optional: values of joints outside the arm
-    scene: scene.yaml                      # relative to this file
-    margin: 0.002                          # smallest allowed distance (m) between any two bodies
-    home: {shoulder_pan_joint: 0, ...}     # optional: where transits start; by default the robot's own
-    tip: {xyz: [0, 0, 0.105]}              # tcp_from_tip: the frame that is moved to the pick poses
-    tool:                                  # bodies that move with the tcp; poses are tcp_from_body
-      - {name: picker, cylinder: {radius: 0.02, length: 0.1}, xyz: [0, 0, 0.05]}
-    fingers:                               # two more, fully closed; the first opens along the axis
-      {opening: 0.08, grip: 0.04, axis: [0, 1, 0], bodies: [{name: left, box: ...}, {name: right, box: ...}]}
-    gripper: [panda_hand, ...]             # more links of the robot that may touch the object
-    grip_limits: {area: 4.0e-6, tip: 0.005}  # optional criteria for holding a part, see :class:`GripLimits`
-    frames: {tray: {xyz: [0.4, 0, 0], rpy: [0, 0, pi/2], frame: table}}
-    defaults: {rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
-    picks:
-      - {name: bolt_1, xyz: [0.46, 0.15, 0.035]}
-      - name: part
-        frame: tray                        # root by default; a named frame, an obstacle, or a fixed link
-        xyz: [0, 0, 0.02]
-        spin: free                         # about the approach; or an angle, a list, {range: [a, b], steps: 12}
-        tolerance: {position: [0.005, 0.005, 0], tilt: 0.1}
-        approach_direction: [0, 0, 1]      # in approach_frame: tip (default) or root
-        retreat_frame: root                # frame of retreat_direction
-        object: part_{i}_{j}               # an obstacle of the scene; or a shape, its pose tip_from_object
-        support: tray_floor                # or a list of names; by default what lies within 1 mm below the object
-        place: {frame: tray, xyz: [0, 0.3, 0.02], rpy: [pi, 0, 0], approach: 0.1, retreat: 0.1}
-        pattern: {grid: {counts: [4, 3, 1], step: [0.05, 0.05, 0]}}    # part[0,0], part[0,1], ...
-
-Fingers of the robot are joints outside the arm with two values: open before the grasp, and on the object from the grasp
-to the release. The links they move may touch the object, and mimic joints follow::
-
-    held: {panda_finger_joint1: {open: 0.04, grip: 0.02}}
-
-Each pick has ``xyz`` and ``rpy`` (or ``quat_xyzw``); see :class:`Pick` and :class:`PlaceTarget` for the keys.
-``defaults`` apply where a pick states nothing; an orientation is required. An invalid row is reported as a problem and
-the others are kept; invalid shared settings are an error. Instead of the list, ``picks: many.csv`` names a table of any
-length (:mod:`pinproof.picks.input.sources`), relative to this file.
+The keys are in :mod:`pinproof.picks.input.picks_keys`, and docs/formats/picks.md describes them with an example. An
+invalid row is reported as a problem and the others are kept; invalid shared settings are an error.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pinproof.collision import Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
+from pinproof.collision.scene_keys import POSE
+from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
-from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks
-from pinproof.picks.input.pick_row import (
-    DEFAULT_KEYS,
-    PICK_KEYS,
-    POSE_KEYS,
-    is_turned,
-    make_pick,
-    mapping_of,
-    picks_of_row,
-)
+from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
+from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, picks_of_row
+from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PICK, PICKS
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
@@ -71,12 +28,7 @@ __all__ = ["open_picks", "read_picks"]
 
 Value = TypeVar("Value")
 
-FILE_KEYS = (
-    "robot", "tcp", "held", "scene", "margin", "home", "tip", "tool", "fingers", "gripper", "grip_limits",
-    "frames", "defaults", "picks",
-)  # fmt: skip
-HELD_KEYS = ("open", "grip")
-FINGER_KEYS = ("opening", "grip", "axis", "bodies")
+SUFFIXES = (*YAML_SUFFIXES, ".json", TABLE_SUFFIX)
 
 
 def read_picks(path: str | Path) -> Picks:
@@ -101,8 +53,8 @@ def open_picks(path: str | Path) -> PickSource:
     Parameters
     ----------
     path
-        The file: YAML or JSON, with the keys described in :mod:`pinproof.picks.input.picks_file`, or a table (CSV)
-        with the columns described in :mod:`pinproof.picks.input.sources`.
+        The file: YAML or JSON with the keys of :data:`~pinproof.picks.input.picks_keys.PICKS`, or a table (CSV) with
+        the columns of :data:`~pinproof.picks.input.picks_keys.COLUMNS`.
 
     Raises
     ------
@@ -112,8 +64,8 @@ def open_picks(path: str | Path) -> PickSource:
     path = Path(path)
     if path.suffix.lower() == TABLE_SUFFIX:
         return PickTable(path)
-    content = read_yaml(path, FILE_KEYS, PicksError, suffixes=(*YAML_SUFFIXES, ".json"))
-    refuse_unknown(PicksError, path, "key", content, FILE_KEYS, "")
+    content = read_yaml(path, PICKS.names, PicksError, suffixes=SUFFIXES)
+    refuse_unknown(PicksError, path, "key", content, PICKS.names, "")
     stated = content.get("picks", [])
     table = isinstance(stated, str) and Path(stated).suffix.lower() == TABLE_SUFFIX
     rows = [] if table else require_list(PicksError, path, "picks", stated)
@@ -125,6 +77,7 @@ def open_picks(path: str | Path) -> PickSource:
         tip=_shared(path, content, "tip", {}, _tip),
         tool=_bodies(path, content, "tool"),
         fingers=_fingers(path, content),
+        cup=_shared(path, content, "cup", None, _cup),
         gripper=tuple(_names(path, content, "gripper")),
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
@@ -132,6 +85,10 @@ def open_picks(path: str | Path) -> PickSource:
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         robot=_robot(path, content),
+        srdf=_file(path, content, "srdf"),
+        package_dirs=_folders(path, content),
+        xacro_args=_xacro_args(path, content),
+        limits=_file(path, content, "limits"),
         tcp=_text(path, content, "tcp"),
         scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
         home=_shared(path, content, "home", {}, _home),
@@ -165,13 +122,12 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
     try:
         return read(stated)
     except InputError as error:
-        line = f"line {stated.line}, " if isinstance(stated, LinedMapping) else ""
-        raise PicksError(path, str(error), f"{line}key {key}") from error
+        raise PicksError(path, str(error), content.place(key)) from error
 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
     """The defaults, validated with a pick made from them, because an error would recur in every row."""
-    settings = dict(mapping_of("", stated, DEFAULT_KEYS))
+    settings = dict(mapping_of("", stated, DEFAULTS))
     turned = {} if is_turned(settings) else {"rpy": [0, 0, 0]}
     make_pick("defaults", {"xyz": [0, 0, 0], "object": "any", **turned, **settings}, path)
     return settings
@@ -180,8 +136,8 @@ def _defaults(stated: object, path: Path) -> dict[str, Any]:
 def _picks(path: Path, row: object, defaults: dict[str, Any], taken: set[str]) -> list[Pick]:
     """The picks of a row; their names are added to ``taken``."""
     if not isinstance(row, LinedMapping):
-        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK_KEYS)}")
-    refuse_unknown(PicksError, path, "key", row, PICK_KEYS, "")
+        raise InputError(f"{row!r} is not a pick; valid keys: {', '.join(PICK.names)}")
+    refuse_unknown(PicksError, path, "key", row, PICK.names, "")
     name = row.get("name")
     if not isinstance(name, str) or not name:
         raise InputError(f"has the name {name!r}; a pick needs a name (text, in quotes if it is a number)")
@@ -197,7 +153,7 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
         raise InputError(f"holds {stated!r}, not a mapping of names to frames")
     found = {}
     for name, frame in stated.items():
-        settings = dict(mapping_of(str(name), frame, (*POSE_KEYS, "frame")))
+        settings = dict(mapping_of(str(name), frame, FRAME))
         parent = settings.pop("frame", "")
         if not isinstance(parent, str):
             raise InputError(f"{name}: its frame {parent!r} is not a name")
@@ -208,10 +164,7 @@ def _frames(stated: object) -> dict[str, NamedFrame]:
 def _fingers(path: Path, content: LinedMapping) -> GripperFingers | None:
     if "fingers" not in content:
         return None
-    settings = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGER_KEYS))
-    missing = [key for key in FINGER_KEYS if key not in settings and key != "axis"]
-    if missing:
-        raise PicksError(path, f"does not state {' and '.join(missing)}", "key fingers")
+    settings = _shared(path, content, "fingers", {}, lambda stated: mapping_of("", stated, FINGERS))
     bodies = _bodies(path, settings, "bodies")
     numbers = {key: value for key, value in settings.items() if key != "bodies"}
 
@@ -229,13 +182,20 @@ def _names(path: Path, content: LinedMapping, key: str) -> list[str]:
     return names
 
 
+def _cup(stated: object) -> SuctionCup | None:
+    if stated is None:
+        return None
+    settings = mapping_of("", stated, CUP)
+    return SuctionCup(**{key: _number(key, value) for key, value in settings.items()})
+
+
 def _grip_limits(stated: object) -> GripLimits:
-    settings = mapping_of("", stated, tuple(each.name for each in fields(GripLimits)))
+    settings = mapping_of("", stated, GRIP_LIMITS)
     return GripLimits(**{key: _number(key, value) for key, value in settings.items()})
 
 
 def _tip(stated: object) -> SE3:
-    return pose_of(mapping_of("", stated, POSE_KEYS))
+    return pose_of(mapping_of("", stated, POSE))
 
 
 def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle, ...]:
@@ -268,13 +228,11 @@ def _home(stated: object) -> dict[str, float]:
 def _held(stated: object, when: str) -> dict[str, float]:
     """The joint values of the open or of the gripping hand; for the latter only joints that state one."""
     if not isinstance(stated, dict):
-        raise InputError(f"holds {stated!r}, not a mapping of joint names to values, or to {' and '.join(HELD_KEYS)}")
+        raise InputError(f"holds {stated!r}, not a mapping of joint names to values, or to {' and '.join(HELD.names)}")
     found: dict[str, float] = {}
     for name, value in stated.items():
         if isinstance(value, dict):
-            values = mapping_of(str(name), value, HELD_KEYS)
-            if set(values) != set(HELD_KEYS):
-                raise InputError(f"{name} does not state its {' and its '.join(HELD_KEYS)}")
+            values = mapping_of(str(name), value, HELD)
             found[str(name)] = _number(f"{name}.{when}", values[when])
         elif when == "open":
             found[str(name)] = _number(str(name), value)
@@ -293,8 +251,47 @@ def _robot(path: Path, content: LinedMapping) -> str | None:
     return str(path.parent / name)
 
 
+def _file(path: Path, content: LinedMapping, key: str) -> Path | None:
+    """An existing file, relative to the picks file."""
+    name = _text(path, content, key)
+    if name is None:
+        return None
+    if not is_file(path.parent / name):
+        raise PicksError(
+            path, f"there is no file {path.parent / name}; paths are relative to this file", content.place(key)
+        )
+    return path.parent / name
+
+
+def _folders(path: Path, content: LinedMapping) -> tuple[Path, ...]:
+    """The package folders, relative to the picks file."""
+    stated = content.get("package_dirs", [])
+    names = [stated] if isinstance(stated, str) else stated
+    place = content.place("package_dirs")
+    if not isinstance(names, list) or not all(isinstance(name, str) and name for name in names):
+        raise PicksError(path, f"holds {stated!r}, not a list of folders", place)
+    for name in names:
+        if not (path.parent / name).is_dir():
+            raise PicksError(path, f"there is no folder {path.parent / name}; paths are relative to this file", place)
+    return tuple(path.parent / name for name in names)
+
+
+def _xacro_args(path: Path, content: LinedMapping) -> dict[str, str]:
+    stated, place = content.get("xacro_args", {}), content.place("xacro_args")
+    if not isinstance(stated, dict):
+        raise PicksError(path, f"holds {stated!r}, not a mapping of argument names to values", place)
+    if stated and not (content.get("robot") or "").endswith(".xacro"):
+        raise PicksError(path, "is valid only if the robot is a file that ends in .xacro", place)
+    found = {}
+    for name, value in stated.items():
+        if isinstance(value, (dict, list)) or value is None:
+            raise PicksError(path, f"argument {name!r} is {value!r}; it must be a number or a text", place)
+        found[str(name)] = str(value).lower() if isinstance(value, bool) else str(value)
+    return found
+
+
 def _text(path: Path, content: LinedMapping, key: str) -> str | None:
     value = content.get(key)
     if value is not None and (not isinstance(value, str) or not value):
-        raise PicksError(path, f"holds {value!r}, not a name", f"key {key}")
+        raise PicksError(path, f"holds {value!r}, not a name", content.place(key))
     return value

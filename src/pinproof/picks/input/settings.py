@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 
 from pinproof.common.validation import require_integer
 from pinproof.errors import InputError
+from pinproof.planning import DEFAULT_PLANNER, make_planner
 
 __all__ = ["GripLimits", "PickBudget", "PickWeights"]
 
@@ -60,6 +61,13 @@ class PickBudget:
         Nodes of the RRT for a transit to any configuration, used if no quick one was found.
     remedies
         Number of changed picks of each kind (moved, turned, shortened) that are judged to find suggestions; 0 for none.
+    planner
+        The planner of transits and transfers, a key of :data:`pinproof.planning.PLANNERS`.
+
+    Raises
+    ------
+    InputError
+        If a number is too small, the planner is unknown or its library is not installed.
     """
 
     configurations: int = 32
@@ -67,10 +75,12 @@ class PickBudget:
     quick_nodes: int = 300
     nodes: int = 4000
     remedies: int = 12
+    planner: str = DEFAULT_PLANNER
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            require_integer(f"PickBudget.{each.name}", getattr(self, each.name), 0 if each.name == "remedies" else 1)
+        for name in ("configurations", "compared", "quick_nodes", "nodes", "remedies"):
+            require_integer(f"PickBudget.{name}", getattr(self, name), 0 if name == "remedies" else 1)
+        make_planner(self.planner)
 
 
 @dataclass(frozen=True, kw_only=True)

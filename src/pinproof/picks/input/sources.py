@@ -7,11 +7,8 @@ A table is a CSV file of any length. It is indexed once, and its rows are read o
     bolt_2,0.48,0.15,0.035,pi,0,0,
 
 Each line is a pick. An empty cell or a missing column counts as not stated. Empty lines and lines that start with ``#``
-are skipped. The orientation is given as ``roll,pitch,yaw`` or as ``qx,qy,qz,qw``, directions as
-``approach_x,approach_y,approach_z`` and ``retreat_x,...``. Further columns are ``frame``, ``approach_frame``,
-``retreat_frame``, ``spin`` (``free`` or an angle), ``object`` (a name), ``support`` (a name, or several separated by
-``;``), and for a place ``place_x``, ..., ``place_yaw``, ``place_frame``, ``place_approach``, ``place_retreat`` and
-``place_support``. A pick without a name is named after its row.
+are skipped. A pick without a name is named after its row. The columns are in
+:data:`pinproof.picks.input.picks_keys.COLUMNS`.
 """
 
 from __future__ import annotations
@@ -35,7 +32,8 @@ from pinproof.description.dh import other_separator
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
 from pinproof.picks.input.pick_row import picks_of_row
-from pinproof.spatial import SE3, finite
+from pinproof.picks.input.picks_keys import COLUMNS
+from pinproof.spatial import SE3, finite, frozen, rigid
 
 __all__ = ["TABLE_SUFFIX", "PickGrid", "PickList", "PickSource", "PickTable", "as_source"]
 
@@ -64,6 +62,15 @@ class PickSource(ABC):
     def digest(self) -> str:
         """A hash of all picks."""
 
+    @property
+    @abstractmethod
+    def with_object(self) -> frozenset[bool]:
+        """Which of True and False occur: picks that state an object, and picks that do not."""
+
+    def transformed(self, root_from_picks: SE3) -> PickSource:
+        """The same picks, transformed as by :meth:`Picks.transformed`."""
+        return _TransformedSource(self, frozen(rigid("root_from_picks", root_from_picks)))
+
     def load(self) -> Picks:
         """All picks in memory."""
         items = list(self.part(0, len(self)))
@@ -71,6 +78,39 @@ class PickSource(ABC):
         return replace(
             self.shared, picks=picks, problems=tuple(item for item in items if isinstance(item, PickProblem))
         )
+
+
+@dataclass(frozen=True, eq=False)
+class _TransformedPart:
+    part: Iterable[Pick | PickProblem]
+    placement: SE3
+
+    def __iter__(self) -> Iterator[Pick | PickProblem]:
+        return (item.transformed(self.placement) if isinstance(item, Pick) else item for item in self.part)
+
+
+class _TransformedSource(PickSource):
+    """The picks of another source in the frame of a robot that is placed in their cell."""
+
+    def __init__(self, source: PickSource, placement: SE3) -> None:
+        self._source, self._placement = source, placement
+        self.shared = source.shared.transformed(placement)
+
+    def __len__(self) -> int:
+        return len(self._source)
+
+    def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
+        """The picks from index ``start`` to ``stop`` (exclusive)."""
+        return _TransformedPart(self._source.part(start, stop), self._placement)
+
+    def digest(self) -> str:
+        """A hash of all picks."""
+        return digest((self._source.digest(), self._placement))
+
+    @property
+    def with_object(self) -> frozenset[bool]:
+        """Which of True and False occur: picks that state an object, and picks that do not."""
+        return self._source.with_object
 
 
 class PickList(PickSource):
@@ -90,6 +130,11 @@ class PickList(PickSource):
     def digest(self) -> str:
         """A hash of all picks."""
         return digest_many(self._items)
+
+    @property
+    def with_object(self) -> frozenset[bool]:
+        """Which of True and False occur: picks that state an object, and picks that do not."""
+        return frozenset(pick.carried is not None for pick in self._items if isinstance(pick, Pick))
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +179,11 @@ class PickGrid(PickSource):
         """A hash of all picks."""
         return digest((self.first, self.counts, self.step))
 
+    @property
+    def with_object(self) -> frozenset[bool]:
+        """Which of True and False occur: picks that state an object, and picks that do not."""
+        return frozenset([self.first.carried is not None])
+
 
 @dataclass(frozen=True, eq=False)
 class _GridPart:
@@ -167,30 +217,6 @@ LONGEST_LINE = 2**20
 SEPARATOR = ";"
 """Between the names in a cell that holds several."""
 
-KEYS = {
-    "name": ("name",),
-    "xyz": ("x", "y", "z"),
-    "rpy": ("roll", "pitch", "yaw"),
-    "quat_xyzw": ("qx", "qy", "qz", "qw"),
-    "frame": ("frame",),
-    "approach": ("approach",),
-    "approach_direction": ("approach_x", "approach_y", "approach_z"),
-    "approach_frame": ("approach_frame",),
-    "retreat": ("retreat",),
-    "retreat_direction": ("retreat_x", "retreat_y", "retreat_z"),
-    "retreat_frame": ("retreat_frame",),
-    "spin": ("spin",),
-    "object": ("object",),
-    "support": ("support",),
-    "place.xyz": ("place_x", "place_y", "place_z"),
-    "place.rpy": ("place_roll", "place_pitch", "place_yaw"),
-    "place.frame": ("place_frame",),
-    "place.approach": ("place_approach",),
-    "place.retreat": ("place_retreat",),
-    "place.support": ("place_support",),
-}
-"""The settings of a row and the columns that state them."""
-
 
 class PickTable(PickSource):
     """The picks of a CSV file; 16 bytes per row are held in memory.
@@ -216,6 +242,7 @@ class PickTable(PickSource):
         self.shared = replace(named, picks=(), problems=())
         self._defaults = dict(defaults or {})
         content = blake2b(digest_size=16)
+        self._with_object: set[bool] = set()
         self._begin, names = array("q"), array("Q")
         refuse_unreadable(self.path, PicksError, largest=None)
         try:
@@ -226,8 +253,10 @@ class PickTable(PickSource):
                 for line in self._lines(file):
                     content.update(line)
                     if _counts(line):
+                        cells = _cells(line)
                         self._begin.append(at)
-                        names.append(_short(self._name(_cells(line), len(self._begin))))
+                        self._with_object.add(bool(_cell(self._where, "object", cells)))
+                        names.append(_short(self._name(cells, len(self._begin))))
                     at += len(line)
         except OSError as error:
             raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
@@ -243,6 +272,11 @@ class PickTable(PickSource):
     def digest(self) -> str:
         """A hash of all picks."""
         return digest(self._digest)
+
+    @property
+    def with_object(self) -> frozenset[bool]:
+        """Which of True and False occur: rows that state an object, and rows that do not."""
+        return frozenset([True]) if "object" in self._defaults else frozenset(self._with_object)
 
     def part(self, start: int, stop: int) -> Iterable[Pick | PickProblem]:
         """Those from place ``start`` up to ``stop``.
@@ -337,20 +371,22 @@ class _TablePart:
 def _where(columns: tuple[str, ...]) -> dict[str, list[int]]:
     """For each stated key the indices of its cells."""
     return {
-        key: [columns.index(name) for name in names] for key, names in KEYS.items() if columns and names[0] in columns
+        key: [columns.index(name) for name in names]
+        for key, names in COLUMNS.items()
+        if columns and names[0] in columns
     }
 
 
 def _check_columns(columns: tuple[str, ...]) -> None:
     if other := other_separator(columns):
         raise InputError(other)
-    known = [name for names in KEYS.values() for name in names]
+    known = [name for names in COLUMNS.values() for name in names]
     for column in columns:
         if column not in known:
             raise UnknownNameError("column", column, known)
     if len(set(columns)) < len(columns):
         raise InputError("states a column twice")
-    for names in KEYS.values():
+    for names in COLUMNS.values():
         missing = [name for name in names if name not in columns]
         if missing and len(missing) < len(names):
             raise InputError(f"lacks the column {missing[0]} beside {next(name for name in names if name in columns)}")
@@ -367,11 +403,14 @@ def _stated(where: Mapping[str, list[int]], width: int, cells: list[str]) -> dic
         if key == "name" or not any(values):
             continue
         if not all(values):
-            raise InputError(f"states only some of {', '.join(KEYS[key])}")
-        into, _, own = key.rpartition(".")
+            raise InputError(f"states only some of {', '.join(COLUMNS[key])}")
+        *outer, own = key.split(".")
         if own == "support" and SEPARATOR in values[0]:
             values = [[name.strip() for name in values[0].split(SEPARATOR)]]
-        (stated.setdefault(into, {}) if into else stated)[own] = values if len(values) > 1 else values[0]
+        holder = stated
+        for into in outer:
+            holder = holder.setdefault(into, {})
+        holder[own] = values if len(values) > 1 else values[0]
     return stated
 
 
@@ -384,9 +423,13 @@ def _cells(line: bytes) -> list[str] | None:
 
 
 def _name(where: Mapping[str, list[int]], cells: list[str] | None, number: int) -> str:
-    at = where.get("name", [-1])[0]
-    stated = cells[at].strip() if cells is not None and 0 <= at < len(cells) else ""
-    return stated or f"row_{number}"
+    return _cell(where, "name", cells) or f"row_{number}"
+
+
+def _cell(where: Mapping[str, list[int]], key: str, cells: list[str] | None) -> str:
+    """The text of the first cell of a key; empty if it is not stated."""
+    at = where.get(key, [-1])[0]
+    return cells[at].strip() if cells is not None and 0 <= at < len(cells) else ""
 
 
 def _counts(line: bytes) -> bool:

@@ -98,10 +98,12 @@ def apply_suggestion(pick: Pick, suggestion: str) -> Pick:
     if found := _TURN.fullmatch(text):
         return _apply_turn(pick, text, *found.groups())
     if found := _SHORTEN.fullmatch(text):
-        way, before, after = found[1], float(found[2]) / 1e3, float(found[3]) / 1e3
-        if abs(getattr(pick, way) - before) > RESOLUTION / 1e3:
-            raise InputError(f"{text!r} does not fit pick {pick.name!r}: its {way} is {getattr(pick, way) * 1e3:g} mm")
-        return replace(pick, approach=after) if way == "approach" else replace(pick, retreat=after)
+        move, before, after = found[1], float(found[2]) / 1e3, float(found[3]) / 1e3
+        if abs(getattr(pick, move) - before) > RESOLUTION / 1e3:
+            raise InputError(
+                f"{text!r} does not fit pick {pick.name!r}: its {move} is {getattr(pick, move) * 1e3:g} mm"
+            )
+        return replace(pick, approach=after) if move == "approach" else replace(pick, retreat=after)
     raise InputError(f"{suggestion!r} is not a suggestion that can be applied")
 
 
@@ -130,9 +132,9 @@ def turn_words(degrees: float, axis: Array, *, with_place: bool) -> str:
     return f"turn {what} by {degrees:+g} deg about {about} of the tip"
 
 
-def shorten_words(way: str, before: float, after: float) -> str:
+def shorten_words(move: str, before: float, after: float) -> str:
     """The text of a shorter approach or retreat; lengths in metres."""
-    return f"shorten the {way} from {round(before * 1e3, 2):.10g} mm to {round(after * 1e3, 2):.10g} mm"
+    return f"shorten the {move} from {round(before * 1e3, 2):.10g} mm to {round(after * 1e3, 2):.10g} mm"
 
 
 def upwards_words() -> str:
@@ -180,8 +182,9 @@ def _apply_turn(
     turn = SE3(rotation_about(about / np.linalg.norm(about), np.radians(float(degrees))), np.zeros(3))
     if not and_place:
         return replace(pick, pose=pick.pose * turn)
-    if pick.place is None:
-        raise InputError(f"{text!r} does not fit pick {pick.name!r}: it has no place")
+    if pick.place is None or pick.place.pose_of != TIP:
+        what = "it has no place" if pick.place is None else "its place is stated as the pose of the object"
+        raise InputError(f"{text!r} does not fit pick {pick.name!r}: {what}")
     return replace(pick, pose=pick.pose * turn, place=replace(pick.place, pose=pick.place.pose * turn))
 
 
@@ -249,7 +252,7 @@ def shifted(pick: Pick, shifts: Iterable[Shift], words: Words) -> list[Candidate
 
 def _keeps_place(task: Task, pick: Pick) -> bool:
     """Whether the place moves with the grasp, so that the object is still put down at the requested pose."""
-    return pick.place is not None and task.from_scene
+    return pick.place is not None and pick.place.pose_of == TIP and task.from_scene
 
 
 def turns(task: Task, pick: Pick) -> list[Candidate]:
@@ -302,7 +305,7 @@ def place_shifts(task: Task, pick: Pick) -> tuple[list[Shift], Words]:
     """The result of :func:`shifts_of` for the place."""
     if task.place is None or pick.place is None:
         raise InputError(f"pick {pick.name!r} has no place")
-    rotation = (task.place.pose * pick.place.pose.inverse()).rotation
+    rotation = task.root_from(pick.place.frame).rotation
     shifts = [*_vectors(_detail(task, 1)), *_towards_reach(task, task.place.pose, rotation)]
     return shifts, lambda by: move_place_words(pick, by)
 
@@ -325,9 +328,9 @@ def _towards_reach(task: Task, root_from_tip: SE3, root_from_frame: Array) -> It
     target = task.target(root_from_tip)
     nearest = Clik().solve(task.arm, target, task.cell.home, rng=0)
     gap = task.arm.forward_kinematics(nearest.q).translation - target.translation
-    whole = root_from_frame.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
-    along = np.where(np.arange(3) == np.argmax(np.abs(whole)), whole, 0.0)
-    for line, part in enumerate((whole, whole * [1, 1, 0], along)):
+    shift = root_from_frame.T @ (task.arm.root_from_base.rotation @ gap) * 1e3
+    along = np.where(np.arange(3) == np.argmax(np.abs(shift)), shift, 0.0)
+    for line, part in enumerate((shift, shift * [1, 1, 0], along)):
         for stretch in STRETCHES:
             by = np.sign(part) * np.ceil(np.abs(stretch * part) - 1e-6)
             if by.any():

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from pinproof.errors import NoClosedForm
 from pinproof.ik import AnalyticIk, Clik
 from pinproof.model import Arm, JointLimits
+from pinproof.model.limits import AT_LIMIT
 
 __all__ = [
     "TURN",
@@ -81,11 +82,7 @@ def configurations(arm: Arm, targets: Array, q0: Array, rng: int) -> tuple[npt.N
 
 def manipulability(arm: Arm, Q: Array) -> Array:
     """(N,) Yoshikawa's measure at Q (N, n)."""
-    from pinproof.kernels.manipulability import manipulability_many
-
-    out = np.empty(len(Q))
-    manipulability_many(arm.packed, np.ascontiguousarray(Q), out)
-    return out
+    return np.asarray(arm.chain.manipulability_batch(np.ascontiguousarray(Q)))
 
 
 def limit_margins(arm: Arm, q: Array) -> Array:
@@ -105,9 +102,12 @@ def widened(arm: Arm) -> Arm:
 
 
 def turned_inside(arm: Arm, q: Array) -> Array:
-    """The same poses with joints of q (..., n) outside their limits moved inside by full rotations where possible."""
-    lower, upper = arm.limits.lower, arm.limits.upper
-    turned = q + np.ceil((lower - q) / TURN) * TURN
+    """The same poses with joints of q (..., n) outside their limits moved inside by full rotations where possible.
+
+    Values beyond a limit by rounding are set to the limit.
+    """
+    lower, upper, q = arm.limits.lower, arm.limits.upper, arm.limits.snap(q)
+    turned = arm.limits.snap(q + np.ceil((lower - AT_LIMIT - q) / TURN) * TURN)
     return np.where(arm.periodic & ((q < lower) | (q > upper)) & (turned <= upper), turned, q)
 
 

@@ -41,6 +41,7 @@ from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3
 
 __all__ = [
+    "CupContact",
     "FingerContact",
     "GripResult",
     "HeldPart",
@@ -277,6 +278,11 @@ def _rate(arm: Arm, joint: UrdfJoint, grip: Mapping[str, float]) -> float:
 COARSE, FINE = 32, 48
 """Number of lines along each side of the overlap rectangle of finger and part, and of that around the patch."""
 
+SAMPLED = 0.02
+"""Share by which a sampled area or extent may exceed the true one. Against a sampling that is 30 times as fine, the
+largest excess was 0.8 % of the area and 1.6 % of the extent, on 300 patches of spheres, cylinders and boxes from 0.1
+mm^2. A part is held only if its contacts exceed the limits by this share."""
+
 ZOOMS, ZOOMED = 10, 9
 """Refinements of the place where a finger touches first, each to a third of the one before, and lines along each side
 of it: to 2e-6 of the overlap."""
@@ -320,6 +326,26 @@ class FingerContact:
 
 
 @dataclass(frozen=True)
+class CupContact:
+    """How the face of a suction cup lies on the part.
+
+    Parameters
+    ----------
+    contact_area
+        m^2 of the face that are within the allowed gap of the surface.
+    gap
+        Metres between rim and surface along the axis of the cup where it is largest; negative if the rim is inside the
+        part there, inf if a part of the rim is not over the part.
+    tilt
+        rad between the face and the plane fitted to the surface at the rim; NaN if the gap is inf.
+    """
+
+    contact_area: float
+    gap: float
+    tilt: float
+
+
+@dataclass(frozen=True)
 class GripResult:
     """Whether a part is held, and the contacts that hold it.
 
@@ -332,17 +358,22 @@ class GripResult:
     contacts
         The contacts of the fingers that touch the part, the largest first; if it is not held, those of all fingers.
     tip_distance
-        Metres from the tip to the surface of the part, for a tool without fingers.
+        Metres from the tip to the surface of the part, for a tool without fingers and without a cup.
+    cup
+        The contact of the suction cup, if the tool has one.
     """
 
     held: bool
     message: str
     contacts: tuple[FingerContact, ...] = ()
     tip_distance: float | None = None
+    cup: CupContact | None = None
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures of the stage (m and m^2): smallest area and overlap, largest gap, closing direction."""
+        """The figures of the stage (m, m^2 and rad): smallest area and overlap, largest gap, closing direction."""
+        if self.cup is not None:
+            return {"contact_area": self.cup.contact_area, "gap": self.cup.gap, "tilt": self.cup.tilt}
         if self.tip_distance is not None:
             return {"tip_distance": self.tip_distance}
         if not self.contacts:
@@ -384,7 +415,7 @@ class _Patch:
 
 
 def grip_by_tip(tip: SE3, part: HeldPart, limits: GripLimits) -> GripResult:
-    """Whether the tip of a tool without fingers, such as a magnet or a suction cup, is close to the part."""
+    """Whether the tip of a tool without fingers and without a cup, such as a magnet, is close to the part."""
     distance = point_distance(part.surface, part.pose.actInv(tip.translation))
     words = f"the tip is {_mm(distance)} from the surface of {part.name}"
     if distance <= limits.tip:
@@ -423,19 +454,14 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
         return GripResult(False, f"{reason}; a gap of at most {_mm(limits.gap)} is allowed", tuple(stops))
     touching = [each.patch(limits) for each in paths if each.contact.gap <= limits.gap]
     contacts = [patch.contact for patch in touching]
-    enough = [
-        patch
-        for patch in touching
-        if patch.contact.contact_area >= limits.area and patch.contact.overlap >= limits.overlap
-    ]
+    area, overlap = (1 + SAMPLED) * limits.area, (1 + SAMPLED) * limits.overlap
+    enough = [patch for patch in touching if patch.contact.contact_area >= area and patch.contact.overlap >= overlap]
     if len(enough) < 2:
         weak = min((patch.contact for patch in touching), key=lambda each: (each.contact_area, each.overlap))
         reason = (
             f"{weak.finger} touches {part.name} over {_mm2(weak.contact_area)} and {_mm(weak.overlap)} along the finger"
         )
-        return GripResult(
-            False, f"{reason}; at least {_mm2(limits.area)} and {_mm(limits.overlap)} are needed", tuple(contacts)
-        )
+        return GripResult(False, f"{reason}; at least {_mm2(area)} and {_mm(overlap)} are needed", tuple(contacts))
     if not balanced([(patch.points, patch.normal) for patch in enough], limits.angle):
         reason = f"{' and '.join(patch.contact.finger for patch in enough[:3])} do not press on opposite sides"
         cone = f"no forces within {np.degrees(limits.angle):.0f} deg of the contact normals balance"
@@ -444,9 +470,9 @@ def grip_by_fingers(fingers: Sequence[MovingFinger], part: HeldPart, along: Arra
     least = min(held, key=lambda each: each.contact_area)
     overlap = min(each.overlap for each in held)
     direction = " ".join(f"{value + 0.0:.2f}" for value in np.round(held[0].closing_direction, 2))
-    area = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
+    extent = f"at least {_mm2(least.contact_area)} and {_mm(overlap)} along the finger"
     message = (
-        f"{len(held)} fingers touch {part.name}, each over {area}; closing direction ({direction}) in the tcp frame"
+        f"{len(held)} fingers touch {part.name}, each over {extent}; closing direction ({direction}) in the tcp frame"
     )
     return GripResult(True, message, tuple(held))
 

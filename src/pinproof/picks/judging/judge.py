@@ -129,8 +129,8 @@ def _compared(result: StageResult, search: BestFirst) -> StageResult:
 
     Candidates are the complete motions and those that the bound of their score excludes.
     """
-    counts = {"whole": search.made, "excluded": search.excluded, "untried": search.untried}
-    compared = counts["whole"] + counts["excluded"]
+    counts = {"complete": search.made, "excluded": search.excluded, "untried": search.untried}
+    compared = counts["complete"] + counts["excluded"]
     notes = [f"best of {compared} candidates"] if compared > 1 else []
     if counts["untried"]:
         notes.append(f"{counts['untried']} more not tried within the budget")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -17,7 +16,7 @@ from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.judging.grasp import Candidate
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
-from pinproof.planning import LinearPlanResult, PlanResult, RrtConnect, plan_linear, shortcut
+from pinproof.planning import LinearPlanResult, PlanResult, make_planner, plan_linear, shortcut
 from pinproof.planning.ends import with_turns
 from pinproof.spatial import SE3
 
@@ -33,7 +32,6 @@ __all__ = [
     "line_out",
     "passing",
     "passing_at",
-    "planner",
     "shifted",
     "shortened",
     "span",
@@ -205,11 +203,6 @@ STRAIGHT = 2
 """Number of waypoints of a straight path, which cannot be shortened."""
 
 
-def planner(nodes: int) -> RrtConnect:
-    """The planner with a budget of nodes and samples instead of time, so that the verdict is reproducible."""
-    return RrtConnect(max_nodes=nodes, max_samples=4 * nodes, time_limit=math.inf)
-
-
 class Crossing(NamedTuple):
     """A transit: the result of the stage, the attempt it leads to, the path, and its observed clearance (m)."""
 
@@ -221,9 +214,9 @@ class Crossing(NamedTuple):
 
 def transit(task: Task, attempts: list[Attempt], nodes: int, seeds: list[int]) -> Crossing:
     """A path from home to the entrance of one of the attempts."""
-    plan = planner(nodes).plan(
-        task.outside, task.cell.home, np.array([attempt.entrance for attempt in attempts]), rng=seeds[0]
-    )
+    planner = make_planner(task.cell.budget.planner).limited_to(nodes)
+    goals = np.array([attempt.entrance for attempt in attempts])
+    plan = planner.plan(task.outside, task.cell.home, goals, rng=seeds[0])
     if plan.path is None or plan.goal is None:
         figures = {"nodes": float(plan.nodes), "goals": float(len(attempts))}
         return Crossing(StageResult(Stage.TRANSIT, False, f"from home: {plan.message}", figures))
@@ -247,6 +240,5 @@ def full_rotations(arm: Arm, home: Array, attempt: Attempt) -> Array:
     """(k, n) full rotations (rad) that can be added to an attempt within the limits; zero is the first."""
     entrances, _ = with_turns(arm, home, attempt.entrance[None])
     shifts = entrances - attempt.entrance
-    low, high = attempt.span()
-    inside = ((low + shifts >= arm.limits.lower) & (high + shifts <= arm.limits.upper)).all(axis=1)
+    inside = arm.limits.inside(np.array(attempt.span())[:, None] + shifts).all(axis=0)
     return np.asarray(shifts[inside | (np.arange(len(shifts)) == 0)])

@@ -13,9 +13,10 @@ from pinproof.motion import CubicPath, JointPath
 from pinproof.picks.input.pick import Member, PlaceTarget, moved
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
-from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, planner, shifted, shortened, span
+from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
+from pinproof.planning import make_planner
 from pinproof.planning.ends import with_turns
 
 __all__ = ["Placer", "Placing", "Release"]
@@ -189,11 +190,10 @@ class Placer:
         low, high = span(down.q, down.lift, down.leave)
         goals, _ = with_turns(arm, attempt.exit, down.entrance[None])
         shifts = [goal - down.entrance for goal in goals]
-        inside = [s for s in shifts if (low + s >= limits.lower).all() and (high + s <= limits.upper).all()]
+        inside = [shift for shift in shifts if limits.inside(np.array([low, high]) + shift).all()]
         shifts = inside or shifts[:1]
-        plan = planner(task.cell.budget.nodes).plan(
-            carrying, attempt.exit, down.entrance + np.array(shifts), rng=seeds[0]
-        )
+        planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
+        plan = planner.plan(carrying, attempt.exit, down.entrance + np.array(shifts), rng=seeds[0])
         if plan.path is None or plan.goal is None:
             return _failure(replace(down, why=f"transfer: {plan.message}")), None
         path, clearance = shortened(plan, carrying, seeds[1])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -10,16 +10,21 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, Scene
+from pinproof.collision import Certificate, CollisionChecker, Scene
+from pinproof.collision.overlaps import overlap_hint
 from pinproof.common.content_hash import digest
+from pinproof.common.display import outline
 from pinproof.common.validation import Rng, seed_sequence
+from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
+from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import Pick, Picks, moved_by
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import contact_words
 from pinproof.picks.judging.judge import judge
-from pinproof.picks.judging.task import Cell
+from pinproof.picks.judging.task import Cell, Task
+from pinproof.picks.judging.timing import recertify
 from pinproof.picks.judging.verdict import PickVerdict
 from pinproof.spatial import xyz_rpy
 
@@ -78,8 +83,10 @@ class PickSetup:
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
-        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checker.check(start))]
+        checked = checker.check(start)
+        trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
         if trouble:
+            trouble += filter(None, [overlap_hint(checker, start, checked)])
             raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
         return cls(
@@ -91,6 +98,9 @@ class PickSetup:
             weights or PickWeights(),
             budget or PickBudget(),
         )
+
+    def __repr__(self) -> str:
+        return outline("PickSetup", (repr(self.checker), repr(self.shared)))
 
     @cached_property
     def cell(self) -> Cell:
@@ -108,25 +118,65 @@ class PickSetup:
         """The verdict on the pick at ``index``."""
         return judge(pick, self.cell, self.rng(index))
 
-    def not_covered(self) -> tuple[str, ...]:
-        """What the verdicts do not cover, one sentence each."""
+    def recertify(self, program: MotionProgram, pick: Pick) -> tuple[Certificate, ...]:
+        """Certify the motions of a program again in this setup.
+
+        Parameters
+        ----------
+        program
+            The program; its motions may differ from those that were certified (:attr:`MotionProgram.changed`).
+        pick
+            The pick of the program.
+
+        Returns
+        -------
+        tuple[Certificate, ...]
+            The certificate of each motion of the program, in order. A certificate holds for the joint values and times
+            of the program; the grasp pose and the joint limits are not checked.
+
+        Raises
+        ------
+        InputError
+            If the program is for another arm or another kind of pick.
+        """
+        if program.joint_names != self.checker.arm.joint_names:
+            own = ", ".join(self.checker.arm.joint_names)
+            raise InputError(f"the program has the joints {', '.join(program.joint_names)}; the arm has {own}")
+        return recertify(Task(pick, self.cell), program)
+
+    def not_covered(self, with_object: Collection[bool]) -> tuple[str, ...]:
+        """What the verdicts do not cover, one sentence each.
+
+        Parameters
+        ----------
+        with_object
+            Which of True and False occur: picks that state an object, and picks that do not.
+        """
         checker = self.checker
         urdf = checker.arm.robot.urdf
         solid = {geometry.link for geometry in urdf.collisions}
         visual_only = [link for link in dict.fromkeys(geometry.link for geometry in urdf.visuals) if link not in solid]
-        carried = "picks without `object:` are judged with an empty gripper after the grasp"
-        fingers = (
-            "gripping force and slip of the part; for picks with `object:`, only contact of the fingers on opposite "
-            "sides of the part is checked"
-        )
-        tip = (
-            "the holding force of a tool without fingers; for picks with `object:`, only a distance of at most "
-            f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
-        )
-        notes = [carried, fingers if self.cell.fingers else tip]
+        notes = []
+        if False in with_object:
+            notes.append("picks without `object:` are judged with an empty gripper after the grasp")
+        if True in with_object and self.cell.fingers:
+            notes.append(
+                "gripping force and slip of the part; only contact of the fingers on opposite sides of it is checked"
+            )
+        elif True in with_object and self.shared.cup is not None:
+            notes.append(
+                "the holding force of the suction cup; only that its rim lies on the surface of the part is checked"
+            )
+        elif True in with_object:
+            notes.append(
+                "the holding force of a tool without fingers; only a distance of at most "
+                f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
+            )
         if not solid:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
-        elif visual_only:
+        elif has_generated_bodies(urdf):
+            notes.append(GENERATED_BODIES)
+        if solid and visual_only:
             notes.append(f"links with visual geometry but no collision geometry: {', '.join(visual_only)}")
         if not checker.scene.obstacles:
             notes.append("the scene has no obstacles, so the robot was checked only against itself")
@@ -151,7 +201,15 @@ class PickSetup:
             "collision checks": self.checker.fingerprint()[:16],
             "home": self.home.tolist(),
             "seed": str(self.seeds.entropy),
-            "hand": digest((self.shared.fingers, self.shared.gripper, self.shared.grip, self.shared.grip_limits)),
+            "hand": digest(
+                (
+                    self.shared.fingers,
+                    self.shared.cup,
+                    self.shared.gripper,
+                    self.shared.grip,
+                    self.shared.grip_limits,
+                )
+            ),
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

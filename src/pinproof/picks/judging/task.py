@@ -15,6 +15,7 @@ from pinproof.collision.separation import directions_to_facets
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
 from pinproof.picks.input.pick import (
+    OBJECT,
     TIP,
     Member,
     Pick,
@@ -29,6 +30,7 @@ from pinproof.picks.input.pick import (
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
+from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.spatial import SE3, matrix
 
 __all__ = ["SUPPORT_GAP", "Cell", "Task"]
@@ -158,9 +160,6 @@ class Task:
     def __init__(self, pick: Pick, cell: Cell) -> None:
         self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
-        self.place: PlaceTarget | None = None
-        if pick.place is not None:
-            self.place = replace(pick.place, pose=self._in_root(pick.place.pose, pick.place.frame), frame="")
         carried, names = pick.carried, self.scene.names
         self.from_scene = isinstance(carried, str)
         if isinstance(carried, str) and carried not in names:
@@ -172,6 +171,7 @@ class Task:
                 if support not in names:
                     raise UnknownNameError("support", support, names, self.scene.where)
         self.name = carried.name if isinstance(carried, Obstacle) else carried
+        self.place = None if pick.place is None else self._place_of_tip(pick.place)
         self._carrying: dict[str, CollisionChecker] = {}
         self._letting_go: dict[str, CollisionChecker] = {}
         self._opening: dict[str, CollisionChecker] = {}
@@ -263,6 +263,8 @@ class Task:
                 if self.pick.approach_frame != TIP:
                     along = self.grasp(member).rotation.T @ along
                 self._grips[member.words] = grip_by_fingers(self.cell.fingers, part, tip.rotation @ along, limits)
+            elif self.cell.shared.cup is not None:
+                self._grips[member.words] = grip_by_cup(self.cell.shared.cup, tip, part)
             else:
                 self._grips[member.words] = grip_by_tip(tip, part, limits)
         return self._grips[member.words]
@@ -363,7 +365,17 @@ class Task:
         palm = ((name, part.name) for name in self.cell.palm if name in there)
         return checker.with_margin(0.0).allowing(*palm)
 
+    def _place_of_tip(self, place: PlaceTarget) -> PlaceTarget:
+        """The place with the pose of the tip in the root frame, at the nominal grasp."""
+        there = self._in_root(place.pose, place.frame)
+        if place.pose_of == OBJECT:
+            tip_from_object = self.cell.shared.tip.actInv(self.holding(Member(SE3.Identity())).pose)
+            there = there * tip_from_object.inverse()
+        return replace(place, pose=there, frame="", pose_of=TIP)
+
     def _in_root(self, pose: SE3, frame: str) -> SE3:
-        if not frame:
-            return pose
-        return root_from_frame(frame, self.cell.shared.frames, self.scene, self.arm) * pose
+        return self.root_from(frame) * pose if frame else pose
+
+    def root_from(self, frame: str) -> SE3:
+        """``root_from_frame`` of a frame in which a pick or a place is stated."""
+        return root_from_frame(frame, self.cell.shared.frames, self.scene, self.arm)

@@ -8,14 +8,15 @@ import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.collision.certificate import curve_hash
-from pinproof.errors import TimingError
-from pinproof.motion import CubicPath, JointPath, Trajectory, time_parametrise
+from pinproof.errors import InputError, TimingError
+from pinproof.motion import CubicPath, JointPath, MotionProgram, Trajectory, time_parametrise
+from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
 from pinproof.picks.judging.place import Placing
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
 
-__all__ = ["Timed", "time_motion"]
+__all__ = ["Timed", "recertify", "time_motion"]
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
 
@@ -73,15 +74,61 @@ def time_motion(
                 grasp_time = Trajectory.join(*trajectories).duration
             elif part.name in ("transfer", "place"):
                 release_time = Trajectory.join(*trajectories).duration
-        whole = Trajectory.join(*trajectories)
+        joined = Trajectory.join(*trajectories)
     except TimingError as error:
         return StageResult(Stage.TIMING, False, str(error)), None
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
     parts = f" in {len(motions)} motions" if len(motions) > 1 else ""
     message = f"collision-free{parts} ({pairs} body pair{'' if pairs == 1 else 's'} proven)"
-    figures = {"duration": whole.duration, "clearance": clearance}
-    return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), whole, grasp_time, release_time)
+    figures = {"duration": joined.duration, "clearance": clearance}
+    return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
+
+
+def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:
+    """Certify the motions of a program again in the present cell, each as :func:`time_motion` certifies it.
+
+    Raises
+    ------
+    InputError
+        If the pick has no grasp of the program's family, no motion of a name of the program, or another object.
+    """
+    members = [member for group in task.groups() for member in group]
+    member = next((each for each in members if each.words == program.member), None)
+    if member is None:
+        raise InputError(f"pick {task.pick.name!r} has no grasp {program.member!r}, with which the program was made")
+    found = []
+    for key, trajectory in program.motions.items():
+        name = program.certificates[key].name
+        part = _part_again(task, member, name, trajectory)
+        proof = _proof(part, trajectory)
+        if proof.free and part.passing is not None:
+            q = trajectory.end if name == "approach" else trajectory.start
+            passed = certify(trajectory, passing_at(part.passing, q))
+            proof = proof if passed.free else passed
+        found.append(proof)
+    return tuple(found)
+
+
+def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -> _Part:
+    """The part of a motion, with the checker and the conditions under which it is certified."""
+    one = task.name is None
+    if name not in (("pick",) if one else ("transit", "approach", "retreat", "transfer", "place", "leave")):
+        what = "without an object" if one else f"with object {task.name!r}"
+        raise InputError(f"the program has a motion {name!r}, which does not exist in a pick {what}")
+    if name in ("pick", "transit"):
+        return _Part(name, (), task.outside)
+    if name == "approach":
+        return _Part(name, (), task.at_grasp, passing=task.passing)
+    if name == "leave":
+        return _Part(name, (), task.letting_go(member), passing=task.passing_off(member))
+    carrying = task.carrying(member)
+    if name == "retreat":
+        return _Part(name, (), carrying, task.supports(carrying, trajectory.start, task.pick.support))
+    if name == "place":
+        stated = None if task.place is None else task.place.support
+        return _Part(name, (), carrying, task.supports(carrying, trajectory.end, stated), backwards=True)
+    return _Part(name, (), carrying)
 
 
 def _parts(task: Task, attempt: Attempt, path: JointPath, placing: Placing | None) -> list[_Part]:

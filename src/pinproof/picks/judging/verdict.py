@@ -6,17 +6,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import Certificate, Obstacle, Scene
+from pinproof.collision.certificate import proven_millimetres
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError
-from pinproof.motion import MotionRecord, Trajectory
+from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, Trajectory
+from pinproof.motion.motion_program import EventKind, certificate_id
+from pinproof.motion.trajectory_files import NANO
 from pinproof.picks.input.pick import Pick
 from pinproof.picks.judging.grip import GripResult
 
-__all__ = ["PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
+__all__ = ["VERDICT_COLOURS", "PickMotion", "PickStatus", "PickVerdict", "Stage", "StageResult"]
 
 
 class Stage(Enum):
@@ -51,6 +56,16 @@ class PickStatus(Enum):
     """The pick could not be judged: the judge raised an error or its process died."""
 
 
+VERDICT_COLOURS = {
+    "good": "#0b7a43",
+    "impossible": "#b3191f",
+    "not found": "#c05a00",
+    "unreadable": "#5b6673",
+    "crashed": "#7a2aa3",
+}
+"""The CSS colour of each verdict, in pages and tables."""
+
+
 @dataclass(frozen=True)
 class StageResult:
     """One stage: whether it passed, the reason, and its figures by name (m, rad, s and counts)."""
@@ -59,6 +74,9 @@ class StageResult:
     ok: bool
     message: str
     figures: Mapping[str, float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return f"{self.stage.value}: {'passed' if self.ok else 'failed'}: {self.message}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,6 +107,10 @@ class PickMotion:
     attached: tuple[Obstacle, ...]
     scene: Scene
     held: Mapping[str, float] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        attached = f", attached: {', '.join(thing.name for thing in self.attached)}" if self.attached else ""
+        return f"PickMotion({self.name!r}, {self.trajectory.duration:.4g} s, {self.certificate.status.name}{attached})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,6 +176,24 @@ class PickVerdict:
             q.setflags(write=False)
             object.__setattr__(self, "q_grasp", q)
 
+    def __repr__(self) -> str:
+        return outline(f"PickVerdict({self._headline})", (*map(str, self.stages), *self._suggested()))
+
+    def _repr_html_(self) -> str:
+        rows = ([each.stage.value, "passed" if each.ok else "failed", each.message] for each in self.stages)
+        table = html_table(("stage", "result", "figures or reason"), rows, total=len(self.stages))
+        return html_block(self._headline, table, html_list(self._suggested()), html_list(self.refuted))
+
+    @property
+    def _headline(self) -> str:
+        at = "" if self.failed is None else f" at {self.failed.value}"
+        seconds = "" if self.trajectory is None else f", {self.trajectory.duration:.2f} s"
+        proven = f", {proven_millimetres(self.clearance)} clearance proven" if self.motions else ""
+        return f"{self.pick.name}: {self.status.value.upper()}{at}{seconds}{proven}"
+
+    def _suggested(self) -> tuple[str, ...]:
+        return tuple(f"suggestion: {each}" for each in self.suggestions)
+
     @property
     def ok(self) -> bool:
         """Whether the pick is GOOD."""
@@ -190,6 +230,58 @@ class PickVerdict:
             records.append(part.certificate.motion_record(name, start, start + part.trajectory.duration))
         self.trajectory.with_records(records).save(path)
 
+    def program(
+        self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0, robot: str = "", tcp: str = ""
+    ) -> MotionProgram:
+        """All motions of a good pick as one program with the events grip and release.
+
+        Parameters
+        ----------
+        grip_dwell, release_dwell
+            Seconds that the arm rests while the gripper closes and while it opens.
+        robot, tcp
+            The names that the program states; :meth:`pinproof.PickReport.programs` fills them in.
+
+        Raises
+        ------
+        InputError
+            If the pick is not good and therefore has no motion, or a dwell time is negative.
+        """
+        if self.trajectory is None or self.grasp_time is None:
+            raise InputError(f"pick {self.pick.name!r} is {self.status.value}, so it has no motion")
+        carried = self.pick.carried
+        name = (carried.name if isinstance(carried, Obstacle) else carried) or ""
+        pending = [("grip", _clock(self.grasp_time), grip_dwell)]
+        if self.release_time is not None:
+            pending.append(("release", _clock(self.release_time), release_dwell))
+        segments: list[ProgramSegment] = []
+        events: list[ProgramEvent] = []
+        records: dict[str, MotionRecord] = {}
+        moved, rested = 0, 0  # nanoseconds of motion and of dwell time so far
+        for number, motion in enumerate(self.motions):
+            duration = motion.trajectory.duration
+            record = motion.certificate.motion_record(motion.name, 0.0, duration)
+            key = certificate_id(record)
+            records[key] = record
+            parts = [(motion.name, motion.trajectory)]
+            inside = [time - moved for _, time, _ in pending[:1] if moved < time < moved + _clock(duration)]
+            for time in inside:  # one certificate covers the motions before and after the grasp
+                before, after = motion.trajectory.split(time / NANO)
+                parts = [(f"{motion.name} to grasp", before), (f"{motion.name} from grasp", after)]
+            for title, trajectory in parts:
+                segments.append(ProgramSegment(title, (moved + rested) / NANO, trajectory, key))
+                moved += _clock(trajectory.duration)
+                if pending and pending[0][1] == moved:
+                    kind, _, dwell = pending.pop(0)
+                    later = self.motions[min(number + 1, len(self.motions) - 1)].held
+                    joints = {joint: later[joint] for joint in later if later[joint] != motion.held.get(joint)}
+                    now = (moved + rested) / NANO
+                    events.append(ProgramEvent(cast(EventKind, kind), now, dwell, name, joints))
+                    rested += _clock(dwell)
+        return MotionProgram(
+            self.pick.name, tuple(segments), tuple(events), records, robot=robot, tcp=tcp, member=self.member
+        )
+
     @property
     def remedy(self) -> str:
         """All suggestions in one line; empty without suggestions."""
@@ -199,3 +291,7 @@ class PickVerdict:
     def clearance(self) -> float:
         """Metres: the smallest proven clearance of all motions; NaN unless GOOD."""
         return min((motion.certificate.clearance for motion in self.motions), default=float("nan"))
+
+
+def _clock(seconds: float) -> int:
+    return round(seconds * NANO)

@@ -23,16 +23,17 @@ from pinproof.collision.certificate import proven_millimetres, setup_hash
 from pinproof.common.files import write_text_whole
 from pinproof.errors import InputError, MeshError, ViewerError
 from pinproof.model import Arm
+from pinproof.model.limits import guess_note
 from pinproof.picks.input.pick import Picks, root_from_frame
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import PickVerdict
+from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickVerdict
 from pinproof.spatial import matrix, pose
 from pinproof.viewer.animation import Film, Phase, film, still, tracks
 from pinproof.viewer.assembly import assemble, fill, part, view_settings
-from pinproof.viewer.camera import View, choose_view
+from pinproof.viewer.camera import View, choose_view, extremes, placed_points, tool_points
 from pinproof.viewer.overlays import LONGEST, PoseMarkers, arrow
 from pinproof.viewer.picture import stage_commands
-from pinproof.viewer.stage import DrawnLink, Stage, set_stage
+from pinproof.viewer.stage import DrawnLink, Stage, box_corners, set_stage, simplified
 from pinproof.viewer.surfaces import Surface, merge_by_colour, obstacle_surfaces
 from pinproof.viewer.wire import Commands, node_path, transform_command
 
@@ -41,8 +42,8 @@ __all__ = [
     "MOST_ROWS",
     "Kind",
     "PageContent",
+    "PageMotions",
     "PageRow",
-    "Reel",
     "entry",
     "frame_picks",
     "surfaces_of",
@@ -66,11 +67,11 @@ class Kind:
 
 
 KINDS = {
-    "good": Kind("#0b7a43", "Every stage is passed, and the motion is proven."),
-    "impossible": Kind("#b3191f", "Every configuration was enumerated, and each is refuted."),
-    "not found": Kind("#c05a00", "No solution was found within the budget; there may be one."),
-    "unreadable": Kind("#5b6673", "The row could not be read."),
-    "crashed": Kind("#7a2aa3", "The pick could not be judged."),
+    "good": Kind(VERDICT_COLOURS["good"], "Every stage is passed, and the motion is proven."),
+    "impossible": Kind(VERDICT_COLOURS["impossible"], "Every configuration was enumerated, and each is refuted."),
+    "not found": Kind(VERDICT_COLOURS["not found"], "No solution was found within the budget; there may be one."),
+    "unreadable": Kind(VERDICT_COLOURS["unreadable"], "The row could not be read."),
+    "crashed": Kind(VERDICT_COLOURS["crashed"], "The pick could not be judged."),
 }
 
 DETAILS = ("stages", "motions", "refuted")
@@ -81,23 +82,25 @@ MOST_DETAILS = 2_000_000
 PROVEN = "Proven at every instant, not at samples: no checked pair comes closer than the clearance below."
 
 
-def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks) -> dict[str, Any]:
-    """The entry of a row for the table and the caption of the page."""
+def entry(
+    row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Scene, picks: Picks, *, guessed: bool = False
+) -> dict[str, Any]:
+    """The entry of a row for the table and the caption of the page; ``guessed`` are its acceleration limits."""
     kind = row["verdict"]
-    headline, tone, said = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
+    headline, tone, text = kind.upper(), kind.replace(" ", "-"), row.get("reason", "")
     if kind == "good" and verdict is None:
-        said = "Judged good, with its motion proven. The rows of a campaign keep no motions, so none is played."
+        text = "Judged good, with its motion proven. The rows of a campaign keep no motions, so none is played."
     elif kind == "good" and verdict is not None:
         if _proven(verdict, arm, scene, picks):
-            headline, tone, said = "FREE", "free", PROVEN
+            headline, tone, text = "FREE", "free", PROVEN
         else:
             headline, tone = "NOT VALIDATED", "open"
-            said = "The certificate belongs to another motion, arm, scene or tool than those of this page."
+            text = "The certificate belongs to another motion, arm, scene or tool than those of this page."
     clearance, duration = row.get("clearance_proven"), row.get("duration")
     proven = _proven_text(row)
     figures = {
         "Proven clearance": proven,
-        "Duration": _seconds(duration),
+        "Duration": _seconds(duration) + (", with guessed accelerations" if guessed and duration is not None else ""),
         "Grasp at": _seconds(row.get("grasp_time")),
         "Let go at": _seconds(row.get("release_time")),
         "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
@@ -115,7 +118,7 @@ def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Sce
         "remedy": row.get("remedy", ""),
         "headline": headline,
         "tone": tone,
-        "said": said,
+        "said": text,
         "figures": [[name, text] for name, text in figures.items() if text],
         "stages": [[stage["stage"], stage["ok"], stage["message"]] for stage in row.get("stages", ())],
         "motions": [[each["name"], _seconds(each["duration"]), _proven_text(each)] for each in row.get("motions", ())],
@@ -125,13 +128,13 @@ def entry(row: dict[str, Any], verdict: PickVerdict | None, arm: Arm, scene: Sce
 
 def without_more_details(entries: Iterable[dict[str, Any]]) -> tuple[list[dict[str, Any]], int]:
     """The entries, without details once :data:`MOST_DETAILS` is exceeded, and the number of entries without details."""
-    kept, room, bare = [], MOST_DETAILS, 0
+    kept, budget, shortened = [], MOST_DETAILS, 0
     for each in entries:
-        room -= len(json.dumps([each[name] for name in DETAILS]))
-        if room < 0:
-            each, bare = {**each, **dict.fromkeys(DETAILS, ())}, bare + 1
+        budget -= len(json.dumps([each[name] for name in DETAILS]))
+        if budget < 0:
+            each, shortened = {**each, **dict.fromkeys(DETAILS, ())}, shortened + 1
         kept.append(each)
-    return kept, bare
+    return kept, shortened
 
 
 def _seconds(value: float | None) -> str:
@@ -181,14 +184,18 @@ GROUPS, A_GROUP = 6, 30
 """Number of groups of adjacent grasps whose visibility counts like that of a link, and of grasps drawn per group."""
 
 
-def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array) -> View:
-    """The view of a stage with links at poses (F, L, 4, 4), points of tcp paths (N, 3), and grasps (G, 4, 4)."""
+def frame_picks(stage: Stage, poses: Array, tcp: Array, grasps: Array, tool: Array) -> View:
+    """The view of a stage with links at poses (F, L, 4, 4), points of tcp paths (N, 3), and grasps (G, 4, 4).
+
+    ``tool`` (M, 3) are points of the tool and of carried parts; they and the obstacles near them are in the picture.
+    """
     near = grasps[np.linalg.norm(grasps[:, :3, 3], axis=1) <= FRAMED * _extent(stage, poses)]
     tails = near[:, :3, 3] - LONGEST * near[:, :3, 2]
     groups = _groups(near)
-    standing = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
+    at_rest = np.broadcast_to(np.eye(4), (len(poses), len(groups), 4, 4))
     seen = replace(stage, links=(*stage.links, *groups))
-    return choose_view(seen, np.concatenate([poses, standing], axis=1), np.concatenate([tcp, near[:, :3, 3], tails]))
+    points = np.concatenate([tcp, near[:, :3, 3], tails])
+    return choose_view(seen, np.concatenate([poses, at_rest], axis=1), points, tool=tool)
 
 
 def _extent(stage: Stage, poses: Array) -> float:
@@ -209,7 +216,7 @@ def _groups(grasps: Array) -> list[DrawnLink]:
     return bodies
 
 
-RATE, LEAST_RATE = 30.0, 5.0
+RATE, MIN_RATE = 30.0, 5.0
 """Largest and smallest number of key frames per second; fewer are used if the motions would exceed the size limit."""
 
 MOST_BYTES = 5e6
@@ -221,16 +228,16 @@ BYTES_A_POSE = 28 * 4 / 3
 BYTES_A_LINK = 450
 """Size of the data of a link in a motion, without its poses."""
 
-SHOWN_MOMENTS = 40
+SHOWN_POSES = 40
 """Number of moments of all motions together that the camera frames."""
 
 
-SHOWN_PLACES = 4000
+SHOWN_POINTS = 4000
 """Number of points of all paths together that the camera frames."""
 
 
 @dataclass(frozen=True, eq=False)
-class Reel:
+class PageMotions:
     """The motions of a page.
 
     Parameters
@@ -254,15 +261,17 @@ class Reel:
     notes: tuple[str, ...]
 
     @classmethod
-    def of(cls, stage: Stage, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]) -> Reel:
+    def of(
+        cls, stage: Stage, scene: Scene, tool: Sequence[Obstacle], verdicts: Sequence[PickVerdict | None]
+    ) -> PageMotions:
         """The motions of verdicts; ``tool`` are the bodies that the stage always draws attached to the tcp."""
         always = {thing.name for thing in tool}
         parts = [_phases(verdict, always) for verdict in verdicts]
         seconds = [sum(phase.trajectory.duration for phase in phases) for phases in parts]
-        room = MOST_BYTES / max(len(stage.links), 1)
-        said = BYTES_A_LINK * np.array([bool(phases) for phases in parts])
-        fits = np.cumsum(np.array(seconds) * LEAST_RATE * BYTES_A_POSE + said) <= room
-        spare = room - said[fits].sum()  # bytes left for poses
+        budget = MOST_BYTES / max(len(stage.links), 1)
+        overhead = BYTES_A_LINK * np.array([bool(phases) for phases in parts])
+        fits = np.cumsum(np.array(seconds) * MIN_RATE * BYTES_A_POSE + overhead) <= budget
+        spare = budget - overhead[fits].sum()  # bytes left for poses
         rate = min(RATE, spare / (BYTES_A_POSE * max(float(np.array(seconds)[fits].sum()), 1e-9)))
         films = tuple(
             film(stage, phases, rate=rate) if phases and fit else None for phases, fit in zip(parts, fits, strict=True)
@@ -278,20 +287,34 @@ class Reel:
         return cls(stage, scene, films, bodies, tuple(notes))
 
     @property
-    def moments(self) -> Array:
+    def shown_poses(self) -> Array:
         """(M, L, 4, 4) poses of the links at some moments of the motions, for the camera."""
         films = [each for each in self.films if each is not None]
         none = np.empty((0, len(self.stage.links), 4, 4))
-        chosen = films[:: max(1, len(films) * 2 // SHOWN_MOMENTS)]
+        chosen = films[:: max(1, len(films) * 2 // SHOWN_POSES)]
         return np.concatenate([none, *(each.poses[[len(each.times) // 2, -1]] for each in chosen)])
 
     @property
-    def ways(self) -> Array:
+    def shown_points(self) -> Array:
         """(N, 3) points on the paths of the tcp and of carried bodies, for the camera."""
         films = [each for each in self.films if each is not None]
         carried = [poses[:, :3, 3] for each in films for poses in each.riders.values()]
-        ways = np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
-        return ways[:: -(-len(ways) // SHOWN_PLACES) or 1]
+        points = np.concatenate([np.empty((0, 3)), *(each.tcp for each in films), *carried])
+        return points[:: -(-len(points) // SHOWN_POINTS) or 1]
+
+    @property
+    def tool(self) -> Array:
+        """(N, 3) points around the tool and the carried bodies at all moments of the motions, for the camera."""
+        found = [np.empty((0, 3))]
+        for shown, bodies in zip(self.films, self.bodies, strict=True):
+            if shown is None:
+                continue
+            points = [tool_points(self.stage, shown.poses)]
+            for name, poses in shown.riders.items():
+                if surfaces := surfaces_of(bodies[name]):
+                    points.append(placed_points(box_corners(surfaces), poses))
+            found.append(extremes(np.concatenate(points)))
+        return np.concatenate(found)
 
     def add_to(self, commands: Commands) -> list[dict[str, Any] | None]:
         """The tracks of each motion. Carried bodies are drawn, but hidden until their pick is selected."""
@@ -443,11 +466,12 @@ def write_page(
         )
     shown = list(islice(content.rows, MOST_ROWS))
     notes = [f"Not covered: {note}" for note in content.notes]
-    notes.append(f"Acceleration limits: {content.acceleration_source}")
+    guess = guess_note(content.acceleration_source)
+    notes.append(guess or f"Acceleration limits: {content.acceleration_source}")
     if len(shown) < content.total:
         notes.insert(0, f"This page shows the first {len(shown):,} of {content.total:,} rows.")
     words = {"title": title or f"Picks of {arm.robot.name}", "summary": content.summary}
-    write_text_whole(path, _render(shown, content.verdicts, arm, scene, picks, words, notes))
+    write_text_whole(path, _render(shown, content.verdicts, arm, scene, picks, words, notes, guessed=bool(guess)))
 
 
 def _render(
@@ -458,8 +482,10 @@ def _render(
     picks: Picks,
     words: dict[str, str],
     notes: list[str],
+    *,
+    guessed: bool,
 ) -> str:
-    stage = set_stage(arm, scene, picks.tool)
+    stage = simplified(set_stage(arm, scene, picks.tool))
     if not stage.links:
         raise ViewerError(f"robot {arm.robot.name!r} has nothing to draw: no link has geometry")
     verdicts = [row.verdict for row in rows]
@@ -467,33 +493,32 @@ def _render(
         (v.trajectory.start for v in verdicts if v is not None and v.trajectory is not None),
         np.array(picks.home_configuration(arm.joint_names, arm.home)),
     )
-    reel = Reel.of(stage, scene, picks.tool, verdicts)
+    motions = PageMotions.of(stage, scene, picks.tool, verdicts)
     rest = still(stage, home)
     placed = [_root_from_tip(row.values, arm, scene, picks) for row in rows]
     grasps = np.array([at for at in placed if at is not None]).reshape(-1, 4, 4)
-    poses = np.concatenate([rest.poses, reel.moments])
-    view = frame_picks(stage, poses, np.concatenate([rest.tcp, reel.ways]), grasps)
+    poses = np.concatenate([rest.poses, motions.shown_poses])
+    tool = np.concatenate([tool_points(stage, rest.poses), motions.tool])
+    view = frame_picks(stage, poses, np.concatenate([rest.tcp, motions.shown_points]), grasps, tool)
     commands = stage_commands(stage, rest, view)
     _draw_open_hand(commands, stage, home, picks)
     marked = [k for k, at in enumerate(placed) if at is not None]
     names = list(KINDS)
     colour_of = [names.index(rows[k].values["verdict"]) if rows[k].values["verdict"] in KINDS else -1 for k in marked]
     markers = PoseMarkers(grasps, np.array(colour_of, dtype=np.int64), tuple(kind.rgb for kind in KINDS.values()))
-    told = (entry(row.values, row.verdict, arm, scene, picks) for row in rows)
-    entries, bare = without_more_details(told)
-    if bare:
-        notes = [
-            *notes,
-            f"The stages and parts of {bare:,} rows are omitted to limit the size of the page; JSON and CSV have them.",
-        ]
+    details = (entry(row.values, row.verdict, arm, scene, picks, guessed=guessed) for row in rows)
+    entries, shortened = without_more_details(details)
+    if shortened:
+        reason = "are omitted to limit the size of the page; JSON and CSV have them."
+        notes = [*notes, f"The stages and parts of {shortened:,} rows {reason}"]
     settings = {
         **view_settings(view),
         "entries": entries,
         "kinds": {name: kind.css for name, kind in KINDS.items()},
         "marked": marked,
         "markers": markers.settings(commands),
-        "motions": reel.add_to(commands),
-        "rest": reel.at_rest(rest),
+        "motions": motions.add_to(commands),
+        "rest": motions.at_rest(rest),
     }
     body = fill(
         part("page.html", __package__),
@@ -501,7 +526,7 @@ def _render(
             "title": escape(words["title"]),
             "summary": escape(words["summary"]),
             "chips": _chips(kinds),
-            "notes": _items([*reel.notes, *notes, *stage.notes]),
+            "notes": _items([*motions.notes, *notes, *stage.notes]),
         },
     )
     style = part("common.css") + part("page.css", __package__)

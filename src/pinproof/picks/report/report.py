@@ -7,7 +7,8 @@ import io
 import json
 import math
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,19 +16,23 @@ import numpy as np
 
 from pinproof.collision import Certificate, Scene
 from pinproof.collision.certificate import proven_millimetres
-from pinproof.common.files import write_text_whole
+from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.files import file_stems, unknown_suffix, write_text_whole
 from pinproof.errors import InputError
 from pinproof.model import Arm
+from pinproof.model.limits import guess_note
+from pinproof.motion import MotionProgram
 from pinproof.picks.input.pick import PickProblem, Picks
 from pinproof.picks.judging.grip import GripResult
 from pinproof.picks.judging.setup import PickSetup
-from pinproof.picks.judging.verdict import PickMotion, PickVerdict, StageResult
+from pinproof.picks.judging.verdict import VERDICT_COLOURS, PickMotion, PickVerdict, StageResult
+from pinproof.picks.report.report_keys import SCHEMA
 from pinproof.spatial import xyz_rpy
 
 if TYPE_CHECKING:
     from pinproof.picks.report.page import PageContent
 
-__all__ = ["COLUMNS", "CSV_COLUMNS", "SCHEMA", "SUFFIXES", "PickReport", "problem_row", "proofs", "verdict_row"]
+__all__ = ["COLUMNS", "CSV_COLUMNS", "REPORT_SUFFIXES", "PickReport", "problem_row", "proofs", "verdict_row"]
 
 
 def proofs(verdict: PickVerdict) -> tuple[Certificate, ...]:
@@ -94,7 +99,8 @@ def _grip(grip: GripResult) -> dict[str, Any]:
         }
         for each in grip.contacts
     ]
-    return {"contacts": contacts, "tip_distance": grip.tip_distance}
+    cup = None if grip.cup is None else {key: _finite(value) for key, value in asdict(grip.cup).items()}
+    return {"contacts": contacts, "tip_distance": grip.tip_distance, "cup": cup}
 
 
 def _motion(motion: PickMotion) -> dict[str, Any]:
@@ -139,14 +145,6 @@ CSV_COLUMNS = (
 ``motions`` has the names of the parts in order. ``refuted`` has one line for each configuration.
 """
 
-SUFFIXES = (".json", ".md", ".csv", ".html")
-
-SCHEMA = "pinproof/picks/2"
-"""The version of the JSON format (JSON Schema: ``schema.json`` in this folder), raised by breaking changes.
-
-Version 2 adds ``member``, ``refuted``, ``release_time``, ``score`` and ``motions`` to each pick.
-"""
-
 
 @dataclass(frozen=True, eq=False)
 class PickReport:
@@ -166,6 +164,8 @@ class PickReport:
         What the verdicts do not cover, in sentences.
     setup
         The setup that the picks were judged with, used for the HTML page; None if it is not known.
+    not_judged
+        The number of picks without a verdict, because the judging was interrupted; they are last in the list.
     """
 
     robot: str
@@ -174,6 +174,21 @@ class PickReport:
     acceleration_source: str
     notes: tuple[str, ...] = ()
     setup: PickSetup | None = field(default=None, repr=False)
+    not_judged: int = 0
+
+    def __repr__(self) -> str:
+        rows = (
+            ", ".join(filter(None, (f"{name}: {verdict}{stage and f' at {stage}'}", clearance, duration, reason)))
+            for name, verdict, stage, clearance, duration, reason, _ in self.rows()
+        )
+        return outline(f"PickReport({self.robot}: {self.summary})", rows)
+
+    def _repr_html_(self) -> str:
+        rows = self.rows()
+        colours = [VERDICT_COLOURS[row[1]] for row in rows]
+        notes = [f"not covered: {note}" for note in self.notes]
+        notes.append(self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}")
+        return html_block(f"{self.robot}: {self.summary}", html_table(COLUMNS, rows, colours=colours), html_list(notes))
 
     @property
     def good(self) -> tuple[PickVerdict, ...]:
@@ -183,12 +198,17 @@ class PickReport:
     @property
     def ok(self) -> bool:
         """Whether there is at least one row and every row is a good pick."""
-        return 0 < len(self.good) == len(self.verdicts) and not self.problems
+        return 0 < len(self.good) == len(self.verdicts) and not self.problems and not self.not_judged
+
+    @property
+    def guessed_accelerations(self) -> str:
+        """A sentence for durations that follow from guessed acceleration limits; empty if all limits are known."""
+        return guess_note(self.acceleration_source)
 
     @property
     def summary(self) -> str:
         """One line: the number of good picks, and the stages at which the others fail."""
-        total = len(self.verdicts) + len(self.problems)
+        total = len(self.verdicts) + len(self.problems) + self.not_judged
         stages: dict[str, int] = {}
         for verdict in self.verdicts:
             if verdict.failed is not None:
@@ -196,7 +216,8 @@ class PickReport:
         if self.problems:
             stages["input"] = stages.get("input", 0) + len(self.problems)
         failed = ", ".join(f"{count} at {stage}" for stage, count in stages.items())
-        return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "")
+        left = f"; {self.not_judged} not judged, because the run was interrupted" if self.not_judged else ""
+        return f"{len(self.good)} of {total} picks good" + (f"; failed: {failed}" if failed else "") + left
 
     def rows(self) -> list[tuple[str, ...]]:
         """The rows of the table with the columns :data:`COLUMNS`; unreadable rows are last."""
@@ -215,7 +236,7 @@ class PickReport:
         """The summary and the table in Markdown."""
         lines = [f"**{self.robot}**: {self.summary}", "", _line(COLUMNS), _line(("---",) * len(COLUMNS))]
         lines += [_line(row) for row in self.rows()]
-        lines += ["", f"Acceleration limits: {self.acceleration_source}"]
+        lines += ["", self.guessed_accelerations or f"Acceleration limits: {self.acceleration_source}"]
         lines += ["", "Not covered:", "", *(f"- {note}" for note in self.notes)] if self.notes else []
         return "\n".join(lines) + "\n"
 
@@ -228,6 +249,10 @@ class PickReport:
             cells = _cells(row)
             lines.writerow("" if cells.get(column) is None else cells[column] for column in CSV_COLUMNS)
         return text.getvalue()
+
+    def to_json(self) -> str:
+        """The text of :meth:`to_dict` in JSON."""
+        return json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
 
     def to_dict(self) -> dict[str, Any]:
         """The complete report as plain values for JSON; lengths in metres, angles in radians, times in seconds.
@@ -243,6 +268,7 @@ class PickReport:
             "notes": list(self.notes),
             "picks": [verdict_row(verdict) for verdict in self.verdicts],
             "problems": [{"row": p.row, "name": p.name, "reason": p.reason} for p in self.problems],
+            "not_judged": self.not_judged,
         }
 
     def save(
@@ -262,7 +288,7 @@ class PickReport:
         Parameters
         ----------
         path
-            The file; its suffix must be ``.json``, ``.md``, ``.csv`` or ``.html``.
+            The file; its suffix must be one of :data:`REPORT_SUFFIXES`: ``.json``, ``.md``, ``.csv`` or ``.html``.
         arm, scene, picks
             Only for HTML: the arm, the scene, and the picks, whose tool and home are drawn. By default those that the
             picks were judged with; a report that was not made by :func:`pinproof.validate_picks` does not have them.
@@ -279,18 +305,41 @@ class PickReport:
             If the file cannot be written.
         """
         kind = Path(path).suffix.lower()
-        if kind not in SUFFIXES:
-            raise InputError(f"{path}: the suffix of a report is {', '.join(SUFFIXES)}, not {kind or 'empty'}")
+        if kind not in REPORT_SUFFIXES:
+            raise InputError(f"{path}: {unknown_suffix(Path(path), REPORT_SUFFIXES)}")
         if kind == ".html":
             from pinproof.picks.report.page import write_page
 
             write_page(path, self._page_content(), self.setup, arm=arm, scene=scene, picks=picks, title=title)
-            return
-        if kind == ".json":
-            text = json.dumps(self.to_dict(), indent=2, allow_nan=False) + "\n"
         else:
-            text = self.to_markdown() if kind == ".md" else self.to_csv()
-        write_text_whole(path, text)
+            write_text_whole(path, TEXTS[kind](self))
+
+    def programs(self, *, grip_dwell: float = 0.0, release_dwell: float = 0.0) -> tuple[MotionProgram, ...]:
+        """The programs of the good picks, in order, with the dwell times of :meth:`pinproof.PickVerdict.program`."""
+        tcp = "" if self.setup is None else self.setup.checker.arm.tcp
+        return tuple(
+            verdict.program(grip_dwell=grip_dwell, release_dwell=release_dwell, robot=self.robot, tcp=tcp)
+            for verdict in self.good
+        )
+
+    def save_programs(
+        self, folder: str | Path, *, grip_dwell: float = 0.0, release_dwell: float = 0.0
+    ) -> tuple[Path, ...]:
+        """Write the program of each good pick to ``NAME.program.json`` in an existing folder; return the files.
+
+        Raises
+        ------
+        InputError
+            If a dwell time is negative.
+        FileError
+            If a file cannot be written.
+        """
+        programs = self.programs(grip_dwell=grip_dwell, release_dwell=release_dwell)
+        stems = file_stems(program.name for program in programs)
+        paths = tuple(Path(folder) / f"{stem}.program.json" for stem in stems)
+        for path, program in zip(paths, programs, strict=True):
+            program.save(path)
+        return paths
 
     def _page_content(self) -> PageContent:
         from pinproof.picks.report.page import PageContent, PageRow
@@ -299,6 +348,17 @@ class PickReport:
         rows += [PageRow(problem_row(problem)) for problem in self.problems]
         verdicts = Counter(row.values["verdict"] for row in rows)
         return PageContent(rows, len(rows), verdicts, self.summary, self.notes, self.acceleration_source)
+
+
+TEXTS: dict[str, Callable[[PickReport], str]] = {
+    ".json": PickReport.to_json,
+    ".md": PickReport.to_markdown,
+    ".csv": PickReport.to_csv,
+}
+"""The text formats of a report by suffix."""
+
+REPORT_SUFFIXES = (*TEXTS, ".html")
+"""The suffixes of all formats; ``.html`` is the page with a 3D view."""
 
 
 def _cells(row: dict[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,46 @@
+// An arm prepared for the closed form: which three joints form the triple, and its lines in ideal geometry.
+#pragma once
+
+#include <vector>
+
+#include "closed_form/lane_check.h"
+#include "closed_form/line.h"
+#include "closed_form/roots.h"
+#include "kinematics/chain.h"
+
+namespace pinproof {
+
+// A joint of the ideal arm at zero, with lengths relative to the size of the arm.
+struct PlannedJoint {
+    Vec3 direction, point;
+    bool prismatic;
+    int index;  // in q; -1: a virtual joint, which must be zero
+    double lower, upper;
+
+    bool is_virtual() const { return index < 0; }
+};
+
+// The axes of the ideal arm meet or are parallel exactly. If those of the true arm do not, the solutions of the ideal
+// arm are the starts of Newton's method on the true chain.
+struct ArmPlan {
+    Chain chain;                       // the true arm
+    double size;                       // m: the length of the arm
+    std::vector<PlannedJoint> joints;  // six, or seven with one locked joint
+    Transform tool;                    // of the ideal arm at zero, lengths relative to the size
+    int first_of_triple;               // 0 to 3, among the six joints that are not locked
+    bool planar, reversed;
+    int normal;  // the revolute joint of the triple whose direction is the normal: 0 to 2
+    int locked;  // an index into joints, or -1
+
+    double border, spread;                           // see LoopTolerances
+    double position_tolerance, orientation_tolerance;  // m, rad: of an answer
+    double virtual_tolerance;                        // rad or m: largest value of a virtual joint
+    ErrorBound equation_error;                       // see LoopTolerances
+
+    std::size_t dof() const { return chain.dof; }
+    int locked_index() const { return locked < 0 ? -1 : joints[locked].index; }
+    // Whether the true arm deviates from the ideal one, so that solutions are refined.
+    bool deviates() const { return spread > 0.0; }
+};
+
+}  // namespace pinproof

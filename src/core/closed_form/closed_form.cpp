@@ -1,0 +1,313 @@
+#include "closed_form/closed_form.h"
+
+#include <algorithm>
+#include <cmath>
+#include <initializer_list>
+
+#include "closed_form/windings.h"
+#include "geometry/angle.h"
+
+namespace pinproof {
+namespace {
+
+constexpr double kRigid = 1e-6;         // as spatial.RIGID_TOLERANCE
+constexpr double kOrthonormal = 1e-14;  // deviation of R R^T from I that is rounding
+
+constexpr double kGoodEnough = 1e-10;  // m or rad: a branch with a larger error is refined on the true chain
+
+// Rad or m. A branch of an arm that deviates from the ideal is not refined if it is further outside; else kAtLimit.
+constexpr double kNearLimits = 0.5;
+
+// Rad or m. Branches that differ by less in every joint are the same, separated by rounding of a double root.
+constexpr double kSameBranch = 1e-6;
+
+// Of the smallest singular value of the Jacobian, relative to the arm's size and the square root of the spread: below,
+// the deviation from the ideal may have moved two branches far apart, or removed one of them.
+constexpr double kNearlySingular = 0.5;
+
+constexpr double kAstray = 0.05;  // m: a branch with a larger error after refinement is not close to any solution
+
+// Rad or m along the weakest motion. Newton's method converges to the closest solution; these starts are a few times
+// further apart.
+constexpr double kTwinOffsets[] = {0.004, -0.004, 0.02, -0.02, 0.08, -0.08, 0.25, -0.25, 0.6, -0.6};
+
+// Whether no number is larger than the bound, and none is NaN.
+bool all_within(std::initializer_list<double> numbers, double bound) {
+    return std::all_of(numbers.begin(), numbers.end(), [bound](double x) { return std::abs(x) <= bound; });
+}
+
+Line line_of(const PlannedJoint& joint) { return {joint.direction, joint.point, joint.prismatic, 0.0}; }
+
+// The motion of a joint from zero to a value, with lengths relative to the size of the arm.
+Transform motion_of(const PlannedJoint& joint, double value, double size) {
+    if (joint.prismatic) return {{}, (value / size) * joint.direction};
+    const auto [sine, cosine] = sincos(value);
+    const Mat3 rotation = rotation_about(joint.direction, sine, cosine);
+    return {rotation, joint.point - rotation * joint.point};
+}
+
+bool same_branch(const double* a, const double* b, int n) {
+    for (int j = 0; j < n; ++j) {
+        const double gap = std::abs(a[j] - b[j]);
+        if (gap > kSameBranch && std::abs(gap - kFullRotation * std::floor(gap / kFullRotation + 0.5)) > kSameBranch)
+            return false;
+    }
+    return true;
+}
+
+}  // namespace
+
+std::optional<Transform> rigid_transform(const double* matrix) {
+    Vec3 row[3];
+    for (int i = 0; i < 3; ++i) row[i] = {matrix[4 * i], matrix[4 * i + 1], matrix[4 * i + 2]};
+    const Vec3 translation{matrix[3], matrix[7], matrix[11]};
+    // Newton's iteration for the polar factor: each step squares the error.
+    for (int step = 0; step < 3; ++step) {
+        const double g00 = dot(row[0], row[0]), g11 = dot(row[1], row[1]), g22 = dot(row[2], row[2]);
+        const double g01 = dot(row[0], row[1]), g02 = dot(row[0], row[2]), g12 = dot(row[1], row[2]);
+        const auto deviation = {g00 - 1.0, g11 - 1.0, g22 - 1.0, g01, g02, g12};
+        if (step == 0) {
+            const bool right_handed = dot(row[0], cross(row[1], row[2])) > 0.0;
+            if (!right_handed || !all_within(deviation, kRigid) ||
+                !all_within({matrix[12], matrix[13], matrix[14], matrix[15] - 1.0}, kRigid) ||
+                !std::isfinite(std::abs(translation.x) + std::abs(translation.y) + std::abs(translation.z)))
+                return std::nullopt;
+        }
+        if (all_within(deviation, kOrthonormal)) break;
+        const double h0 = 1.5 - 0.5 * g00, h1 = 1.5 - 0.5 * g11, h2 = 1.5 - 0.5 * g22;
+        const Vec3 old[3] = {row[0], row[1], row[2]};
+        row[0] = h0 * old[0] - (0.5 * g01) * old[1] - (0.5 * g02) * old[2];
+        row[1] = h1 * old[1] - (0.5 * g01) * old[0] - (0.5 * g12) * old[2];
+        row[2] = h2 * old[2] - (0.5 * g02) * old[0] - (0.5 * g12) * old[1];
+    }
+    Transform pose;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j) pose.rotation.m[i][j] = row[i][j];
+    pose.translation = translation;
+    return pose;
+}
+
+// The six lines of the loop for the present target: the triple, then a, b, c; those before the triple are transformed by
+// G^-1. A locked joint moves the part of the chain after it.
+void ClosedFormSolver::close_loop(double locked_value) {
+    Transform after_locked;
+    if (plan_.locked >= 0) after_locked = motion_of(plan_.joints[plan_.locked], locked_value, plan_.size);
+    Transform target = target_;
+    target.translation = (1.0 / plan_.size) * target.translation;
+    loop_.rest = target * inverse(after_locked * plan_.tool);
+    loop_.planar = plan_.planar;
+    loop_.reversed = plan_.reversed;
+    const Transform rest_inverse = inverse(loop_.rest);
+
+    int six = 0;
+    for (int k = 0; k < static_cast<int>(plan_.joints.size()); ++k) {
+        if (k == plan_.locked) continue;
+        const PlannedJoint& joint = plan_.joints[k];
+        Line line = line_of(joint);
+        if (plan_.locked >= 0 && k > plan_.locked)
+            line = {after_locked.rotation * line.direction, after_locked * line.point, line.prismatic, 0.0};
+        const int in_triple = six - plan_.first_of_triple;
+        if (in_triple == plan_.normal) {
+            loop_.normal = line.direction;
+            loop_.point = line.point;
+        }
+        int row = (in_triple + 6) % 6;
+        if (in_triple < 0) {
+            line.direction = rest_inverse.rotation * line.direction;
+            line.point = rest_inverse * line.point;
+        } else if (plan_.reversed && row < 3) {
+            row = 2 - row;
+            line.direction = -line.direction;
+        }
+        if (!joint.is_virtual()) line.reference = reference_[joint.index] / (joint.prismatic ? plan_.size : 1.0);
+        loop_.line[row] = line;
+        source_[row] = k;
+        ++six;
+    }
+    loop_.moved_point = rest_inverse * loop_.point;
+    loop_.moved_normal = rest_inverse.rotation * loop_.normal;
+}
+
+bool ClosedFormSolver::solve(const double* target, const double* reference, double locked_value, Branches& out) {
+    const std::optional<Transform> rigid = rigid_transform(target);
+    if (!rigid) return false;
+    target_ = *rigid;
+    reference_ = reference;
+    locked_value_ = locked_value;
+    tolerances_ = {plan_.border, plan_.spread, plan_.equation_error};
+    close_loop(locked_value);
+    freed_ = with_free_ = with_branch_ = 0;
+    outer_undecided_ = false;
+    solutions_.undecided = false;
+    out.count = out.failed = out.outside = 0;
+    out.by_quartic = out.doubtful = false;
+
+    solve_loop(false, false, out);
+    if (outer_undecided_ || solutions_.undecided) {
+        // If rounding does not decide whether joints are free, also with them free; these solutions count only if
+        // forward kinematics confirms them. Families come first: other solutions may be members of them.
+        out.count = 0;
+        if (outer_undecided_) solve_loop(true, true, out);
+        if (solutions_.undecided) solve_loop(false, true, out);
+        if (outer_undecided_ && solutions_.undecided) solve_loop(true, false, out);
+        solve_loop(false, false, out);
+    }
+    out.free_joints = indices_of(freed_);
+    out.unresolved = with_free_ & ~with_branch_;
+    return true;
+}
+
+// The indices in q of a set of lines.
+unsigned ClosedFormSolver::indices_of(unsigned lines) const {
+    unsigned indices = 0;
+    for (int row = 0; row < 6; ++row)
+        if (lines >> row & 1u && !plan_.joints[source_[row]].is_virtual())
+            indices |= 1u << plan_.joints[source_[row]].index;
+    return indices;
+}
+
+// Solve with joints that depend on an uncertain vector free, outside the triple or in it, and consider all solutions.
+void ClosedFormSolver::solve_loop(bool outer_free, bool triple_free, Branches& out) {
+    const OuterSolutions outer = solve_outer_joints(loop_, tolerances_, outer_free);
+    outer_undecided_ |= outer.undecided;
+    out.by_quartic |= outer.by_quartic;
+    solutions_.count = 0;
+    solutions_.doubtful = outer.doubtful;
+    for (int i = 0; i < outer.count; ++i) {
+        const OuterSolution& one = outer.solution[i];
+        freed_ |= one.free;
+        const int before = solutions_.count;
+        solve_triple(loop_, tolerances_, one, triple_free, solutions_);
+        if (solutions_.count == before && one.free)
+            for (int root = 0; root < 2; ++root)
+                with_free_ |= SolutionNumber{2 * one.root + root, one.assumed != 0, false}.bit();
+    }
+    out.doubtful |= solutions_.doubtful;
+
+    const bool free_case = outer_free || triple_free;
+    failed_here_ = outside_here_ = 0;
+    for (int first = 0; first < solutions_.count; first += kLanes) {
+        const int count = std::min(kLanes, solutions_.count - first);
+        to_values(first, count);
+        const LaneErrors errors = check_lanes(plan_.chain, target_, configurations_);
+        for (int lane = 0; lane < count; ++lane) consider(first + lane, lane, errors, out);
+    }
+    if (!free_case) out.failed = failed_here_;
+    out.outside = std::max(out.outside, outside_here_);
+}
+
+// The values of all joints for some solutions, one in each lane.
+void ClosedFormSolver::to_values(int first, int count) {
+    for (int b = 0; b < kLanes; ++b) {
+        outside_[b] = 0.0;
+        at_zero_[b] = b < count;
+    }
+    for (int row = 0; row < 6; ++row) {
+        const PlannedJoint& joint = plan_.joints[source_[row]];
+        double value[kLanes] = {};
+        for (int b = 0; b < count; ++b) {
+            const JointState& state = solutions_.solution[first + b].state[row];
+            value[b] = joint.prismatic ? plan_.size * state.first : angle_of(state.second, state.first);
+        }
+        if (joint.is_virtual()) {
+            for (int b = 0; b < count; ++b)
+                at_zero_[b] &= std::abs(value[b]) <=
+                               plan_.virtual_tolerance + kNear * solutions_.solution[first + b].error;
+            continue;
+        }
+        for (int b = 0; b < count; ++b) {
+            if (!joint.prismatic)
+                value[b] = nearest_winding(value[b], joint.lower, joint.upper, kLimitSlack, reference_[joint.index]);
+            outside_[b] = std::max(outside_[b], std::max(joint.lower - value[b], value[b] - joint.upper));
+            configurations_.q[joint.index][b] = value[b];
+        }
+    }
+    if (plan_.locked >= 0) {
+        const PlannedJoint& joint = plan_.joints[plan_.locked];
+        const double beyond = std::max(joint.lower - locked_value_, locked_value_ - joint.upper);
+        for (int b = 0; b < kLanes; ++b) {
+            configurations_.q[joint.index][b] = locked_value_;
+            outside_[b] = std::max(outside_[b], beyond);
+        }
+    }
+}
+
+// Verify a solution, refine it where necessary, and keep it if it is a branch.
+void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, Branches& out) {
+    const LoopSolution& solution = solutions_.solution[index];
+    const unsigned free_joints = indices_of(solution.free), held = indices_of(solution.assumed & solution.free);
+    freed_ |= solution.free;
+    if (solution.free) with_free_ |= solution.number.bit();
+    if (free_joints & (free_joints - 1)) out.doubtful = true;  // a family with two parameters; reported ones have one
+    if (!at_zero_[lane]) return;
+
+    const double at_limit = std::min(
+        std::max(kAtLimit, kNear * solution.error * std::max(plan_.size, 1.0)), kNearLimits);
+    double outside = outside_[lane];
+    if (outside > (plan_.deviates() ? kNearLimits : at_limit)) {
+        ++outside_here_;
+        return;
+    }
+    Branch branch;
+    for (std::size_t j = 0; j < plan_.dof(); ++j) branch.q[j] = configurations_.q[j][lane];
+    branch.distance = errors.distance[lane];
+    branch.angle = errors.angle[lane];
+    branch.free_joints = free_joints;
+    branch.number = solution.number;
+    if (branch.distance > kGoodEnough || branch.angle > kGoodEnough || !(outside <= 0.0)) {
+        const Refined refined = refinement_.refine(target_, reference_, at_limit, held, branch.q);
+        branch.distance = refined.distance;
+        branch.angle = refined.angle;
+        outside = refined.outside;
+    }
+    bool added = false;
+    if (outside > 0.0) {
+        // A configuration within the tolerances may satisfy the limits if this one nearly does.
+        ++(outside <= at_limit ? failed_here_ : outside_here_);
+    } else if (!(branch.distance <= plan_.position_tolerance && branch.angle <= plan_.orientation_tolerance)) {
+        ++failed_here_;
+    } else if (held == 0 || std::max(branch.distance, branch.angle) <= kGoodEnough) {
+        added = keep(branch, out);
+        if (free_joints) with_branch_ |= solution.number.bit();
+    }
+    if (plan_.deviates() && plan_.locked < 0 && (added || outside > 0.0 || branch.distance < kAstray))
+        consider_twins(branch, out);
+}
+
+// Second solutions close to a first one, for an arm that deviates from the ideal: if two branches nearly meet, a
+// deviation moves them far.
+//
+// Two branches of six joints meet where the Jacobian J is singular; near there both are along the joint motion v that J
+// maps nearly to zero. Their distance is proportional to the square root of the deviation of the arm from one at which
+// they meet: for a calibrated arm they may be far from those of the ideal arm, or only one of them may exist. Starts of
+// Newton's method are therefore distributed along v. Completeness is not claimed for arms that need this.
+void ClosedFormSolver::consider_twins(const Branch& near, Branches& out) {
+    double motion[kMostJoints];
+    if (refinement_.weakest_motion(near.q, motion) > kNearlySingular * std::sqrt(plan_.spread) * plan_.size) return;
+    for (const double offset : kTwinOffsets) {
+        Branch twin = near;
+        twin.free_joints = 0;
+        for (std::size_t j = 0; j < plan_.dof(); ++j) twin.q[j] = near.q[j] + offset * motion[j];
+        const Refined refined = refinement_.refine(target_, reference_, kAtLimit, 0u, twin.q);
+        twin.distance = refined.distance;
+        twin.angle = refined.angle;
+        if (refined.outside <= 0.0 && twin.distance <= plan_.position_tolerance &&
+            twin.angle <= plan_.orientation_tolerance)
+            keep(twin, out);
+    }
+}
+
+// Append a branch unless it is there already. Returns whether it was appended.
+bool ClosedFormSolver::keep(const Branch& branch, Branches& out) {
+    const int n = static_cast<int>(plan_.dof());
+    for (int i = 0; i < out.count; ++i)
+        if (same_branch(branch.q, out.branch[i].q, n)) return false;
+    if (out.count == Branches::kMost) {
+        out.doubtful = true;
+        return false;
+    }
+    out.branch[out.count++] = branch;
+    return true;
+}
+
+}  // namespace pinproof

@@ -1,0 +1,52 @@
+// Gauss-Newton steps in a box: the descent of a tracking cycle, and motions that preserve the residual at first order.
+#pragma once
+
+#include <algorithm>
+#include <vector>
+
+#include "ik/box_step.h"
+#include "ik/task.h"
+#include "kinematics/chain.h"
+
+namespace pinproof {
+
+class BoxDescent {
+  public:
+    // Chain and task must exist as long as the descent.
+    BoxDescent(const Chain& chain, const Task& task);
+
+    // The configurations (n,) that may be reached, and the target; to be set before the other methods are called.
+    std::vector<double> lower, upper;
+    Frame target_from_base;
+
+    double clamped(std::size_t i, double value) const { return std::min(std::max(value, lower[i]), upper[i]); }
+
+    // The squared residual at q (n,).
+    double look(const std::vector<double>& q);
+
+    // The same, and the Jacobian of the residual.
+    double look_closely(const std::vector<double>& q);
+    const Jacobian& jacobian() const { return jacobian_; }
+
+    // Descend in the box from q, which becomes the result; returns the squared residual.
+    double settle(std::vector<double>& q);
+
+    // Reduce a motion (n,) to the part that preserves the residual at q at first order, within the box.
+    void keep_lost_motion(const std::vector<double>& q, std::vector<double>& motion);
+
+    // Move q along the part of a motion that preserves the residual, and descend; returns the squared residual.
+    double wander(std::vector<double>& q, std::vector<double>& motion);
+
+    Posture& posture() { return posture_; }
+
+  private:
+    const Chain& chain_;
+    const Task& task_;
+    Posture posture_;
+    Twist residual_;
+    Jacobian jacobian_;
+    BoxStep box_step_;
+    std::vector<double> trial_;
+};
+
+}  // namespace pinproof

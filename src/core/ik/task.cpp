@@ -1,0 +1,69 @@
+#include "ik/task.h"
+
+#include <cmath>
+
+#include "geometry/rotation_vector.h"
+
+namespace pinproof {
+
+Task::Task(const std::array<bool, 6>& coordinates, double position_tolerance, double orientation_tolerance)
+    : positions(0), angles(0), position_tolerance(position_tolerance), orientation_tolerance(orientation_tolerance) {
+    for (int i = 0; i < 3; ++i) {
+        mask.linear[i] = coordinates[i] ? 1.0 : 0.0;
+        mask.angular[i] = coordinates[i + 3] ? 1.0 : 0.0;
+        positions += coordinates[i];
+        angles += coordinates[i + 3];
+    }
+}
+
+Twist Task::residual(const Frame& target_from_tcp) const {
+    const Double4 rotation = widened(rotation_vector(rotation_of(target_from_tcp)));
+    return {mask.linear * target_from_tcp.origin, mask.angular * rotation};
+}
+
+void Task::apply(const Frame& target_from_tcp, Jacobian& jacobian) const {
+    if (positions == 3 && angles == 3) return;
+    if (angles == 1 || angles == 2) {
+        const Double4 v = widened(rotation_vector(rotation_of(target_from_tcp)));
+        const double square = dot(v, v), c = left_jacobian_coefficient(square);
+        for (Twist& column : jacobian) {
+            const Double4 w = column.angular;
+            column.angular = w - 0.5 * cross(v, w) + c * (dot(v, w) * v - square * w);
+        }
+    }
+    for (Twist& column : jacobian) {
+        column.linear *= mask.linear;
+        column.angular *= mask.angular;
+    }
+}
+
+double left_jacobian_coefficient(double squared_angle) {
+    // c = 1/t^2 - (1 + cos t) / (2 t sin t), with (1 + cos) / sin = 1 / tan(t/2)
+    const double angle = std::sqrt(squared_angle);
+    return angle < 1e-3 ? 1.0 / 12.0 : (1.0 - 0.5 * angle / std::tan(0.5 * angle)) / squared_angle;
+}
+
+bool Task::reached(const Twist& residual) const {
+    return dot(residual.linear, residual.linear) <= position_tolerance * position_tolerance &&
+           dot(residual.angular, residual.angular) <= orientation_tolerance * orientation_tolerance;
+}
+
+PoseError measure(const Task& task, const Transform& base_from_target, const Transform& base_from_tcp) {
+    Mat3 relative;
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            relative.m[i][j] = dot(base_from_target.rotation.column(i), base_from_tcp.rotation.column(j));
+    const Vec3 shift =
+        transposed_times(base_from_target.rotation, base_from_tcp.translation - base_from_target.translation);
+    Twist error{widened(shift), widened(rotation_vector(relative))};
+    if (task.positions > 0) error.linear *= task.mask.linear;
+    if (task.angles > 0) error.angular *= task.mask.angular;
+    return {std::sqrt(dot(error.linear, error.linear)), std::sqrt(dot(error.angular, error.angular))};
+}
+
+bool fulfils(const Task& task, const PoseError& error) {
+    return (task.positions == 0 || error.position <= task.position_tolerance) &&
+           (task.angles == 0 || error.orientation <= task.orientation_tolerance);
+}
+
+}  // namespace pinproof

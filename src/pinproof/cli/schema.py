@@ -1,0 +1,41 @@
+"""``pinproof schema``: the JSON Schema of a file format."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import pinproof as pp
+from pinproof.cli.console import check_output_files, print_json, print_line
+from pinproof.cli.options import Json
+from pinproof.common.files import write_text_whole
+from pinproof.formats import FORMATS
+
+__all__ = ["schema"]
+
+
+def _formats(incomplete: str) -> list[str]:
+    return [name for name in FORMATS if name.startswith(incomplete)]
+
+
+def schema(
+    name: Annotated[
+        str, typer.Argument(help=f"The format: {', '.join(FORMATS)}.", metavar="FORMAT", autocompletion=_formats)
+    ],
+    output: Annotated[Path | None, typer.Option("-o", "--output", help="Write the schema to this file.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Print the JSON Schema of a file format, with which an editor completes keys and marks errors.
+
+    Example: pinproof schema picks -o picks.schema.json
+    """
+    check_output_files([output])
+    found = pp.file_schema(name)
+    if output is None:
+        print_json(found)
+        return
+    write_text_whole(output, json.dumps(found, indent=2, ensure_ascii=False) + "\n")
+    print_json({"schema": str(output)}) if as_json else print_line(f"wrote {output}")

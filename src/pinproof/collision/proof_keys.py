@@ -1,0 +1,207 @@
+"""The keys of proof files.
+
+The verifier shares no code with the other packages and has its own list of fields; a test compares both.
+"""
+
+from __future__ import annotations
+
+from pinproof.common.file_keys import (
+    INTEGER,
+    PLAIN_NUMBER,
+    TEXT,
+    FileKey,
+    KeyTable,
+    any_of,
+    list_of,
+    mapping_to,
+    numbers,
+)
+from pinproof.verifier import FORMAT, VERSION
+
+__all__ = ["PROOF"]
+
+HASH = {"type": "string", "pattern": "^[0-9a-f]{64}$"}
+LENGTH = {**PLAIN_NUMBER, "minimum": 0}
+INDEX = {**INTEGER, "minimum": 0}
+JOINT = {**INTEGER, "minimum": -1}
+VECTOR = numbers(3, PLAIN_NUMBER)
+PLACEMENT = list_of(numbers(4, PLAIN_NUMBER), 3, 3)
+
+CLAIM = KeyTable(
+    "claim",
+    "What the proof states.",
+    (
+        FileKey("status", {"const": "FREE"}, "the status of the certificate", required=True),
+        FileKey(
+            "clearance",
+            {"type": ["number", "null"]},
+            "any two checked bodies are at least this far apart; null without pairs",
+            "m",
+            required=True,
+        ),
+    ),
+)
+
+SETTINGS = KeyTable(
+    "settings",
+    "The distances and tolerances that the proof includes.",
+    (
+        FileKey("margin", LENGTH, "required distance between any two owners", "m", required=True),
+        FileKey(
+            "margins",
+            list_of({"type": "array", "prefixItems": [TEXT, TEXT, LENGTH], "minItems": 3, "maxItems": 3}),
+            "distances of single pairs: owner, owner, metres",
+            "m",
+            required=True,
+        ),
+        FileKey("joint_tolerance", list_of(LENGTH), "deviation of each joint of the curve", "rad or m", required=True),
+        FileKey("obstacle_tolerance", LENGTH, "deviation of obstacles", "m", required=True),
+    ),
+)
+
+HASHES = KeyTable(
+    "hashes",
+    "SHA-256 hashes; only that of the curve is checked.",
+    (
+        FileKey("model", HASH, "of the kinematics of the URDF as text"),
+        FileKey("scene", HASH, "of the obstacles"),
+        FileKey("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`", required=True),
+        FileKey("setup", HASH, "of the arm, the scene and the attached bodies"),
+    ),
+    more=True,
+)
+
+ROBOT = KeyTable(
+    "robot",
+    "The robot, for readers; it is not checked, because the placements contain it.",
+    (
+        FileKey("name", {"type": "string"}, "name of the robot"),
+        FileKey("base", {"type": "string"}, "base link of the arm"),
+        FileKey("tcp", {"type": "string"}, "tcp frame of the arm"),
+        FileKey("held", mapping_to(PLAIN_NUMBER), "values of the joints outside the arm", "rad or m"),
+    ),
+    more=True,
+)
+
+CURVE = KeyTable(
+    "curve",
+    "The motion as a piecewise polynomial in Bernstein form. A single configuration is one piece of no width.",
+    (
+        FileKey("joint_names", list_of(TEXT, 1), "the n joints", required=True),
+        FileKey(
+            "knots",
+            list_of(PLAIN_NUMBER, 2),
+            "k + 1 strictly increasing parameters, for a timed motion in seconds",
+            required=True,
+        ),
+        FileKey(
+            "control",
+            list_of(list_of(list_of(PLAIN_NUMBER, 1), 1), 1),
+            "(k, degree + 1, n) control points of each piece",
+            "rad or m",
+            required=True,
+        ),
+    ),
+)
+
+PROOF_JOINT = KeyTable(
+    "joint",
+    "A joint that moves with the arm. Its value is multiplier * q[leader] + offset, so a mimic follower has the leader "
+    "of the joint that it follows.",
+    (
+        FileKey("name", TEXT, "name of the joint", required=True),
+        FileKey("type", {"enum": ["revolute", "prismatic"]}, "type of the joint", required=True),
+        FileKey("axis", VECTOR, "unit vector in the frame of the joint", required=True),
+        FileKey("placement", PLACEMENT, "parent_from_joint at the value 0", "m", required=True),
+        FileKey(
+            "parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root", required=True
+        ),
+        FileKey("leader", INDEX, "index of the joint of the curve that determines the value", required=True),
+        FileKey("multiplier", PLAIN_NUMBER, "factor of the value of the leader", required=True),
+        FileKey("offset", PLAIN_NUMBER, "value at q[leader] = 0", "rad or m", required=True),
+    ),
+)
+
+SHAPE = KeyTable(
+    "convex_shape",
+    "The convex hull of points, each with a flat disc about the body's z, grown by a ball and by an ellipsoid: boxes "
+    "and hulls (points), spheres (one point), capsules (two points), cylinders (two discs), cones (a disc and a "
+    "point), ellipsoids.",
+    (
+        FileKey("points", list_of(VECTOR, 1), "(V, 3) the points", "m", required=True),
+        FileKey("disc_radii", list_of(LENGTH, 1), "(V,) radius of the disc of each point", "m", required=True),
+        FileKey("radius", LENGTH, "radius of the ball", "m", required=True),
+        FileKey("semi_axes", numbers(3, LENGTH), "semi-axes of the ellipsoid", "m", required=True),
+    ),
+)
+
+PROOF_BODY = KeyTable(
+    "body",
+    "A convex body. All bodies of a geometry on one level represent it: one hull, or several closer ones. A pair may "
+    "be proven on any level.",
+    (
+        FileKey("name", TEXT, "unique in the file", required=True),
+        FileKey("owner", TEXT, "the link, attached object or obstacle that it is part of", required=True),
+        FileKey("kind", {"enum": ["link", "attached", "obstacle"]}, "kind of the owner", required=True),
+        FileKey("geometry", TEXT, "the geometry that it represents, with the other bodies of this name", required=True),
+        FileKey("level", INDEX, "level of detail, 0 to 2", required=True),
+        FileKey("source", TEXT, "kind and file of the geometry; not checked"),
+        FileKey("mesh_sha256", HASH, "hash of the mesh file; not checked"),
+        FileKey("joint", JOINT, "index of the joint that moves it; -1 for the root", required=True),
+        FileKey("placement", PLACEMENT, "joint_from_body", "m", required=True),
+        FileKey(
+            "shape",
+            any_of(SHAPE, {"const": "half_space"}, {"type": "null"}),
+            "a convex shape; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
+            required=True,
+        ),
+        FileKey("sha256", HASH, "hash of the numbers of the body, see below", required=True),
+    ),
+)
+
+PAIR = KeyTable(
+    "pair",
+    "The evidence for one pair of bodies: on each interval a direction along which they are apart.",
+    (
+        FileKey("bodies", list_of(INDEX, 2, 2), "indices of the two bodies, an obstacle second", required=True),
+        FileKey("intervals", list_of(INDEX), "indices of intervals, which together cover the curve", required=True),
+        FileKey(
+            "directions",
+            list_of(VECTOR),
+            "a unit vector for each interval, in the frame of the root link, from the first body to the second",
+            required=True,
+        ),
+    ),
+)
+
+PROOF = KeyTable(
+    "proof",
+    "A proof that a motion is collision-free. A placement is three rows of four numbers: rotation and translation. "
+    "Indices begin at 0.",
+    (
+        FileKey("format", {"const": FORMAT}, "name of the format", required=True),
+        FileKey("version", {"const": VERSION}, "version of the format", required=True),
+        FileKey("made_by", {"type": "string"}, "name and version of the program; not checked"),
+        FileKey("claim", CLAIM, "what the proof states", required=True),
+        FileKey("settings", SETTINGS, "distances and tolerances", required=True),
+        FileKey("hashes", HASHES, "hashes of the inputs", required=True),
+        FileKey("robot", ROBOT, "the robot, for readers"),
+        FileKey("curve", CURVE, "the motion", required=True),
+        FileKey("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent", required=True),
+        FileKey("bodies", list_of(PROOF_BODY), "the bodies", required=True),
+        FileKey("notes", list_of({"type": "string"}), "assumptions of the certificate"),
+        FileKey(
+            "excluded",
+            list_of(list_of(TEXT, 3, 3)),
+            "pairs that the proof does not cover: owner, owner, reason",
+            required=True,
+        ),
+        FileKey(
+            "intervals",
+            list_of(numbers(2, PLAIN_NUMBER)),
+            "start and end, in the parameter of the curve",
+            required=True,
+        ),
+        FileKey("pairs", list_of(PAIR), "the evidence", required=True),
+    ),
+)

@@ -1,0 +1,141 @@
+"""How values are displayed: a ``repr`` of a few lines, and small HTML tables and plots for notebooks.
+
+The HTML needs no style sheet, script or network connection, and every text in it is escaped.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from html import escape
+from itertools import islice
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = [
+    "MOST_LINES",
+    "MOST_ROWS",
+    "PLOT_POINTS",
+    "html_block",
+    "html_list",
+    "html_plot",
+    "html_table",
+    "outline",
+    "shortened",
+]
+
+MOST_LINES = 10
+"""Largest number of lines of a ``repr``."""
+
+MOST_WIDTH = 160
+"""Largest number of characters of a line of a ``repr``."""
+
+MOST_ROWS = 100
+"""Largest number of rows of an HTML table; the table states how many more exist."""
+
+PLOT_POINTS = 120
+"""Number of points of each line of a plot, which is 400 pixels wide."""
+
+PLOT_SIZE = (400.0, 160.0)
+"""Width and height of a plot in pixels."""
+
+PLOT_COLOURS = ("#0b5cad", "#c05a00", "#0b7a43", "#7a2aa3", "#b3191f", "#51606f", "#8a6d00", "#00798c")
+
+
+def shortened(text: str, width: int = MOST_WIDTH) -> str:
+    """The text in one line of at most ``width`` characters; an ellipsis replaces the rest."""
+    line = " ".join(text.split())
+    return line if len(line) <= width else f"{line[: width - 3]}..."
+
+
+def outline(head: str, lines: Iterable[str] = (), *, total: int | None = None) -> str:
+    """A head line and indented lines, at most :data:`MOST_LINES` in all.
+
+    Parameters
+    ----------
+    head
+        The first line.
+    lines
+        The further lines; only as many as are shown are read if ``total`` is given.
+    total
+        The number of ``lines``.
+    """
+    if total is None:
+        lines = tuple(lines)
+        total = len(lines)
+    room = MOST_LINES - 1
+    shown = list(islice(lines, room if total <= room else room - 1))
+    more = [f"... and {total - len(shown)} more"] if total > len(shown) else []
+    return "\n".join([shortened(head), *(f"  {shortened(line)}" for line in (*shown, *more))])
+
+
+def html_block(title: str, *parts: str) -> str:
+    """A title, which is escaped, and parts that are HTML already."""
+    return f"<div><p><strong>{escape(title)}</strong></p>{''.join(parts)}</div>"
+
+
+def html_list(texts: Iterable[str]) -> str:
+    """A list of texts; empty without texts."""
+    items = "".join(f"<li>{escape(text)}</li>" for text in texts)
+    return f"<ul>{items}</ul>" if items else ""
+
+
+def html_table(
+    columns: Sequence[str], rows: Iterable[Sequence[object]], *, total: int | None = None, colours: Sequence[str] = ()
+) -> str:
+    """A table of at most :data:`MOST_ROWS` rows.
+
+    Parameters
+    ----------
+    columns
+        The headings.
+    rows
+        The cells of each row: numbers are shown with six significant digits, None as an empty cell.
+    total
+        The number of rows, if ``rows`` is an iterator.
+    colours
+        The CSS colour of the second cell of each row; empty for none.
+    """
+    if total is None:
+        rows = tuple(rows)
+        total = len(rows)
+    head = "".join(f"<th>{escape(column)}</th>" for column in columns)
+    body = []
+    for number, row in enumerate(islice(rows, MOST_ROWS)):
+        cells = [_cell(value) for value in row]
+        if number < len(colours) and len(cells) > 1:
+            cells[1] = cells[1].replace("<td", f'<td style="color:{colours[number]};font-weight:bold"', 1)
+        body.append(f"<tr>{''.join(cells)}</tr>")
+    more = f"<p>{total - MOST_ROWS:,} more rows are not shown.</p>" if total > MOST_ROWS else ""
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{''.join(body)}</tbody></table>{more}"
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return "<td></td>"
+    if isinstance(value, (float, np.floating)):
+        return f'<td style="text-align:right">{float(value):.6g}</td>'
+    return f"<td>{escape(str(value))}</td>"
+
+
+def html_plot(times: npt.ArrayLike, lines: Mapping[str, npt.ArrayLike], unit: str) -> str:
+    """A plot of values over times (m,) as inline SVG, with a legend; ``lines`` are (m,) values by name."""
+    x = np.asarray(times, dtype=float)
+    keep = np.unique(np.linspace(0, len(x) - 1, PLOT_POINTS).astype(int))
+    x, curves = x[keep], {name: np.asarray(values, dtype=float)[keep] for name, values in lines.items()}
+    low, high = min(map(np.min, curves.values())), max(map(np.max, curves.values()))
+    width, height = PLOT_SIZE
+    across = (x - x[0]) / max(float(x[-1] - x[0]), 1e-12) * width
+    drawn, legend = [], []
+    for number, (name, values) in enumerate(curves.items()):
+        colour = PLOT_COLOURS[number % len(PLOT_COLOURS)]
+        up = height - (values - low) / max(float(high - low), 1e-12) * height
+        points = " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(across, up, strict=True))
+        drawn.append(f'<polyline points="{points}" fill="none" stroke="{colour}" stroke-width="1.5"/>')
+        legend.append(f'<span style="color:{colour}">{escape(name)}</span>')
+    label = escape(f"{float(low):.4g} to {float(high):.4g} {unit} over {float(x[-1] - x[0]):.4g} s")
+    return (
+        f'<svg role="img" aria-label="{label}" width="{width + 8:.0f}" height="{height + 8:.0f}" '
+        f'viewBox="-4 -4 {width + 8:.0f} {height + 8:.0f}"><rect width="{width:.0f}" height="{height:.0f}" fill="none" '
+        f'stroke="#bbb"/>{"".join(drawn)}</svg><p>{", ".join(legend)}: {label}</p>'
+    )

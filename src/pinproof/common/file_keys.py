@@ -1,0 +1,206 @@
+"""Tables of the keys of file formats, and JSON Schemas (draft 2020-12) made of them.
+
+Each mapping of a format is described once, by a :class:`KeyTable`. The reader takes the keys that it accepts from the
+table, :func:`json_schema` makes the schema for editors, and the tables in the manual are generated from the schema. The
+value of a key is a JSON Schema in which further tables may occur.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, fields
+from typing import Any
+
+from pinproof.common.yaml_file import NUMBER_PATTERN
+from pinproof.units import MOST_TURN
+
+__all__ = [
+    "ANGLE",
+    "BOOLEAN",
+    "INTEGER",
+    "NUMBER",
+    "PLAIN_NUMBER",
+    "TEXT",
+    "Definition",
+    "FileKey",
+    "KeyTable",
+    "any_of",
+    "default_of",
+    "json_schema",
+    "list_of",
+    "mapping_to",
+    "numbers",
+]
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+Schema = Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Definition:
+    """A schema with a name, under which it is listed once in ``$defs``."""
+
+    title: str
+    value: Schema
+
+    def schema(self) -> Schema:
+        """The schema, in which further definitions may occur."""
+        return {"title": self.title, **self.value}
+
+
+@dataclass(frozen=True, eq=False)
+class FileKey:
+    """One key of a mapping in a file.
+
+    Parameters
+    ----------
+    name
+        The key.
+    value
+        The schema of its value, or a table or definition.
+    text
+        What the value means, as a phrase or in sentences.
+    unit
+        Its unit, such as ``"m"``; empty if it has none.
+    default
+        The value that applies if the key is omitted; None if there is none.
+    required
+        Whether the key must be stated.
+    """
+
+    name: str
+    value: Any
+    text: str
+    unit: str = ""
+    default: Any = None
+    required: bool = False
+
+    def schema(self) -> Schema:
+        """The schema of the value, with its description; ``x-unit`` is the unit."""
+        value = {"$ref": self.value} if isinstance(self.value, (KeyTable, Definition)) else dict(self.value)
+        value["description"] = self.text
+        if self.unit:
+            value["x-unit"] = self.unit
+        if self.default is not None:
+            value["default"] = self.default
+        return value
+
+
+@dataclass(frozen=True, eq=False)
+class KeyTable:
+    """The keys of one kind of mapping.
+
+    Parameters
+    ----------
+    title
+        Its name, such as ``"obstacle"``.
+    text
+        What it describes.
+    keys
+        The keys in the order of the manual.
+    rules
+        Further rules of JSON Schema, such as ``oneOf``.
+    more
+        Whether other keys are allowed, as additions of the same version.
+    """
+
+    title: str
+    text: str
+    keys: tuple[FileKey, ...]
+    rules: Schema = field(default_factory=dict)
+    more: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All keys, in order."""
+        return tuple(key.name for key in self.keys)
+
+    @property
+    def required(self) -> tuple[str, ...]:
+        """The keys that must be stated."""
+        return tuple(key.name for key in self.keys if key.required)
+
+    def schema(self) -> Schema:
+        """The schema of the mapping, in which further tables may occur."""
+        stated: dict[str, Any] = {"description": self.text, "type": "object"}
+        if self.required:
+            stated["required"] = list(self.required)
+        stated["properties"] = {key.name: key.schema() for key in self.keys}
+        if not self.more:
+            stated["additionalProperties"] = False
+        return {**stated, **self.rules}
+
+
+NUMBER = Definition("number", {"type": ["number", "string"], "pattern": NUMBER_PATTERN})
+"""A number, or a text such as ``pi/2`` or ``-3*pi/4``."""
+
+ANGLE = Definition("angle", {"$ref": NUMBER, "minimum": -MOST_TURN, "maximum": MOST_TURN})
+"""An angle of an orientation in radians; larger numbers are in degrees."""
+
+PLAIN_NUMBER: Schema = {"type": "number"}
+INTEGER: Schema = {"type": "integer"}
+BOOLEAN: Schema = {"type": "boolean"}
+TEXT: Schema = {"type": "string", "minLength": 1}
+
+
+def numbers(count: int, number: Any = NUMBER) -> Schema:
+    """A list of ``count`` numbers."""
+    return list_of(number, count, count)
+
+
+def list_of(item: Any, least: int = 0, most: int | None = None) -> Schema:
+    """A list of at least ``least`` and at most ``most`` items."""
+    listed: dict[str, Any] = {"type": "array", "items": item}
+    if least:
+        listed["minItems"] = least
+    if most is not None:
+        listed["maxItems"] = most
+    return listed
+
+
+def mapping_to(value: Any) -> Schema:
+    """A mapping of names to values."""
+    return {"type": "object", "additionalProperties": value}
+
+
+def any_of(*values: Any) -> Schema:
+    """One of several kinds of values."""
+    return {"anyOf": list(values)}
+
+
+def default_of(owner: type, name: str) -> Any:
+    """The default of a field of a dataclass as a value of JSON; None if it has none."""
+    found = next(each.default for each in fields(owner) if each.name == name)
+    return None if found is MISSING else list(found) if isinstance(found, tuple) else found
+
+
+def json_schema(table: KeyTable) -> dict[str, Any]:
+    """The complete JSON Schema of the files that a table describes."""
+    definitions: dict[str, Any] = {}
+    root = _resolved(table.schema(), definitions)
+    return {"$schema": DIALECT, "title": table.title, **root, "$defs": dict(sorted(definitions.items()))}
+
+
+def _resolved(value: Any, definitions: dict[str, Any]) -> Any:
+    """The value with a reference in place of each table and definition, which are added to ``definitions``."""
+    if isinstance(value, (KeyTable, Definition)):
+        return {"$ref": _reference(value, definitions)}
+    if isinstance(value, Mapping):
+        return {key: _member(key, each, definitions) for key, each in value.items()}
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_resolved(each, definitions) for each in value]
+    return value
+
+
+def _member(key: str, value: Any, definitions: dict[str, Any]) -> Any:
+    if key == "$ref" and isinstance(value, (KeyTable, Definition)):
+        return _reference(value, definitions)
+    return _resolved(value, definitions)
+
+
+def _reference(value: KeyTable | Definition, definitions: dict[str, Any]) -> str:
+    if value.title not in definitions:
+        definitions[value.title] = {}  # a table may contain itself
+        definitions[value.title] = _resolved(value.schema(), definitions)
+    return f"#/$defs/{value.title}"

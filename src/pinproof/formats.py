@@ -1,0 +1,42 @@
+"""The formats of pinproof's files: each with the keys that its reader accepts, as a JSON Schema.
+
+The schemas (draft 2020-12) are for editors, which complete keys and mark errors, and for other programs. The readers
+check more, such as the names of frames.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from pinproof.common.file_keys import KeyTable, json_schema
+from pinproof.errors import UnknownNameError
+
+__all__ = ["FORMATS", "file_schema"]
+
+FORMATS = {
+    "scene": ("pinproof.collision.scene_keys", "SCENE"),
+    "picks": ("pinproof.picks.input.picks_keys", "PICKS"),
+    "attached": ("pinproof.collision.scene_keys", "ATTACHED"),
+    "dh": ("pinproof.description.dh_keys", "TABLE"),
+    "limits": ("pinproof.model.limits", "FILE"),
+    "motion": ("pinproof.motion.motion_keys", "MOTION"),
+    "report": ("pinproof.picks.report.report_keys", "REPORT"),
+    "proof": ("pinproof.collision.proof_keys", "PROOF"),
+}
+"""Module and name of the table of keys of each format."""
+
+
+def file_schema(name: str) -> dict[str, Any]:
+    """Return the JSON Schema of a format of files: one of :data:`FORMATS`, such as ``"picks"``.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no format of this name.
+    """
+    if name not in FORMATS:
+        raise UnknownNameError("file format", name, FORMATS)
+    module, table = FORMATS[name]
+    found: KeyTable = getattr(import_module(module), table)
+    return json_schema(found)

@@ -1,0 +1,390 @@
+"""The keys of picks files, and the columns of tables of picks."""
+
+from __future__ import annotations
+
+from pinproof.collision.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
+from pinproof.common.file_keys import (
+    ANGLE,
+    INTEGER,
+    NUMBER,
+    TEXT,
+    FileKey,
+    KeyTable,
+    any_of,
+    default_of,
+    list_of,
+    mapping_to,
+    numbers,
+)
+from pinproof.picks.input.pick import (
+    LONGEST_MOVE,
+    MOST_STEPS,
+    ROOT,
+    STEPS,
+    TIP,
+    GripperFingers,
+    Pick,
+    PlaceTarget,
+    SuctionCup,
+)
+from pinproof.picks.input.settings import GripLimits
+
+__all__ = [
+    "COLUMNS",
+    "CUP",
+    "DEFAULTS",
+    "FINGERS",
+    "FRAME",
+    "GRID",
+    "GRIP_LIMITS",
+    "HELD",
+    "PATTERN",
+    "PICK",
+    "PICKS",
+    "PLACE",
+    "POSITION",
+    "SPIN_RANGE",
+    "TOLERANCE",
+]
+
+POSITIVE = {"$ref": NUMBER, "minimum": 0}
+
+POSITION = FileKey("xyz", VECTOR, "position of the tool's tip at the grasp, in `frame`", "m")
+ORIENTATION = (
+    FileKey(
+        "rpy",
+        numbers(3, ANGLE),
+        "orientation of the tip: angles about fixed axes, R = Rz(yaw) Ry(pitch) Rx(roll)",
+        "rad",
+    ),
+    FileKey("quat_xyzw", numbers(4), "the orientation as a quaternion, scalar last, instead of `rpy`"),
+)
+SUPPORT = any_of(TEXT, {**list_of(TEXT, 1), "uniqueItems": True})
+
+
+def _ways(owner: type, begin: str, end: str) -> tuple[FileKey, ...]:
+    """The keys of the straight lines of a pick or a place."""
+    keys: list[FileKey] = []
+    for way, text in (("approach", begin), ("retreat", end)):
+        keys += (
+            FileKey(
+                way,
+                {"$ref": NUMBER, "minimum": 0, "maximum": LONGEST_MOVE},
+                f"length of the straight line {text}; 0 for none",
+                "m",
+                default_of(owner, way),
+            ),
+            FileKey(
+                f"{way}_direction",
+                VECTOR,
+                f"direction of the {way}; it is normalised",
+                "",
+                default_of(owner, f"{way}_direction"),
+            ),
+            FileKey(
+                f"{way}_frame",
+                {"enum": [TIP, ROOT]},
+                f"the frame of `{way}_direction`: the tip of the tool or the root link of the robot",
+                "",
+                default_of(owner, f"{way}_frame"),
+            ),
+        )
+    return tuple(keys)
+
+
+SPIN_RANGE = KeyTable(
+    "spin_range",
+    "A range of rotations about the approach direction.",
+    (
+        FileKey("range", numbers(2), "first and last rotation", "rad", required=True),
+        FileKey("steps", {**INTEGER, "minimum": 1, "maximum": MOST_STEPS}, "number of steps between them", "", STEPS),
+    ),
+)
+
+TOLERANCE = KeyTable(
+    "tolerance",
+    "How far a grasp may be moved along and about the axes of the tip if the nominal one fails.",
+    (
+        FileKey(
+            "position", any_of(POSITIVE, numbers(3, POSITIVE)), "along x, y, z, in both directions", "m", [0, 0, 0]
+        ),
+        FileKey("tilt", POSITIVE, "about x and y, in both directions", "rad", 0),
+    ),
+)
+
+PLACE = KeyTable(
+    "place",
+    "Where the object is put down: the pose of the tool's tip at the release (`xyz` with `rpy` or `quat_xyzw`), or "
+    "that of the object (`object_pose`). For a family of grasps the pose of the tip is that of the nominal grasp; the "
+    "object has the same final pose for every grasp of the family.",
+    (
+        FileKey("xyz", VECTOR, "position of the tip at the release, in `frame`", "m"),
+        *ORIENTATION,
+        FileKey(
+            "object_pose",
+            POSE,
+            "the final pose of the object, in `frame`, instead of the pose of the tip: frame_from_object, with the "
+            "pose that the object has in the scene file, or in `object`, as its own frame",
+        ),
+        FileKey("frame", TEXT, "the frame of the pose, as for a pick; by default the root link of the robot"),
+        *_ways(PlaceTarget, "to the release", "of the empty tool after the release"),
+        FileKey(
+            "support",
+            SUPPORT,
+            "the obstacle, or a list of obstacles, that the object is put onto; by default those within 1 mm below it",
+        ),
+    ),
+    {
+        "oneOf": [
+            {
+                "required": ["object_pose"],
+                "not": {"anyOf": [{"required": [key]} for key in ("xyz", "rpy", "quat_xyzw")]},
+            },
+            {"required": ["xyz", "rpy"]},
+            {"required": ["xyz", "quat_xyzw"]},
+        ]
+    },
+)
+
+GRID = KeyTable(
+    "grid",
+    "The grid of a pattern, along the axes of the pick's frame.",
+    (
+        FileKey("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z", required=True),
+        FileKey("step", VECTOR, "distance of neighbours along x, y, z", "m", required=True),
+    ),
+)
+
+PATTERN = KeyTable(
+    "pattern",
+    "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
+    (FileKey("grid", GRID, "a regular grid", required=True),),
+)
+
+_PICK_KEYS = (
+    POSITION,
+    *ORIENTATION,
+    FileKey(
+        "frame",
+        TEXT,
+        "the frame of the pose: one of `frames`, an obstacle, or a link that does not move; by default the root link "
+        "of the robot",
+    ),
+    *_ways(Pick, "before the grasp", "after the grasp"),
+    FileKey(
+        "spin",
+        any_of({"const": "free"}, NUMBER, list_of(NUMBER, 1), SPIN_RANGE),
+        f"equivalent rotations about the approach direction: one, a list, a range, or `free` for any ({STEPS} are "
+        "tried)",
+        "rad",
+        0,
+    ),
+    FileKey("tolerance", TOLERANCE, "how far the grasp may be moved if the nominal one fails"),
+    FileKey(
+        "object",
+        any_of(TEXT, BODY),
+        "the grasped object: the name of an obstacle of the scene, or a shape. It moves with the tool after the grasp; "
+        "without it, the tool is empty there. In a pattern, `{i}`, `{j}` and `{k}` are replaced by the indices",
+    ),
+    FileKey(
+        "support",
+        SUPPORT,
+        "the obstacle, or a list of obstacles, that the object may touch until it is lifted; by default those within 1 "
+        "mm below it",
+    ),
+    FileKey("place", PLACE, "where the object is put down; by default the pick ends with the retreat"),
+)
+
+DEFAULTS = KeyTable(
+    "defaults", "Keys of a pick that apply where a pick does not state them.", _PICK_KEYS, ONE_ORIENTATION
+)
+
+PICK = KeyTable(
+    "pick",
+    "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
+    "`defaults`; an `object` is required for `support` and `place`.",
+    (
+        FileKey("name", TEXT, "unique in the file", required=True),
+        *_PICK_KEYS,
+        FileKey("pattern", PATTERN, "copies of this pick on a grid"),
+    ),
+    ONE_ORIENTATION,
+)
+
+FRAME = KeyTable(
+    "frame",
+    "A named frame in which picks can be stated: parent_from_frame.",
+    (
+        *POSE_KEYS,
+        FileKey(
+            "frame", {"type": "string"}, "the parent: another frame, an obstacle, or a link that does not move", "", ""
+        ),
+    ),
+    ONE_ORIENTATION,
+)
+
+HELD = KeyTable(
+    "open_and_grip",
+    "Two values of a finger joint of the robot.",
+    (
+        FileKey("open", NUMBER, "before the grasp and after the release", "rad or m", required=True),
+        FileKey("grip", NUMBER, "from the grasp to the release", "rad or m", required=True),
+    ),
+)
+
+FINGERS = KeyTable(
+    "fingers",
+    "Two fingers of a parallel gripper that are not part of the robot.",
+    (
+        FileKey("opening", POSITIVE, "distance between their faces before the grasp", "m", required=True),
+        FileKey("grip", POSITIVE, "distance between their faces on the object", "m", required=True),
+        FileKey(
+            "axis",
+            VECTOR,
+            "opening direction of the first finger, in the tcp frame; the second moves in the opposite direction",
+            "",
+            default_of(GripperFingers, "axis"),
+        ),
+        FileKey(
+            "bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body", required=True
+        ),
+    ),
+)
+
+
+CUP = KeyTable(
+    "cup",
+    "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
+    (
+        FileKey("radius", NUMBER, "radius of the face, above 0", "m", required=True),
+        FileKey(
+            "gap",
+            NUMBER,
+            "largest distance of any point of the rim from the surface of the object along the axis; bellows allow "
+            "more than a flat cup",
+            "m",
+            default_of(SuctionCup, "gap"),
+        ),
+        FileKey(
+            "tilt",
+            NUMBER,
+            "largest angle between the face and the surface at its rim",
+            "rad",
+            default_of(SuctionCup, "tilt"),
+        ),
+    ),
+)
+
+
+def _limit(name: str, text: str, unit: str) -> FileKey:
+    return FileKey(name, POSITIVE, text, unit, default_of(GripLimits, name))
+
+
+GRIP_LIMITS = KeyTable(
+    "grip_limits",
+    "The criteria for holding an object.",
+    (
+        _limit("area", "smallest contact area of each finger", "m²"),
+        _limit("overlap", "smallest extent of each contact along the finger", "m"),
+        _limit(
+            "angle",
+            "largest angle between a contact normal and the closing direction, and half angle of the friction cones",
+            "rad",
+        ),
+        _limit("gap", "largest distance of a closed finger from the object", "m"),
+        _limit("depth", "largest penetration of a closed finger into the object", "m"),
+        _limit("compliance", "compliance of pads and object; above 0", "m"),
+        _limit("tip", "largest distance of the tip of a tool without fingers from the surface of the object", "m"),
+    ),
+)
+
+PICKS = KeyTable(
+    "picks",
+    "A picks file: the picks, and the robot, scene and gripper that they share. Files that it names are relative to "
+    "its folder.",
+    (
+        FileKey("robot", TEXT, "a name of the catalogue, or a robot file (URDF, xacro, MJCF, DH table)"),
+        FileKey("srdf", TEXT, "an SRDF file of the robot"),
+        FileKey(
+            "package_dirs",
+            any_of(TEXT, list_of(TEXT)),
+            "a folder, or a list of folders, that contain ROS packages",
+            "",
+            [],
+        ),
+        FileKey(
+            "xacro_args",
+            mapping_to({"type": ["string", "number", "boolean"]}),
+            "values of the arguments of a xacro file",
+            "",
+            {},
+        ),
+        FileKey("limits", TEXT, "a file of [joint limits](limits.md)"),
+        FileKey("tcp", TEXT, "the tcp frame of the arm; by default that of the robot"),
+        FileKey(
+            "held",
+            mapping_to(any_of(NUMBER, HELD)),
+            "values of joints outside the arm, by name; two values for finger joints of the robot, whose links may "
+            "touch the object",
+            "rad or m",
+            {},
+        ),
+        FileKey("scene", TEXT, "a [scene file](scene.md); by default an empty scene"),
+        FileKey("margin", POSITIVE, "smallest allowed distance between any two bodies", "m", 0.0),
+        FileKey(
+            "home",
+            mapping_to(NUMBER),
+            "joint values, by name, where motions start; by default the robot's own",
+            "rad or m",
+        ),
+        FileKey("tip", POSE, "tcp_from_tip: the frame that is moved to the poses of picks", "", {}),
+        FileKey("tool", list_of(OBSTACLE), "bodies that move with the tcp; poses are tcp_from_body", "", []),
+        FileKey("fingers", FINGERS, "two moving fingers that are not part of the robot"),
+        FileKey("cup", CUP, "a suction cup at the tip, instead of fingers; its body is one of `tool`"),
+        FileKey(
+            "gripper",
+            list_of({"type": "string"}),
+            "more links of the robot that may touch the object, as `tool` and `fingers` may",
+            "",
+            [],
+        ),
+        FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
+        FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
+        FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
+        FileKey(
+            "picks",
+            any_of(
+                list_of(PICK, 1),
+                {"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"},
+            ),
+            "the picks, or a table of them in a CSV file",
+            required=True,
+        ),
+    ),
+)
+
+COLUMNS = {
+    "name": ("name",),
+    "xyz": ("x", "y", "z"),
+    "rpy": ("roll", "pitch", "yaw"),
+    "quat_xyzw": ("qx", "qy", "qz", "qw"),
+    "frame": ("frame",),
+    "approach": ("approach",),
+    "approach_direction": ("approach_x", "approach_y", "approach_z"),
+    "approach_frame": ("approach_frame",),
+    "retreat": ("retreat",),
+    "retreat_direction": ("retreat_x", "retreat_y", "retreat_z"),
+    "retreat_frame": ("retreat_frame",),
+    "spin": ("spin",),
+    "object": ("object",),
+    "support": ("support",),
+    "place.xyz": ("place_x", "place_y", "place_z"),
+    "place.rpy": ("place_roll", "place_pitch", "place_yaw"),
+    "place.object_pose.xyz": ("place_object_x", "place_object_y", "place_object_z"),
+    "place.object_pose.rpy": ("place_object_roll", "place_object_pitch", "place_object_yaw"),
+    "place.frame": ("place_frame",),
+    "place.approach": ("place_approach",),
+    "place.retreat": ("place_retreat",),
+    "place.support": ("place_support",),
+}
+"""The keys that a row of a table can state, and their columns."""

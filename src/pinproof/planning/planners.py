@@ -1,0 +1,58 @@
+"""The planners by name. The command line, the planning benchmark and the picks select planners from this table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.collision import CollisionChecker
+from pinproof.errors import UnknownNameError
+from pinproof.planning.ompl_adapter import OmplPlanner
+from pinproof.planning.result import PlanResult
+from pinproof.planning.rrt_connect import RrtConnect
+
+__all__ = ["DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner"]
+
+
+class Planner(Protocol):
+    """What every planner provides."""
+
+    def plan(
+        self,
+        checker: CollisionChecker,
+        start: npt.ArrayLike,
+        goals: npt.ArrayLike,
+        *,
+        turns: bool = False,
+        rng: int | np.random.Generator = 0,
+    ) -> PlanResult:
+        """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does."""
+        ...
+
+    def limited_to(self, nodes: int) -> Planner:
+        """Return the planner with a budget of work instead of time, so that its result does not depend on the clock."""
+        ...
+
+
+PLANNERS: dict[str, Callable[..., Planner]] = {"rrt_connect": RrtConnect, "ompl": OmplPlanner}
+"""Planner classes by name; each of them can be created without arguments and accepts ``time_limit`` in seconds."""
+
+DEFAULT_PLANNER = "rrt_connect"
+
+
+def make_planner(name: str = DEFAULT_PLANNER, **settings: Any) -> Planner:
+    """Return a planner of :data:`PLANNERS`, with its default settings except for those given.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no planner with this name.
+    InputError
+        If a setting is invalid, or the library of the planner is not installed.
+    """
+    if name not in PLANNERS:
+        raise UnknownNameError("planner", name, PLANNERS)
+    return PLANNERS[name](**settings)

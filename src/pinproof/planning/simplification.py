@@ -1,0 +1,200 @@
+"""Shorten a path, round its corners, and certify the resulting curve.
+
+Random shortcuts remove detours. The removal of waypoints, and moving the remaining ones towards the straight line
+between their neighbours, keeps the number of waypoints small. A new edge is accepted only if it is proven free.
+
+Sources: R. Geraerts, M. Overmars, "Creating high-quality paths for motion planning", IJRR 26(8), 2007 (random
+shortcuts); S. Sekhavat, P. Svestka, J.-P. Laumond, M. Overmars, "Multilevel path planning for nonholonomic robots using
+semiholonomic subsystems", IJRR 17(8), 1998 (removal of waypoints).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pinproof._core import shortcut as shorten
+from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.errors import InputError
+from pinproof.motion import BlendedPath, JointPath
+from pinproof.planning.blending import blend as round_corners
+from pinproof.planning.edges import Edges
+
+__all__ = ["SimplifyResult", "shortcut", "simplify"]
+
+
+@dataclass(frozen=True, eq=False)
+class SimplifyResult:
+    """A shortened and smoothed path.
+
+    Parameters
+    ----------
+    path
+        A :class:`~pinproof.motion.BlendedPath` if the corners were rounded, else a :class:`~pinproof.JointPath`.
+    certificate
+        The certificate of ``path``. It is FREE unless the given path itself is not free.
+    before
+        The certificate of the given path.
+    length_before, length_after
+        Euclidean lengths in joint space (radians and metres have equal weight).
+    message
+        The change in length and stops as text, with any curve that was rejected.
+    """
+
+    path: JointPath | BlendedPath
+    certificate: Certificate
+    before: Certificate
+    length_before: float
+    length_after: float
+    message: str
+
+    @property
+    def ok(self) -> bool:
+        """Whether ``path`` is proven free."""
+        return self.certificate.free
+
+    @property
+    def stops(self) -> int:
+        """The number of points between the ends at which the arm must stop."""
+        return _stops(self.path)
+
+    @property
+    def clearance_before(self) -> float:
+        """Proven clearance (m) of the given path; NaN if it is not free."""
+        return self.before.clearance
+
+    @property
+    def clearance_after(self) -> float:
+        """Proven clearance (m) of ``path``; NaN if it is not free."""
+        return self.certificate.clearance
+
+    @property
+    def observed_before(self) -> float:
+        """The smallest distance (m) that was measured along the given path."""
+        return self.before.observed
+
+    @property
+    def observed_after(self) -> float:
+        """The smallest distance (m) that was measured along ``path``."""
+        return self.certificate.observed
+
+    def or_raise(self) -> SimplifyResult:
+        """Return the result if its path is proven free.
+
+        Raises
+        ------
+        NotProvenFree
+            Otherwise, with the message of the certificate.
+        """
+        self.certificate.or_raise()
+        return self
+
+
+def simplify(
+    path: JointPath,
+    checker: CollisionChecker,
+    *,
+    rng: int | np.random.Generator = 0,
+    blend: bool = True,
+    deviation: float = 0.1,
+    attempts: int = 60,
+    certificate: Certificate | None = None,
+) -> SimplifyResult:
+    """Shorten a path (:func:`shortcut`), round its corners (:func:`blend`), and certify the resulting curve.
+
+    Every piece is proven before it is accepted, and the complete curve is certified afterwards. If that certificate is
+    not FREE, the result is the shortened path without rounding, or else the given path, and the message states it.
+
+    Parameters
+    ----------
+    path
+        The path of a planner.
+    checker
+        Defines the bodies and margins.
+    rng, attempts
+        As for :func:`shortcut`.
+    blend, deviation
+        Whether corners are rounded, and the maximum distance (rad or m, Euclidean) between a corner and its rounding.
+    certificate
+        The certificate of ``path``, such as :attr:`PlanResult.certificate`. If it is not given, it is computed.
+
+    Raises
+    ------
+    InputError
+        If the joints of the path are not those of the arm, or a setting is out of its range.
+    """
+    short = shortcut(path, checker, rng=rng, attempts=attempts)
+    candidates: list[JointPath | BlendedPath] = [short]
+    if blend:
+        candidates.insert(0, round_corners(short, checker, deviation=deviation))
+    before = certificate if certificate is not None and _is_for(certificate, path, checker) else certify(path, checker)
+    rejected = ""
+    for curve in candidates:
+        proof = certify(curve, checker)
+        if proof.free:
+            return _result(curve, proof, path, before, rejected)
+        kind = "rounded" if isinstance(curve, BlendedPath) else "shortened"
+        rejected = f"; the {kind} path was rejected: {proof.message}"
+    return _result(path, certify(path, checker), path, before, rejected)
+
+
+def _is_for(certificate: Certificate, path: JointPath, checker: CollisionChecker) -> bool:
+    """Whether a certificate is for this path, this setup, this margin and these excluded pairs."""
+    same = certificate.margin == checker.margin and certificate.excluded == tuple(checker.excluded)
+    return same and certificate.matches(path, checker.arm, checker.scene, checker.attached)
+
+
+def _result(
+    curve: JointPath | BlendedPath, proof: Certificate, path: JointPath, before: Certificate, rejected: str
+) -> SimplifyResult:
+    stops = _stops(curve)
+    message = (
+        f"length reduced from {path.length:.3g} to {curve.length:.3g}, stops from {max(len(path) - 2, 0)} to {stops}; "
+        f"{proof.message}{rejected}"
+    )
+    return SimplifyResult(curve, proof, before, path.length, curve.length, message)
+
+
+def _stops(curve: JointPath | BlendedPath) -> int:
+    return len(curve.corners) if isinstance(curve, BlendedPath) else max(len(curve) - 2, 0)
+
+
+def shortcut(
+    path: JointPath,
+    checker: CollisionChecker,
+    *,
+    rng: int | np.random.Generator = 0,
+    attempts: int = 60,
+    resolution: float = 0.05,
+) -> JointPath:
+    """Shorten a path; its ends are kept and every new edge is proven free.
+
+    The other edges are not changed, so that a certified path can be certified again. The result is at most as long as
+    ``path`` and usually has few waypoints. It does not depend on a clock: the same input gives the same path.
+
+    Parameters
+    ----------
+    path
+        The path to shorten.
+    checker
+        Defines the bodies and margins for the new edges.
+    rng
+        Seed or Generator of the random shortcuts.
+    attempts
+        Maximum number of random shortcuts. With 0, waypoints are removed and nothing else is changed.
+    resolution
+        Distance (m) by which bodies move between two samples that are checked before the proof of an edge.
+
+    Raises
+    ------
+    InputError
+        If the joints of the path are not those of the arm, or a setting is out of its range.
+    """
+    if path.joint_names != checker.arm.joint_names:
+        raise InputError(f"the path has the joints {path.joint_names}, the arm {checker.arm.joint_names}")
+    if attempts < 0:
+        raise InputError(f"attempts = {attempts}; it must be 0 or more")
+    edges = Edges(checker, resolution, path.q[[0, -1]])
+    draws = np.random.default_rng(rng).random((attempts, 2))
+    return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)

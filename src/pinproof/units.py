@@ -1,0 +1,97 @@
+"""Detecting numbers in the wrong unit: degrees instead of radians, millimetres instead of metres.
+
+Such numbers are errors where the number itself leaves no doubt, and in input files: 30 rad may be a joint limit, but an
+orientation of 90 rad is always a mistake. Elsewhere they are reported as a :class:`pinproof.errors.UnitWarning`.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterable, Sequence
+
+from pinproof.errors import InputError, UnitWarning
+
+__all__ = [
+    "FAR",
+    "MOST_REACH",
+    "MOST_TURN",
+    "far_hint",
+    "refuse_degree_limit",
+    "refuse_degrees",
+    "refuse_millimetres",
+    "warn_of_degrees",
+    "warn_of_millimetres",
+]
+
+MOST_TURN = 4 * math.pi
+"""Rad. Angles of an orientation are within two full rotations; 13 degrees and more exceed this."""
+
+DEGREE_LIMITS = (50.0, 720.0)
+"""An integer joint limit between these values is assumed to be in degrees: in radians it is 8 rotations or more."""
+
+MOST_REACH = 100.0
+"""Metres. Longer distances on an arm or in its workspace are assumed to be in millimetres."""
+
+
+FAR = 10.0
+"""Sizes of a robot. A target or a mesh that is farther away or larger is assumed to be in millimetres."""
+
+
+def refuse_degrees(name: str, angles: Iterable[float]) -> None:
+    """Raise InputError for angles of an orientation beyond two full rotations; the message converts from degrees."""
+    if text := _degrees_text(name, angles):
+        raise InputError(text)
+
+
+def warn_of_degrees(name: str, angles: Iterable[float], *, stacklevel: int = 2) -> None:
+    """Warn of angles beyond two full rotations; ``stacklevel`` is counted from the caller of this function."""
+    if text := _degrees_text(name, angles):
+        warnings.warn(text, UnitWarning, stacklevel=stacklevel + 1)
+
+
+def _degrees_text(name: str, angles: Iterable[float]) -> str:
+    for angle in angles:
+        if MOST_TURN < abs(angle) < math.inf:
+            return f"{name}: {angle:g} rad is more than two full rotations; {_degrees(angle)}"
+    return ""
+
+
+def refuse_degree_limit(name: str, limit: float | None) -> None:
+    """Raise InputError for a limit of a revolute joint that is probably in degrees (:data:`DEGREE_LIMITS`)."""
+    if limit is not None and DEGREE_LIMITS[0] < abs(limit) <= DEGREE_LIMITS[1] and limit == round(limit):
+        raise InputError(f"{name}: {limit:g} rad is {abs(limit) / math.tau:.0f} full rotations; {_degrees(limit)}")
+
+
+def refuse_millimetres(name: str, lengths: Sequence[float]) -> None:
+    """Raise InputError if the lengths are probably in millimetres: one exceeds 100 m and all others are 0 or >= 1 m."""
+    if text := _millimetres_text(name, lengths):
+        raise InputError(text)
+
+
+def warn_of_millimetres(name: str, lengths: Sequence[float], *, most: float = MOST_REACH, stacklevel: int = 2) -> None:
+    """Warn of lengths that are probably in millimetres: one exceeds ``most`` (m) and all others are 0 or >= 1 m."""
+    if text := _millimetres_text(name, lengths, most):
+        warnings.warn(text, UnitWarning, stacklevel=stacklevel + 1)
+
+
+def _millimetres_text(name: str, lengths: Sequence[float], most: float = MOST_REACH) -> str:
+    stated = [abs(length) for length in lengths if length]
+    if not stated or not most < max(stated) < math.inf or min(stated) < 1.0:
+        return ""
+    far = max(stated)
+    return f"{name}: {far:g} m is too long; lengths are in metres, {far:g} mm = {far / 1000:g} m"
+
+
+def far_hint(missed: float, size: float) -> str:
+    """Return a hint if a target is ``missed`` (m) by more than :data:`FAR` sizes (m) of the robot, else ''."""
+    if missed <= FAR * size:
+        return ""
+    return (
+        f". The target is {missed:.3g} m out of reach of a robot of {size:.2g} m: lengths are in metres, and this "
+        "distance looks like millimetres"
+    )
+
+
+def _degrees(angle: float) -> str:
+    return f"angles are in radians, {angle:g} degrees = {math.radians(angle):.6g} rad"

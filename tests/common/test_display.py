@@ -1,0 +1,205 @@
+"""How values are displayed: a ``repr`` of at most ten lines, and small HTML that is complete and escaped."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.common.display import MOST_LINES, MOST_ROWS, html_plot, html_table, outline
+from pinproof.description import robots_folder
+from pinproof.picks.judging.verdict import PickStatus, Stage, StageResult
+
+HOSTILE = '<script>alert("x")</script> & <b>'
+
+
+class Parsed(HTMLParser):
+    """The text and the tags of a page; ``balanced`` is False if tags are not closed in order."""
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.words: list[str] = []
+        self.balanced, self._open = True, []
+        self.feed(html)
+        self.close()
+        self.balanced = self.balanced and not self._open
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self._open.append(tag)
+
+    def handle_endtag(self, tag):
+        if not self._open or self._open.pop() != tag:
+            self.balanced = False
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+
+@pytest.fixture(scope="module")
+def ur5() -> dict[str, object]:
+    """Values of every kind that a first session displays."""
+    folder = robots_folder() / "ur5"
+    robot = pp.load_robot("ur5")
+    arm, scene, picks = robot.arm(), pp.Scene.load(folder / "scene.yaml"), pp.read_picks(folder / "picks.yaml")
+    checker = pp.CollisionChecker(arm, scene)
+    goal = arm.home + 0.3
+    path = pp.JointPath([arm.home, goal], arm.joint_names)
+    trajectory = pp.time_parametrise(path, arm.limits)
+    return {
+        "robot": robot,
+        "arm": arm,
+        "scene": scene,
+        "picks": picks,
+        "checker": checker,
+        "info": robot.info(arm),
+        "limits": arm.limits,
+        "path": path,
+        "trajectory": trajectory,
+        "certificate": pp.certify(trajectory, checker),
+        "branches": pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(goal)),
+        "result": pp.Clik().solve(arm, arm.forward_kinematics(goal)),
+        "batch": pp.Clik().solve_batch(arm, arm.forward_kinematics_batch(np.tile(arm.home, (50, 1)))),
+        "table": pp.DhTable.load(robots_folder() / "puma560" / "dh.yaml"),
+        "screened": pp.screen_picks(arm, scene, picks),
+    }
+
+
+@pytest.fixture(scope="module")
+def hundred(ur5) -> pp.PickReport:
+    """A report of 100 picks that states its verdicts, one of them with a hostile name and reason."""
+    pick = ur5["picks"].picks[0]
+    failed = (StageResult(Stage.INPUT, True, "valid"), StageResult(Stage.REACH, False, f"out of reach {HOSTILE}"))
+    verdicts = tuple(
+        pp.PickVerdict(replace(pick, name=f"bolt {HOSTILE if k == 7 else k}"), PickStatus.NOT_FOUND, failed)
+        for k in range(100)
+    )
+    return pp.PickReport("ur5", verdicts, (), "default: a guess")
+
+
+def test_every_repr_has_at_most_ten_lines(ur5, hundred) -> None:
+    values = {**ur5, "report": hundred, "verdict": hundred.verdicts[0]}
+    assert {name: repr(value).count("\n") + 1 for name, value in values.items() if repr(value).count("\n") > 9} == {}
+    assert {name: len(repr(value)) for name, value in values.items() if len(repr(value)) > 1700} == {}
+    assert all(type(value).__name__ in repr(value) for value in values.values())
+
+
+def test_repr_of_a_long_report_states_its_summary_and_the_picks_left_out(hundred) -> None:
+    lines = repr(hundred).splitlines()
+    assert len(lines) == MOST_LINES
+    assert "0 of 100 picks good" in lines[0]
+    assert "92 more" in lines[-1]
+    assert "bolt 0" in lines[1]
+    assert "reach" in lines[1]
+
+
+def test_repr_of_a_good_report_states_clearance_and_duration(ur5) -> None:
+    picks = replace(ur5["picks"], picks=ur5["picks"].picks[:1])
+    report = pp.validate_picks(ur5["arm"], ur5["scene"], picks)
+    verdict = report.good[0]
+    for value in (report, verdict):
+        assert f"{verdict.trajectory.duration:.2f} s" in repr(value)
+        assert f"{np.floor(verdict.clearance * 1e4) / 10:.1f} mm" in repr(value)
+        assert repr(value).count("\n") < MOST_LINES
+
+
+@pytest.mark.parametrize(
+    ("name", "facts"),
+    [
+        ("trajectory", ("shoulder_pan_joint", "Trajectory", "largest velocity", "rad or m over")),
+        ("path", ("wrist_3_joint", "2 waypoints")),
+        ("table", ("standard", "joint_1", "alpha")),
+        ("info", ("elbow_joint", "tool0", "revolute", "Acceleration limits")),
+        ("branches", ("8 branches", "position error", "elbow_joint")),
+        ("scene", ("bin_near", "Box", "roll")),
+        ("picks", ("bolt_1", "approach")),
+        ("certificate", ("FREE", "not checked")),
+    ],
+)
+def test_html_of_a_value_is_complete_and_states_its_figures(ur5, name, facts) -> None:
+    value = ur5[name]
+    page = Parsed(value._repr_html_())
+    assert page.balanced
+
+    assert [fact for fact in facts if fact not in page.text] == []
+    assert len(value._repr_html_()) < 40_000
+    assert not {"script", "link", "img", "style"}.intersection(page.tags)
+
+
+def test_html_of_a_table_of_joints_has_the_numbers_of_the_trajectory(ur5) -> None:
+    trajectory = ur5["trajectory"]
+    text = Parsed(trajectory._repr_html_()).text
+    for value in (*trajectory.q[-1], *trajectory.max_velocity()):
+        assert f"{value:.6g}" in text
+
+
+def test_html_of_a_report_escapes_names_and_reasons(hundred) -> None:
+    page = Parsed(hundred._repr_html_())
+    assert page.balanced
+    assert "script" not in page.tags
+    assert "b" not in page.tags
+    assert page.text.count(HOSTILE) == 101
+    assert "guessed acceleration limits: a guess" in page.text
+    assert page.tags.count("tr") == 101
+    assert len(hundred._repr_html_()) < 100_000
+
+
+def test_html_of_a_verdict_has_every_stage_and_escapes_it(hundred) -> None:
+    page = Parsed(hundred.verdicts[7]._repr_html_())
+    assert page.balanced
+    assert "script" not in page.tags
+    assert all(word in page.text for word in ("NOT FOUND at reach", "passed", "failed", HOSTILE))
+
+
+def test_table_states_the_rows_that_it_leaves_out() -> None:
+    page = Parsed(html_table(("number",), ([k] for k in range(1000)), total=1000))
+    assert page.tags.count("tr") == MOST_ROWS + 1
+    assert "900 more rows" in page.text
+
+
+def test_plot_of_a_motion_without_duration_is_finite() -> None:
+    html = html_plot([0.0], {HOSTILE: [1.0]}, "rad")
+    assert Parsed(html).balanced
+    assert "nan" not in html
+    assert HOSTILE in Parsed(html).text
+
+
+def test_outline_shortens_long_lines() -> None:
+    assert max(map(len, outline("x" * 1000, ["y" * 1000] * 3).splitlines())) <= 170
+
+
+def test_live_view_displays_as_a_frame_of_its_page_and_its_snapshot_as_a_complete_page(ur5) -> None:
+    with pp.show(ur5["arm"]) as view:
+        frame = Parsed(view._repr_html_())
+        assert frame.balanced
+        assert "iframe" in frame.tags
+        assert f'src="{view.url}"' in view._repr_html_()
+        snapshot = view.snapshot()
+    frames: list[dict[str, str]] = []
+    parser = HTMLParser()
+    parser.handle_starttag = lambda tag, attrs: frames.append(dict(attrs)) if tag == "iframe" else None
+    parser.feed(snapshot._repr_html_())
+    assert frames[0]["srcdoc"] == snapshot.text
+    assert "<canvas" in snapshot.text or "meshcat-pane" in snapshot.text
+    assert len(repr(snapshot)) < 100
+    assert "iframe" not in view._repr_html_()  # closed
+
+
+@pytest.mark.slow
+def test_displaying_a_value_does_not_import_ipython() -> None:
+    code = (
+        "import sys, pinproof as pp; a = pp.load_robot('ur5').arm(); v = pp.show(a); v._repr_html_(); "
+        "print('IPython' in sys.modules); v.close()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"

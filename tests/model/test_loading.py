@@ -1,0 +1,96 @@
+"""Loading robots from DH tables, and saving their URDF."""
+
+from __future__ import annotations
+
+import pickle
+import shutil
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.description import robots_folder
+from pinproof.errors import ConversionError, DhTableError
+
+GENERIC = robots_folder() / "generic_6dof"
+
+
+@pytest.mark.parametrize("suffix", [".yaml", ".csv"])
+def test_a_dh_table_file_is_a_robot(suffix, tmp_path):
+    table = pp.DhTable.load(GENERIC / "dh.yaml")
+    table = pp.DhTable(table.rows, convention=table.convention, name="mine")  # a CSV file holds no tool
+    path = tmp_path / f"mine{suffix}"
+    table.save(path)
+    robot = pp.load_robot(path)
+    arm = robot.arm()
+    assert (robot.name, robot.urdf.path, arm.tcp, arm.joint_names) == ("mine", path, "tool0", table.joint_names)
+    for q in np.random.default_rng(0).uniform(table.lower, table.upper, (20, len(table))):
+        np.testing.assert_allclose(arm.forward_kinematics(q).homogeneous, table.forward_kinematics(q), atol=1e-12)
+    assert robot.urdf.collisions
+
+
+def test_a_table_in_memory_is_a_robot_and_survives_pickling():
+    table = pp.DhTable([pp.DhRow("j1", 0, 0.3, 0, np.pi / 2), pp.DhRow("j2", 0, 0, 0.4, 0)], convention="standard")
+    robot = pickle.loads(pickle.dumps(pp.load_robot(table)))
+    assert robot.urdf.path is None
+    q = [0.3, -0.7]
+    np.testing.assert_allclose(
+        robot.arm().forward_kinematics(q).homogeneous, table.forward_kinematics(q), rtol=0, atol=1e-12
+    )
+
+
+def test_an_srdf_applies_to_a_table(tmp_path):
+    (tmp_path / "arm.srdf").write_text(
+        '<robot name="x"><group_state name="up" group="arm">'
+        + "".join(f'<joint name="joint_{i}" value="0.{i}"/>' for i in range(1, 7))
+        + "</group_state></robot>"
+    )
+    arm = pp.load_robot(GENERIC / "dh.yaml", srdf=tmp_path / "arm.srdf").arm()
+    np.testing.assert_allclose(arm.state("up"), [0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
+
+
+def test_a_bad_table_names_its_row(tmp_path):
+    (tmp_path / "t.csv").write_text("# convention: standard\nname,theta,d,a,alpha\nj1,0,zero,0,0\n")
+    with pytest.raises(DhTableError, match=r"t\.csv: row 1, column d"):
+        pp.load_robot(tmp_path / "t.csv")
+
+
+def test_a_table_whose_urdf_differs_is_no_robot(monkeypatch):
+    from pinproof.description.dh_urdf import urdf_text
+
+    def tampered(robot, *, comment):
+        return urdf_text(robot, comment=comment).replace('xyz="0.3 0.0 0.0"', 'xyz="0.31 0.0 0.0"')
+
+    monkeypatch.setattr("pinproof.description.dh_urdf.urdf_text", tampered)
+    with pytest.raises(ConversionError, match="off by"):
+        pp.load_robot(GENERIC / "dh.yaml")
+
+
+def test_xacro_arguments_for_a_table_are_refused():
+    with pytest.raises(pp.InputError, match=r"\.xacro files only"):
+        pp.load_robot(GENERIC / "dh.yaml", xacro_args={"a": "1"})
+
+
+def test_a_saved_urdf_finds_its_meshes_from_another_folder(tmp_path):
+    source = tmp_path / "source"
+    source.mkdir()
+    mesh = next(g.mesh.path for g in pp.load_robot("ur5").urdf.collisions if g.mesh is not None)
+    shutil.copy(mesh, source / f"part{mesh.suffix}")
+    (source / "r.urdf").write_text(
+        f'<robot name="r"><link name="a"><collision><geometry><mesh filename="part{mesh.suffix}"/></geometry>'
+        "</collision></link></robot>"
+    )
+    (tmp_path / "target").mkdir()
+    pp.load_robot(source / "r.urdf").save_urdf(tmp_path / "target" / "r.urdf")
+    (found,) = pp.load_robot(tmp_path / "target" / "r.urdf").urdf.collisions
+    assert found.mesh.path == source / f"part{mesh.suffix}"
+
+
+def test_a_saved_urdf_keeps_uris_that_are_still_found(tmp_path):
+    robot = pp.load_robot("ur5")
+    robot.save_urdf(tmp_path / "ur5.urdf")
+    again = pp.load_robot(tmp_path / "ur5.urdf")
+    assert next(g.mesh for g in again.urdf.visuals if g.mesh).uri.startswith("package://")
+    assert [g.mesh and (g.mesh.uri, g.mesh.path) for g in again.urdf.collisions] == [
+        g.mesh and (g.mesh.uri, g.mesh.path) for g in robot.urdf.collisions
+    ]

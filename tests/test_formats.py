@@ -1,0 +1,545 @@
+"""File formats: readers, JSON Schemas and pages of the manual agree on the keys, and the schemas on the files."""
+
+from __future__ import annotations
+
+import copy
+import importlib.util
+import json
+import os
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import jsonschema
+import pytest
+import trimesh
+import yaml
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof.collision import Attachments
+from pinproof.common.yaml_file import parse_number, read_yaml
+from pinproof.errors import FileError
+from pinproof.formats import FORMATS
+from pinproof.model import JointLimits
+from pinproof.picks.input.picks_keys import COLUMNS
+from pinproof.verifier import proof as verifier_proof
+from pinproof.verifier.parts import Body, Curve, Joint
+
+from .fuzz import samples
+from .fuzz.mutations import worse_tree
+from .pages import ROOT
+
+PAGES = ROOT / "docs" / "formats"
+
+
+def picks(path: Path) -> None:
+    """Read a picks file; a row with a problem is an error here."""
+    if problems := pp.read_picks(path).problems:
+        raise FileError(path, problems[0].reason)
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "scene": pp.Scene.load,
+    "attached": Attachments.load,
+    "picks": picks,
+    "dh": pp.DhTable.load,
+    "limits": JointLimits.load,
+    "motion": pp.Trajectory.load,
+}
+
+EVERY_WAY = {
+    "approach": 0.1,
+    "approach_direction": [0, 0, 1],
+    "approach_frame": "tip",
+    "retreat": 0.1,
+    "retreat_direction": [0, 0, "1"],
+    "retreat_frame": "root",
+}
+SHAPES = [
+    *samples.SCENE["obstacles"],
+    {"name": "tip", "cone": {"radius": 0.1, "length": 0.2}, "quat_xyzw": [0, 0, 0, 1]},
+]
+EVERY_PICK = {
+    "xyz": [0, 0, 0.02],
+    "rpy": ["pi", 0, 0],
+    "frame": "tray",
+    **EVERY_WAY,
+    "spin": {"range": ["-pi", "pi"], "steps": 12},
+    "tolerance": {"position": [0.005, 0.005, 0], "tilt": 0.1},
+    "object": "part_{i}_{j}",
+    "support": ["tray_floor", "bin"],
+    "place": {"frame": "tray", "xyz": [0, 0.3, 0.02], "rpy": ["pi", 0, 0], **EVERY_WAY, "support": "bin"},
+}
+TURNED = {**EVERY_PICK, "quat_xyzw": [1, 0, 0, 0], "spin": "free", "support": "bin"}
+TURNED.pop("rpy")
+LIMITED = {f"has_{kind}_limits": True for kind in ("position", "velocity", "acceleration", "deceleration", "jerk")}
+EVERYTHING: dict[str, Any] = {
+    "scene": {
+        **samples.SCENE,
+        "obstacles": SHAPES,
+    },
+    "attached": {
+        "attached": SHAPES,
+        "allowed_contacts": [["picker", "part"]],
+        "held": {"rail": 0.5},
+        "tip": {"quat_xyzw": [0, 0, 0, 1]},
+    },
+    "picks": {
+        **samples.PICKS,
+        "held": {"finger": 0.04, "thumb": {"open": 0.04, "grip": 0.02}},
+        "grip_limits": {"area": 4e-6, "overlap": 0.002, "angle": 0.4, "gap": 0.001, "depth": 0.001, "compliance": 2e-4,
+                        "tip": 0.005},
+        "frames": {
+            "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
+            "box": {"quat_xyzw": [0, 0, 0, 1]},
+        },
+        "tip": {"xyz": [0, 0, 0.1], "quat_xyzw": [0, 0, 0, 1]},
+        "defaults": {key: value for key, value in EVERY_PICK.items() if key != "object"},
+        "picks": [
+            {"name": "all", **EVERY_PICK, "pattern": {"grid": {"counts": [2, 1, 1], "step": [0.05, 0.05, 0]}}},
+            {"name": "turned", **TURNED, "place": {"xyz": [0, 0, 0], "quat_xyzw": [1, 0, 0, 0]}},
+            {
+                "name": "shape",
+                **EVERY_PICK,
+                "object": {**SHAPES[0], "name": "held"},
+                "place": {"object_pose": {"xyz": [0, 0, 0], "rpy": [0, 0, "pi/2"]}},
+            },
+            *(
+                {"name": f"held {k}", **EVERY_PICK, "object": {key: shape[key] for key in shape if key != "name"}}
+                for k, shape in enumerate(SHAPES)
+            ),
+        ],
+    },
+    "dh": {
+        **samples.DH,
+        "base": {"matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.1], [0, 0, 0, 1]]},
+        "rows": [
+            *samples.DH["rows"],
+            {"name": "j4", "type": "continuous", "theta": 0, "d": 0, "a": 0, "alpha": 0, "effort": 50},
+        ],
+    },
+    "limits": {
+        "joint_limits": {
+            **samples.LIMITS["joint_limits"],
+            "all": {
+                **LIMITED,
+                "min_position": -1,
+                "max_position": 1,
+                "max_velocity": 1,
+                "max_acceleration": 1,
+                "max_deceleration": -1,
+                "max_jerk": 1,
+                "has_effort_limits": True,
+                "max_effort": 1,
+                "angle_wraparound": False,
+            },
+        },
+        "default_velocity_scaling_factor": 0.1,
+        "default_acceleration_scaling_factor": 0.1,
+    },
+    "motion": {
+        **samples.MESSAGE,
+        "header": {"frame_id": ""},
+        "points": [
+            *samples.MESSAGE["points"],
+            {
+                "positions": [1, 2],
+                "velocities": [0, 0],
+                "accelerations": [0, 0],
+                "effort": [],
+                "time_from_start": {"secs": 3, "nsecs": 0},
+            },
+        ],
+        "pinproof": {
+            "version": 1,
+            "interpolant": "quintic Hermite between points",
+            "units": {
+                "positions": "rad or m",
+                "velocities": "rad/s or m/s",
+                "time_from_start": "s and ns",
+                "accelerations": "rad/s^2 or m/s^2",
+            },
+            "limits_note": "stated",
+            "certified": [
+                {
+                    "name": "motion",
+                    "start": 0.0,
+                    "end": 3.0,
+                    "status": "FREE",
+                    "clearance": None,
+                    "margin": 0.0,
+                    "pairs": 3,
+                    "curve": "c",
+                    "setup": "s",
+                    "attached": {"tool": "t"},
+                    "held": {"rail": 0.5},
+                    "obstacles": ["table"],
+                }
+            ],
+        },
+    },
+}  # fmt: skip
+"""For each format that is read a file in which nearly every key occurs."""
+
+OTHER_PICKS = {
+    **{key: value for key, value in EVERYTHING["picks"].items() if key != "fingers"},
+    "robot": "arm.urdf.xacro",
+    "srdf": "arm.srdf",
+    "package_dirs": ["."],
+    "xacro_args": {"length": 0.5, "name": "arm", "long": True},
+    "limits": "joint_limits.yaml",
+    "held": {"finger": 0.04},
+    "cup": {"radius": 0.015, "gap": 0.001, "tilt": 0.1},
+    "defaults": TURNED,
+    "tip": {"rpy": [0, 0, 0]},
+    "picks": [
+        {
+            "name": "shape",
+            **TURNED,
+            "object": {"name": "held", "sphere": {"radius": 0.1}, "rpy": [0, 0, 0], "quat_xyzw": [0, 0, 0, 1]},
+        }
+    ],
+}
+OTHER_PICKS["picks"][0]["object"].pop("rpy")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("formats")
+    trimesh.creation.box((100, 100, 100)).export(folder / "part.stl")
+    for name in ("arm.srdf", "joint_limits.yaml"):
+        (folder / name).touch()
+    return folder
+
+
+def refused(name: str, tree: Any, folder: Path) -> str | None:
+    """The reason for which the reader refuses a file; None if it accepts it."""
+    file = folder / f"{name}.yaml"
+    file.write_text(samples.yaml_text(tree), encoding="utf-8")
+    try:
+        READERS[name](file)
+    except pp.PinproofError as error:
+        return str(error)
+    return None
+
+
+@cache
+def validator(name: str) -> Any:
+    return jsonschema.Draft202012Validator(pp.file_schema(name))
+
+
+def invalid(name: str, tree: Any) -> list[str]:
+    """What the schema of a format refuses in a file."""
+    return [f"{error.json_path}: {error.message}" for error in validator(name).iter_errors(tree)]
+
+
+def tables(name: str) -> dict[str, dict[str, Any]]:
+    """The mappings of a format by title; that of the file is ``""``."""
+    schema = pp.file_schema(name)
+    return {"": schema, **{title: each for title, each in schema["$defs"].items() if "properties" in each}}
+
+
+def places(name: str, tree: Any) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Each mapping of a file that a table describes, with the title of the table."""
+    schema = pp.file_schema(name)
+
+    def walk(value: Any, described: dict[str, Any], title: str | None) -> Iterator[tuple[str, dict[str, Any]]]:
+        if "$ref" in described:
+            title = described["$ref"].removeprefix("#/$defs/")
+            described = schema["$defs"][title]
+        for each in described.get("anyOf", ()):
+            if not list(validator_of(each).iter_errors(value)):
+                yield from walk(value, each, None)
+                return
+        if isinstance(value, dict) and "properties" in described:
+            yield title or "", value
+            for key, part in value.items():
+                if key in described["properties"]:
+                    yield from walk(part, described["properties"][key], None)
+        elif isinstance(value, dict) and isinstance(described.get("additionalProperties"), dict):
+            for part in value.values():
+                yield from walk(part, described["additionalProperties"], None)
+        elif isinstance(value, list) and "items" in described:
+            for part in value:
+                yield from walk(part, described["items"], None)
+
+    def validator_of(part: dict[str, Any]) -> Any:
+        return jsonschema.Draft202012Validator({"$defs": schema["$defs"], **part})
+
+    yield from walk(tree, schema, None)
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_each_schema_is_a_schema_without_unused_definitions(name: str) -> None:
+    schema = pp.file_schema(name)
+    jsonschema.Draft202012Validator.check_schema(schema)
+    text = json.dumps(schema)
+    assert [title for title in schema["$defs"] if f'"#/$defs/{title}"' not in text] == []
+
+
+def test_an_unknown_format_is_named_with_the_valid_ones() -> None:
+    with pytest.raises(pp.UnknownNameError, match="unknown file format 'pick'; valid: picks"):
+        pp.file_schema("pick")
+
+
+def test_the_readers_accept_every_key_of_the_schemas(folder: Path) -> None:
+    used: dict[str, set[str]] = {}
+    for name, tree in [*EVERYTHING.items(), ("dh", samples.DH), ("picks", OTHER_PICKS)]:
+        assert refused(name, tree, folder) is None
+        assert invalid(name, tree) == []
+        for title, mapping in places(name, tree):
+            used.setdefault(title or name, set()).update(mapping)
+    described = {title or name: set(table["properties"]) for name in READERS for title, table in tables(name).items()}
+    assert used == described
+
+
+def files_of(name: str) -> list[Any]:
+    """Files of a format in which together every key occurs."""
+    return copy.deepcopy([EVERYTHING[name], *([OTHER_PICKS] if name == "picks" else [])])
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_reader_and_schema_refuse_an_unknown_key_wherever_it_is(name: str, folder: Path) -> None:
+    seen = set()
+    for tree in files_of(name):
+        for title, mapping in list(places(name, tree)):
+            if title in seen:
+                continue
+            seen.add(title)
+            mapping["zzz"] = 1
+            reason = refused(name, tree, folder)
+            assert reason is not None, title
+            assert "zzz" in reason or title in ("time_of_ros1", "time_of_ros2"), reason
+            assert invalid(name, tree), title
+            del mapping["zzz"]
+    assert seen == set(tables(name))
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_reader_and_schema_refuse_a_mapping_without_a_required_key(name: str, folder: Path) -> None:
+    described, lost = tables(name), set()
+    for tree in files_of(name):
+        for title, mapping in list(places(name, tree)):
+            for key in described[title].get("required", ()):
+                if (title, key) in lost:
+                    continue
+                lost.add((title, key))
+                order = dict(mapping)
+                del mapping[key]
+                assert refused(name, tree, folder) is not None, (title, key)
+                assert invalid(name, tree), (title, key)
+                mapping.clear()
+                mapping.update(order)
+    assert {(title, key) for title, table in described.items() for key in table.get("required", ())} == lost
+
+
+BEYOND_A_SCHEMA = re.compile(
+    # not finite; ragged; the names of two things are equal; a key is not a text
+    r"finite|inf|nan\b|inhomogeneous|a second|already named|named .* twice|is not a name|joint None must be"
+    # related numbers
+    r"|no hull|Mesh\.triangles|PointCloud\.resolution|must lie below|not a rigid|quaternion of length"
+    r"|axis of the fingers"
+    r"|direction of .* is zero|the first angle must not exceed|required: 0 <= grip|is above|one per joint"
+    r"|either all points|at time 0|increase strictly"
+    # texts and units
+    r"|is not a valid name|is not a valid robot name|full rotations|is too long"
+    r"|coordinates are limited|number of seconds|must be an integer"
+    # the number of picks, the files
+    r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers|the cup has the radius"
+)
+"""Reasons for which a reader refuses a file that its schema accepts, because a schema cannot state them."""
+
+
+EXAMPLES = int(os.environ.get("PINPROOF_FUZZ_EXAMPLES", "40"))
+
+
+@pytest.mark.parametrize("name", READERS)
+@settings(
+    max_examples=EXAMPLES, derandomize=True, deadline=None, database=None, suppress_health_check=list(HealthCheck)
+)
+@given(data=st.data())
+def test_reader_and_schema_agree_on_changed_files(name: str, folder: Path, data: st.DataObject) -> None:
+    tree = data.draw(worse_tree(EVERYTHING[name], most=1))
+    reason = refused(name, tree, folder)
+    try:
+        tree = read_yaml(folder / f"{name}.yaml", (), FileError)
+    except FileError:
+        assert reason is not None
+        return
+    found = invalid(name, tree)
+    if reason is None:
+        assert found == [], tree
+    elif not found:
+        assert BEYOND_A_SCHEMA.search(reason), reason
+
+
+def described_by(file: Path) -> str:
+    """The format of a YAML file in robots/."""
+    return "dh" if file.name == "dh.yaml" else "scene" if file.name.endswith("scene.yaml") else "picks"
+
+
+@pytest.mark.parametrize(
+    "file", sorted(ROOT.glob("robots/*/*.yaml")), ids=lambda file: f"{file.parent.name}/{file.name}"
+)
+def test_the_shipped_files_agree_with_their_schemas(file: Path) -> None:
+    name = described_by(file)
+    assert invalid(name, yaml.safe_load(file.read_text(encoding="utf-8"))) == []
+    READERS[name](file) if name != "picks" else pp.read_picks(file)
+
+
+def closed(schema: Any) -> Any:
+    """The schema without additional keys, which other programs must accept and pinproof does not write."""
+    if isinstance(schema, list):
+        return [closed(each) for each in schema]
+    if not isinstance(schema, dict):
+        return schema
+    found = {key: closed(value) for key, value in schema.items() if key not in ("if", "then", "else")}
+    return {**found, "additionalProperties": False} if "required" in found and "properties" in found else found
+
+
+def test_written_files_agree_with_their_schemas(folder: Path) -> None:
+    arm = pp.load_robot("generic_6dof").arm()
+    table = pp.Obstacle("table", pp.Box(1, 1, 0.1), pp.pose((0, 0, -2), (0, 0, 1)), (0, 0, 1, 1))
+    scene = pp.Scene([table], allowed=[(arm.base, "table")])
+    checker = pp.CollisionChecker(arm, scene, attached=[pp.Obstacle("tool", pp.Sphere(0.001))])
+    motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)
+    certificate = pp.certify(motion, checker, record=True).or_raise()
+    motion.save(folder / "motion.json", certificate=certificate)
+    certificate.save(folder / "proof.json")
+    scene.save(folder / "written_scene.yaml")
+    Attachments(tuple(checker.attached), (("tool", "table"),), {"rail": 0.5}, pp.pose((0, 0, 1))).save(
+        folder / "written_attached.yaml"
+    )
+    pp.DhTable.load(ROOT / "robots" / "scara" / "dh.yaml").save(folder / "written_dh.yaml")
+    pp.validate_picks(arm, scene, [pp.Pick("far", pp.pose((9, 0, 0)))]).save(folder / "report.json")
+    for name in FORMATS:
+        if name in ("picks", "limits"):
+            continue  # pinproof does not write them
+        file = folder / (f"{name}.json" if name in ("motion", "proof", "report") else f"written_{name}.yaml")
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+        errors = jsonschema.Draft202012Validator(closed(pp.file_schema(name))).iter_errors(tree)
+        assert [(error.json_path, error.message) for error in errors] == [], name
+
+
+def test_the_schema_of_proofs_has_the_fields_of_the_verifier() -> None:
+    described = tables("proof")
+    known = {
+        "": verifier_proof.FIELDS,
+        "curve": Curve.FIELDS,
+        "joint": Joint.FIELDS,
+        "body": Body.FIELDS,
+        "convex_shape": Body.SHAPE,
+    }
+    assert {title: set(fields) for title, fields in known.items()} == {
+        title: set(described[title]["properties"]) for title in known
+    }
+
+
+@pytest.mark.parametrize("title", ["claim", "settings", "pair", "hashes"])
+def test_the_verifier_refuses_a_proof_without_a_required_key_and_with_an_unknown_one(title: str, folder: Path) -> None:
+    arm = pp.load_robot("generic_6dof").arm()
+    pp.certify(pp.JointPath([arm.home], arm.joint_names), pp.CollisionChecker(arm), record=True).save(folder / "p.json")
+    text = (folder / "p.json").read_text(encoding="utf-8")
+    table = tables("proof")[title]
+
+    def changed(change: Callable[[dict[str, Any]], object]) -> bool:
+        proof = json.loads(text)
+        change(proof["pairs"][0] if title == "pair" else proof[title])
+        return verifier_proof.verify(proof).ok
+
+    assert changed(lambda _: None)
+    for key in table["required"]:
+        assert not changed(lambda part, key=key: part.pop(key)), key
+    assert changed(lambda part: part.update(zzz=1)) is table.get("additionalProperties", True)
+
+
+def test_each_column_of_a_table_of_picks_is_a_key_of_a_pick() -> None:
+    described = tables("picks")
+    for path in COLUMNS:
+        table = "pick"
+        for key in path.split("."):
+            assert key in described[table]["properties"], path
+            table = {"place": "place", "object_pose": "pose"}.get(key, "")
+
+
+def test_every_column_of_a_table_of_picks_is_read(folder: Path) -> None:
+    values = {"name": "a", "frame": "tray", "approach_frame": "tip", "retreat_frame": "root", "spin": "free"}
+    values |= {"object": "part", "support": "bin;tray", "place_frame": "tray", "place_support": "bin"}
+    one = {name: values.get(name, "0.1") for names in COLUMNS.values() for name in names}
+    for left_out in (
+        ("quat_xyzw", "place.object_pose.xyz", "place.object_pose.rpy"),
+        ("rpy", "place.xyz", "place.rpy"),
+    ):
+        gone = {name for key in left_out for name in COLUMNS[key]}
+        row = {name: value for name, value in one.items() if name not in gone}
+        (folder / "many.csv").write_text(",".join(row) + "\n" + ",".join(row.values()) + "\n", encoding="utf-8")
+        found = pp.read_picks(folder / "many.csv")
+        assert found.problems == ()
+        (pick,) = found
+        assert pick.place is not None
+        assert pick.place.pose_of == ("object" if "place.xyz" in left_out else "tip")
+
+
+@pytest.fixture(scope="module")
+def script() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("format_tables", ROOT / "scripts" / "format_tables.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_the_page_of_a_format_is_up_to_date(name: str, script: ModuleType) -> None:
+    text = (PAGES / f"{name}.md").read_text(encoding="utf-8")
+    assert script.page(name, text) == text, "run scripts/format_tables.py"
+
+
+SECTION = re.compile(r"^### (\S+)\n\n(.*?)(?=^### |^<!-- end)", re.MULTILINE | re.DOTALL)
+SAME = re.compile(r"It has the keys of \[(\w+)\]\(.*?\)(?: except (.*?))?\.$", re.MULTILINE)
+
+
+def test_the_pages_name_every_key_of_the_schemas_and_no_other() -> None:
+    found: dict[str, dict[str, set[str]]] = {}
+    for name in FORMATS:
+        text = (PAGES / f"{name}.md").read_text(encoding="utf-8").partition("<!-- begin: keys")[2]
+        for title, content in SECTION.findall(text):
+            keys = set(re.findall(r"^\| `(\w+)` \|", content, re.MULTILINE))
+            if same := SAME.search(content):
+                other = tables(name)[same[1]]["properties"]
+                keys |= set(other) - set(re.findall(r"`(\w+)`", same[2] or ""))
+            found.setdefault(name, {})["" if title == "File" else title] = keys
+    everywhere = {title: keys for page in found.values() for title, keys in page.items() if title}
+    for name in FORMATS:
+        described = {title: set(table["properties"]) for title, table in tables(name).items()}
+        assert found[name][""] == described[""]
+        assert {title: found[name].get(title, everywhere.get(title)) for title in described} == described
+
+
+def test_a_number_of_the_schema_is_one_that_the_reader_accepts() -> None:
+    pattern = re.compile(pp.file_schema("picks")["$defs"]["number"]["pattern"])
+    for text in ("1", "-1.5e-3", "pi", "-pi/2", "3*pi/4", " 2 * pi ", "+.5", "1.", "1e5"):
+        assert pattern.search(text)
+        parse_number(text)
+    for text in ("", "abc", "1,5", "pi pi", "1_0", "nan", "inf", "2pi", "pi*2", "0x10", "\u0663"):
+        assert not pattern.search(text)
+        with pytest.raises(ValueError, match="is not a number"):
+            parse_number(text)
+
+
+@given(st.from_regex(re.compile(r"[-+ .0-9epi*/]{0,12}"), fullmatch=True))
+def test_texts_of_numbers_are_the_same_in_schema_and_reader(text: str) -> None:
+    accepted = True
+    try:
+        parse_number(text)
+    except ValueError:
+        accepted = False
+    pattern = re.compile(pp.file_schema("picks")["$defs"]["number"]["pattern"])
+    zero = re.search(r"/\s*[0.]+\s*$", text)  # a schema cannot state that the divisor is not zero
+    assert accepted == (bool(pattern.search(text)) and not zero)

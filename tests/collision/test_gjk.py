@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from pinproof import _core
@@ -47,6 +47,7 @@ CYLINDER, ELLIPSOID = ([[0, 0, -0.5], [0, 0, 0.5]], 0.2, 0.0, 0.0), ([[0, 0, 0]]
 
 @examples(200)
 @given(at=st.tuples(numbers, numbers, numbers), start=st.tuples(numbers, numbers, numbers))
+@example(at=(0.0, 2.0, 6e-8), start=(0.0, 0.0, 0.0))
 def test_distance_of_axis_aligned_boxes_is_exact_from_any_start(at, start):
     sizes = np.array([[0.4, 0.6, 0.2], [0.3, 0.1, 0.5]])
     gap = np.abs(at) - sizes.sum(axis=0) / 2

@@ -39,8 +39,9 @@ nb::object evidence(const ProofState& state) {
     auto out = new_array({state.evidence.size(), 7});
     double* row = out.data;
     for (const Evidence& each : state.evidence) {
-        const double values[7] = {each.start,       each.end,         static_cast<double>(each.pair), each.distance,
-                                  each.direction.x, each.direction.y, each.direction.z};
+        const double values[7] = {each.start,      each.end,         static_cast<double>(each.pair),
+                                  each.distance,   each.direction.x, each.direction.y,
+                                  each.direction.z};
         row = std::copy_n(values, 7, row);
     }
     return nb::cast(out.array);
@@ -85,8 +86,8 @@ void bind_certificate(nb::module_& module) {
             "__init__",
             [](ProofSettings* self, double tolerance, std::int64_t max_intervals, double obstacle_tolerance,
                double goal_share, std::int64_t look_ahead, bool wants_tubes, bool record) {
-                new (self) ProofSettings{tolerance,  max_intervals, obstacle_tolerance, goal_share,
-                                         look_ahead, wants_tubes,   record};
+                new (self) ProofSettings{tolerance,   max_intervals, obstacle_tolerance, goal_share, look_ahead,
+                                         wants_tubes, record};
             },
             nb::kw_only(), nb::arg("tolerance"), nb::arg("max_intervals"), nb::arg("obstacle_tolerance") = 0.0,
             nb::arg("goal_share") = 0.0, nb::arg("look_ahead") = 0, nb::arg("wants_tubes") = false,

@@ -63,8 +63,8 @@ JointTree make_tree(const Stack& placements, const std::vector<bool>& prismatic,
             throw std::invalid_argument("the index of a joint must be within 0 and dof - 1");
         if (parent[k] < kRoot || parent[k] >= static_cast<int>(k))
             throw std::invalid_argument("the parent of a joint must come before it");
-        tree.joints.push_back({read_transform(placements.data() + 16 * k), prismatic[k], index[k], multiplier(k),
-                               offset(k), parent[k]});
+        tree.joints.push_back(
+            {read_transform(placements.data() + 16 * k), prismatic[k], index[k], multiplier(k), offset(k), parent[k]});
     }
     return tree;
 }
@@ -147,7 +147,8 @@ void bind_shapes(nb::module_& module) {
         .def_static(
             "exact", [](const Matrix& box) { return make_without_support(ShapeKind::kExact, box); }, nb::arg("box"),
             "A shape without a support function, whose distances the caller measures.")
-        .def_prop_ro("centre", [](const Shape& shape) { return vector3(shape.centre); }, "(3,) the centre of its box.")
+        .def_prop_ro(
+            "centre", [](const Shape& shape) { return vector3(shape.centre); }, "(3,) the centre of its box.")
         .def_ro("ball", &Shape::ball, "The radius (m) of the ball about the centre of its box that contains it.");
     // For tests of the bounds of a distance.
     module.def(
@@ -158,8 +159,8 @@ void bind_shapes(nb::module_& module) {
             Separation separation;
             separation.direction = vec3("direction", direction);
             const Transform placement = read_transform(a_from_b.data());
-            const DistanceBounds bounds = bound_distance(
-                a, b, placement, {.above = above, .below = below, .precision = precision}, separation);
+            const DistanceBounds bounds =
+                bound_distance(a, b, placement, {.above = above, .below = below, .precision = precision}, separation);
             std::vector<double> weights;
             Vec3 nearest;
             for (int i = 0; i < separation.simplex.size; ++i) {
@@ -203,8 +204,9 @@ void bind_world(nb::module_& module) {
             },
             nb::arg("margins"))
         .def("of_still_pairs", [](const World& world) { return std::make_shared<World>(world.of_still_pairs()); })
-        .def_prop_ro("still", [](const World& world) { return indices(world.still); },
-                     "The pairs that no joint moves relative to each other.")
+        .def_prop_ro(
+            "still", [](const World& world) { return indices(world.still); },
+            "The pairs that no joint moves relative to each other.")
         .def_prop_ro(
             "convex",
             [](const World& world) {
@@ -236,14 +238,11 @@ int judge(Workspace& self, const double* q) {
 void bind_workspace(nb::module_& module) {
     nb::class_<Workspace>(module, "Workspace", "The bodies of a world at one configuration; one for each thread.")
         .def(
-            "__init__",
-            [](Workspace* self, std::shared_ptr<World> world) { new (self) Workspace(std::move(world)); },
+            "__init__", [](Workspace* self, std::shared_ptr<World> world) { new (self) Workspace(std::move(world)); },
             nb::arg("world"))
         .def(
             "place",
-            [](Workspace& self, const Vector& q) {
-                self.place_at(configuration(q, self.world().space().tree.dof));
-            },
+            [](Workspace& self, const Vector& q) { self.place_at(configuration(q, self.world().space().tree.dof)); },
             nb::arg("q"))
         .def(
             "judge",

@@ -106,10 +106,7 @@ void bind_search(nb::module_& module) {
         .def("grow", &RrtSearch::grow, nb::arg("until"), nb::call_guard<nb::gil_scoped_release>(),
              "Continue until something happens, or the edges have taken this many samples.")
         .def(
-            "add_draws",
-            [](RrtSearch& self, const Matrix& draws) {
-                self.add_draws({draws.data(), draws.size()});
-            },
+            "add_draws", [](RrtSearch& self, const Matrix& draws) { self.add_draws({draws.data(), draws.size()}); },
             nb::arg("draws"), "Provide random numbers (N, n + 2) in [0, 1).")
         .def(
             "size", [](const RrtSearch& self, int tree) { return tree_of(self, tree).size(); }, nb::arg("tree"))

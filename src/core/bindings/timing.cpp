@@ -35,7 +35,8 @@ void bind_timing(nb::module_& module) {
         },
         nb::arg("slope"), nb::arg("curvature"), nb::arg("step"), nb::arg("ceiling"), nb::arg("acceleration"),
         nb::arg("start"), nb::arg("end"),
-        "(x, node): x = s'^2 (N + 1,) at the nodes of a grid, and the node from which the path cannot be driven or None.");
+        "(x, node): x = s'^2 (N + 1,) at the nodes of a grid, and the node from which the path cannot be driven or "
+        "None.");
 }
 
 }  // namespace pinproof

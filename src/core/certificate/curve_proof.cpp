@@ -148,8 +148,8 @@ CurveProof::Middle CurveProof::place_middle(const Interval& interval, const doub
     return middle;
 }
 
-// List all moving pairs, except obstacles that are proven to be far by the tree of their boxes. With evidence, each pair
-// is listed.
+// List all moving pairs, except obstacles that are proven to be far by the tree of their boxes. With evidence, each
+// pair is listed.
 void CurveProof::list_pairs(Interval& interval, Summary& sum) {
     const Geometry& space = world_.space();
     lists_.resize(interval.list);
@@ -219,15 +219,15 @@ void CurveProof::judge(int k, const Interval& interval, const double* control, c
             PairMemory& memory = memory_[k];
             // If bodies may move by far more than their distance, nothing can be decided for the interval; only contact
             // at this configuration is checked.
-            const bool hopeless = !is_single_piece(interval) ||
-                                  approach.distance > kHopeless * std::max(memory.distance, goal);
+            const bool hopeless =
+                !is_single_piece(interval) || approach.distance > kHopeless * std::max(memory.distance, goal);
             const bool quick = settings_.goal_share == 0.0;
             const DistanceQuery query{.above = hopeless ? margin : enough,
                                       .below = margin,
                                       .precision = std::max(kDistancePrecision, kCoarse * (goal - margin)),
                                       .share = quick ? kQuickShare : 0.0};
-            const DistanceBounds bounds = bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b, query,
-                                                         memory.separation);
+            const DistanceBounds bounds =
+                bound_distance(space.shape(pair.a), space.shape(pair.b), *a_from_b, query, memory.separation);
             lower = bounds.lower;
             distance = bounds.upper;
             if (distance < kInfinity) memory.distance = distance;
@@ -303,8 +303,9 @@ bool CurveProof::settle(const Interval& interval, const Summary& sum) {
 void CurveProof::bisect(const Interval& interval, const Middle& middle, const Summary& sum) {
     const std::size_t size = curve_.points * curve_.dof;
     const bool single = is_single_piece(interval);
-    Interval left{interval.start, middle.time, interval.first_piece, single ? interval.end_piece : middle.piece,
-                  sum.list, sum.open, false};
+    Interval left{
+        interval.start, middle.time, interval.first_piece, single ? interval.end_piece : middle.piece, sum.list,
+        sum.open,       false};
     Interval right{middle.time, interval.end, middle.piece, interval.end_piece, sum.list, sum.open, false};
     if (sum.contact < 0) push(right, single ? halves_.data() + size : curve_.piece(right.first_piece));
     push(left, single ? halves_.data() : curve_.piece(left.first_piece));

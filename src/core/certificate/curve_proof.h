@@ -1,9 +1,9 @@
 // The proof that a whole curve is free of collisions: intervals in path order, bisected until every pair is decided.
 //
-// In each interval, the distance of every pair at the middle is compared with an upper bound of the approach of the pair
-// within the interval (motion_bounds.h). Pairs that are proven apart are dropped; the others are passed to both halves. A
-// contact at a middle ends the search to its right; the search to its left continues until everything before the contact
-// is proven or the tolerance is reached.
+// In each interval, the distance of every pair at the middle is compared with an upper bound of the approach of the
+// pair within the interval (motion_bounds.h). Pairs that are proven apart are dropped; the others are passed to both
+// halves. A contact at a middle ends the search to its right; the search to its left continues until everything before
+// the contact is proven or the tolerance is reached.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,8 @@
 
 namespace pinproof {
 
-// Polynomial pieces in the Bernstein basis; the control points of piece i belong to the parameters knots[i] to knots[i+1].
+// Polynomial pieces in the Bernstein basis; the control points of piece i belong to the parameters knots[i] to
+// knots[i+1].
 struct CurveView {
     std::span<const double> knots;    // (pieces + 1)
     std::span<const double> control;  // (pieces, points, dof)
@@ -44,13 +45,13 @@ public:
 };
 
 struct ProofSettings {
-    double tolerance = 1e-4;             // m; an interval in which bodies move less is not bisected further
-    std::int64_t max_intervals = 2000;   // after which the rest of the curve is undecided
-    double obstacle_tolerance = 0.0;     // m; allowed displacement of obstacles, included in the margins of their pairs
-    double goal_share = 0.0;             // a pair is dropped once this share of the smallest clearance found is proven
-    std::int64_t look_ahead = 0;         // intervals to check for a contact after an undecided span
-    bool wants_tubes = false;            // compute by how much joints and obstacles could deviate
-    bool record = false;                 // store the evidence of each pair in each interval
+    double tolerance = 1e-4;            // m; an interval in which bodies move less is not bisected further
+    std::int64_t max_intervals = 2000;  // after which the rest of the curve is undecided
+    double obstacle_tolerance = 0.0;    // m; allowed displacement of obstacles, included in the margins of their pairs
+    double goal_share = 0.0;            // a pair is dropped once this share of the smallest clearance found is proven
+    std::int64_t look_ahead = 0;        // intervals to check for a contact after an undecided span
+    bool wants_tubes = false;           // compute by how much joints and obstacles could deviate
+    bool record = false;                // store the evidence of each pair in each interval
 };
 
 // What is proven of one pair in one interval.

@@ -59,7 +59,8 @@ MotionBounds::MotionBounds(const World& world)
       needed_(world.space().robot_bodies) {
     const JointTree& tree = world.space().tree;
     for (std::size_t body = 0; body < needed_.size(); ++body)
-        for (int k = world.space().bodies[body].joint; k != kRoot; k = tree.joints[k].parent) needed_[body].push_back(k);
+        for (int k = world.space().bodies[body].joint; k != kRoot; k = tree.joints[k].parent)
+            needed_[body].push_back(k);
     const auto need = [&](int body, int k) {
         std::vector<int>& known = needed_[static_cast<std::size_t>(body)];
         if (std::ranges::find(known, k) == known.end()) known.push_back(k);
@@ -85,8 +86,7 @@ void MotionBounds::set(std::span<const Transform> joints, std::span<const Placed
     for (std::size_t body = 0; body < of_body_.size(); ++body) {
         const Shape& shape = space.shape(static_cast<int>(body));
         for (int k : needed_[body])
-            radius_[body * swings_.size() + k] =
-                radius_about(space.tree.joints[k], joints[k], bodies[body], shape);
+            radius_[body * swings_.size() + k] = radius_about(space.tree.joints[k], joints[k], bodies[body], shape);
         Approach sum{0.0, 0.0, 0.0, 0};
         for (int k = space.bodies[body].joint; k != kRoot; k = space.tree.joints[k].parent) {
             const double rho = radius(static_cast<int>(body), k);
@@ -180,12 +180,10 @@ Approach MotionBounds::tight(const Pair& pair, int split, const Vec3& u, const d
             if (wants_growth || extra != 0.0) {
                 const double outward = speed_along(joint, axes_[k], at, shape, u);
                 sum.distance += outward * swing.share * extra;
-                sum.growth += outward * swing.share +
-                              rate * (shares * (swing.chord + kGrowthRange * swing.share) +
-                                      (turned + kGrowthRange * shares) * swing.share);
+                sum.growth += outward * swing.share + rate * (shares * (swing.chord + kGrowthRange * swing.share) +
+                                                              (turned + kGrowthRange * shares) * swing.share);
                 if (!joint.prismatic)  // 1 - cos x + sin x, the derivative of the bend, is at most 2 x and below 2.42
-                    sum.growth +=
-                        rate * swing.share * std::min(2.0 * (swing.angle + kGrowthRange * swing.share), 2.42);
+                    sum.growth += rate * swing.share * std::min(2.0 * (swing.angle + kGrowthRange * swing.share), 2.42);
             }
             if (!joint.prismatic) {
                 turned += swing.chord;

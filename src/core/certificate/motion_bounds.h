@@ -1,28 +1,28 @@
 // A bound on how much closer two bodies can come while the joints stay in a box about a configuration.
 //
-// Simple bound. Let q be a configuration, and let every joint i between bodies a and b stay within delta_i of q_i. Fix any
-// link L between a and b and consider the joints from L to b. Move these joints one after another, the one closest to L
-// first: the motion of joint i carries everything beyond it, b and the later axes, as one rigid body, which still has the
-// shape that it has at q. The points of b therefore move by at most the chord 2 rho_i sin(delta_i / 2), where rho_i is the
-// largest distance at q of a point of b from axis i (for a prismatic joint: delta_i). The same holds for a, from L to a.
-// Together, at every configuration in the box,
+// Simple bound. Let q be a configuration, and let every joint i between bodies a and b stay within delta_i of q_i. Fix
+// any link L between a and b and consider the joints from L to b. Move these joints one after another, the one closest
+// to L first: the motion of joint i carries everything beyond it, b and the later axes, as one rigid body, which still
+// has the shape that it has at q. The points of b therefore move by at most the chord 2 rho_i sin(delta_i / 2), where
+// rho_i is the largest distance at q of a point of b from axis i (for a prismatic joint: delta_i). The same holds for
+// a, from L to a. Together, at every configuration in the box,
 //
 //     d(q') >= d(q) - sum_{L to a} 2 rho^a_i sin(delta_i / 2) - sum_{L to b} 2 rho^b_i sin(delta_i / 2) .
 //
-// L is chosen such that the sum is smallest; for an obstacle it is the root. Exchanging a and b for single joints, without
-// a link that separates them, or using the smallest radius in place of the largest, would be wrong.
+// L is chosen such that the sum is smallest; for an obstacle it is the root. Exchanging a and b for single joints,
+// without a link that separates them, or using the smallest radius in place of the largest, would be wrong.
 //
-// Tight bound. The gap of the supports along a unit vector u that is fixed in L is a lower bound of the distance, at q and
-// at q', so that only motion along u counts. With the joints as rotations R_1 .. R_m about their axes at q, closest to L
-// first, a point y of b moves to R_1 R_2 .. R_m y, and
+// Tight bound. The gap of the supports along a unit vector u that is fixed in L is a lower bound of the distance, at q
+// and at q', so that only motion along u counts. With the joints as rotations R_1 .. R_m about their axes at q, closest
+// to L first, a point y of b moves to R_1 R_2 .. R_m y, and
 //
 //     R_1 .. R_m y - y = sum_i r_1 .. r_(i-1) (R_i y - y) ,
 //
-// where r is the rotation without translation. Each term is the first-order term theta_i w_i x (y - p_i) and a remainder.
-// The remainder has two parts: the effect of the inner rotations, at most sum_{l<i} 2 sin(delta_l / 2) times the chord, and
-// the curvature of the arc, at most rho_i (delta_i - sin delta_i + 1 - cos delta_i). The first-order terms are summed over
-// the joints before the maximum over the body is taken, so that opposite motions cancel; the sum is convex in the joints,
-// so that its maximum on a curve is at a control point.
+// where r is the rotation without translation. Each term is the first-order term theta_i w_i x (y - p_i) and a
+// remainder. The remainder has two parts: the effect of the inner rotations, at most sum_{l<i} 2 sin(delta_l / 2) times
+// the chord, and the curvature of the arc, at most rho_i (delta_i - sin delta_i + 1 - cos delta_i). The first-order
+// terms are summed over the joints before the maximum over the body is taken, so that opposite motions cancel; the sum
+// is convex in the joints, so that its maximum on a curve is at a control point.
 //
 // Sources: F. Schwarzer, M. Saha, J.-C. Latombe (2005), "Adaptive dynamic collision checking for single and multiple
 // articulated robots in complex environments", IEEE Transactions on Robotics 21(3), section III; S. Quinlan (1994),
@@ -68,8 +68,8 @@ class MotionBounds {
 public:
     explicit MotionBounds(const World& world);
 
-    // Choose the configuration and the box: `joints` and `bodies` are placed at its middle, and entry i of q stays within
-    // delta[i] + extra[i]. The spans must outlive the bounds.
+    // Choose the configuration and the box: `joints` and `bodies` are placed at its middle, and entry i of q stays
+    // within delta[i] + extra[i]. The spans must outlive the bounds.
     void set(std::span<const Transform> joints, std::span<const PlacedBody> bodies, const double* delta,
              const double* extra);
 
@@ -80,15 +80,18 @@ public:
     // The simple bound of a body of the robot and any obstacle.
     const Approach& rough_to_obstacles(int body) const { return of_body_[static_cast<std::size_t>(body)]; }
 
-    // The tight bound of the support gap along u, the unit vector in the root frame from a to b, on one piece of a curve
-    // with `points` control points (points, dof) about its middle; only `distance` and, if wanted, `growth` are computed.
+    // The tight bound of the support gap along u, the unit vector in the root frame from a to b, on one piece of a
+    // curve with `points` control points (points, dof) about its middle; only `distance` and, if wanted, `growth` are
+    // computed.
     template <bool wants_growth>
     Approach tight(const Pair& pair, int split, const Vec3& u, const double* control, int points,
                    const double* middle) const;
 
 private:
     Approach rough_between(const Pair& pair) const;
-    double radius(int body, int joint) const { return radius_[static_cast<std::size_t>(body) * swings_.size() + joint]; }
+    double radius(int body, int joint) const {
+        return radius_[static_cast<std::size_t>(body) * swings_.size() + joint];
+    }
     double radius_of_any(int body, int joint) const;
 
     const World& world_;
@@ -96,9 +99,11 @@ private:
     std::span<const PlacedBody> bodies_;
     const double* extra_ = nullptr;
     std::vector<JointSwing> swings_;
-    std::vector<double> radius_;     // (robot bodies, joints) radius_about; only joints that carry the body or, for a pair, are between it and another are set
+    std::vector<double> radius_;     // (robot bodies, joints) radius_about; only joints that carry the body or, for a
+                                     // pair, are between it and another are set
     std::vector<Approach> of_body_;  // towards anything that is fixed to the root
-    std::vector<std::vector<int>> needed_;  // for each body of the robot the joints between it and another body or the root
+    std::vector<std::vector<int>>
+        needed_;  // for each body of the robot the joints between it and another body or the root
 };
 
 }  // namespace pinproof

@@ -8,8 +8,8 @@
 namespace pinproof {
 namespace {
 
-// Maximum number of iterations, after which the current bounds are returned; polytopes need 4 to 8, discs edge on edge up
-// to 30.
+// Maximum number of iterations, after which the current bounds are returned; polytopes need 4 to 8, discs edge on edge
+// up to 30.
 constexpr int kIterations = 64;
 
 // Fraction of |v|^2 by which an iteration must improve; smaller improvements are rounding errors.
@@ -130,8 +130,8 @@ void weigh(Simplex& simplex) {
     simplex.size = kept;
 }
 
-// The point of the simplex closest to the origin. False if the simplex is so flat that its weights are meaningless: then
-// a single vertex remains, which is a convex combination too.
+// The point of the simplex closest to the origin. False if the simplex is so flat that its weights are meaningless:
+// then a single vertex remains, which is a convex combination too.
 bool move_to_nearest(Simplex& simplex, Vec3& nearest) {
     weigh(simplex);
     double total = 0.0;
@@ -182,6 +182,7 @@ DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a
     if (!(squared_norm(v) > 0.0)) v = a_from_b.translation;
     if (!(squared_norm(v) > 0.0)) v = {1.0, 0.0, 0.0};
     double vv = kInfinity, lower = -kInfinity;
+    bool converged = false;
     int known = simplex.size;  // vertices of an earlier query, which are placed again if the direction does not suffice
     simplex.size = 0;
     for (int iteration = 0; iteration < kIterations; ++iteration) {
@@ -195,6 +196,7 @@ DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a
             separation.direction = u;
             if (lower - grown > query.above) break;
         }
+        if (converged) break;  // The gap along the last direction completes the lower bound.
         if (simplex.size > 0) {
             const double upper = std::sqrt(vv);
             if (upper - lower <= std::max(query.precision, query.share * (upper - grown - query.below))) break;
@@ -214,9 +216,8 @@ DistanceBounds bound_distance(const Shape& a, const Shape& b, const Transform& a
             whole = true;
         }
         vv = squared_norm(v);
-        if (!whole || simplex.size == 4 || std::sqrt(vv) - grown <= query.below || !(vv < before * (1.0 - kStill)) ||
-            !(vv > kOverlap * kOverlap))
-            break;
+        if (!whole || simplex.size == 4 || std::sqrt(vv) - grown <= query.below || !(vv > kOverlap * kOverlap)) break;
+        converged = !(vv < before * (1.0 - kStill));
     }
     if (known > 0) simplex.size = known;  // The direction sufficed.
     const double upper = std::sqrt(vv) - grown;

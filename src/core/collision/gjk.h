@@ -1,17 +1,18 @@
 // Lower and upper bounds of the distance of two convex bodies, which are valid even without convergence.
 //
-// The algorithm of Gilbert, Johnson and Keerthi moves to the point v of B - A that is closest to the origin, using support
-// points only. Two bounds are known at every iteration:
+// The algorithm of Gilbert, Johnson and Keerthi moves to the point v of B - A that is closest to the origin, using
+// support points only. Two bounds are known at every iteration:
 //
-// - along a unit direction u no point of B - A is below  min_B u . y - max_A u . x,  so that this support gap is a lower
+// - along a unit direction u no point of B - A is below  min_B u . y - max_A u . x,  so that this support gap is a
+// lower
 //   bound of the distance for any u;
 // - v is a convex combination of points of B - A, so that |v| is an upper bound, 0 if the bodies overlap.
 //
 // Balls are omitted in the iteration and subtracted from both bounds: a sphere is a point, a capsule a segment.
 //
-// Sources: E. Gilbert, D. Johnson, S. Keerthi (1988), "A fast procedure for computing the distance between complex objects
-// in three-dimensional space", IEEE Journal of Robotics and Automation 4(2); C. Ericson (2005), "Real-time collision
-// detection", sections 5.1.5 and 5.1.6 (nearest points of triangle and tetrahedron), 9.5.
+// Sources: E. Gilbert, D. Johnson, S. Keerthi (1988), "A fast procedure for computing the distance between complex
+// objects in three-dimensional space", IEEE Journal of Robotics and Automation 4(2); C. Ericson (2005), "Real-time
+// collision detection", sections 5.1.5 and 5.1.6 (nearest points of triangle and tetrahedron), 9.5.
 #pragma once
 
 #include <limits>
@@ -35,10 +36,11 @@ struct Simplex {
     int size = 0;
 };
 
-// Where a query begins, and what it found. It may begin at the result of an earlier query of the same two bodies: points
-// of the bodies remain points of the bodies at every placement.
+// Where a query begins, and what it found. It may begin at the result of an earlier query of the same two bodies:
+// points of the bodies remain points of the bodies at every placement.
 struct Separation {
-    Vec3 direction;  // in the frame of a; zeros: unknown. Afterwards the unit vector whose support gap is the lower bound.
+    Vec3 direction;  // in the frame of a; zeros: unknown. Afterwards the unit vector whose support gap is the lower
+                     // bound.
     Simplex simplex;
 };
 

@@ -16,8 +16,8 @@ double point_to_box(const Vec3& offset, const Vec3& half) {
     return std::sqrt(total);
 }
 
-// The largest gap of two boxes along the six normals of their faces; `offset` is the centre of b in the frame of a. Sides
-// without end give no gap: comparisons with NaN are false.
+// The largest gap of two boxes along the six normals of their faces; `offset` is the centre of b in the frame of a.
+// Sides without end give no gap: comparisons with NaN are false.
 double gap_of_faces(const Mat3& a_from_b, const Vec3& offset, const Vec3& half_a, const Vec3& half_b) {
     double gap = -std::numeric_limits<double>::infinity();
     for (int i = 0; i < 3; ++i) {
@@ -109,9 +109,8 @@ bool Workspace::judge(int k, std::optional<Transform>& a_from_b, Question& quest
     Separation separation;
     separation.direction = pair.first_direction;
     const double limit = question.limit(pair, world_->space().rounding);
-    const DistanceBounds bounds =
-        bound_distance(world_->shape(pair.a), world_->shape(pair.b), *a_from_b,
-                       {.above = limit, .below = question.below(pair)}, separation);
+    const DistanceBounds bounds = bound_distance(world_->shape(pair.a), world_->shape(pair.b), *a_from_b,
+                                                 {.above = limit, .below = question.below(pair)}, separation);
     if (bounds.lower > limit || !question.contact(k, bounds)) return false;
     contacts_.push_back(k);
     return Question::kStopsAtContact;
@@ -195,8 +194,7 @@ Measured Workspace::measure(int k) const {
     Separation separation;
     separation.direction = pair.first_direction;
     Measured measured;
-    measured.bounds =
-        bound_distance(a, b, relative(root_from_a, bodies_[pair.b].root_from_body), {}, separation);
+    measured.bounds = bound_distance(a, b, relative(root_from_a, bodies_[pair.b].root_from_body), {}, separation);
     const Witnesses local = witnesses(a, b, separation);
     measured.points = {root_from_a * local.of_a, root_from_a * local.of_b};
     measured.normal = root_from_a.rotation * separation.direction;

@@ -1,7 +1,7 @@
 // The bodies that are in contact, or closest, at one configuration.
 //
-// Far pairs are decided by balls and boxes, obstacles many at once by a tree of boxes, and the others by bounds of their
-// distance (gjk.h). Pairs with a body without a support function are left to the caller.
+// Far pairs are decided by balls and boxes, obstacles many at once by a tree of boxes, and the others by bounds of
+// their distance (gjk.h). Pairs with a body without a support function are left to the caller.
 #pragma once
 
 #include <array>
@@ -15,8 +15,8 @@
 
 namespace pinproof {
 
-// A lower bound (m) of the distance of two placed bodies, from their balls and boxes; a larger bound is not searched for
-// once it exceeds `enough`. `a_from_b` is set if it was computed.
+// A lower bound (m) of the distance of two placed bodies, from their balls and boxes; a larger bound is not searched
+// for once it exceeds `enough`. `a_from_b` is set if it was computed.
 double separation_of_bounds(const PlacedBody& a, const Shape& shape_a, const PlacedBody& b, const Shape& shape_b,
                             double enough, std::optional<Transform>& a_from_b);
 
@@ -54,8 +54,8 @@ public:
     // Place the bodies at q; false if q is not finite.
     bool place_at(const double* q) { return place(world_->space(), q, joints_, bodies_); }
 
-    // The questions about the placed bodies. A pair is in contact unless it is proven farther apart than its margin. The
-    // pairs that are left to the caller are in left().
+    // The questions about the placed bodies. A pair is in contact unless it is proven farther apart than its margin.
+    // The pairs that are left to the caller are in left().
 
     // Whether a pair is in contact. Stops at the first one.
     bool any_contact();
@@ -78,8 +78,8 @@ private:
     template <class Question>
     bool judge(int pair, std::optional<Transform>& a_from_b, Question& question);
 
-    // Pairs that were in contact recently and are checked first, because they are often in contact again. The results do
-    // not depend on the order.
+    // Pairs that were in contact recently and are checked first, because they are often in contact again. The results
+    // do not depend on the order.
     static constexpr std::size_t kLikely = 8;
 
     std::shared_ptr<const World> world_;

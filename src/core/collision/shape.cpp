@@ -62,8 +62,8 @@ Shape make_shape(ShapeKind kind, std::span<const double> points, std::span<const
     shape.has_discs = std::ranges::any_of(discs, [](double disc) { return disc != 0.0; });
     if (kind == ShapeKind::kConvex) {
         shape.points = pack(points, discs);
-        shape.is_box = !shape.has_discs && !shape.has_ellipsoid &&
-                       are_corners(points, shape.corners_centre, shape.corners_half);
+        shape.is_box =
+            !shape.has_discs && !shape.has_ellipsoid && are_corners(points, shape.corners_centre, shape.corners_half);
     }
     shape.centre = 0.5 * (low + high);
     shape.half = 0.5 * (high - low);
@@ -77,8 +77,8 @@ Shape make_shape(ShapeKind kind, std::span<const double> points, std::span<const
     if (kind == ShapeKind::kConvex) {
         double reach = 0.0;
         for (std::size_t i = 0; i < discs.size(); ++i)
-            reach = std::max(
-                reach, norm(Vec3{points[3 * i], points[3 * i + 1], points[3 * i + 2]} - shape.centre) + discs[i]);
+            reach = std::max(reach,
+                             norm(Vec3{points[3 * i], points[3 * i + 1], points[3 * i + 2]} - shape.centre) + discs[i]);
         reach += radius + std::max({semi_axes.x, semi_axes.y, semi_axes.z});
         shape.ball = std::min(shape.ball, reach);
     }

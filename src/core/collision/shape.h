@@ -46,7 +46,8 @@ struct Shape {
     double ball = 0.0;
 };
 
-// `points` has three coordinates per point and `discs` one radius; `low` and `high` are corners of a box around the shape.
+// `points` has three coordinates per point and `discs` one radius; `low` and `high` are corners of a box around the
+// shape.
 Shape make_shape(ShapeKind kind, std::span<const double> points, std::span<const double> discs, double radius,
                  const Vec3& semi_axes, const Vec3& low, const Vec3& high);
 

@@ -110,8 +110,8 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         const Body &a = space.bodies[pair.a], &b = space.bodies[pair.b];
         pair.convex = a.shape->kind != ShapeKind::kExact && b.shape->kind != ShapeKind::kExact;
         // All pairs of a body with obstacles have the same joints between them.
-        const bool repeated = pair.with_obstacle && !pairs.empty() && pairs.back().with_obstacle &&
-                              pairs.back().a == pair.a;
+        const bool repeated =
+            pair.with_obstacle && !pairs.empty() && pairs.back().with_obstacle && pairs.back().a == pair.a;
         if (repeated) {
             const Pair& last = pairs.back();
             pair.first = last.first;
@@ -147,8 +147,8 @@ World::World(std::shared_ptr<const Geometry> geometry_, std::span<const std::int
         for (int k : adjacent) {
             Pair& pair = pairs[k];
             Separation separation;
-            bound_distance(shape(pair.a), shape(pair.b),
-                           relative(at[pair.a].root_from_body, at[pair.b].root_from_body), {}, separation);
+            bound_distance(shape(pair.a), shape(pair.b), relative(at[pair.a].root_from_body, at[pair.b].root_from_body),
+                           {}, separation);
             pair.first_direction = separation.direction;
         }
     }

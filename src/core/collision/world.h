@@ -56,33 +56,36 @@ struct Geometry {
 // Two bodies that are checked against each other, the first of the robot.
 struct Pair {
     int a, b;
-    double margin;      // m
+    double margin;       // m
     bool with_obstacle;  // whether b is an obstacle
     bool convex;         // whether both have a support function; otherwise the caller measures them
 
-    // The joints between the bodies: `joints` of them in World::between, from a to b; the first `up` of them carry a, the
-    // others b. Mimic multipliers of 0 count; `moving` states whether any joint moves the bodies relative to each other.
+    // The joints between the bodies: `joints` of them in World::between, from a to b; the first `up` of them carry a,
+    // the others b. Mimic multipliers of 0 count; `moving` states whether any joint moves the bodies relative to each
+    // other.
     std::uint32_t first, joints, up;
     bool moving;
 
-    // A direction in the frame of a that separates the bodies at q = 0, if a single joint is between them: they are always
-    // close, and the direction hardly changes. Zeros: unknown. Found at q = 0 and not at an earlier query, so that no
-    // result depends on earlier queries.
+    // A direction in the frame of a that separates the bodies at q = 0, if a single joint is between them: they are
+    // always close, and the direction hardly changes. Zeros: unknown. Found at q = 0 and not at an earlier query, so
+    // that no result depends on earlier queries.
     Vec3 first_direction;
 };
 
 struct World {
     std::shared_ptr<const Geometry> geometry;
     std::vector<Pair> pairs;
-    std::vector<int> between;         // joints between the bodies of all pairs, see Pair::first
-    std::vector<int> own;             // the moving pairs of two bodies of the robot
-    std::vector<int> around;          // the robot's bodies with obstacle pairs, from the hand to the base, likely contacts first
-    std::vector<int> still;           // the pairs that no joint moves relative to each other
+    std::vector<int> between;  // joints between the bodies of all pairs, see Pair::first
+    std::vector<int> own;      // the moving pairs of two bodies of the robot
+    std::vector<int>
+        around;              // the robot's bodies with obstacle pairs, from the hand to the base, likely contacts first
+    std::vector<int> still;  // the pairs that no joint moves relative to each other
     std::vector<int> obstacle_pairs;  // (robot bodies, obstacles) the moving pair of each, or -1
     bool uses_obstacles = true;       // false: only `own` is checked
     double widest_margin = 0.0;       // of a pair with an obstacle
 
-    World(std::shared_ptr<const Geometry> geometry, std::span<const std::int64_t> pairs, std::span<const double> margins);
+    World(std::shared_ptr<const Geometry> geometry, std::span<const std::int64_t> pairs,
+          std::span<const double> margins);
 
     World with_margins(std::span<const double> margins) const;
     World of_still_pairs() const;  // checks only the pairs that no joint moves

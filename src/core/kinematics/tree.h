@@ -33,8 +33,8 @@ inline void place_joints(const JointTree& tree, const double* q, std::span<Trans
     for (std::size_t k = 0; k < tree.joints.size(); ++k) {
         const TreeJoint& joint = tree.joints[k];
         Transform& place = root_from_joint[k];
-        place = joint.parent == kRoot ? joint.parent_from_joint
-                                      : root_from_joint[joint.parent] * joint.parent_from_joint;
+        place =
+            joint.parent == kRoot ? joint.parent_from_joint : root_from_joint[joint.parent] * joint.parent_from_joint;
         const double value = joint.value(q);
         if (joint.prismatic) {
             place.translation += value * place.rotation.column(2);

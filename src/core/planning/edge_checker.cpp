@@ -44,9 +44,8 @@ bool EdgeChecker::samples_free(const double* a, const double* b) {
             if (!is_sample_free(q_.data())) return false;
         }
     ExactJudge& exact = steering_exact_ ? *steering_exact_ : *exact_;
-    return std::ranges::none_of(deferred_, [&](const Deferred& sample) {
-        return exact.any_contact(sample.q.data(), sample.pairs);
-    });
+    return std::ranges::none_of(
+        deferred_, [&](const Deferred& sample) { return exact.any_contact(sample.q.data(), sample.pairs); });
 }
 
 bool EdgeChecker::proven_free(const double* a, const double* b) {
@@ -67,8 +66,8 @@ bool EdgeChecker::is_sample_free(const double* q) {
     return true;
 }
 
-// The largest motion (m) of a point of a body between a and b, with the bodies placed at b. It uses the speeds at b: a good
-// estimate for the whole edge, but not a bound.
+// The largest motion (m) of a point of a body between a and b, with the bodies placed at b. It uses the speeds at b: a
+// good estimate for the whole edge, but not a bound.
 double EdgeChecker::motion(const double* a, const double* b) const {
     const Geometry& space = world_->space();
     double most = 0.0;

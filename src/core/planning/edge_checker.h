@@ -1,7 +1,8 @@
 // Checks of straight edges in joint space: by samples, which guide a search and prove nothing, and by proof.
 //
-// The distance between samples depends on the motion of the bodies and not of the joints: a wrist may rotate far between
-// two samples. The end is checked first, then the middle, the quarters, and so on, so that contacts are found early.
+// The distance between samples depends on the motion of the bodies and not of the joints: a wrist may rotate far
+// between two samples. The end is checked first, then the middle, the quarters, and so on, so that contacts are found
+// early.
 #pragma once
 
 #include <cstdint>
@@ -16,7 +17,8 @@ namespace pinproof {
 
 class EdgeChecker {
 public:
-    // Proofs are in `world`; samples, too, until set_steering. `resolution`: metres that bodies move between two samples.
+    // Proofs are in `world`; samples, too, until set_steering. `resolution`: metres that bodies move between two
+    // samples.
     EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, double resolution);
 
     // Take samples in another world, usually one with larger margins. `blocked`: its pairs that no joint moves are in

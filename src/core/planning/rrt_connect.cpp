@@ -8,12 +8,12 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-// rad or m. Samples are within this of a node in every joint. Among 1.5, 2.5, pi and the complete limits, this value needed
-// the fewest checks on arms among shelves and bars, the complete limits twice as many.
+// rad or m. Samples are within this of a node in every joint. Among 1.5, 2.5, pi and the complete limits, this value
+// needed the fewest checks on arms among shelves and bars, the complete limits twice as many.
 constexpr double kReach = 2.5;
 
-// This fraction of the samples is within kReach / 2^x of a node, with x uniform in [0, kNarrowest]: in narrow spaces all
-// long steps are blocked.
+// This fraction of the samples is within kReach / 2^x of a node, with x uniform in [0, kNarrowest]: in narrow spaces
+// all long steps are blocked.
 constexpr double kNarrowShare = 0.2, kNarrowest = 6.0;
 
 double squared_distance(const double* a, const double* b, std::size_t dof) {

@@ -1,7 +1,7 @@
 // Two trees in joint space that grow towards each other until they meet.
 //
-// A random sample is drawn about a random node of the growing tree and not over all joint ranges, where most samples would
-// extend the trees in useless directions.
+// A random sample is drawn about a random node of the growing tree and not over all joint ranges, where most samples
+// would extend the trees in useless directions.
 //
 // Source: J. Kuffner, S. LaValle (2000), "RRT-Connect: an efficient approach to single-query path planning", ICRA.
 #pragma once
@@ -47,8 +47,8 @@ struct RrtSettings {
     std::int64_t max_nodes, max_samples;
 };
 
-// The search stops between two edges, for random numbers or for its caller to check the time; how often it stops does not
-// change the result.
+// The search stops between two edges, for random numbers or for its caller to check the time; how often it stops does
+// not change the result.
 class RrtSearch {
 public:
     enum class Event { kMet, kNeedsDraws, kSpent, kPaused };

@@ -46,7 +46,8 @@ std::vector<double> lengths_along(const std::vector<std::vector<double>>& path) 
 
 PathShortener::PathShortener(EdgeChecker& edges, std::span<const double> path) : edges_(edges) {
     for (std::size_t i = 0; i < path.size(); i += edges.dof()) {
-        Waypoint q(path.begin() + static_cast<std::ptrdiff_t>(i), path.begin() + static_cast<std::ptrdiff_t>(i + edges.dof()));
+        Waypoint q(path.begin() + static_cast<std::ptrdiff_t>(i),
+                   path.begin() + static_cast<std::ptrdiff_t>(i + edges.dof()));
         if (path_.empty() || q != path_.back()) path_.push_back(std::move(q));
     }
 }
@@ -87,7 +88,8 @@ void PathShortener::random_shortcuts(std::span<const double> draws) {
 
 bool PathShortener::random_shortcut(double first_draw, double last_draw) {
     const std::vector<double> at = lengths_along(path_);
-    const double first = std::min(first_draw, last_draw) * at.back(), last = std::max(first_draw, last_draw) * at.back();
+    const double first = std::min(first_draw, last_draw) * at.back(),
+                 last = std::max(first_draw, last_draw) * at.back();
     const auto edge_of = [&](double length) {
         const auto next = std::upper_bound(at.begin(), at.end() - 1, length);
         return static_cast<std::size_t>(next - at.begin()) - 1;
@@ -127,7 +129,8 @@ bool PathShortener::move_waypoint(std::size_t i, double& share, double min_gain)
     const double along = product / std::max(square, std::numeric_limits<double>::min());
     const Waypoint foot = between(before, after, std::clamp(along, kEndDistance, 1.0 - kEndDistance));
     const Waypoint moved = between(here, foot, share);
-    const double gain = distance(before, here) + distance(here, after) - distance(before, moved) - distance(moved, after);
+    const double gain =
+        distance(before, here) + distance(here, after) - distance(before, moved) - distance(moved, after);
     if (gain <= min_gain) return false;
     if (free(before, moved) && free(moved, after)) {
         path_[i] = moved;

@@ -1,8 +1,8 @@
 // Shorter paths: random shortcuts, removal of waypoints, and moving waypoints towards the straight line.
 //
-// Sources: R. Geraerts, M. Overmars, "Creating high-quality paths for motion planning", IJRR 26(8), 2007 (random shortcuts);
-// S. Sekhavat, P. Svestka, J.-P. Laumond, M. Overmars, "Multilevel path planning for nonholonomic robots using semiholonomic
-// subsystems", IJRR 17(8), 1998 (removal of waypoints).
+// Sources: R. Geraerts, M. Overmars, "Creating high-quality paths for motion planning", IJRR 26(8), 2007 (random
+// shortcuts); S. Sekhavat, P. Svestka, J.-P. Laumond, M. Overmars, "Multilevel path planning for nonholonomic robots
+// using semiholonomic subsystems", IJRR 17(8), 1998 (removal of waypoints).
 #pragma once
 
 #include <cstddef>

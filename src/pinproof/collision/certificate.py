@@ -470,7 +470,7 @@ def _content_hash(path: str | Path | None) -> str:
 
 @lru_cache(maxsize=FILES_KEPT)
 def _hash_of_file(stamp: FileStamp) -> str:
-    return hashlib.sha256(stamp.path.read_bytes()).hexdigest()
+    return hashlib.sha256(Path(stamp.path).read_bytes()).hexdigest()
 
 
 def free_sentence(proven: float, pairs: int, excluded: int) -> str:
@@ -524,7 +524,7 @@ def notes_of(checker: CollisionChecker) -> tuple[str, ...]:
         notes.append(GENERATED_BODIES)
     elif drawn := [link for link in dict.fromkeys(g.link for g in arm.robot.urdf.visuals) if link not in solid]:
         notes.append(f"{_some(drawn)}: visible, but without collision geometry, so not checked")
-    if changed := [file.path.name for file in changed_files(checker)]:
+    if changed := [Path(file.path).name for file in changed_files(checker)]:
         notes.append(f"{_some(changed)}: changed after the checker read it; create a new checker")
     if arm.held:
         notes.append(f"joints outside the arm are held fixed: {_some([f'{n} = {v:g}' for n, v in arm.held.items()])}")

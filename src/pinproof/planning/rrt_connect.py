@@ -45,7 +45,7 @@ SAME_GOAL = 1e-6
 """Goals (rad or m) that differ by less in every joint are equal."""
 
 SAMPLES_PER_CALL = 2000
-"""Number of edge samples in one call of the compiled loop, about 10 ms. The clock and the callback are checked between
+"""Number of edge samples in one call of the compiled loop, about 3 ms. The clock and the callback are checked between
 the calls."""
 
 SEPARATION = 0.05

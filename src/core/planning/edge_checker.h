@@ -19,7 +19,9 @@ public:
     // Proofs are in `world`; samples, too, until set_steering. `resolution`: metres that bodies move between two samples.
     EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, double resolution);
 
-    // Take samples in another world, usually one with larger margins. `blocked`: its pairs that no joint moves are in
+    // Whether a world has the same numbers of joints and bodies, which samples in it require.
+    bool has_bodies_of(const World& world) const;
+    // Take samples in another world of these bodies, usually one with larger margins. `blocked`: its pairs that no joint moves are in
     // contact, so that no edge is free.
     void set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked);
     void set_resolution(double resolution) { resolution_ = resolution; }

@@ -1,4 +1,4 @@
-"""The installed package works: its core, and the robots of its wheel. cibuildwheel runs this in each environment it tests."""
+"""The installed package works: its core, and the robots of its wheel. cibuildwheel runs this on each wheel."""
 
 from __future__ import annotations
 
@@ -15,4 +15,4 @@ found = pp.Clik().solve(arm, arm.forward_kinematics(q), rng=0).or_raise()
 assert found.position_error < 1e-5, found
 for name in catalogue_names():  # some from the folder robots/ of the wheel
     assert pp.load_robot(name).arm().dof >= 2, name
-print(pp.__version__)
+sys.stdout.write(f"{pp.__version__}\n")

@@ -51,7 +51,7 @@ class Seeds {
 struct Candidate {
     std::vector<double> q;  // a solution, or the configuration with the smallest residual
     PoseError error;
-    bool fulfils;                            // the task within the limits, by forward kinematics after the loop
+    bool fulfils = false;                    // the task within the limits, by forward kinematics after the loop
     long long iterations = 0, attempts = 0;  // for this target
 };
 

@@ -172,6 +172,22 @@ def prove(knots: np.ndarray, control: np.ndarray, tolerance: np.ndarray) -> Any:
     return _core.prove(world(), knots, control, settings(), tolerance, Judge(), _core.ProofState())
 
 
+def prove_by(distances: list[tuple[float, float]]) -> Any:
+    """A proof beside a body that only the caller can measure."""
+
+    class Measured(Judge):
+        def measure(self, q: np.ndarray, pairs: list[int]) -> list[tuple[float, float]]:
+            return distances
+
+    placements = np.array([EYE, EYE, moved(0.65)])
+    near = _core.World(
+        geometry(shapes=[cube(), cube(), _core.Shape.exact(BOX)], placements=placements),
+        np.array([[1, 2]]),
+        np.zeros(1),
+    )
+    return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), Measured(), _core.ProofState())
+
+
 UNIT = np.array([0.0, 1.0])
 STRAIGHT = np.zeros((1, 2, 2))
 
@@ -244,6 +260,8 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a curve without pieces": lambda: prove(np.array([0.0]), np.zeros((0, 2, 2)), np.zeros(2)),
     "a curve of three joints": lambda: prove(UNIT, np.zeros((1, 2, 3)), np.zeros(2)),
     "a joint tolerance of one joint": lambda: prove(UNIT, STRAIGHT, np.zeros(1)),
+    "fewer measured distances than pairs": lambda: prove_by([]),
+    "more measured distances than pairs": lambda: prove_by([(0.2, 0.1)] * 2),
     "bounds of a pair that does not exist": lambda: bounds().rough(2),
     "bounds with a split beyond the joints": lambda: bounds().tight(0, np.ones(3), 9, np.zeros((2, 2))),
     "bounds with a negative split": lambda: bounds().tight(0, np.ones(3), -1, np.zeros((2, 2))),
@@ -283,6 +301,8 @@ def test_the_core_refuses(case: str) -> None:
 def test_the_arguments_without_a_mistake_are_accepted() -> None:
     assert _core.Workspace(world()).judge(np.zeros(2)) == 0
     assert prove(UNIT, STRAIGHT, np.zeros(2)).free
+    assert prove_by([(0.2, 0.1)]).free
+    assert not prove_by([(NAN, NAN)]).free
     assert search().branch(0, 0) == [0]
     assert len(closed_form().solve_batch(EYE[None], np.zeros((1, DOF)), np.zeros((1, 1)), 8)[0]) == 1
     assert bounds().tight(0, np.array([1.0, 0.0, 0.0]), 0, np.zeros((2, 2))).distance >= 0.0

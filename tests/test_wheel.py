@@ -14,20 +14,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 
-SMOKE = """
-import pathlib, sys
-import pinproof as pp
-from pinproof.description import catalogue_names
-
-assert pathlib.Path(pp.__file__).is_relative_to(sys.prefix), pp.__file__
-arm = pp.load_robot("ur5").arm(tcp="tool0")
-q = [0.3, -1.2, 1.4, -0.5, 0.7, 0.2]
-found = pp.Clik().solve(arm, arm.forward_kinematics(q), rng=0).or_raise()
-assert found.position_error < 1e-5, found
-for name in catalogue_names():  # some from the folder robots/ of the wheel
-    assert pp.load_robot(name).arm().dof >= 2, name
-print(pp.__version__)
-"""
+SMOKE = ROOT / "tests" / "smoke.py"
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -62,7 +49,7 @@ def test_wheel_runs_the_demo_in_a_clean_environment(wheel: Path, tmp_path: Path)
     python = home / "bin" / "python"
     # The dependencies come from the index, so that an undeclared import fails.
     run(python, "-m", "pip", "install", "-qq", "--disable-pip-version-check", wheel, cwd=tmp_path)
-    assert wheel.name.split("-")[1] in run(python, "-I", "-c", SMOKE, cwd=tmp_path)
+    assert wheel.name.split("-")[1] in run(python, "-I", SMOKE, cwd=tmp_path)
     run(python, "-m", "pip", "check", cwd=tmp_path)
     report = json.loads(run(home / "bin" / "pinproof", "demo", "--html", "pick.html", "--json", cwd=tmp_path))
     assert sum(pick["verdict"] == "good" for pick in report["picks"]) == 4

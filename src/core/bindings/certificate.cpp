@@ -66,6 +66,9 @@ public:
     Approach tight(std::size_t pair, const Vector& u, int split, const Matrix& piece) const {
         require_size("u", u.shape(0), 3);
         require_size("a control point", piece.shape(1), q_.size());
+        if (piece.shape(0) == 0) throw std::invalid_argument("the piece has no control points");
+        if (split < 0 || static_cast<std::size_t>(split) > joints_between(pair))
+            throw std::invalid_argument("split exceeds the number of joints between the bodies");
         return bounds_.tight<true>(world_->pairs.at(pair), split, {u(0), u(1), u(2)}, piece.data(),
                                    static_cast<int>(piece.shape(0)), q_.data());
     }
@@ -86,8 +89,10 @@ void bind_certificate(nb::module_& module) {
             "__init__",
             [](ProofSettings* self, double tolerance, std::int64_t max_intervals, double obstacle_tolerance,
                double goal_share, std::int64_t look_ahead, bool wants_tubes, bool record) {
-                new (self) ProofSettings{tolerance,   max_intervals, obstacle_tolerance, goal_share, look_ahead,
-                                         wants_tubes, record};
+                require_count("max_intervals", max_intervals);
+                require_count("look_ahead", look_ahead);
+                new (self) ProofSettings{tolerance,  max_intervals, obstacle_tolerance, goal_share,
+                                         look_ahead, wants_tubes,   record};
             },
             nb::kw_only(), nb::arg("tolerance"), nb::arg("max_intervals"), nb::arg("obstacle_tolerance") = 0.0,
             nb::arg("goal_share") = 0.0, nb::arg("look_ahead") = 0, nb::arg("wants_tubes") = false,

@@ -65,7 +65,8 @@ BranchList sorted_list(const Branches& found, const double* reference, std::size
 }
 
 BranchList list_of(const Matrix& q, const Matrix& errors) {
-    require_size("errors", errors.size(), 2 * q.shape(0));
+    require_size("errors", errors.shape(0), q.shape(0));
+    require_size("a row of errors", errors.shape(1), 2);
     if (q.shape(1) > kMostJoints) throw std::invalid_argument("a closed form has at most 7 joints");
     BranchList list{q.shape(1), {}};
     for (std::size_t i = 0; i < q.shape(0); ++i) {
@@ -208,8 +209,10 @@ ArmPlan make_plan(const Chain& chain, double size, const Matrix& directions, con
     if (first_of_triple < 0 || first_of_triple > 3 || normal < 0 || normal > 2 ||
         (locked && (*locked < 0 || *locked > 6)))
         throw std::invalid_argument("an index of a joint is out of range");
-    require_size("directions", directions.size(), 3 * count);
-    require_size("points", points.size(), 3 * count);
+    require_size("directions", directions.shape(0), count);
+    require_size("a direction", directions.shape(1), 3);
+    require_size("points", points.shape(0), count);
+    require_size("a point", points.shape(1), 3);
     require_size("indices", indices.size(), count);
     require_size("lower", lower.size(), count);
     require_size("upper", upper.size(), count);

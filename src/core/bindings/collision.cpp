@@ -4,6 +4,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cmath>
 #include <stdexcept>
 #include <tuple>
@@ -56,6 +57,9 @@ JointTree make_tree(const Stack& placements, const std::vector<bool>& prismatic,
     require_size("multiplier", multiplier.shape(0), count);
     require_size("offset", offset.shape(0), count);
     require_size("parent", parent.size(), count);
+    require_finite("placements", placements.data(), placements.size());
+    require_finite("multiplier", multiplier.data(), count);
+    require_finite("offset", offset.data(), count);
     JointTree tree;
     tree.dof = dof;
     for (std::size_t k = 0; k < count; ++k) {
@@ -75,6 +79,7 @@ std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector
     const std::size_t count = shapes.size();
     require_size("joints", joints.size(), count);
     require_size("placements", placements.size(), 16 * count);
+    require_finite("placements", placements.data(), placements.size());
     if (robot_bodies > count) throw std::invalid_argument("robot_bodies exceeds the number of bodies");
     std::vector<Body> bodies;
     bodies.reserve(count);
@@ -87,9 +92,17 @@ std::shared_ptr<Geometry> make_geometry(const JointTree& tree, const std::vector
     return std::make_shared<Geometry>(tree, std::move(bodies), robot_bodies, rounding);
 }
 
+void require_margins(const Vector& margins, std::size_t pairs) {
+    require_size("margins", margins.shape(0), pairs);
+    // No comparison with NaN is true, so that the largest margin would not include it.
+    if (std::any_of(margins.data(), margins.data() + pairs, [](double margin) { return std::isnan(margin); }))
+        throw std::invalid_argument("a margin is NaN");
+}
+
 std::shared_ptr<World> make_world(std::shared_ptr<Geometry> geometry, const IndexMatrix& pairs, const Vector& margins) {
-    const std::size_t count = margins.shape(0);
-    require_size("pairs", pairs.size(), 2 * count);
+    const std::size_t count = pairs.shape(0);
+    require_margins(margins, count);
+    require_size("a pair", pairs.shape(1), 2);
     const auto robot = static_cast<std::int64_t>(geometry->robot_bodies);
     const auto every = static_cast<std::int64_t>(geometry->bodies.size());
     for (std::size_t k = 0; k < count; ++k) {
@@ -156,6 +169,8 @@ void bind_shapes(nb::module_& module) {
         [](const Shape& a, const Shape& b, const Matrix& a_from_b, const Vector& direction, double above, double below,
            double precision) {
             require_size("a_from_b", a_from_b.size(), 16);
+            if (a.kind != ShapeKind::kConvex || b.kind == ShapeKind::kExact)
+                throw std::invalid_argument("the distance of these shapes cannot be bounded by support functions");
             Separation separation;
             separation.direction = vec3("direction", direction);
             const Transform placement = read_transform(a_from_b.data());
@@ -199,7 +214,7 @@ void bind_world(nb::module_& module) {
         .def(
             "with_margins",
             [](const World& world, const Vector& margins) {
-                require_size("margins", margins.shape(0), world.pairs.size());
+                require_margins(margins, world.pairs.size());
                 return std::make_shared<World>(world.with_margins({margins.data(), margins.shape(0)}));
             },
             nb::arg("margins"))
@@ -235,6 +250,12 @@ int judge(Workspace& self, const double* q) {
     return static_cast<int>(self.left().size());
 }
 
+// Place the bodies at q for a question whose result cannot express that q is not finite.
+void place_finite(Workspace& self, const Vector& q) {
+    if (!self.place_at(configuration(q, self.world().space().tree.dof)))
+        throw std::invalid_argument("q holds a number that is not finite");
+}
+
 void bind_workspace(nb::module_& module) {
     nb::class_<Workspace>(module, "Workspace", "The bodies of a world at one configuration; one for each thread.")
         .def(
@@ -266,15 +287,16 @@ void bind_workspace(nb::module_& module) {
         .def(
             "find_contacts",
             [](Workspace& self, const Vector& q) {
-                if (self.place_at(configuration(q, self.world().space().tree.dof))) self.find_contacts();
+                place_finite(self, q);
+                self.find_contacts();
                 return std::tuple(self.contacts(), self.left());
             },
             nb::arg("q"), "(pairs in contact, pairs left to the caller) at q, which must be finite.")
         .def(
             "find_nearest",
             [](Workspace& self, const Vector& q) {
-                Nearest nearest;
-                if (self.place_at(configuration(q, self.world().space().tree.dof))) nearest = self.find_nearest();
+                place_finite(self, q);
+                const Nearest nearest = self.find_nearest();
                 return std::tuple(self.contacts(), self.left(), nearest.lower, nearest.upper, nearest.pair);
             },
             nb::arg("q"),

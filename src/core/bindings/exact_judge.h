@@ -19,6 +19,7 @@ public:
     void measure(const double* q, std::span<const int> pairs, std::span<ExactDistance> found) override {
         nb::gil_scoped_acquire acquire;
         const nb::list answers = nb::cast<nb::list>(object_.attr("measure")(array(q), list(pairs)));
+        require_size("the list of distances", answers.size(), found.size());  // Reading a list checks no index.
         for (std::size_t i = 0; i < found.size(); ++i) {
             const auto [attained, proven] = nb::cast<std::pair<double, double>>(answers[i]);
             found[i] = {attained, proven};

@@ -254,6 +254,8 @@ void bind_ik(nb::module_& module) {
                const StepRule& rule, int max_iterations, double max_step, double progress, int patience) {
                 if (std::holds_alternative<FabrikStep>(rule) && chain.has_mimic_joints())
                     throw std::invalid_argument("FABRIK does not support mimic joints");
+                require_count("max_iterations", max_iterations);
+                require_count("patience", patience);
                 new (self) IkSolver{chain,
                                     make_ranges(lower, upper, periodic, wraps, chain.dof),
                                     task,

@@ -48,6 +48,7 @@ void bind_edges(nb::module_& module) {
         .def(
             "__init__",
             [](EdgeChecker* self, std::shared_ptr<World> world, nb::object exact, double resolution) {
+                require_positive("resolution", resolution);
                 auto by_exact = judge(std::move(exact), *world);
                 new (self) EdgeChecker(std::move(world), std::move(by_exact), resolution);
             },
@@ -55,13 +56,19 @@ void bind_edges(nb::module_& module) {
         .def(
             "set_steering",
             [](EdgeChecker& self, std::shared_ptr<World> world, nb::object exact, bool blocked) {
-                require_size("a configuration of the world", world->space().tree.dof, self.dof());
+                if (!self.has_bodies_of(*world)) throw std::invalid_argument("the worlds have different bodies");
                 auto by_exact = judge(std::move(exact), *world);
                 self.set_steering(std::move(world), std::move(by_exact), blocked);
             },
             nb::arg("world"), nb::arg("exact"), nb::arg("blocked"),
             "Take samples in another world; `blocked`: none is free.")
-        .def("set_resolution", &EdgeChecker::set_resolution, nb::arg("resolution"))
+        .def(
+            "set_resolution",
+            [](EdgeChecker& self, double resolution) {
+                require_positive("resolution", resolution);
+                self.set_resolution(resolution);
+            },
+            nb::arg("resolution"))
         .def(
             "samples_free",
             [](EdgeChecker& self, const Vector& a, const Vector& b) {
@@ -98,6 +105,7 @@ void bind_search(nb::module_& module) {
                 require_size("start", start.shape(0), edges.dof());
                 require_rows("goals", goals, edges.dof());
                 require_size("box", box.size(), 2 * edges.dof());
+                require_positive("step", step);
                 new (self) RrtSearch(edges, {start.data(), start.size()}, {goals.data(), goals.size()},
                                      {box.data(), box.size()}, {step, max_nodes, max_samples});
             },
@@ -106,7 +114,12 @@ void bind_search(nb::module_& module) {
         .def("grow", &RrtSearch::grow, nb::arg("until"), nb::call_guard<nb::gil_scoped_release>(),
              "Continue until something happens, or the edges have taken this many samples.")
         .def(
-            "add_draws", [](RrtSearch& self, const Matrix& draws) { self.add_draws({draws.data(), draws.size()}); },
+            "add_draws",
+            [](RrtSearch& self, const Matrix& draws) {
+                require_size("a row of draws", draws.shape(1), self.dof() + 2);
+                require_draws(draws);
+                self.add_draws({draws.data(), draws.size()});
+            },
             nb::arg("draws"), "Provide random numbers (N, n + 2) in [0, 1).")
         .def(
             "size", [](const RrtSearch& self, int tree) { return tree_of(self, tree).size(); }, nb::arg("tree"))
@@ -119,7 +132,8 @@ void bind_search(nb::module_& module) {
         .def(
             "cut",
             [](RrtSearch& self, int tree, int node) {
-                node_of(tree_of(self, tree), node);
+                const Tree& whole = tree_of(self, tree);
+                if (whole.is_root(node_of(whole, node))) throw std::invalid_argument("a root cannot be removed");
                 self.tree(tree).cut(node);
                 self.forget_gap();  // The nearest nodes may have been removed.
             },
@@ -145,7 +159,8 @@ void bind_search(nb::module_& module) {
             "add",
             [](RrtSearch& self, int tree, const Vector& q, int parent) {
                 require_size("q", q.shape(0), self.dof());
-                return self.tree(tree).add(q.data(), node_of(tree_of(self, tree), parent));
+                node_of(tree_of(self, tree), parent);
+                return self.tree(tree).add(q.data(), parent);
             },
             nb::arg("tree"), nb::arg("q"), nb::arg("parent"), "Add a node, for tests.")
         .def(
@@ -176,6 +191,7 @@ void bind_planning(nb::module_& module) {
         [](EdgeChecker& edges, const Matrix& path, const Matrix& draws) {
             require_rows("path", path, edges.dof());
             require_size("a row of draws", draws.shape(1), 2);
+            require_draws(draws);
             std::vector<double> shorter;
             {
                 nb::gil_scoped_release release;

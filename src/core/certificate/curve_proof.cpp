@@ -286,7 +286,8 @@ bool CurveProof::settle(const Interval& interval, const Summary& sum) {
     }
     if (!state_.open) {
         state_.open = OpenSpan{interval.start, interval.end, sum.weakest_pair, sum.weakest_distance};
-        last_interval_ = state_.intervals + settings_.look_ahead;
+        // More than max_intervals makes no difference, and their sum could overflow.
+        last_interval_ = state_.intervals + std::min(settings_.look_ahead, settings_.max_intervals);
     }
     if (state_.contact || state_.intervals >= std::min(last_interval_, settings_.max_intervals)) return false;
     if (interval.start < interval.end) {

@@ -46,7 +46,7 @@ struct Progress {
         waited = iterations - marked_at_;
         if (!reached && waited >= stall.patience) return {Next::stop, best};
         // The condition on the residual also ends the descent if it is NaN.
-        const int most = max_iterations + (reached ? kGoalSteps : 0);
+        const long long most = static_cast<long long>(max_iterations) + (reached ? kGoalSteps : 0);
         if (iterations >= most || !(squared < std::numeric_limits<double>::infinity())) return {Next::stop, best};
         growth = squared < last_ ? std::max(1.0, growth * ClikStep::kRelief) : growth * ClikStep::kGrowth;
         last_ = squared;

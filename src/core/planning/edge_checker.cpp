@@ -23,6 +23,12 @@ EdgeChecker::EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<Exa
       control_(2 * dof()),
       no_tolerance_(dof(), 0.0) {}
 
+bool EdgeChecker::has_bodies_of(const World& world) const {
+    const Geometry &here = world_->space(), &there = world.space();
+    return here.tree.dof == there.tree.dof && here.tree.joints.size() == there.tree.joints.size() &&
+           here.robot_bodies == there.robot_bodies;
+}
+
 void EdgeChecker::set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked) {
     sampler_.emplace(std::move(world));
     steering_exact_ = std::move(exact);

@@ -21,7 +21,9 @@ public:
     // samples.
     EdgeChecker(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, double resolution);
 
-    // Take samples in another world, usually one with larger margins. `blocked`: its pairs that no joint moves are in
+    // Whether a world has the same numbers of joints and bodies, which samples in it require.
+    bool has_bodies_of(const World& world) const;
+    // Take samples in another world of these bodies, usually one with larger margins. `blocked`: its pairs that no joint moves are in
     // contact, so that no edge is free.
     void set_steering(std::shared_ptr<const World> world, std::unique_ptr<ExactJudge> exact, bool blocked);
     void set_resolution(double resolution) { resolution_ = resolution; }

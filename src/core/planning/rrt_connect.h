@@ -28,6 +28,7 @@ public:
 
     // The number of nodes that were added, including those that were removed.
     int size() const { return static_cast<int>(parents_.size()); }
+    bool is_root(int node) const { return parents_[static_cast<std::size_t>(node)] == node; }
     bool removed(int node) const { return removed_[static_cast<std::size_t>(node)]; }
     const double* node(int index) const { return nodes_.data() + static_cast<std::size_t>(index) * dof_; }
     // The nodes from this one to its root.

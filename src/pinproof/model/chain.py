@@ -264,7 +264,7 @@ def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:
     """Return the unit axis (3,) of a joint in its own frame, and whether the joint is prismatic."""
     kind = model.joints[joint]
     data = kind.createData()
-    kind.calc(data, np.zeros(kind.nq))
+    kind.calc(data, np.zeros(model.nq))  # it reads the entries of this joint in the configuration of the model
     subspace = np.asarray(data.S, dtype=float).ravel()
     if kind.nq != 1 or subspace.shape != (6,):
         raise InputError(f"joint {model.names[joint]!r} is a {kind.shortname()}; a chain has single-axis joints only")

@@ -1,0 +1,309 @@
+"""The core refuses arguments whose sizes, indices or numbers would make it read beyond an array or not end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pinproof import _core
+
+DOF = 6
+EYE = np.eye(4)
+NAN = float("nan")
+
+REFUSALS = (ValueError, TypeError, IndexError, OverflowError, MemoryError)
+"""What nanobind raises for std::invalid_argument, wrong types, indices, negative sizes and arrays that do not fit."""
+
+
+def moved(x: float, y: float = 0.0, z: float = 0.0) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def before() -> np.ndarray:
+    """Six joints whose axes alternate between z and y."""
+    matrices = np.array([moved(0.1 * k, 0.0, 0.2) for k in range(DOF)])
+    matrices[1::2, :3, :3] = [[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]
+    return matrices
+
+
+CHAIN: dict[str, Any] = {
+    "before": before(),
+    "prismatic": [False] * DOF,
+    "index": list(range(DOF)),
+    "multiplier": [1.0] * DOF,
+    "offset": [0.0] * DOF,
+    "tool": EYE,
+    "dof": DOF,
+}
+
+
+def chain() -> Any:
+    return _core.Chain(**CHAIN)
+
+
+def solver(**changes: Any) -> Any:
+    settings: dict[str, Any] = {
+        "lower": [-3.0] * DOF,
+        "upper": [3.0] * DOF,
+        "periodic": [True] * DOF,
+        "wraps": [False] * DOF,
+        "task": task(),
+        "rule": _core.ClikStep(1e-6),
+        "max_iterations": 50,
+        "max_step": 0.5,
+        "progress": 0.9,
+        "patience": 10,
+    }
+    return _core.IkSolver(chain(), **{**settings, **changes})
+
+
+def task() -> Any:
+    return _core.Task([True] * 6, 1e-6, 1e-6)
+
+
+def seeds() -> Any:
+    return _core.Seeds(chain(), np.linspace(-1.0, 1.0, 4 * DOF).reshape(4, DOF))
+
+
+def goal(size: int = DOF) -> Any:
+    return _core.Goal("posture", 0.5, [0.0] * size, [1.0] * size)
+
+
+BOX = np.array([[-0.1, -0.1, -0.1], [0.1, 0.1, 0.1]])
+CORNERS = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.1, 0.1) for z in (-0.1, 0.1)])
+
+
+def cube() -> Any:
+    return _core.Shape.convex(CORNERS, np.zeros(8), 0.0, np.zeros(3), BOX)
+
+
+TREE: dict[str, Any] = {
+    "placements": np.array([EYE, moved(0.5)]),
+    "prismatic": [False, True],
+    "index": [0, 1],
+    "multiplier": np.ones(2),
+    "offset": np.zeros(2),
+    "parent": [-1, 0],
+    "dof": 2,
+}
+
+
+def tree() -> Any:
+    return _core.JointTree(**TREE)
+
+
+GEOMETRY: dict[str, Any] = {
+    "joints": [0, 1, -1],
+    "placements": np.array([EYE, EYE, moved(3.0)]),
+    "robot_bodies": 2,
+    "rounding": 1e-9,
+}
+
+
+def geometry(**changes: Any) -> Any:
+    values = {"tree": tree(), "shapes": [cube(), cube(), cube()], **GEOMETRY, **changes}
+    return _core.Geometry(**values)
+
+
+PAIRS = np.array([[0, 2], [1, 2]])
+
+
+def world(**changes: Any) -> Any:
+    return _core.World(geometry(**changes), PAIRS, np.zeros(2))
+
+
+class Judge:
+    """Measures no pair."""
+
+    def measure(self, q: np.ndarray, pairs: list[int]) -> list[tuple[float, float]]:
+        return []
+
+    def any_contact(self, q: np.ndarray, pairs: list[int]) -> bool:
+        return False
+
+
+def edges() -> Any:
+    return _core.EdgeChecker(world(), Judge(), 0.05)
+
+
+def search(**changes: Any) -> Any:
+    values = {"start": np.zeros(2), "goals": np.ones((1, 2)), "box": np.array([[-3.0, -3.0], [3.0, 3.0]]), **changes}
+    return _core.RrtSearch(edges(), **{"step": 0.5, "max_nodes": 100, "max_samples": 100, **values})
+
+
+def settings(**changes: Any) -> Any:
+    return _core.ProofSettings(**{"tolerance": 1e-4, "max_intervals": 100, **changes})
+
+
+def bounds() -> Any:
+    return _core.MotionBounds(world(), np.zeros(2), np.full(2, 0.1), np.zeros(2))
+
+
+CLOSED: dict[str, Any] = {
+    "size": 1.0,
+    "directions": np.tile([0.0, 0.0, 1.0], (DOF, 1)),
+    "points": np.zeros((DOF, 3)),
+    "prismatic": [False] * DOF,
+    "indices": list(range(DOF)),
+    "lower": np.full(DOF, -3.0),
+    "upper": np.full(DOF, 3.0),
+    "tool": EYE,
+    "first_of_triple": 3,
+    "planar": False,
+    "reversed": False,
+    "normal": 0,
+    "locked": None,
+    "border": 1e-9,
+    "spread": 1e-6,
+    "rounding": 1e-12,
+}
+
+
+def closed_form(**changes: Any) -> Any:
+    return _core.ClosedForm(chain=chain(), **{**CLOSED, **changes})
+
+
+def prove(knots: np.ndarray, control: np.ndarray, tolerance: np.ndarray) -> Any:
+    return _core.prove(world(), knots, control, settings(), tolerance, Judge(), _core.ProofState())
+
+
+def prove_by(distances: list[tuple[float, float]]) -> Any:
+    """A proof beside a body that only the caller can measure."""
+
+    class Measured(Judge):
+        def measure(self, q: np.ndarray, pairs: list[int]) -> list[tuple[float, float]]:
+            return distances
+
+    placements = np.array([EYE, EYE, moved(0.65)])
+    near = _core.World(
+        geometry(shapes=[cube(), cube(), _core.Shape.exact(BOX)], placements=placements),
+        np.array([[1, 2]]),
+        np.zeros(1),
+    )
+    return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), Measured(), _core.ProofState())
+
+
+UNIT = np.array([0.0, 1.0])
+STRAIGHT = np.zeros((1, 2, 2))
+
+REFUSED: dict[str, Callable[[], Any]] = {
+    "a chain with fewer multipliers than joints": lambda: _core.Chain(**{**CHAIN, "multiplier": [1.0]}),
+    "a chain with an index beyond dof": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, DOF]}),
+    "a chain with a negative index": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, -1]}),
+    "a chain with a tool of shape (1, 16)": lambda: _core.Chain(**{**CHAIN, "tool": EYE.reshape(1, 16)}),
+    "forward kinematics of rows that are too short": lambda: chain().forward_batch(np.zeros((3, DOF - 1))),
+    "forward kinematics from a start of shape (3, 4)": lambda: chain().evaluate(np.zeros(DOF), EYE[:3]),
+    "limits of fewer joints": lambda: solver(lower=[-3.0]),
+    "a negative number of iterations": lambda: solver(max_iterations=-1),
+    "a negative patience": lambda: solver(patience=-1),
+    "no seeds": lambda: _core.Seeds(chain(), np.zeros((0, DOF))),
+    "a goal of fewer joints": lambda: goal(2).step(chain(), np.zeros(DOF)),
+    "an unknown goal": lambda: _core.Goal("far", 0.5, [0.0], [1.0]),
+    "targets and starts of different numbers": lambda: solver().solve_batch(
+        np.tile(EYE, (3, 1, 1)), np.zeros((2, DOF)), seeds(), None, 4, 1
+    ),
+    "a target with NaN": lambda: _core.Search(solver(), seeds(), None, np.full((4, 4), NAN), np.zeros(DOF)),
+    "a start of a search that is too short": lambda: _core.Search(solver(), seeds(), None, EYE, np.zeros(1)),
+    "a start of a tracker that is too short": lambda: _core.Tracker(
+        chain(), [-3.0] * DOF, [3.0] * DOF, [1.0] * DOF, task(), None, [0.0]
+    ),
+    "a Jacobian of five rows": lambda: _core.box_step(np.zeros((5, 2)), np.zeros(6), 1e-6, [-1.0] * 2, [1.0] * 2),
+    "bounds of fewer joints": lambda: _core.box_step(np.zeros((6, 2)), np.zeros(6), 1e-6, [-1.0], [1.0] * 2),
+    "a plan with directions in one row": lambda: closed_form(directions=np.zeros((1, 3 * DOF))),
+    "a plan with points in one row": lambda: closed_form(points=np.zeros((1, 3 * DOF))),
+    "a plan with an index beyond the joints": lambda: closed_form(indices=[0, 1, 2, 3, 4, DOF]),
+    "a plan with a triple beyond the joints": lambda: closed_form(first_of_triple=4),
+    "a plan with a locked joint but six joints": lambda: closed_form(locked=2),
+    "branches with errors in one row": lambda: _core.Branches(np.zeros((2, DOF)), np.zeros((1, 4))),
+    "branches of too many joints": lambda: _core.Branches(np.zeros((1, 8)), np.zeros((1, 2))),
+    "a branch that does not exist": lambda: _core.Branches(np.zeros((1, 6)), np.zeros((1, 2))).select([1]),
+    "a batch whose size overflows": lambda: closed_form().solve_batch(
+        np.tile(EYE, (2, 1, 1)), np.zeros((1, DOF)), np.zeros((1, 1)), 2**62
+    ),
+    "four coefficients of a quartic": lambda: _core.quartic_roots(np.zeros(4)),
+    "a convex shape without points": lambda: _core.Shape.convex(np.zeros((0, 3)), np.zeros(0), 0.0, np.zeros(3), BOX),
+    "a shape with discs of another number": lambda: _core.Shape.convex(CORNERS, np.zeros(7), 0.0, np.zeros(3), BOX),
+    "the distance of a shape without support function": lambda: _core.bound_distance(
+        _core.Shape.exact(BOX), cube(), EYE, np.zeros(3), 1.0, 0.0, 1e-9
+    ),
+    "the distance from a shape without support function": lambda: _core.bound_distance(
+        cube(), _core.Shape.exact(BOX), EYE, np.zeros(3), 1.0, 0.0, 1e-9
+    ),
+    "a tree with a joint before its parent": lambda: _core.JointTree(**{**TREE, "parent": [1, -1]}),
+    "a tree with a negative index": lambda: _core.JointTree(**{**TREE, "index": [0, -1]}),
+    "a tree with an offset that is NaN": lambda: _core.JointTree(**{**TREE, "offset": np.array([0.0, NAN])}),
+    "a body without a shape": lambda: geometry(shapes=[cube(), None, cube()]),
+    "a body on a joint that does not exist": lambda: geometry(joints=[0, 2, -1]),
+    "an obstacle on a joint": lambda: geometry(joints=[0, 1, 1]),
+    "more robot bodies than bodies": lambda: geometry(robot_bodies=4),
+    "a body placed at NaN": lambda: geometry(placements=np.full((3, 4, 4), NAN)),
+    "pairs in one row": lambda: _core.World(geometry(), PAIRS.reshape(1, 4), np.zeros(2)),
+    "a pair with a body that does not exist": lambda: _core.World(geometry(), np.array([[0, 3]]), np.zeros(1)),
+    "a pair of an obstacle and another": lambda: _core.World(geometry(), np.array([[2, 0]]), np.zeros(1)),
+    "a margin that is NaN": lambda: world().with_margins(np.array([0.0, NAN])),
+    "too few margins": lambda: world().with_margins(np.zeros(1)),
+    "a workspace without a world": lambda: _core.Workspace(None),
+    "contacts at NaN": lambda: _core.Workspace(world()).find_contacts(np.full(2, NAN)),
+    "nearest bodies at NaN": lambda: _core.Workspace(world()).find_nearest(np.full(2, NAN)),
+    "configurations that are too short": lambda: _core.Workspace(world()).judge_many(np.zeros((3, 1))),
+    "a pair that does not exist": lambda: _core.Workspace(world()).measure(2),
+    "the placement of a body that does not exist": lambda: _core.Workspace(world()).root_from_body(3),
+    "a joint that does not exist": lambda: _core.Workspace(world()).joint(2),
+    "the joints of a body that does not exist": lambda: _core.Workspace(world()).joints_of_body(3),
+    "a negative number of intervals": lambda: settings(max_intervals=-1),
+    "a curve with too many knots": lambda: prove(np.array([0.0, 0.5, 1.0]), STRAIGHT, np.zeros(2)),
+    "a curve without pieces": lambda: prove(np.array([0.0]), np.zeros((0, 2, 2)), np.zeros(2)),
+    "a curve of three joints": lambda: prove(UNIT, np.zeros((1, 2, 3)), np.zeros(2)),
+    "a joint tolerance of one joint": lambda: prove(UNIT, STRAIGHT, np.zeros(1)),
+    "fewer measured distances than pairs": lambda: prove_by([]),
+    "more measured distances than pairs": lambda: prove_by([(0.2, 0.1)] * 2),
+    "bounds of a pair that does not exist": lambda: bounds().rough(2),
+    "bounds with a split beyond the joints": lambda: bounds().tight(0, np.ones(3), 9, np.zeros((2, 2))),
+    "bounds with a negative split": lambda: bounds().tight(0, np.ones(3), -1, np.zeros((2, 2))),
+    "bounds of a piece without points": lambda: bounds().tight(0, np.ones(3), 0, np.zeros((0, 2))),
+    "a resolution of zero": lambda: _core.EdgeChecker(world(), Judge(), 0.0),
+    "a negative resolution": lambda: edges().set_resolution(-1.0),
+    "samples in a world with fewer bodies": lambda: edges().set_steering(
+        _core.World(geometry(robot_bodies=1, joints=[0, -1, -1]), np.array([[0, 2]]), np.zeros(1)), Judge(), False
+    ),
+    "an edge of one joint": lambda: edges().samples_free(np.zeros(1), np.zeros(2)),
+    "a search without goals": lambda: search(goals=np.zeros((0, 2))),
+    "a search with steps of zero": lambda: search(step=0.0),
+    "a search with steps that are NaN": lambda: search(step=NAN),
+    "draws outside [0, 1)": lambda: search().add_draws(np.full((1, 4), 1.0)),
+    "draws that are NaN": lambda: search().add_draws(np.full((1, 4), NAN)),
+    "draws in rows that are too short": lambda: search().add_draws(np.zeros((4, 1))),
+    "a third tree": lambda: search().add(2, np.zeros(2), 0),
+    "a parent that does not exist": lambda: search().add(0, np.zeros(2), 1),
+    "a root that is cut": lambda: search().cut(0, 0),
+    "a node that does not exist": lambda: search().branch(1, -1),
+    "configurations of nodes that do not exist": lambda: search().configurations(0, [0, 1]),
+    "a path without waypoints": lambda: _core.shortcut(edges(), np.zeros((0, 2)), np.zeros((0, 2))),
+    "negative draws of a shortcut": lambda: _core.shortcut(edges(), np.eye(2), np.full((3, 2), -0.5)),
+    "speeds with too few ceilings": lambda: _core.fastest_speeds(
+        np.ones((2, 2, 3)), np.ones((2, 2, 3)), np.ones(2), np.ones(2), np.ones((2, 3)), 0.0, 0.0
+    ),
+    "an array of float32": lambda: _core.Workspace(world()).judge(np.zeros(2, dtype=np.float32)),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_the_core_refuses(case: str) -> None:
+    with pytest.raises(REFUSALS):
+        REFUSED[case]()
+
+
+def test_the_arguments_without_a_mistake_are_accepted() -> None:
+    assert _core.Workspace(world()).judge(np.zeros(2)) == 0
+    assert prove(UNIT, STRAIGHT, np.zeros(2)).free
+    assert prove_by([(0.2, 0.1)]).free
+    assert not prove_by([(NAN, NAN)]).free
+    assert search().branch(0, 0) == [0]
+    assert len(closed_form().solve_batch(EYE[None], np.zeros((1, DOF)), np.zeros((1, 1)), 8)[0]) == 1
+    assert bounds().tight(0, np.array([1.0, 0.0, 0.0]), 0, np.zeros((2, 2))).distance >= 0.0
+    assert edges().proven_free(np.zeros(2), np.array([0.1, 0.1]))

@@ -324,7 +324,7 @@ def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -
         remedy = (
             "The attached bodies change along this motion; `pinproof pick` certifies such a motion part by part"
             if len(trajectory.certified) > 1
-            else "State them with --tool-of PICKS, --attached FILE and --scene FILE"
+            else "State what is missing with --tool-of PICKS, --attached FILE or --scene FILE"
         )
         raise InputError(f"{path}: {'; '.join(missing)}. {remedy}, or use --ignore-record to certify without them")
     return trajectory

@@ -87,7 +87,7 @@ prepare_venv() {
             install_into_venv "$extra" || { say "the installation failed; see the lines above"; exit 1; }
         fi
         if ! core_is_current; then
-            say "compiling the core ..."
+            say "compiling the core, which takes about a minute ..."
             compile_core || { say "the core could not be compiled; see the lines above"; exit 1; }
         fi
     ) 9>"$root/.venv.lock"

@@ -25,6 +25,13 @@ def test_fk_prints_the_pose_of_the_arm(run: Run) -> None:
     np.testing.assert_allclose(json.loads(out)["matrix"], expected.homogeneous, atol=1e-15)
 
 
+def test_fk_notes_joints_outside_their_limits(run: Run) -> None:
+    code, out, err = run("fk", "ur5", "--q", "0 0 0 0 0 6.4", "--json")
+    assert code == 0
+    assert "wrist_3_joint = 6.4 is outside" in err
+    assert "wrist_3_joint = 6.4" not in out
+
+
 def test_ik_finds_a_configuration_that_fk_confirms(run: Run) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--json")
     assert code == 0

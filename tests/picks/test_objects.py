@@ -191,6 +191,15 @@ def test_an_object_may_have_several_supports(arm) -> None:
     assert "rail_1" in one.reason
 
 
+@pytest.mark.parametrize(("depth", "named"), [(0.0, True), (0.003, False)])
+def test_an_obstacle_that_the_object_only_touches_is_proposed_as_a_support(arm, depth: float, named: bool) -> None:
+    wall = pp.Obstacle("wall", pp.Box(0.02, 0.02, 0.03), pp.pose((0.468 - depth, 0.15, 0.01)))
+    verdict = judge(arm, PICK, wall)
+    assert verdict.failed is Stage.RETREAT
+    assert "wall" in verdict.reason
+    assert ("support: [table, wall]" in verdict.reason) is named
+
+
 def test_supports_are_kept_as_names(arm) -> None:
     assert replace(PICK, support="table").support == ("table",)
     assert replace(PICK, support=["table", "rail"]).support == ("table", "rail")

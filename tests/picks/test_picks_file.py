@@ -47,6 +47,7 @@ defaults: {rpy: [pi, 0, 0], approach: 0.2}"""
     assert picks.home == {"a": -1.0, "b": np.pi / 2}
     np.testing.assert_allclose(pp.xyz_rpy(picks.tip), [0, 0, 0.105, 0, 0, np.pi], atol=1e-15)
     assert [body.name for body in picks.tool] == ["picker"]
+    assert picks.tool[0].rgba is not None
     one, two = picks
     assert (one.name, one.approach, one.retreat, one.retreat_direction) == ("one", 0.2, 0.0, (0.0, 0.0, 1.0))
     np.testing.assert_allclose(pp.xyz_rpy(one.pose), [0.46, 0.15, 0.035, np.pi, 0, 0], atol=1e-15)

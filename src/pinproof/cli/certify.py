@@ -67,7 +67,9 @@ def certify_motion(
     robot: Annotated[
         str | None,
         typer.Argument(
-            help="A catalogue name such as ur5, or a robot file.", metavar="ROBOT", autocompletion=robot_names
+            help="A catalogue name such as ur5, a robot file, or a DH table.",
+            metavar="ROBOT",
+            autocompletion=robot_names,
         ),
     ] = None,
     motion: Annotated[Path | None, typer.Argument(help=f"A motion file ({', '.join(READ)}).", metavar="MOTION")] = None,

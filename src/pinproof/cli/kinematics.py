@@ -18,6 +18,7 @@ from pinproof.cli.options import (
     SceneOptions,
     Seed,
     ToolOptions,
+    note_limits,
     numbers,
     parse_configuration,
 )
@@ -54,6 +55,7 @@ def fk(
     """
     arm = chain.arm(robot)
     configuration = parse_configuration(q, arm, "--q")
+    note_limits(arm, configuration)
     placement = arm.frame_placement(configuration, frame or arm.tcp)
     vector = pp.xyz_rpy(placement)
     if as_json:

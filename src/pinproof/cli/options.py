@@ -19,7 +19,7 @@ import typer
 
 import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
-from pinproof.cli.console import Interrupted
+from pinproof.cli.console import Interrupted, print_note
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees, warn_of_degrees
 
@@ -43,6 +43,7 @@ __all__ = [
     "ToolOptions",
     "expand_options",
     "load_motion",
+    "note_limits",
     "numbers",
     "parse_configuration",
     "placement",
@@ -324,7 +325,7 @@ def load_motion(path: Path, checker: pp.CollisionChecker, ignore_record: bool) -
         remedy = (
             "The attached bodies change along this motion; `pinproof pick` certifies such a motion part by part"
             if len(trajectory.certified) > 1
-            else "State them with --tool-of PICKS, --attached FILE and --scene FILE"
+            else "State what is missing with --tool-of PICKS, --attached FILE or --scene FILE"
         )
         raise InputError(f"{path}: {'; '.join(missing)}. {remedy}, or use --ignore-record to certify without them")
     return trajectory
@@ -337,6 +338,12 @@ def parse_configuration(text: str | None, arm: pp.Arm, option: str) -> npt.NDArr
     q = arm.configuration(numbers(text, option), option)
     warn_of_degrees(option, q[arm.angular & np.isfinite(arm.limits.lower)].tolist())
     return q
+
+
+def note_limits(arm: pp.Arm, q: npt.NDArray[np.float64]) -> None:
+    """Report on stderr each joint of q (n,) outside its limits, for commands that accept such values."""
+    for sentence in arm.limits.violations(arm.limits.snap(q), arm.joint_names):
+        print_note(f"note: {sentence}")
 
 
 def placement(text: str) -> SE3:

@@ -410,4 +410,5 @@ def _write_report(output: Path, report: pp.PickReport, *, pages: bool, **dwell: 
     if not stems:
         return names
     more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if pages else "")
-    return f"{names}; for each of {len(stems)} good picks its motion and program, such as {more}"
+    picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
+    return f"{names}; for {picks} its motion and program, such as {more}"

@@ -28,6 +28,7 @@ from pinproof.cli.options import (
     SceneOptions,
     ToolOptions,
     load_motion,
+    note_limits,
     parse_configuration,
 )
 from pinproof.errors import InputError, MeshError
@@ -115,6 +116,7 @@ def view(
     else:
         checked = q is not None or scene_options.scene is not None or any(tool.files)
         content["q"] = configuration = parse_configuration(q, arm, "--q")
+        note_limits(arm, configuration)
         content["check"] = _check(arm, world, configuration, scene_options, tool) if checked else None
         if branches:
             content["ghosts"] = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(configuration)).q

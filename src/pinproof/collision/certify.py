@@ -307,8 +307,9 @@ class _Proof:
         first = FirstContact(
             time, q.copy(), contact.bodies, contact.distance, contact.points, contact.distance < 0, proven_free_until
         )
-        at, until = (parameter_text(self._curve, t) for t in (time, proven_free_until))
-        message = f"{contact} at {at}; collision-free until {until}"
+        message = f"{contact} at {parameter_text(self._curve, time)}"
+        if proven_free_until > self._curve.domain[0]:
+            message += f"; collision-free until {parameter_text(self._curve, proven_free_until)}"
         return self._certificate(CertificateStatus.COLLIDING, message, first_contact=first)
 
     def _undecided(self, span: UndecidedSpan) -> Certificate:

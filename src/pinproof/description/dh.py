@@ -32,7 +32,7 @@ import yaml
 
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, unknown_suffix, write_text_whole
-from pinproof.common.yaml_file import parse_number, read_yaml, refuse_unknown
+from pinproof.common.yaml_file import LinedMapping, parse_number, read_yaml, refuse_unknown
 from pinproof.description.dh_keys import CONVENTIONS, DEFAULT_EFFORT, JOINT_TYPES, LARGEST, ROW, TABLE, TRANSFORM
 from pinproof.errors import DhTableError, InputError, UnknownNameError
 from pinproof.spatial import finite, matrix, pose, rigid
@@ -222,13 +222,16 @@ def _table_from_yaml(path: Path) -> DhTable:
     rows = content.get("rows")
     if not isinstance(rows, list) or not rows:
         raise DhTableError(path, "must be a list with at least one row", "key rows")
+    places = []
     for number, row in enumerate(rows, start=1):
-        if not isinstance(row, dict):
+        if not isinstance(row, LinedMapping):
             reason = f"{row!r} is not a mapping; valid keys: {', '.join(ROW.names)}"
             raise DhTableError(path, reason, f"row {number}")
+        places.append(f"line {row.line}, row {number}")
     return _table(
         path,
-        [_row(path, number, row) for number, row in enumerate(rows, start=1)],
+        [_row(path, place, row) for place, row in zip(places, rows, strict=True)],
+        places,
         convention=content.get("convention"),
         name=content.get("name", path.stem),
         base=_transform(path, "base", content.get("base")),
@@ -245,26 +248,28 @@ def _table_from_csv(path: Path) -> DhTable:
         raise DhTableError(path, f"states more than one convention: {', '.join(conventions)}")
     convention = conventions[0] if conventions else None
     try:
-        content = [row for row in csv.reader(lines[first:]) if any(cell.strip() for cell in row)]
+        reader = csv.reader(lines[first:])
+        content = [(first + reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as error:
         raise DhTableError(path, f"is not valid CSV: {error}") from error
     if not content:
         raise DhTableError(path, f"has no header; valid columns: {', '.join(ROW.names)}")
-    header = [cell.strip() for cell in content[0]]
+    header = [cell.strip() for cell in content[0][1]]
     if other := other_separator(header):
         raise DhTableError(path, other, "header")
     refuse_unknown(DhTableError, path, "column", header, ROW.names, "header")
     twice = sorted({column for column in header if header.count(column) > 1})
     if twice:
         raise DhTableError(path, f"duplicate column {twice[0]}", "header")
-    rows = []
-    for number, cells in enumerate(content[1:], start=1):
+    rows, places = [], []
+    for number, (line, cells) in enumerate(content[1:], start=1):
+        places.append(f"line {line}, row {number}")
         if len(cells) != len(header):
             more = "; use decimal points, not commas" if len(cells) > len(header) else ""
-            raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}{more}", f"row {number}")
+            raise DhTableError(path, f"has {len(cells)} cells; the header has {len(header)}{more}", places[-1])
         stated = {column: cell.strip() for column, cell in zip(header, cells, strict=True) if cell.strip()}
-        rows.append(_row(path, number, stated))
-    return _table(path, rows, convention=convention, name=path.stem)
+        rows.append(_row(path, places[-1], stated))
+    return _table(path, rows, places, convention=convention, name=path.stem)
 
 
 def other_separator(header: Sequence[str]) -> str:
@@ -275,23 +280,23 @@ def other_separator(header: Sequence[str]) -> str:
     return ""
 
 
-def _row(path: Path, number: int, stated: Mapping[Any, Any]) -> DhRow:
+def _row(path: Path, place: str, stated: Mapping[Any, Any]) -> DhRow:
     """Parse one row column by column, so that errors state the column."""
-    refuse_unknown(DhTableError, path, "column", stated, ROW.names, f"row {number}")
+    refuse_unknown(DhTableError, path, "column", stated, ROW.names, place)
     values: dict[str, Any] = {"name": stated.get("name"), "joint_type": stated.get("type", "revolute")}
     for column in ROW.names:
         if stated.get(column) is None and column in ROW.required:
-            raise DhTableError(path, "is missing", f"row {number}, column {column}")
+            raise DhTableError(path, "is missing", f"{place}, column {column}")
         if column in ("name", "type"):
             continue
         try:
             values[column] = None if stated.get(column) is None else parse_number(stated[column])
         except ValueError as error:
-            raise DhTableError(path, str(error), f"row {number}, column {column}") from error
+            raise DhTableError(path, str(error), f"{place}, column {column}") from error
     problem = row_problem(values) or _unit_problem(values)
     if problem is not None:
         column = "type" if problem[0] == "joint_type" else problem[0]
-        raise DhTableError(path, problem[1], f"row {number}, column {column}")
+        raise DhTableError(path, problem[1], f"{place}, column {column}")
     return DhRow(**values)
 
 
@@ -314,14 +319,14 @@ def _refuse_degrees(column: str, angle: float) -> None:
     refuse_degrees(column, [angle])
 
 
-def _table(path: Path, rows: Sequence[DhRow], *, convention: object, **rest: Any) -> DhTable:
+def _table(path: Path, rows: Sequence[DhRow], places: Sequence[str], *, convention: object, **rest: Any) -> DhTable:
     if convention is None:
         raise DhTableError(path, "states no convention; add 'convention: standard' or 'convention: modified'")
     names = [row.name for row in rows]
     for number, name in enumerate(names, start=1):
         if name in names[: number - 1]:
             reason = f"row {names.index(name) + 1} is already named {name!r}"
-            raise DhTableError(path, reason, f"row {number}, column name")
+            raise DhTableError(path, reason, f"{places[number - 1]}, column name")
     try:
         refuse_millimetres("a and d", [length for row in rows for length in (row.a, row.d)])
         return DhTable(tuple(rows), convention=convention, **rest)  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
-from pinproof.collision import Obstacle
+from pinproof.collision import Mesh, Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scene_keys import POSE
 from pinproof.common.files import is_file
@@ -198,15 +198,21 @@ def _tip(stated: object) -> SE3:
     return pose_of(mapping_of("", stated, POSE))
 
 
+TOOL_GREY = (0.30, 0.32, 0.36, 1.0)
+"""The colour of tools and fingers without ``rgba``, so that they differ from obstacles in pictures."""
+
+
 def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle, ...]:
     bodies = []
     for number, stated in enumerate(require_list(PicksError, path, key, content.get(key, [])), start=1):
         if not isinstance(stated, LinedMapping):
             raise PicksError(path, f"{stated!r} is not a body", f"key {key}, #{number}")
         try:
-            bodies.append(read_obstacle(path, number, stated))
+            body = read_obstacle(path, number, stated)
         except FileError as error:
             raise PicksError(path, error.reason, error.place) from error
+        own_colours = isinstance(body.shape, Mesh) and body.shape.path is not None
+        bodies.append(body if body.rgba or own_colours else replace(body, rgba=TOOL_GREY))
         if any(bodies[-1].name == other.name for other in bodies[:-1]):
             raise PicksError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key {key}")
     return tuple(bodies)

@@ -338,7 +338,13 @@ PICKS = KeyTable(
             "rad or m",
         ),
         FileKey("tip", POSE, "tcp_from_tip: the frame that is moved to the poses of picks", "", {}),
-        FileKey("tool", list_of(OBSTACLE), "bodies that move with the tcp; poses are tcp_from_body", "", []),
+        FileKey(
+            "tool",
+            list_of(OBSTACLE),
+            "bodies that move with the tcp, grey without `rgba`; poses are tcp_from_body",
+            "",
+            [],
+        ),
         FileKey("fingers", FINGERS, "two moving fingers that are not part of the robot"),
         FileKey("cup", CUP, "a suction cup at the tip, instead of fingers; its body is one of `tool`"),
         FileKey(

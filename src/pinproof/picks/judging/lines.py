@@ -165,15 +165,18 @@ def line(
     end: SE3,
     length: float,
     parting: Pairs = (),
+    *,
+    start: str = "the grasp",
 ) -> Line:
-    """A straight line from q (n,) to a pose of the tip."""
+    """A straight line from q (n,), at ``start`` in messages, to a pose of the tip."""
     if length == 0:
         return Line(StageResult(stage, True, "none requested"))
     # a support that is not checked against the object needs no permission for contact
     parting = tuple(pair for pair in parting if _is_checked(checker, pair))
     move = plan_linear(checker, q, task.target(end), parting=parting)
     if not move.ok:
-        message = f"{length * 1e3:.0f} mm path, planned outwards from the grasp, {move.message}"
+        message = f"{length * 1e3:.0f} mm path, planned outwards from {start}, {move.message}"
+        message += _other_supports(stage, task, checker, q, parting) if move.fraction == 0 else ""
         figures = {"distance": length, "possible": move.fraction * length}
         return Line(StageResult(stage, False, message, figures), fraction=move.fraction)
     message = f"{length * 1e3:.0f} mm straight line, {_proven(move)}"
@@ -182,6 +185,26 @@ def line(
     )
     figures = {"distance": length, "clearance": proven}
     return Line(StageResult(stage, True, message, figures), move.path, clearance=seen)
+
+
+TOUCH_DEPTH = 1e-4
+"""Largest penetration (m) of the object into an obstacle that is taken for contact: rounding of stated positions."""
+
+
+def _other_supports(stage: Stage, task: Task, checker: CollisionChecker, q: Array, supports: Pairs) -> str:
+    """The key of a picks file that allows contact, if at q (n,) the held object only touches obstacles; else ''."""
+    touched = []
+    for contact in checker.allowing(*supports).check(q).contacts:
+        others = [name for name in contact.bodies if name != task.name]
+        if len(others) != 1 or others[0] not in checker.scene.names or contact.distance < -TOUCH_DEPTH:
+            return ""
+        touched += others
+    if not touched:
+        return ""
+    names = ", ".join(dict.fromkeys((*(name for _, name in supports), *touched)))
+    there = ", ".join(dict.fromkeys(touched))
+    key = "place.support" if stage is Stage.PLACE else "support"
+    return f"; if {task.name} may touch {there} at the start of this line, state {key}: [{names}]"
 
 
 def _is_checked(checker: CollisionChecker, pair: tuple[str, str]) -> bool:

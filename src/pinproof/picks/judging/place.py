@@ -222,13 +222,13 @@ def _down(task: Task, asked: PlaceTarget, member: Member, q: Array) -> Release:
         return Release(q, 0, f"at the release: {'; '.join(contact_words(free_hand.check(q)))}")
     parting = task.supports(carrying, q, asked.support)
     above = moved(release, -asked.approach, asked.approach_direction, asked.approach_frame)
-    down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting)
+    down = line(Stage.PLACE, task, carrying, q, above, asked.approach, parting, start="the release")
     if not down.result.ok:
         return Release(q, DOWN, f"approach to the place: {down.result.message}")
     if task.cell.fingers and not (opening := task.opening(member)).is_free(q):
         return Release(q, OFF, f"at the release: {closing_words(task, opening.check(q))}")
     off = moved(release, asked.retreat, asked.retreat_direction, asked.retreat_frame)
-    leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat)
+    leave = line(Stage.PLACE, task, free_hand, q, off, asked.retreat, start="the release")
     leave = passing(leave, task.passing_off(member), q)
     if not leave.result.ok:
         return Release(q, OFF, f"retreat from the place: {leave.result.message}")

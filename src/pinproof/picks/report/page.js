@@ -58,7 +58,7 @@ const rows = entries.map((entry, k) => {
   const row = make("tr"), state = make("td"), swatch = make("span", "", "swatch"), why = make("td", entry.reason);
   swatch.style.background = kinds[entry.verdict] || "#51606f";
   state.append(swatch, entry.verdict);
-  if (entry.remedy) why.append(make("span", "Try: " + entry.remedy, "try"));
+  if (entry.remedy) why.append(make("span", "Suggestion: " + entry.remedy, "try"));
   const seconds = entry.duration === null || entry.duration === undefined ? "" : entry.duration.toFixed(2) + " s";
   row.append(make("td", entry.name), state, make("td", entry.failed), make("td", entry.clearanceText, "number"),
     make("td", seconds, "number"), why);
@@ -123,7 +123,7 @@ function caption(entry) {
   headline.className = "verdict " + entry.tone;
   byId("reason").textContent = entry.said;
   byId("remedy").hidden = !entry.remedy;
-  byId("remedy").textContent = "Try: " + entry.remedy;
+  byId("remedy").textContent = "Suggestion: " + entry.remedy;
   byId("figures").replaceChildren(...entry.figures.map(([name, value]) => {
     const pair = make("div");
     pair.append(make("dt", name), make("dd", value));

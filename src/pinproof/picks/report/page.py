@@ -102,7 +102,7 @@ def entry(
         "Proven clearance": proven,
         "Duration": _seconds(duration) + (", with guessed accelerations" if guessed and duration is not None else ""),
         "Grasp at": _seconds(row.get("grasp_time")),
-        "Let go at": _seconds(row.get("release_time")),
+        "Release at": _seconds(row.get("release_time")),
         "Grasp": ", ".join(f"{value:.3f}" for value in row["xyz"]) + " m" if "xyz" in row else "",
         "In the frame": row.get("frame", ""),
         "Member": row.get("member", ""),

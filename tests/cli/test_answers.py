@@ -11,6 +11,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
+from pinproof.ik.methods import IK_METHODS
 
 from ..pages import Run
 
@@ -46,7 +47,7 @@ def test_ik_keeps_a_margin_without_a_scene_too(run: Run) -> None:
     assert json.loads(out)["ok"] is False
 
 
-@pytest.mark.parametrize("method", pp.ik.IK_METHODS)
+@pytest.mark.parametrize("method", IK_METHODS)
 def test_every_ik_method_agrees_with_fk(run: Run, method: str) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "0.4 0.1 0.3", "--rpy", "pi 0 0", "--method", method, "--json")
     q = " ".join(str(value) for value in json.loads(out)["q"].values())

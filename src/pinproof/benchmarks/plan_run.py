@@ -124,7 +124,7 @@ def plan_benchmark(
     problems
         Largest number of problems per set; by default all of MotionBenchMaker, and :data:`OWN_PROBLEMS` of ours.
     planners
-        Our planners, keys of :data:`pinproof.planning.PLANNERS`.
+        Our planners, keys of :data:`pinproof.planning.planners.PLANNERS`.
     peers
         Whether to include planners of other libraries. Those that cannot be run are listed with the reason.
     repeats

@@ -13,8 +13,6 @@ from pinproof.cli.complete import robot_names
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import ChainOptions, Html, IgnoreRecord, Json, SceneOptions, ToolOptions, load_motion
 from pinproof.errors import InputError
-from pinproof.model.limits import distinct
-from pinproof.motion.motion_keys import READ
 
 __all__ = ["certify_motion", "verdict"]
 
@@ -72,7 +70,9 @@ def certify_motion(
             autocompletion=robot_names,
         ),
     ] = None,
-    motion: Annotated[Path | None, typer.Argument(help=f"A motion file ({', '.join(READ)}).", metavar="MOTION")] = None,
+    motion: Annotated[
+        Path | None, typer.Argument(help="A motion file (.json, .csv, .yaml or .yml).", metavar="MOTION")
+    ] = None,
     *,
     tolerances: ToleranceOptions,
     save_proof: Annotated[
@@ -167,6 +167,8 @@ def _verify(
 
 def _limit_violations(trajectory: pp.Trajectory, arm: pp.Arm) -> list[str]:
     """Violations of the position and velocity limits over the whole motion, beyond :data:`LIMIT_TOLERANCE`."""
+    from pinproof.model.limits import distinct
+
     limits, violations = arm.limits, []
     low, high = trajectory.range()
     speeds = trajectory.max_velocity()

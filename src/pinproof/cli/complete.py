@@ -23,12 +23,16 @@ def robot_names(incomplete: str) -> list[str]:
 
 def method_names(incomplete: str) -> list[str]:
     """The registered IK methods."""
-    return _starting_with(incomplete, pp.ik.IK_METHODS)
+    from pinproof.ik.methods import IK_METHODS
+
+    return _starting_with(incomplete, IK_METHODS)
 
 
 def planner_names(incomplete: str) -> list[str]:
     """The registered planners."""
-    return _starting_with(incomplete, pp.planning.PLANNERS)
+    from pinproof.planning.planners import PLANNERS
+
+    return _starting_with(incomplete, PLANNERS)
 
 
 def file_names(*suffixes: str) -> Callable[[str], list[str]]:

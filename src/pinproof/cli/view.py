@@ -32,7 +32,6 @@ from pinproof.cli.options import (
     parse_configuration,
 )
 from pinproof.errors import InputError, MeshError
-from pinproof.motion.motion_keys import READ
 
 if TYPE_CHECKING:
     import numpy as np
@@ -73,7 +72,7 @@ def view(
     robot: Robot,
     motion: Annotated[
         Path | None,
-        typer.Argument(help=f"A motion file to play ({', '.join(READ)}).", metavar="[MOTION]"),
+        typer.Argument(help="A motion file to play (.json, .csv, .yaml or .yml).", metavar="[MOTION]"),
     ] = None,
     q: Configuration = None,
     branches: Annotated[

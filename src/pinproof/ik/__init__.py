@@ -5,13 +5,12 @@ from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
 from pinproof.ik.loop import DescentState, IkStep, StepRule
-from pinproof.ik.methods import IK_METHODS, make_ik
+from pinproof.ik.methods import make_ik
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.task import IkGoal, IkTask
 from pinproof.ik.tracking import Tracker, TrackResult, track
 
 __all__ = [
-    "IK_METHODS",
     "AnalyticIk",
     "Clik",
     "DampedLeastSquares",

@@ -3,7 +3,7 @@
 from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
-from pinproof.planning.planners import DEFAULT_PLANNER, PLANNERS, Planner, make_planner
+from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner
 from pinproof.planning.result import (
     LinearPlanResult,
     LinearStatus,
@@ -17,7 +17,6 @@ from pinproof.planning.simplification import SimplifyResult, shortcut, simplify
 
 __all__ = [
     "DEFAULT_PLANNER",
-    "PLANNERS",
     "LinearPlanResult",
     "LinearStatus",
     "OmplPlanner",

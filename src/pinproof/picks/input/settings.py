@@ -62,7 +62,7 @@ class PickBudget:
     remedies
         Number of changed picks of each kind (moved, turned, shortened) that are judged to find suggestions; 0 for none.
     planner
-        The planner of transits and transfers, a key of :data:`pinproof.planning.PLANNERS`.
+        The planner of transits and transfers, a key of :data:`pinproof.planning.planners.PLANNERS`.
 
     Raises
     ------

@@ -157,7 +157,8 @@ def choose_view(
     directions = _directions()
     cells = np.array([cells_seen(direction) for direction in directions])
     seen = (cells >= SEEN_CELLS).sum(axis=2).min(axis=1)
-    tool_seen = cells[:, :, is_tool].sum(axis=2).min(axis=1)
+    # Every link of the tool counts: a large one must not make up for a hidden one.
+    tool_seen = cells[:, :, is_tool].min(axis=2, initial=np.inf).min(axis=1)
     share = np.minimum(cells.sum(axis=2).min(axis=1) / (GRID[0] * GRID[1]), ENOUGH_SHARE).round(2)
     # Square roots favour a view that shows every link well over one that shows a single link very large.
     merit = np.sqrt(cells).sum(axis=(1, 2))

@@ -70,7 +70,7 @@ def test_page_and_motion_are_written_to_the_stated_files(run: Run) -> None:
 
 
 def check_page(browser: Browser, path: Path, seconds: float, *, least: float = 0.15) -> None:
-    """The robot covers ``least`` to 60 % of the canvas, all links are visible, the caption is FREE, no console errors."""
+    """The robot covers ``least`` to 60 % of the canvas, all links are visible, FREE is shown, nothing is logged."""
     page = browser.open(f"{path.as_uri()}#t={seconds}")
     try:
         assert page.text("#verdict") == "FREE"

@@ -371,7 +371,7 @@ class GripResult:
 
     @property
     def figures(self) -> dict[str, float]:
-        """The figures of the stage in m, m^2 and rad, which are smallest area and overlap, largest gap, closing direction."""
+        """Smallest area and overlap, largest gap, and closing direction, in m, m^2 and rad."""
         if self.cup is not None:
             return {"contact_area": self.cup.contact_area, "gap": self.cup.gap, "tilt": self.cup.tilt}
         if self.tip_distance is not None:

@@ -23,6 +23,8 @@ void require_processor() {
 NB_MODULE(_core, module) {
     require_processor();
     module.doc() = "The compiled core of pinproof. It is internal: use the package's public functions.";
+    // Python does not destroy cached arms and checkers when it ends; nanobind would report each of them.
+    nanobind::set_leak_warnings(false);
     module.attr("SOURCE_HASH") = PINPROOF_SOURCE_HASH;
     pinproof::bind_kinematics(module);
     pinproof::bind_closed_form(module);

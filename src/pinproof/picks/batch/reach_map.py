@@ -374,17 +374,12 @@ def attainable_orientations(
 ) -> Mask:
     """Search for configurations with each orientation at any position; without obstacles and self-collision.
 
-    An arm with fewer than six joints takes only some orientations. If a search fails, this is no proof.
+    The result (m,) is True where a configuration was found. An arm with fewer than six joints takes only some orientations. If a search fails, this is no proof.
 
     Parameters
     ----------
     arm, orientations, tip, world_from_root, rng
         As for :func:`reach_map`.
-
-    Returns
-    -------
-    (m,)
-        True where a configuration was found.
     """
     tcp_from_tip = matrix(rigid("tip", SE3.Identity() if tip is None else tip))
     place = rigid("world_from_root", SE3.Identity() if world_from_root is None else world_from_root)

@@ -374,7 +374,8 @@ def attainable_orientations(
 ) -> Mask:
     """Search for configurations with each orientation at any position; without obstacles and self-collision.
 
-    The result (m,) is True where a configuration was found. An arm with fewer than six joints takes only some orientations. If a search fails, this is no proof.
+    The result (m,) is True where a configuration was found. An arm with fewer than six joints takes only some
+    orientations. If a search fails, this is no proof.
 
     Parameters
     ----------

@@ -25,6 +25,9 @@ constexpr double kSameBranch = 1e-6;
 // the deviation from the ideal may have moved two branches far apart, or removed one of them.
 constexpr double kNearlySingular = 0.5;
 
+// Rad, or lengths of the arm. The largest error of a joint, due to the tolerances, with which completeness is claimed.
+constexpr double kUndetermined = 1.0;
+
 constexpr double kAstray = 0.05;  // m: a branch with a larger error after refinement is not close to any solution
 
 // Rad or m along the weakest motion. Newton's method converges to the closest solution; these starts are a few times
@@ -251,6 +254,8 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
     if (solution.free) with_free_ |= solution.number.bit();
     if (free_joints & (free_joints - 1)) out.doubtful = true;  // a family with two parameters; reported ones have one
     if (!at_zero_[lane]) return;
+    // The tolerances leave a joint undetermined, although it is not free: other configurations may be solutions too.
+    if (solution.error > kUndetermined && !solution.free) out.doubtful = true;
 
     const double at_limit = std::min(
         std::max(kAtLimit, kNear * solution.error * std::max(plan_.size, 1.0)), kNearLimits);

@@ -207,3 +207,28 @@ def test_families_that_rounding_cuts_into_pieces_are_not_called_complete():
     found = pp.AnalyticIk().solve_all(arm, arm.forward_kinematics(q))
     assert any(family.upper - family.lower < 1e-4 for family in found.families)
     assert not found.complete
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        [1.5452975915081117, -0.035191685560664654, 0.0, 0.0, -1.5707966439948295, -0.10078082365857188],
+        [1.7918579034261903, 1.008364373187371, 1.7576773516372045e-13, 0.0, 1.5707962566224112, -0.6587222467334191],
+        [
+            0.38049833118519105,
+            0.7644607792338042,
+            -1.3420183762122563e-07,
+            0.0,
+            1.5707963269966811,
+            -0.0729511160098073,
+        ],
+    ],
+)
+def test_no_completeness_is_claimed_where_the_tolerances_leave_a_joint_undetermined(q) -> None:
+    """The elbow is straight up to 2e-6 rad, so that the rolls before and behind it are known only by their sum."""
+    arm = pp.load_robot("pr2_left").arm(base="torso_lift_link", tcp="l_wrist_flex_link")
+    target = np.array(arm.forward_kinematics(q).homogeneous)
+    found = pp.AnalyticIk().solve_all(arm, target)
+    assert np.abs(found.branches - q).max(axis=1).min() > 1.0  # the generating configuration is another one
+    assert not found.complete
+    assert not pp.AnalyticIk().solve_all_batch(arm, target[None]).complete[0]

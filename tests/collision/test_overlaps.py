@@ -144,3 +144,9 @@ def test_the_command_lists_the_pairs_and_writes_both_files(wrist, tmp_path, monk
     found = json.loads(out)
     assert (code, found["samples"], len(found["pairs"])) == (0, 50, 6)
     assert run("info", "wrist.urdf", "--overlaps", "--write-urdf", "wrist.urdf")[0] == 2
+
+
+def test_few_samples_are_refused_because_chance_contacts_would_be_excluded() -> None:
+    """In a single configuration of the Panda, link 1 and link 7 touch by chance."""
+    with pytest.raises(pp.InputError, match="samples"):
+        sample_overlaps(pp.load_robot("panda"), samples=1)

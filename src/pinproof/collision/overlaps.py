@@ -25,6 +25,9 @@ Frequency = Literal["always", "nearly always", "sometimes", "never"]
 ADJACENT, ALWAYS = "Adjacent", "Always"
 """The reasons of MoveIt's Setup Assistant with which pairs are excluded; a checker confirms ``Always`` by samples."""
 
+MIN_SAMPLES = 50
+"""Smallest number of configurations: links that touch in all of them touch in 94 % of all, with 95 % confidence."""
+
 
 @dataclass(frozen=True)
 class LinkOverlap:
@@ -101,7 +104,8 @@ def sample_overlaps(robot: Robot, *, samples: int = 1000) -> OverlapReport:
     robot
         The robot.
     samples
-        Number of configurations within the limits, from a fixed seed; joints without limits take one full rotation.
+        Number of configurations within the limits, at least :data:`MIN_SAMPLES`, from a fixed seed. Joints without
+        limits take one full rotation.
 
     Returns
     -------
@@ -113,7 +117,7 @@ def sample_overlaps(robot: Robot, *, samples: int = 1000) -> OverlapReport:
     MeshError
         If a collision mesh is missing or cannot be used.
     """
-    require_integer("samples", samples, 1)
+    require_integer("samples", samples, MIN_SAMPLES)
     links = list(dict.fromkeys(geometry.link for geometry in robot.urdf.collisions))
     bodies = LinkBodies(robot.urdf.collisions, dict.fromkeys(robot.urdf.links, "hull"))
     overlaps = Overlaps(robot, bodies, samples)

@@ -73,7 +73,7 @@ def page(text: str) -> str:
 
 def _remarks(robot: pp.Robot) -> list[str]:
     """Missing data of a URDF: meshes that are not found, and joints without limits."""
-    said = [
+    notes = [
         f"{len(lost)} {kind} meshes not found"
         for kind, geometries in (("collision", robot.urdf.collisions), ("visual", robot.urdf.visuals))
         if (lost := [g for g in geometries if g.mesh is not None and g.mesh.path is None])
@@ -84,8 +84,8 @@ def _remarks(robot: pp.Robot) -> list[str]:
         if joint.type in ("revolute", "prismatic") and None in (joint.lower, joint.upper)
     ]
     if endless:
-        said.append(f"no limits stated for {', '.join(endless)}")
-    return said
+        notes.append(f"no limits stated for {', '.join(endless)}")
+    return notes
 
 
 def _shared() -> Path:
@@ -105,10 +105,10 @@ def main() -> int:
     """Write or check the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true")
-    told = parser.parse_args()
+    arguments = parser.parse_args()
     before = PAGE.read_text(encoding="utf-8")
     after = page(before)
-    if told.check:
+    if arguments.check:
         return int(before != after)
     PAGE.write_text(after, encoding="utf-8")
     return 0

@@ -92,8 +92,8 @@ def test_programs_have_the_dwell_times_and_are_certified_again(run: Run, tmp_pat
     path.write_text(json.dumps(data))
     code, out, _ = run("pick", picks, "--program", str(path))
     assert (code, out.count("differs")) == (1, 1)
-    told = json.loads(run("pick", picks, "--program", str(path), "--json")[1])
-    assert (told["ok"], told["motions"][0]["changed"], told["motions"][0]["status"]) == (False, True, "FREE")
+    report = json.loads(run("pick", picks, "--program", str(path), "--json")[1])
+    assert (report["ok"], report["motions"][0]["changed"], report["motions"][0]["status"]) == (False, True, "FREE")
 
 
 def test_program_of_an_unknown_pick_is_wrong_usage(run: Run, tmp_path: Path) -> None:
@@ -145,10 +145,10 @@ def test_ctrl_c_keeps_the_picks_that_were_judged(tmp_path: Path) -> None:
     assert "3 of 6 picks" in err
     assert "report.json has these 3" in err
     assert "--campaign" in err
-    told = json.loads((tmp_path / "report.json").read_text())
-    assert [pick["name"] for pick in told["picks"]] == ["pin_0", "pin_1", "pin_2"]
-    assert all(pick["verdict"] == "good" for pick in told["picks"])
-    assert (told["ok"], told["not_judged"]) == (False, 3)
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert [pick["name"] for pick in report["picks"]] == ["pin_0", "pin_1", "pin_2"]
+    assert all(pick["verdict"] == "good" for pick in report["picks"])
+    assert (report["ok"], report["not_judged"]) == (False, 3)
     assert "3 of 6 picks good" in out
 
 

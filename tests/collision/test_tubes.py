@@ -20,7 +20,7 @@ from pinproof import (
 FREE, COLLIDING, UNDECIDED = CertificateStatus.FREE, CertificateStatus.COLLIDING, CertificateStatus.UNDECIDED
 
 GAP = 0.05
-"""Metres between the slider's ball of 1 cm, on its way along x, and the obstacle beside it."""
+"""Metres between the slider's ball of 1 cm, on its path along x, and the obstacle beside it."""
 
 
 def beside(slider, **settings):

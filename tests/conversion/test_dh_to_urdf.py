@@ -175,10 +175,10 @@ def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic
 
     monkeypatch.setattr("pinproof.description.dh_urdf.urdf_text", tampered)
     path = tmp_path / "arm.urdf"
-    path.write_text("what stood here before", encoding="utf-8")
+    path.write_text("the content before", encoding="utf-8")
     with pytest.raises(ConversionError, match=words):
         write_urdf(generic, path)
-    assert path.read_text(encoding="utf-8") == "what stood here before"
+    assert path.read_text(encoding="utf-8") == "the content before"
     assert list(tmp_path.iterdir()) == [path]
 
 
@@ -186,7 +186,7 @@ def test_a_urdf_that_is_not_its_table_is_refused_and_not_written(change, generic
     "name", ["dh_0", "dh_1", "link_1", "base_link", "tool0", "tool_joint", "dh_1_joint", "universe"]
 )
 def test_a_row_may_not_have_the_name_of_a_frame(name):
-    with pytest.raises(InputError, match=f"'{name}' bears a name"):
+    with pytest.raises(InputError, match=f"'{name}' has a name"):
         dh_to_urdf(DhTable([DhRow(name, 0, 0, 1, 0)], convention="standard"))
 
 

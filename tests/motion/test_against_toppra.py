@@ -55,7 +55,7 @@ rounded = rounded_problems().map(lambda problem: problem[1:]).filter(lambda prob
 def test_motions_are_within_three_percent_of_toppras_optimum(problem):
     path, limits = problem
     s, speed = toppra_speeds(path, limits, 60)
-    if speed is None or not np.isfinite(speed).all():  # it gives up at times; so does nobody here
+    if speed is None or not np.isfinite(speed).all():  # toppra fails at times, pinproof does not
         time_parametrise(path, limits)
         return
     optimum = float((2 * np.diff(s) / (speed[:-1] + speed[1:])).sum())

@@ -20,7 +20,7 @@ def test_the_page_runs_as_printed(tmp_path) -> None:
         assert printed == "4 of 4 picks good\n['pin_0_0_0', 'pin_0_1_0', 'pin_1_0_0', 'pin_1_1_0']\n"
         assert pp.picks.CampaignResult.open("pins").ok
         for words, _ in (each for block in blocks(PAGE, "sh") for each in commands(block)):
-            if "--dask" not in words:  # nobody runs a cluster here; tests/picks/test_campaign_dask.py does
+            if "--dask" not in words:  # there is no cluster here; tests/picks/test_campaign_dask.py does
                 # Two of the four picks are not good, and are meant not to be.
                 assert "2 of 4 picks good" in run_command(words, 1, "campaigns.md")
 

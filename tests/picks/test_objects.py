@@ -93,7 +93,7 @@ def test_a_place_out_of_reach_is_the_stage_that_fails(arm) -> None:
 
 
 def test_the_swept_volume_contains_the_carried_part(arm) -> None:
-    # A lintel over the bolt, beside the tool's way up: only a wide object meets it.
+    # A lintel over the bolt, beside the tool's path upwards: only a wide object meets it.
     wide = pp.Obstacle("plate", pp.Box(0.02, 0.2, 0.01), pp.pose((0, 0.0, 0.006)))
     lintel = pp.Obstacle("lintel", pp.Box(0.02, 0.02, 0.02), pp.pose((0.45, -0.1 + 0.16, 0.12)))
     here = pp.Pick("plate", pp.pose((0.45, -0.02, 0.06), DOWN), carried=None)

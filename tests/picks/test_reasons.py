@@ -104,7 +104,7 @@ def test_a_family_of_which_every_member_is_refuted_is_impossible(cell) -> None:
 
 
 def test_members_may_be_refuted_at_different_stages(cell) -> None:
-    # A post beside the bolt: a broad tool meets it at the grasp, or only on its way back, as it is turned.
+    # A post beside the bolt: a broad tool meets it at the grasp, or only on its retreat, as it is rotated.
     arm, scene, picks = cell
     bar = pp.Obstacle("bar", pp.Box(0.16, 0.01, 0.01), pp.pose((0, 0, 0.09)))
     shared = replace(picks, tool=(*picks.tool, bar), picks=())

@@ -82,7 +82,7 @@ def test_limits(arm, pick) -> None:
 
 
 def test_the_only_joint_outside_its_limits_is_named(arms) -> None:
-    # Turning the base is the only way to the other side when no other joint may leave its branch.
+    # Turning the base is the only path to the other side when no other joint may leave its branch.
     arm = arms["generic_6dof"]
     around = {name: (float(q) - 0.3, float(q) + 0.3) for name, q in zip(arm.joint_names, arm.home, strict=True)}
     tight = arm.with_limits(arm.limits.replace(arm.joint_names, around))

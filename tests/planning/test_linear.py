@@ -332,7 +332,7 @@ def test_a_redundant_arm_moves_smoothly_all_along(panda: pp.Arm) -> None:
 
 
 def test_a_redundant_arm_moves_along_a_joint_limit() -> None:
-    # The shortest way of the seven joints leads the second one to its limit; there is another.
+    # The shortest path of the seven joints leads the second one to its limit; there is another.
     arm = pp.load_robot("iiwa14").arm()
     start = np.array([0.07, 1.887, -2.112, 1.879, -1.117, -0.321, 2.002])
     target = pp.pose((0.123, 0.53, -0.146), (-2.727, 0.912, -0.141))

@@ -30,7 +30,7 @@ def test_ur5_goes_round_a_post(ur5: pp.Arm) -> None:
     post = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.4), pp.pose((0.5, 0.0, 0.6)))
     checker = pp.CollisionChecker(ur5, pp.Scene([TABLE, post], allowed=[("base_link", "table")]), margin=0.002)
     start, goal = np.array([-0.9, -1.2, 1.2, -1.5, -1.57, 0.0]), np.array([0.9, -1.2, 1.2, -1.5, -1.57, 0.0])
-    assert not checker.is_free((start + goal) / 2)  # the straight way is blocked
+    assert not checker.is_free((start + goal) / 2)  # the straight line is blocked
     _assert_solves(QUICK.plan(checker, start, goal, rng=1), checker, start, goal)
 
 
@@ -68,7 +68,7 @@ def test_through_a_narrow_slot(gantry: pp.Arm, slotted: pp.Scene) -> None:
 
 
 def test_a_tree_grows_by_partial_steps(gantry: pp.Arm) -> None:
-    # Two boxes with 6 cm of room on every side of the ball, and no way from one to the other.
+    # Two boxes with 6 cm of space on every side of the ball, and no path from one to the other.
     walls = [
         pp.Obstacle(f"wall{cell:+}{i}", pp.Box(0.4 if y else 0.1, 0.4 if x else 0.1, 1.0), pp.pose((cell + x, y, 0.0)))
         for cell in (-0.5, 0.5)
@@ -92,7 +92,7 @@ def test_the_search_keeps_off_the_margin_so_that_proofs_succeed(gantry: pp.Arm) 
 
 
 def test_between_ends_that_are_tight_themselves_it_keeps_off_less(gantry: pp.Arm) -> None:
-    # 0.2 mm beyond the margin on both sides, all the way.
+    # 0.2 mm beyond the margin on both sides, over the whole path.
     half = 0.05 + 0.005 + 0.0002
     walls = [pp.Obstacle(f"w{s:+}", pp.Box(2.4, 0.1, 1.0), pp.pose((0.0, s * (half + 0.05), 0.0))) for s in (-1, 1)]
     checker = pp.CollisionChecker(gantry, pp.Scene(walls), margin=0.005)

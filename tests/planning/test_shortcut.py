@@ -42,7 +42,7 @@ def test_same_rng_same_path_to_the_last_bit(checker: pp.CollisionChecker, detour
 def test_never_longer_whatever_the_path(checker: pp.CollisionChecker) -> None:
     rng = np.random.default_rng(0)
     for seed in range(5):
-        q = rng.uniform((0.1, -0.9), (0.9, 0.9), (6, 2))  # a convex room: the straight way is free
+        q = rng.uniform((0.1, -0.9), (0.9, 0.9), (6, 2))  # a convex space: the straight line is free
         path = pp.JointPath(q, checker.arm.joint_names)
         short = pp.shortcut(path, checker, rng=seed)
         assert np.array_equal(short.q, q[[0, -1]])

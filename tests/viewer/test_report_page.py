@@ -249,7 +249,7 @@ def test_a_carried_part_moves_with_the_hand_and_stays_at_its_place(
         opened.evaluate(f"pinproof.seek({moment})")
         at = opened.evaluate("pinproof.viewer.scene_tree.find(['scene', 'part']).object.position.toArray()")
         assert at == pytest.approx(root_from_part(angle)[:3, 3].tolist(), abs=1e-4)
-    click(opened, "#rows tr:nth-child(2)")  # nothing to play: it stands where it stood
+    click(opened, "#rows tr:nth-child(2)")  # nothing to play: it stays where it was
     at = opened.evaluate("pinproof.viewer.scene_tree.find(['scene', 'part']).object.position.toArray()")
     assert at == pytest.approx(root_from_part(0.5)[:3, 3].tolist(), abs=1e-6)
     marks = np.array(opened.evaluate("Array.from(pinproof.settings.markers.poses)")).reshape(2, 4, 4)

@@ -88,9 +88,9 @@ CASES = {
 
 @pytest.fixture(scope="module", params=list(CASES))
 def case(request) -> tuple[Stage, Film, View]:
-    make, attached, obstacles, way = CASES[request.param]
+    make, attached, obstacles, move = CASES[request.param]
     arm = make()
-    trajectory = above_and_down(arm, way) if isinstance(way, tuple) else motion(arm, *way)
+    trajectory = above_and_down(arm, move) if isinstance(move, tuple) else motion(arm, *move)
     stage = set_stage(arm, pp.Scene(obstacles), attached)
     shown = film(stage, [Phase(trajectory)])
     view = choose_view(stage, shown.poses, shown.tcp, tool=tool_points(stage, shown.poses))

@@ -107,7 +107,7 @@ ProofState CurveProof::run(const CurveView& curve, const ProofSettings& settings
         if (sum.open == 0) continue;
         const bool spent = state_.intervals >= settings_.max_intervals;
         if (sum.step < settings_.tolerance || spent || stack_.size() + 2 > kDepth) {
-            if (!settle(interval, sum)) break;
+            if (!decide(interval, sum)) break;
         } else {
             bisect(interval, middle, sum);
         }
@@ -173,10 +173,10 @@ void CurveProof::list_pairs(Interval& interval, Summary& sum) {
             if (pair >= 0) lists_.push_back(pair);
         }
         if (left_out) {
-            const double room = level - world_.widest_margin;
+            const double slack = level - world_.widest_margin;
             sum.proven = std::min(sum.proven, level - settings_.obstacle_tolerance);
-            sum.obstacle_tube = std::min(sum.obstacle_tube, room);
-            if (approach.growth > 0.0) sum.joint_tube = std::min(sum.joint_tube, room / approach.growth);
+            sum.obstacle_tube = std::min(sum.obstacle_tube, slack);
+            if (approach.growth > 0.0) sum.joint_tube = std::min(sum.joint_tube, slack / approach.growth);
         }
     }
     interval.pairs = lists_.size() - interval.list;
@@ -250,14 +250,14 @@ void CurveProof::judge(int k, const Interval& interval, const double* control, c
     }
     const double moved = pair.with_obstacle ? settings_.obstacle_tolerance : 0.0;
     const double certain = lower - approach.distance - space.rounding;
-    const double room = certain - margin;
-    const double tube = approach.growth > 0.0 ? std::min(growth_range, room / approach.growth) : kInfinity;
-    if (settings_.record && room > 0.0)
+    const double slack = certain - margin;
+    const double tube = approach.growth > 0.0 ? std::min(growth_range, slack / approach.growth) : kInfinity;
+    if (settings_.record && slack > 0.0)
         state_.evidence.push_back({interval.start, interval.end, k, certain, direction});
     if (certain > goal) {
         sum.proven = std::min(sum.proven, certain - moved);
         sum.joint_tube = std::min(sum.joint_tube, tube);
-        if (pair.with_obstacle) sum.obstacle_tube = std::min(sum.obstacle_tube, room);
+        if (pair.with_obstacle) sum.obstacle_tube = std::min(sum.obstacle_tube, slack);
         return;
     }
     lists_[sum.list + sum.open++] = k;
@@ -268,16 +268,16 @@ void CurveProof::judge(int k, const Interval& interval, const double* control, c
     }
     sum.open_proven = std::min(sum.open_proven, certain - moved);
     sum.open_joint_tube = std::min(sum.open_joint_tube, tube);
-    if (pair.with_obstacle) sum.open_obstacle_tube = std::min(sum.open_obstacle_tube, room);
-    if (!(room >= sum.weakest)) {
-        sum.weakest = std::isnan(room) ? -kInfinity : room;  // NaN proves nothing, whichever pair comes after it.
+    if (pair.with_obstacle) sum.open_obstacle_tube = std::min(sum.open_obstacle_tube, slack);
+    if (!(slack >= sum.weakest)) {
+        sum.weakest = std::isnan(slack) ? -kInfinity : slack;  // NaN proves nothing, whichever pair comes after it.
         sum.weakest_pair = k;
         sum.weakest_distance = distance;
     }
 }
 
 // End the work on an interval with open pairs that is not bisected. False: the proof ends.
-bool CurveProof::settle(const Interval& interval, const Summary& sum) {
+bool CurveProof::decide(const Interval& interval, const Summary& sum) {
     if (sum.weakest > 0.0) {  // Less than the fraction that was requested, but proven.
         state_.proven = std::min(state_.proven, sum.open_proven);
         state_.joint_tube = std::min(state_.joint_tube, sum.open_joint_tube);

@@ -130,7 +130,7 @@ private:
     void list_pairs(Interval& interval, Summary& sum);
     void judge_pairs(const Interval& interval, const double* part, Summary& sum, ExactJudge& exact);
     void judge(int pair, const Interval& interval, const double* part, const ExactDistance* exact, Summary& sum);
-    bool settle(const Interval& interval, const Summary& sum);
+    bool decide(const Interval& interval, const Summary& sum);
     void bisect(const Interval& interval, const Middle& middle, const Summary& sum);
     void push(const Interval& interval, const double* part);
 

@@ -54,7 +54,7 @@ double BoxDescent::look_closely(const std::vector<double>& q) {
     return squared;
 }
 
-double BoxDescent::settle(std::vector<double>& q) {
+double BoxDescent::converge(std::vector<double>& q) {
     double squared = look(q), damping = kDamping;
     Twist pull;
     bool accepted = true;
@@ -100,7 +100,7 @@ void BoxDescent::keep_lost_motion(const std::vector<double>& q, std::vector<doub
 double BoxDescent::wander(std::vector<double>& q, std::vector<double>& motion) {
     keep_lost_motion(q, motion);
     for (std::size_t i = 0; i < q.size(); ++i) q[i] = clamped(i, q[i] + motion[i]);
-    return settle(q);
+    return converge(q);
 }
 
 }  // namespace pinproof

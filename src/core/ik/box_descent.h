@@ -29,7 +29,7 @@ class BoxDescent {
     const Jacobian& jacobian() const { return jacobian_; }
 
     // Descend in the box from q, which becomes the result; returns the squared residual.
-    double settle(std::vector<double>& q);
+    double converge(std::vector<double>& q);
 
     // Reduce a motion (n,) to the part that preserves the residual at q at first order, within the box.
     void keep_lost_motion(const std::vector<double>& q, std::vector<double>& motion);

@@ -16,7 +16,7 @@ struct Goal {
     };
 
     Kind kind = Kind::none;
-    double gain = 0.0;            // the fraction of the way to the posture, or the step per unit of the gradient
+    double gain = 0.0;            // the fraction of the distance to the posture, or the step per unit of the gradient
     std::vector<double> posture;  // (n,)
     std::vector<double> weight;   // (n,) the share of each joint; for a posture only
 

@@ -95,11 +95,11 @@ void Tracker::step(const Transform& base_from_target, double duration) {
 double Tracker::cycle() {
     const bool moving = descent_.look(q_) < descent_.look(began_);
     if (!moving) q_ = began_;
-    double squared = descent_.settle(q_);
+    double squared = descent_.converge(q_);
     if (slips(squared) && moving && side_ == Side::unknown) {
         best_ = q_;
         q_ = began_;
-        const double other = descent_.settle(q_);
+        const double other = descent_.converge(q_);
         if (std::sqrt(other) > std::sqrt(squared) + kSlack)
             q_ = best_;
         else
@@ -192,7 +192,7 @@ bool Tracker::restart_on_side(double& squared) {
     for (double bend : {kMostBend, -kMostBend, 0.0}) {
         for (std::size_t i = 0; i < q_.size(); ++i) q_[i] = descent_.clamped(i, began_[i] + bend * trial_[i]);
         if (side_at(q_) != side_) continue;
-        const double there = descent_.settle(q_);
+        const double there = descent_.converge(q_);
         if (std::sqrt(there) <= kWorth * std::sqrt(squared) + kSlack && side_at(q_) == side_) {
             squared = there;
             return true;

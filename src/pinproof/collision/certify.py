@@ -275,8 +275,8 @@ class _Proof:
             proven = judge.still.lower - judge.rounding
             state.observed = min(state.observed, judge.still.upper)
             state.proven = min(state.proven, proven - self._obstacles)
-            room = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
-            state.obstacle_tube = min(state.obstacle_tube, room)
+            slack = max(proven - float(judge.margins[judge.still_pairs].max()), 0.0)
+            state.obstacle_tube = min(state.obstacle_tube, slack)
         return None
 
     def _names(self, pair: int) -> tuple[str, str]:

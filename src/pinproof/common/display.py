@@ -63,8 +63,8 @@ def outline(head: str, lines: Iterable[str] = (), *, total: int | None = None) -
     if total is None:
         lines = tuple(lines)
         total = len(lines)
-    room = MOST_LINES - 1
-    shown = list(islice(lines, room if total <= room else room - 1))
+    available = MOST_LINES - 1
+    shown = list(islice(lines, available if total <= available else available - 1))
     more = [f"... and {total - len(shown)} more"] if total > len(shown) else []
     return "\n".join([shortened(head), *(f"  {shortened(line)}" for line in (*shown, *more))])
 

@@ -377,7 +377,7 @@ def _refuse_reserved_names(table: DhTable) -> None:
     reserved |= {name.format(i) for i in numbers for name in ("dh_{}", "dh_{}_joint", "link_{}")}
     for row in table.rows:
         if row.name in reserved:
-            raise InputError(f"DH row {row.name!r} bears a name that the URDF needs for a frame; rename the row")
+            raise InputError(f"DH row {row.name!r} has a name that the URDF needs for a frame; rename the row")
 
 
 def _robot(table: DhTable) -> Any:

@@ -608,7 +608,7 @@ def _missing(robot: Robot, arm: Arm) -> tuple[str, ...]:
     if endless:
         notes.append(f"no position limits (continuous): {', '.join(endless)}")
     if not robot.home:
-        notes.append("no home: the middle of the limits stands for it")
+        notes.append("no home: the middle of the limits is used")
     return (*notes, *robot.notes)
 
 

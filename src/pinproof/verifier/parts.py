@@ -165,8 +165,8 @@ class Curve:
         bad = np.flatnonzero(~(span <= FASTEST * width))
         if len(bad):
             k = bad[0]
-            told = f"piece {k} moves a joint by {span[k]:.6g} within a width of {width[k]:.6g}"
-            raise Refused(f"curve.knots[{k + 1}]: {told}; at most {FASTEST:g} per unit of the parameter is read")
+            described = f"piece {k} moves a joint by {span[k]:.6g} within a width of {width[k]:.6g}"
+            raise Refused(f"curve.knots[{k + 1}]: {described}; at most {FASTEST:g} per unit of the parameter is read")
         bad = np.flatnonzero(~(np.abs(self.control[1:, 0] - self.control[:-1, -1]).max(axis=1) <= JUMP))
         if len(bad):
             raise Refused(f"curve.control[{bad[0]}]: the next piece does not begin where this one ends")

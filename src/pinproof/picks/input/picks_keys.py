@@ -65,28 +65,28 @@ SUPPORT = any_of(TEXT, {**list_of(TEXT, 1), "uniqueItems": True})
 def _ways(owner: type, begin: str, end: str) -> tuple[FileKey, ...]:
     """The keys of the straight lines of a pick or a place."""
     keys: list[FileKey] = []
-    for way, text in (("approach", begin), ("retreat", end)):
+    for move, text in (("approach", begin), ("retreat", end)):
         keys += (
             FileKey(
-                way,
+                move,
                 {"$ref": NUMBER, "minimum": 0, "maximum": LONGEST_MOVE},
                 f"length of the straight line {text}; 0 for none",
                 "m",
-                default_of(owner, way),
+                default_of(owner, move),
             ),
             FileKey(
-                f"{way}_direction",
+                f"{move}_direction",
                 VECTOR,
-                f"direction of the {way}; it is normalised",
+                f"direction of the {move}; it is normalised",
                 "",
-                default_of(owner, f"{way}_direction"),
+                default_of(owner, f"{move}_direction"),
             ),
             FileKey(
-                f"{way}_frame",
+                f"{move}_frame",
                 {"enum": [TIP, ROOT]},
-                f"the frame of `{way}_direction`: the tip of the tool or the root link of the robot",
+                f"the frame of `{move}_direction`: the tip of the tool or the root link of the robot",
                 "",
-                default_of(owner, f"{way}_frame"),
+                default_of(owner, f"{move}_frame"),
             ),
         )
     return tuple(keys)

@@ -90,7 +90,7 @@ function sortBy(key) {
   const turn = sorted.down ? -1 : 1, empty = (v) => v === null || v === undefined || v === "";
   order = entries.map((_, k) => k).sort((a, b) => {
     const x = entries[a][key], y = entries[b][key];
-    if (empty(x) || empty(y)) return empty(x) - empty(y) || a - b;  // what has none stands last, either way
+    if (empty(x) || empty(y)) return empty(x) - empty(y) || a - b;  // values that are missing come last in either order
     return turn * (typeof x === "number" ? x - y : x.localeCompare(y, undefined, { numeric: true })) || a - b;
   });
   for (const head of document.querySelectorAll("th")) {

@@ -431,11 +431,9 @@ class Pick:
         return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
 
     def _repr_html_(self) -> str:
-        poses = {"grasp": self} if self.place is None else {"grasp": self, "place": self.place}
-        rows = [
-            (kind, *xyz_rpy(each.pose), each.frame or "root", each.approach, each.retreat)
-            for kind, each in poses.items()
-        ]
+        poses: list[tuple[str, Pick | PlaceTarget]] = [("grasp", self)]
+        poses += [] if self.place is None else [("place", self.place)]
+        rows = [(kind, *xyz_rpy(each.pose), each.frame or "root", each.approach, each.retreat) for kind, each in poses]
         columns = ("pose", "x", "y", "z", "roll", "pitch", "yaw", "frame", "approach", "retreat")
         carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
         carries = "" if carried is None else f", object {carried}"

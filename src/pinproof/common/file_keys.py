@@ -34,6 +34,7 @@ __all__ = [
     "list_of",
     "mapping_to",
     "numbers",
+    "required",
 ]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -89,6 +90,11 @@ class FileKey:
         if self.default is not None:
             value["default"] = self.default
         return value
+
+
+def required(name: str, value: Any, text: str, unit: str = "") -> FileKey:
+    """A key that must be stated."""
+    return FileKey(name, value, text, unit, required=True)
 
 
 @dataclass(frozen=True, eq=False)

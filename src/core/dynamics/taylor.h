@@ -15,63 +15,44 @@
 #include <cmath>
 #include <cstddef>
 
+#include "geometry/double4.h"
 #include "geometry/sincos.h"
 
 namespace pinproof {
 
-inline constexpr int kDegree = 3;
+inline constexpr int kDegree = 3;  // so that the coefficients fill one vector register
 
 struct TaylorModel {
-    std::array<double, kDegree + 1> c{};  // of the powers of u
+    Double4 c = {};  // the coefficients of the powers of u
     double radius = 0.0;
 
     TaylorModel() = default;
-    explicit TaylorModel(double constant) { c[0] = constant; }
+    explicit TaylorModel(double constant) : c{constant, 0.0, 0.0, 0.0} {}
+    TaylorModel(Double4 coefficients, double radius) : c(coefficients), radius(radius) {}
 
     // A bound of |f|.
-    double size() const {
-        double sum = radius;
-        for (double each : c) sum += std::abs(each);
-        return sum;
-    }
+    double size() const { return sum_of_sizes(c) + radius; }
+
+    static double sum_of_sizes(Double4 a) { return sum(a < 0.0 ? -a : a); }
 };
 
 inline TaylorModel operator+(const TaylorModel& a, const TaylorModel& b) {
-    TaylorModel sum;
-    for (int i = 0; i <= kDegree; ++i) sum.c[i] = a.c[i] + b.c[i];
-    sum.radius = a.radius + b.radius;
-    return sum;
+    return {a.c + b.c, a.radius + b.radius};
 }
 inline TaylorModel operator-(const TaylorModel& a, const TaylorModel& b) {
-    TaylorModel difference;
-    for (int i = 0; i <= kDegree; ++i) difference.c[i] = a.c[i] - b.c[i];
-    difference.radius = a.radius + b.radius;
-    return difference;
+    return {a.c - b.c, a.radius + b.radius};
 }
-inline TaylorModel operator*(double s, const TaylorModel& a) {
-    TaylorModel product;
-    for (int i = 0; i <= kDegree; ++i) product.c[i] = s * a.c[i];
-    product.radius = std::abs(s) * a.radius;
-    return product;
-}
+inline TaylorModel operator*(double s, const TaylorModel& a) { return {s * a.c, std::abs(s) * a.radius}; }
 inline TaylorModel operator*(const TaylorModel& a, const TaylorModel& b) {
-    TaylorModel product;
-    double high[kDegree] = {};  // the coefficients above the degree D
-    for (int i = 0; i <= kDegree; ++i)
-        for (int j = 0; j <= kDegree; ++j) {
-            if (i + j <= kDegree)
-                product.c[i + j] += a.c[i] * b.c[j];
-            else
-                high[i + j - kDegree - 1] += a.c[i] * b.c[j];
-        }
-    double rest = 0.0, size_a = 0.0, size_b = 0.0;
-    for (double each : high) rest += std::abs(each);
-    for (int i = 0; i <= kDegree; ++i) {
-        size_a += std::abs(a.c[i]);
-        size_b += std::abs(b.c[i]);
-    }
-    product.radius = rest + (size_a + a.radius) * b.radius + size_b * a.radius;
-    return product;
+    // Both rows of the product of two polynomials: the powers 0 to 3, and the powers 4 to 6, which enter the radius.
+    const Double4 zero = {};
+    const Double4 low = a.c[0] * b.c + a.c[1] * __builtin_shufflevector(b.c, zero, 4, 0, 1, 2) +
+                        a.c[2] * __builtin_shufflevector(b.c, zero, 4, 4, 0, 1) +
+                        a.c[3] * __builtin_shufflevector(b.c, zero, 4, 4, 4, 0);
+    const Double4 high = a.c[1] * __builtin_shufflevector(b.c, zero, 3, 4, 4, 4) +
+                         a.c[2] * __builtin_shufflevector(b.c, zero, 2, 3, 4, 4) +
+                         a.c[3] * __builtin_shufflevector(b.c, zero, 1, 2, 3, 4);
+    return {low, TaylorModel::sum_of_sizes(high) + a.size() * b.radius + TaylorModel::sum_of_sizes(b.c) * a.radius};
 }
 inline TaylorModel& operator+=(TaylorModel& a, const TaylorModel& b) { return a = a + b; }
 inline TaylorModel operator-(const TaylorModel& a) { return -1.0 * a; }

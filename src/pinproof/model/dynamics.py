@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,6 @@ from pinproof.common.validation import named_arguments, require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model.chain import aligned_axes
 from pinproof.spatial import finite
-
-if TYPE_CHECKING:
-    from pinproof.model.robot import Arm
 
 __all__ = [
     "GRAVITY",
@@ -37,6 +34,27 @@ GRAVITY = (0.0, 0.0, -9.81)
 INERTIA_TOLERANCE = 1e-6
 """Violation of symmetry, of positive definiteness and of the triangle inequality, relative to the largest principal
 moment, that is attributed to rounding in files."""
+
+
+class ArmBodies(Protocol):
+    """The attributes of :class:`pinproof.Arm` on which its dynamics depend."""
+
+    robot: Any
+    tcp: str
+    scale: Array
+    offset: Array
+
+    @property
+    def model(self) -> Any:
+        """A copy of the reduced Pinocchio model."""
+
+    @property
+    def tcp_id(self) -> int:
+        """The index of the tcp frame in the model."""
+
+    @property
+    def dof(self) -> int:
+        """The number n of joints in q."""
 
 
 @named_arguments
@@ -122,15 +140,15 @@ def checked_payloads(payload: Payload | Iterable[Payload] | None) -> tuple[Paylo
 
 
 def inverse_dynamics(
-    arm: Arm, q: Array, v: Array, a: Array, payloads: Sequence[Payload], gravity: npt.ArrayLike
+    arm: ArmBodies, q: Array, v: Array, a: Array, payloads: Sequence[Payload], gravity: npt.ArrayLike
 ) -> Array:
     """Compute the torques (n,) at q, v and a (n,) by the recursive Newton-Euler algorithm of Pinocchio."""
     model = _loaded_model(arm, payloads, gravity)
-    torques = pin.rnea(model, model.createData(), arm.model_configuration(q), arm.scale @ v, arm.scale @ a)
+    torques = pin.rnea(model, model.createData(), arm.scale @ q + arm.offset, arm.scale @ v, arm.scale @ a)
     return np.asarray(arm.scale.T @ torques)
 
 
-def dynamic_tree(arm: Arm, payloads: Sequence[Payload] = (), gravity: npt.ArrayLike = GRAVITY) -> DynamicTree:
+def dynamic_tree(arm: ArmBodies, payloads: Sequence[Payload] = (), gravity: npt.ArrayLike = GRAVITY) -> DynamicTree:
     """The bodies that the arm moves for the compiled core, mimic followers and payloads included.
 
     As in :func:`~pinproof.model.chain.compiled_chain`, the frame of every joint is rotated by a constant A_k so that
@@ -139,12 +157,12 @@ def dynamic_tree(arm: Arm, payloads: Sequence[Payload] = (), gravity: npt.ArrayL
     return _packed(arm, _loaded_model(arm, payloads, gravity))
 
 
-def kinematic_tree(arm: Arm) -> DynamicTree:
+def kinematic_tree(arm: ArmBodies) -> DynamicTree:
     """The same for the motion of the tool, which does not depend on masses; its torques have no meaning."""
     return _packed(arm, arm.model)
 
 
-def _packed(arm: Arm, model: pin.Model) -> DynamicTree:
+def _packed(arm: ArmBodies, model: pin.Model) -> DynamicTree:
     joints = range(1, model.njoints)
     aligned = [pin.SE3.Identity(), *(aligned_axes(model, joint)[0] for joint in joints)]
     before = np.empty((len(joints), 4, 4))
@@ -174,13 +192,13 @@ def _packed(arm: Arm, model: pin.Model) -> DynamicTree:
     )
 
 
-def massless_joints(arm: Arm, payloads: Sequence[Payload] = ()) -> tuple[str, ...]:
+def massless_joints(arm: ArmBodies, payloads: Sequence[Payload] = ()) -> tuple[str, ...]:
     """The joints (mimic followers included) whose links have no inertia in the description."""
     model = _loaded_model(arm, payloads, GRAVITY)
     return tuple(name for name, body in zip(model.names, model.inertias, strict=True) if body.mass == 0.0)[1:]
 
 
-def _loaded_model(arm: Arm, payloads: Sequence[Payload], gravity: npt.ArrayLike) -> pin.Model:
+def _loaded_model(arm: ArmBodies, payloads: Sequence[Payload], gravity: npt.ArrayLike) -> pin.Model:
     """A copy of the reduced model of the arm with payloads.
 
     Raises

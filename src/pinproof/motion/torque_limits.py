@@ -135,8 +135,8 @@ class TorqueLimits:
         stretch = np.asarray(self._tree.torque_stretch(*controls(trajectory), self.limits))
         stuck = np.flatnonzero(np.isinf(stretch))
         if len(stuck):
-            knots = trajectory.bezier()[0]
-            times = np.linspace(knots[stuck[0]], knots[stuck[0] + 1], SAMPLES_PER_PIECE)
+            knots, inside = trajectory.bezier()[0], np.linspace(0.0, 1.0, SAMPLES_PER_PIECE)
+            times = (knots[stuck, None] + np.diff(knots)[stuck, None] * inside).ravel().clip(knots[0], knots[-1])
             q = np.ascontiguousarray(trajectory(times))
             self._require_standstill(q, self._tree.torques(q, np.zeros_like(q), np.zeros_like(q))[1], strict=True)
             raise TimingError(f"at {times[0]:.4g} s of the motion, a joint needs its torque limit to stand still")

@@ -99,6 +99,12 @@ class Payload:
         if self.frame is not None and not isinstance(self.frame, str):
             raise InputError(f"the frame of a payload must be the name of a link, not {self.frame!r}")
 
+    def placed(self, a_from_b: pin.SE3) -> Payload:
+        """The same body, which is stated in the axes of b, in those of a."""
+        rotation = a_from_b.rotation
+        inertia = None if self.inertia is None else rotation @ self.inertia @ rotation.T
+        return Payload(self.mass, a_from_b * np.array(self.center_of_mass), inertia, self.frame)
+
     def __reduce__(self) -> tuple[Any, ...]:
         return Payload, (self.mass, self.center_of_mass, self.inertia, self.frame)  # pickle makes arrays writable
 

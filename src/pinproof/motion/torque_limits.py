@@ -50,6 +50,10 @@ class TorquePeak:
         """The torque divided by its limit."""
         return self.torque / self.limit
 
+    def as_dict(self) -> dict[str, str | float | None]:
+        """The values for JSON; the limit is None if it is infinite."""
+        return {**vars(self), "limit": self.limit if np.isfinite(self.limit) else None}
+
     def __str__(self) -> str:
         limit = f", {100.0 * self.share:.0f} % of its limit" if np.isfinite(self.limit) else ""
         return f"{self.joint}: {self.torque:.3g}{limit} at {self.time:.3g} s"

@@ -16,6 +16,7 @@ from pinproof.common.file_keys import (
     list_of,
     mapping_to,
     numbers,
+    required,
 )
 from pinproof.picks.input.pick import (
     LONGEST_MOVE,
@@ -54,6 +55,7 @@ __all__ = [
 ]
 
 POSITIVE = {"$ref": NUMBER, "minimum": 0}
+ABOVE_ZERO = {"$ref": NUMBER, "exclusiveMinimum": 0}
 
 POSITION = FileKey("xyz", VECTOR, "position of the tool's tip at the grasp, in `frame`", "m")
 ORIENTATION = (
@@ -102,7 +104,7 @@ SPIN_RANGE = KeyTable(
     "spin_range",
     "A range of rotations about the approach direction.",
     (
-        FileKey("range", numbers(2), "first and last rotation", "rad", required=True),
+        required("range", numbers(2), "first and last rotation", "rad"),
         FileKey("steps", {**INTEGER, "minimum": 1, "maximum": MOST_STEPS}, "number of steps between them", "", STEPS),
     ),
 )
@@ -156,19 +158,19 @@ GRID = KeyTable(
     "grid",
     "The grid of a pattern, along the axes of the pick's frame.",
     (
-        FileKey("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z", required=True),
-        FileKey("step", VECTOR, "distance of neighbours along x, y, z", "m", required=True),
+        required("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z"),
+        required("step", VECTOR, "distance of neighbours along x, y, z", "m"),
     ),
 )
 
 PATTERN = KeyTable(
     "pattern",
     "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
-    (FileKey("grid", GRID, "a regular grid", required=True),),
+    (required("grid", GRID, "a regular grid"),),
 )
 
 _MASS_KEYS = (
-    FileKey("mass", NUMBER, "mass, above 0", "kg", required=True),
+    required("mass", ABOVE_ZERO, "mass, above 0", "kg"),
     FileKey("center_of_mass", VECTOR, "centre of mass", "m", [0, 0, 0]),
     FileKey(
         "inertia",
@@ -193,10 +195,10 @@ SPEED = KeyTable(
     "tool_speed",
     "Limits of the tcp, relative to the base. At least one is stated.",
     (
-        FileKey("linear_speed", NUMBER, "largest speed of the tcp, above 0", "m/s"),
-        FileKey("angular_speed", NUMBER, "largest angular speed, above 0", "rad/s"),
-        FileKey("linear_acceleration", NUMBER, "largest acceleration of the tcp, above 0", "m/s²"),
-        FileKey("angular_acceleration", NUMBER, "largest angular acceleration, above 0", "rad/s²"),
+        FileKey("linear_speed", ABOVE_ZERO, "largest speed of the tcp, above 0", "m/s"),
+        FileKey("angular_speed", ABOVE_ZERO, "largest angular speed, above 0", "rad/s"),
+        FileKey("linear_acceleration", ABOVE_ZERO, "largest acceleration of the tcp, above 0", "m/s²"),
+        FileKey("angular_acceleration", ABOVE_ZERO, "largest angular acceleration, above 0", "rad/s²"),
     ),
     {"minProperties": 1},
 )
@@ -205,7 +207,7 @@ STAGE_SPEEDS = KeyTable(
     "stage_speeds",
     "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
     tuple(
-        FileKey(part, any_of(NUMBER, SPEED), text)
+        FileKey(part, any_of(ABOVE_ZERO, SPEED), text)
         for part, text in zip(
             PARTS,
             (
@@ -256,7 +258,7 @@ _PICK_KEYS = (
     FileKey("payload", OBJECT_PAYLOAD, "the mass of the object; the torque limits of the joints then apply"),
     FileKey(
         "speed",
-        any_of(NUMBER, STAGE_SPEEDS),
+        any_of(ABOVE_ZERO, STAGE_SPEEDS),
         "limits of the tcp by part of the motion; a number is the largest linear speed (m/s) of all parts",
     ),
 )
@@ -270,7 +272,7 @@ PICK = KeyTable(
     "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
     "`defaults`; an `object` is required for `support` and `place`.",
     (
-        FileKey("name", TEXT, "unique in the file", required=True),
+        required("name", TEXT, "unique in the file"),
         *_PICK_KEYS,
         FileKey("pattern", PATTERN, "copies of this pick on a grid"),
     ),
@@ -293,8 +295,8 @@ HELD = KeyTable(
     "open_and_grip",
     "Two values of a finger joint of the robot.",
     (
-        FileKey("open", NUMBER, "before the grasp and after the release", "rad or m", required=True),
-        FileKey("grip", NUMBER, "from the grasp to the release", "rad or m", required=True),
+        required("open", NUMBER, "before the grasp and after the release", "rad or m"),
+        required("grip", NUMBER, "from the grasp to the release", "rad or m"),
     ),
 )
 
@@ -302,8 +304,8 @@ FINGERS = KeyTable(
     "fingers",
     "Two fingers of a parallel gripper that are not part of the robot.",
     (
-        FileKey("opening", POSITIVE, "distance between their faces before the grasp", "m", required=True),
-        FileKey("grip", POSITIVE, "distance between their faces on the object", "m", required=True),
+        required("opening", POSITIVE, "distance between their faces before the grasp", "m"),
+        required("grip", POSITIVE, "distance between their faces on the object", "m"),
         FileKey(
             "axis",
             VECTOR,
@@ -311,9 +313,7 @@ FINGERS = KeyTable(
             "",
             default_of(GripperFingers, "axis"),
         ),
-        FileKey(
-            "bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body", required=True
-        ),
+        required("bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body"),
     ),
 )
 
@@ -322,7 +322,7 @@ CUP = KeyTable(
     "cup",
     "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
     (
-        FileKey("radius", NUMBER, "radius of the face, above 0", "m", required=True),
+        required("radius", NUMBER, "radius of the face, above 0", "m"),
         FileKey(
             "gap",
             NUMBER,
@@ -435,14 +435,13 @@ PICKS = KeyTable(
         FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
         FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
         FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
-        FileKey(
+        required(
             "picks",
             any_of(
                 list_of(PICK, 1),
                 {"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"},
             ),
             "the picks, or a table of them in a CSV file",
-            required=True,
         ),
     ),
 )

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <initializer_list>
+#include <numbers>
 
 #include "closed_form/windings.h"
 #include "geometry/angle.h"
@@ -58,7 +60,45 @@ bool same_branch(const double* a, const double* b, int n) {
     return true;
 }
 
+// The true lines of the six joints that are not locked, and the motion of the locked one.
+Transform true_lines(const ArmPlan& plan, double locked_value, RevoluteLine (&lines)[6]) {
+    Transform after_locked;
+    if (plan.locked >= 0) after_locked = motion_of(plan.true_joints[plan.locked], locked_value, plan.size);
+    for (int k = 0, row = 0; k < static_cast<int>(plan.true_joints.size()); ++k) {
+        if (k == plan.locked) continue;
+        const PlannedJoint& joint = plan.true_joints[k];
+        lines[row++] = plan.locked >= 0 && k > plan.locked
+                           ? RevoluteLine{after_locked.rotation * joint.direction, after_locked * joint.point}
+                           : RevoluteLine{joint.direction, joint.point};
+    }
+    return after_locked;
+}
+
+// Uniform numbers in [-1, 1) (Knuth's MMIX generator), the same on every computer.
+class Uniform {
+  public:
+    double operator()() {
+        state_ = 6364136223846793005u * state_ + 1442695040888963407u;
+        return static_cast<double>(state_ >> 11) * 0x1p-52 - 1.0;
+    }
+
+  private:
+    std::uint64_t state_ = 1;
+};
+
+constexpr int kTrials = 24;
+
 }  // namespace
+
+void prepare_cuts(ArmPlan& plan) {
+    std::vector<LoopTrial> trials(kTrials);
+    Uniform uniform;
+    for (LoopTrial& trial : trials) {
+        true_lines(plan, uniform() * std::numbers::pi, trial.lines);
+        for (double& one : trial.q) one = uniform() * std::numbers::pi;
+    }
+    plan.cuts = choose_cuts(trials);
+}
 
 std::optional<Transform> rigid_transform(const double* matrix) {
     Vec3 row[3];
@@ -98,6 +138,8 @@ void ClosedFormSolver::close_loop(double locked_value) {
     Transform target = target_;
     target.translation = (1.0 / plan_.size) * target.translation;
     loop_.rest = target * inverse(after_locked * plan_.tool);
+    joints_ = &plan_.joints;
+    deviates_ = plan_.deviates();
     loop_.planar = plan_.planar;
     loop_.reversed = plan_.reversed;
     const Transform rest_inverse = inverse(loop_.rest);
@@ -138,23 +180,30 @@ bool ClosedFormSolver::solve(const double* target, const double* reference, doub
     reference_ = reference;
     locked_value_ = locked_value;
     tolerances_ = {plan_.border, plan_.spread, plan_.equation_error};
-    close_loop(locked_value);
     freed_ = with_free_ = with_branch_ = 0;
     outer_undecided_ = false;
-    solutions_.undecided = false;
+    solutions_.undecided = solutions_.doubtful = false;
     out.count = out.failed = out.outside = 0;
+    out.free_joints = out.unresolved = 0;
     out.by_quartic = out.doubtful = false;
+    if (!plan_.cuts.empty() && solve_generally(out)) return true;
+    if (!plan_.has_triple()) {
+        out.doubtful = true;
+        return true;
+    }
 
+    close_loop(locked_value);
     solve_loop(false, false, out);
     if (outer_undecided_ || solutions_.undecided) {
         // If rounding does not decide whether joints are free, also with them free; these solutions count only if
         // forward kinematics confirms them. Families come first: other solutions may be members of them.
-        out.count = 0;
+        if (plan_.cuts.empty()) out.count = 0;
         if (outer_undecided_) solve_loop(true, true, out);
         if (solutions_.undecided) solve_loop(false, true, out);
         if (outer_undecided_ && solutions_.undecided) solve_loop(true, false, out);
         solve_loop(false, false, out);
     }
+    out.doubtful |= plan_.deviates();
     out.free_joints = indices_of(freed_);
     out.unresolved = with_free_ & ~with_branch_;
     return true;
@@ -188,6 +237,13 @@ void ClosedFormSolver::solve_loop(bool outer_free, bool triple_free, Branches& o
     out.doubtful |= solutions_.doubtful;
 
     const bool free_case = outer_free || triple_free;
+    consider_all(out);
+    if (!free_case) out.failed = failed_here_;
+    out.outside = std::max(out.outside, outside_here_);
+}
+
+// Consider all of solutions_.
+void ClosedFormSolver::consider_all(Branches& out) {
     failed_here_ = outside_here_ = 0;
     for (int first = 0; first < solutions_.count; first += kLanes) {
         const int count = std::min(kLanes, solutions_.count - first);
@@ -195,8 +251,51 @@ void ClosedFormSolver::solve_loop(bool outer_free, bool triple_free, Branches& o
         const LaneErrors errors = check_lanes(plan_.chain, target_, configurations_);
         for (int lane = 0; lane < count; ++lane) consider(first + lane, lane, errors, out);
     }
-    if (!free_case) out.failed = failed_here_;
-    out.outside = std::max(out.outside, outside_here_);
+}
+
+// Solve the true lines by elimination. Returns whether all configurations are found; otherwise `out` contains some.
+//
+// A further cut of the loop is solved if one does not account for all eigenvalues, and, as a second proof, if there is no
+// branch.
+bool ClosedFormSolver::solve_generally(Branches& out) {
+    joints_ = &plan_.true_joints;
+    deviates_ = false;
+    RevoluteLine lines[6];
+    const Transform after_locked = true_lines(plan_, locked_value_, lines);
+    Transform target = target_;
+    target.translation = (1.0 / plan_.size) * target.translation;
+    const Transform rest = target * inverse(after_locked * plan_.tool);
+    for (int row = 0; row < 6; ++row) source_[row] = row + (plan_.locked >= 0 && row >= plan_.locked ? 1 : 0);
+    LoopRoots roots;
+    int proofs = 0;
+    for (const Cut& cut : plan_.cuts) {
+        if (!general_.solve(lines, rest, cut, roots)) continue;
+        consider_roots(roots, out);
+        if (++proofs == 2 || out.count > 0) break;
+    }
+    if (proofs == 0) consider_roots(roots, out);
+    return proofs > 0 && (proofs > 1 || out.count > 0) && out.failed == 0 && !out.doubtful;
+}
+
+// The branches among the configurations of the loop.
+void ClosedFormSolver::consider_roots(const LoopRoots& roots, Branches& out) {
+    solutions_.count = roots.count;
+    const double tolerance = std::max(plan_.position_tolerance / plan_.size, plan_.orientation_tolerance);
+    for (int i = 0; i < roots.count; ++i) {
+        const LoopRoot& root = roots.root[i];
+        LoopSolution& solution = solutions_.solution[i];
+        solution = {};
+        for (int row = 0; row < 6; ++row) {
+            const auto [sine, cosine] = sincos(root.q[row]);
+            solution.state[row] = {cosine, sine};
+        }
+        solution.number.root = i;
+        solution.error = tolerance / std::max(root.weakest, tolerance);
+    }
+    out.count = 0;
+    consider_all(out);
+    out.failed = failed_here_;
+    out.outside = outside_here_;
 }
 
 // The values of all joints for some solutions, one in each lane.
@@ -206,7 +305,7 @@ void ClosedFormSolver::to_values(int first, int count) {
         at_zero_[b] = b < count;
     }
     for (int row = 0; row < 6; ++row) {
-        const PlannedJoint& joint = plan_.joints[source_[row]];
+        const PlannedJoint& joint = (*joints_)[source_[row]];
         // One lane for each solution, the rest as the last one; loops over all lanes are vectorised.
         alignas(64) double value[kLanes], first_of_state[kLanes], second_of_state[kLanes];
         for (int b = 0; b < kLanes; ++b) {
@@ -260,7 +359,7 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
     const double at_limit = std::min(
         std::max(kAtLimit, kNear * solution.error * std::max(plan_.size, 1.0)), kNearLimits);
     double outside = outside_[lane];
-    if (outside > (plan_.deviates() ? kNearLimits : at_limit)) {
+    if (outside > (deviates_ ? kNearLimits : at_limit)) {
         ++outside_here_;
         return;
     }
@@ -286,7 +385,7 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
         added = keep(branch, out);
         if (free_joints) with_branch_ |= solution.number.bit();
     }
-    if (plan_.deviates() && plan_.locked < 0 && (added || outside > 0.0 || branch.distance < kAstray))
+    if (deviates_ && plan_.locked < 0 && (added || outside > 0.0 || branch.distance < kAstray))
         consider_twins(branch, out);
 }
 

@@ -39,12 +39,9 @@ def why_not(arm: Arm, tried: bool) -> str:
             f"no closed form: the arm has {arm.dof} joints, and at most 7 are supported; "
             "select a shorter chain (robot.arm with another base or tcp), or use Clik"
         )
-    if tried:
-        return (
-            "no closed form: three of the axes meet or are parallel, but the arm is singular in every configuration; "
-            "use Clik"
-        )
     lines, tool = lines_of(arm)
+    if tried or not any(line.prismatic for line in lines):
+        return "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
     size = size_of(lines, tool)
     nearest = sorted(find_triples(lines, size, float("inf")), key=lambda triple: triple.deviation)
     text = "no three consecutive axes meet in one point, are parallel, or generate motions of one plane"
@@ -58,7 +55,7 @@ def why_not(arm: Arm, tried: bool) -> str:
         text += ", and virtual joints cannot complete such a triple"
     if arm.dof == 7:
         text += ", also with any one joint locked"
-    return f"no closed form: {text} (Pieper's condition); use Clik"
+    return f"no closed form: {text} (Pieper's condition), and a joint is prismatic; use Clik"
 
 
 Array = npt.NDArray[np.float64]
@@ -178,6 +175,8 @@ def plans_of(arm: Arm) -> Iterator[Plan]:
 
 
 def _best(arm: Arm) -> Plan:
+    if arm.dof > 7:
+        raise NoClosedForm(why_not(arm, False))
     best, best_score = None, (0, 0, 0.0, 0.0)
     for plan in plans_of(arm):
         score = _score(arm, plan)
@@ -199,7 +198,7 @@ def general_plans_of(arm: Arm) -> Iterator[Plan]:
     """The plans that solve the axes by elimination, without a triple; none if a joint is prismatic."""
     lines, tool = lines_of(arm)
     size = size_of(lines, tool)
-    if any(line.prismatic for line in lines) or not 1 <= len(lines) <= 7:
+    if any(line.prismatic for line in lines):
         return
     if len(lines) == 7:
         orders: list[tuple[int | None, list[Line]]] = [(locked, list(lines)) for locked in range(7)]

@@ -338,9 +338,9 @@ void bind_closed_form(nb::module_& module) {
              nb::arg("eliminated"), nb::arg("true_directions"), nb::arg("true_points"))
         .def_prop_ro("cuts", [](const ClosedForm& form) {
                 nb::list cuts;
-                for (const Cut& cut : form.plan().cuts) cuts.append(nb::make_tuple(cut.dropped, cut.reversed));
+                for (const Cut& cut : form.plan().cuts) cuts.append(nb::make_tuple(cut.dropped, cut.reversed, cut.shifted));
                 return cuts;
-            }, "the cuts of the loop for the general elimination, best first: the dropped joint and the direction")
+            }, "the cuts of the loop for the general elimination, best first: see closed_form/elimination.h")
         .def_prop_ro("first_of_triple", [](const ClosedForm& form) { return form.plan().first_of_triple; })
         .def_prop_ro("planar", [](const ClosedForm& form) { return form.plan().planar; })
         .def("with_tolerances", &with_tolerances, nb::arg("position"), nb::arg("orientation"),

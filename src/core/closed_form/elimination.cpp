@@ -18,6 +18,7 @@ constexpr double kDependent = 1e-11;
 
 // Rad: values of t_0 that are tried until the condition number of A_0 is good; above the second value it is useless.
 constexpr double kShifts[] = {0.7, 2.27, -0.87, -2.44, 1.49, -1.65};
+constexpr double kOtherShifts = 0.37;  // added to them for another matrix
 constexpr double kGoodCondition = 3e3, kWorstCondition = 1e12;
 
 // The eigenvalues are those of a matrix that differs by this multiple of the rounding unit, the norm and the condition of
@@ -239,10 +240,11 @@ bool Elimination::eliminate() {
 }
 
 // Choose t_0, and solve with A_0: fills inverse_.
-bool Elimination::choose_shift() {
+bool Elimination::choose_shift(bool shifted) {
     constexpr int columns = 40;
     double best[12][columns], best_condition = std::numeric_limits<double>::infinity();
     for (double shift : kShifts) {
+        if (shifted) shift += kOtherShifts;
         const auto [sine, cosine] = sincos(shift);
         double row[12][columns] = {};
         double norm = 0.0;
@@ -377,7 +379,7 @@ void Elimination::solve(const RevoluteLine (&lines)[6], const Transform& g, cons
     out.usable = false;
     cut_loop(lines, g, cut);
     expand_sides();
-    if (!eliminate() || !choose_shift()) return;
+    if (!eliminate() || !choose_shift(cut.shifted)) return;
     make_matrix();
     double largest = 0.0;
     for (const auto& row : matrix_)

@@ -41,6 +41,7 @@ namespace pinproof {
 struct Cut {
     int dropped;
     bool reversed;
+    bool shifted = false;  // with other values of t_0: another matrix for the same equations
 };
 
 // Configurations near the real eigenvalues.
@@ -66,7 +67,7 @@ class Elimination {
     void cut_loop(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut);
     void expand_sides();
     bool eliminate();
-    bool choose_shift();
+    bool choose_shift(bool shifted);
     void make_matrix();
     void start_from(double eigenvalue, EliminationResult& out) const;
 

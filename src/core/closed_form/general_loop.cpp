@@ -80,7 +80,7 @@ std::vector<Cut> choose_cuts(const std::vector<LoopTrial>& trials) {
     GeneralLoop loop;
     for (int dropped = 0; dropped < 6; ++dropped)
         for (const bool reversed : {false, true}) {
-            const Cut cut{dropped, reversed};
+            const Cut cut{dropped, reversed, false};
             int complete = 0;
             for (const LoopTrial& trial : trials) {
                 LoopRoots roots;
@@ -93,8 +93,9 @@ std::vector<Cut> choose_cuts(const std::vector<LoopTrial>& trials) {
     std::stable_sort(scored.begin(), scored.end(),
                      [](const Scored& a, const Scored& b) { return a.complete > b.complete; });
     std::vector<Cut> cuts;
-    for (const Scored& one : scored)
-        if (cuts.size() < kMostCuts) cuts.push_back(one.cut);
+    for (const bool shifted : {false, true})
+        for (const Scored& one : scored)
+            if (cuts.size() < kMostCuts) cuts.push_back({one.cut.dropped, one.cut.reversed, shifted});
     return cuts;
 }
 

@@ -220,6 +220,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a plan with directions in one row": lambda: closed_form(directions=np.zeros((1, 3 * DOF))),
     "a plan with points in one row": lambda: closed_form(points=np.zeros((1, 3 * DOF))),
     "a plan with true directions in one row": lambda: closed_form(true_directions=np.zeros((1, 3 * DOF))),
+    "eigenvalues of a matrix of other size": lambda: _core.eigenvalues(np.eye(15)),
     "a plan with true points in one row": lambda: closed_form(true_points=np.zeros((1, 3 * DOF))),
     "an elimination with a prismatic joint": lambda: closed_form(prismatic=[True] + [False] * (DOF - 1)),
     "a plan with an index beyond the joints": lambda: closed_form(indices=[0, 1, 2, 3, 4, DOF]),

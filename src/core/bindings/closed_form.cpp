@@ -381,6 +381,24 @@ void bind_closed_form(nb::module_& module) {
             return std::vector<double>(roots.value, roots.value + roots.count);
         },
         nb::arg("coefficients"), nb::arg("nearly") = 0.0);
+    module.def(
+        "eigenvalues",
+        [](const Matrix& matrix) -> std::optional<nb::list> {
+            require_size("matrix", matrix.shape(0), kEigenRows);
+            require_size("matrix", matrix.shape(1), kEigenRows);
+            EigenMatrix m;
+            for (int i = 0; i < kEigenRows; ++i)
+                for (int j = 0; j < kEigenRows; ++j) m[i][j] = matrix(i, j);
+            HessenbergForm form;
+            form.reduce(m);
+            Eigenvalue values[kEigenRows];
+            if (!form.eigenvalues(values)) return std::nullopt;
+            nb::list result;
+            for (const Eigenvalue& one : values)
+                result.append(nb::make_tuple(one.real, one.imaginary, form.condition(one)));
+            return result;
+        },
+        nb::arg("matrix"), "Real part, imaginary part and condition number of each eigenvalue of a (16, 16) matrix.");
 }
 
 }  // namespace pinproof

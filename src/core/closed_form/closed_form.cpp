@@ -30,6 +30,13 @@ constexpr double kNearlySingular = 0.5;
 // Rad, or lengths of the arm. The largest error of a joint, due to the tolerances, with which completeness is claimed.
 constexpr double kUndetermined = 1.0;
 
+// As above (m), for arms that are solved by elimination; and the number of cuts whose starts are refined.
+constexpr double kSingularStart = 0.02;
+constexpr int kMostStartCuts = 2, kMostCuts = 4;
+
+// Lengths of the arm and rad: changes of the target that separate multiple eigenvalues.
+constexpr double kBeside[] = {1e-5, 1e-3};
+
 constexpr double kAstray = 0.05;  // m: a branch with a larger error after refinement is not close to any solution
 
 // Rad or m along the weakest motion. Newton's method converges to the closest solution; these starts are a few times
@@ -256,7 +263,7 @@ void ClosedFormSolver::consider_all(Branches& out) {
 // Solve the true lines by elimination. Returns whether all configurations are found; otherwise `out` contains some.
 //
 // A further cut of the loop is solved if one does not account for all eigenvalues, and, as a second proof, if there is no
-// branch.
+// branch. If no cut does, configurations may share the value of joint 3: targets beside the given one separate them.
 bool ClosedFormSolver::solve_generally(Branches& out) {
     joints_ = &plan_.true_joints;
     deviates_ = false;
@@ -267,14 +274,56 @@ bool ClosedFormSolver::solve_generally(Branches& out) {
     const Transform rest = target * inverse(after_locked * plan_.tool);
     for (int row = 0; row < 6; ++row) source_[row] = row + (plan_.locked >= 0 && row >= plan_.locked ? 1 : 0);
     LoopRoots roots;
-    int proofs = 0;
-    for (const Cut& cut : plan_.cuts) {
-        if (!general_.solve(lines, rest, cut, roots)) continue;
+    int existing[kMostCuts], solved = 0;
+    // The number of cuts that prove the roots to be all.
+    const auto proofs = [&] {
+        return std::count_if(existing, existing + solved, [&](int most) { return roots.all_of(most); });
+    };
+    const auto proven = [&] {
+        if (proofs() == 0) return false;
         consider_roots(roots, out);
-        if (++proofs == 2 || out.count > 0) break;
+        return out.count > 0 || proofs() > 1;
+    };
+    const int count = std::min(static_cast<int>(plan_.cuts.size()), kMostCuts);
+    while (solved < count) {
+        const int most = general_.solve(lines, rest, plan_.cuts[solved], roots);
+        existing[solved++] = most;
+        if (proven()) return out.failed == 0 && !out.doubtful;
     }
-    if (proofs == 0) consider_roots(roots, out);
-    return proofs > 0 && (proofs > 1 || out.count > 0) && out.failed == 0 && !out.doubtful;
+    for (const double amount : kBeside)
+        for (int k = 0; k < std::min(count, kMostStartCuts); ++k) {
+            general_.solve_beside(lines, rest, plan_.cuts[k], amount, roots);
+            if (proven()) return out.failed == 0 && !out.doubtful;
+        }
+    consider_roots(roots, out);
+    consider_starts(lines, rest, out);
+    consider_starts(lines, beside(rest, kBeside[1]), out);
+    return false;
+}
+
+// Further branches at targets where eigenvalues are not accounted for, usually because solutions nearly meet there: the
+// damped method refines all starts, and their second solutions. The reference is a start as well.
+void ClosedFormSolver::consider_starts(const RevoluteLine (&lines)[6], const Transform& rest, Branches& out) {
+    Branch nearest{};
+    std::copy_n(reference_, plan_.dof(), nearest.q);
+    if (plan_.locked >= 0) nearest.q[plan_.locked_index()] = locked_value_;
+    refine_and_keep(nearest, out);
+    int cuts = 0;
+    for (const Cut& cut : plan_.cuts) {
+        const EliminationResult& found = general_.starts(lines, rest, cut);
+        for (int i = 0; i < found.count; ++i) {
+            Branch branch;
+            if (plan_.locked >= 0) branch.q[plan_.locked_index()] = locked_value_;
+            for (int row = 0; row < 6; ++row) {
+                const PlannedJoint& joint = plan_.true_joints[source_[row]];
+                if (!joint.is_virtual()) branch.q[joint.index] = found.start[i][row];
+            }
+            branch.free_joints = 0u;
+            branch.number = {};
+            if (refine_and_keep(branch, out) && plan_.locked < 0) consider_twins(branch, kSingularStart, out);
+        }
+        if (++cuts == kMostStartCuts) break;
+    }
 }
 
 // The branches among the configurations of the loop.
@@ -386,7 +435,7 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
         if (free_joints) with_branch_ |= solution.number.bit();
     }
     if (deviates_ && plan_.locked < 0 && (added || outside > 0.0 || branch.distance < kAstray))
-        consider_twins(branch, out);
+        consider_twins(branch, kNearlySingular * std::sqrt(plan_.spread) * plan_.size, out);
 }
 
 // Second solutions close to a first one, for an arm that deviates from the ideal: if two branches nearly meet, a
@@ -396,20 +445,24 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
 // maps nearly to zero. Their distance is proportional to the square root of the deviation of the arm from one at which
 // they meet: for a calibrated arm they may be far from those of the ideal arm, or only one of them may exist. Starts of
 // Newton's method are therefore distributed along v. Completeness is not claimed for arms that need this.
-void ClosedFormSolver::consider_twins(const Branch& near, Branches& out) {
+void ClosedFormSolver::consider_twins(const Branch& near, double nearly_singular, Branches& out) {
     double motion[kMostJoints];
-    if (refinement_.weakest_motion(near.q, motion) > kNearlySingular * std::sqrt(plan_.spread) * plan_.size) return;
+    if (refinement_.weakest_motion(near.q, motion) > nearly_singular) return;
     for (const double offset : kTwinOffsets) {
         Branch twin = near;
         twin.free_joints = 0;
         for (std::size_t j = 0; j < plan_.dof(); ++j) twin.q[j] = near.q[j] + offset * motion[j];
-        const Refined refined = refinement_.refine(target_, reference_, kAtLimit, 0u, twin.q);
-        twin.distance = refined.distance;
-        twin.angle = refined.angle;
-        if (refined.outside <= 0.0 && twin.distance <= plan_.position_tolerance &&
-            twin.angle <= plan_.orientation_tolerance)
-            keep(twin, out);
+        refine_and_keep(twin, out);
     }
+}
+
+// Refine a configuration on the true chain, and keep it if it is a branch. Returns whether it was kept.
+bool ClosedFormSolver::refine_and_keep(Branch& branch, Branches& out) {
+    const Refined refined = refinement_.refine(target_, reference_, kAtLimit, 0u, branch.q);
+    branch.distance = refined.distance;
+    branch.angle = refined.angle;
+    return refined.outside <= 0.0 && branch.distance <= plan_.position_tolerance &&
+           branch.angle <= plan_.orientation_tolerance && keep(branch, out);
 }
 
 // Append a branch unless it is there already. Returns whether it was appended.

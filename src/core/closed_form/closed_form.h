@@ -48,12 +48,14 @@ class ClosedFormSolver {
   private:
     bool solve_generally(Branches& out);
     void consider_roots(const LoopRoots& roots, Branches& out);
+    void consider_starts(const RevoluteLine (&lines)[6], const Transform& rest, Branches& out);
     void consider_all(Branches& out);
     void close_loop(double locked_value);
     void solve_loop(bool outer_free, bool triple_free, Branches& out);
     void to_values(int first, int count);
     void consider(int index, int lane, const LaneErrors& errors, Branches& out);
-    void consider_twins(const Branch& near, Branches& out);
+    void consider_twins(const Branch& near, double nearly_singular, Branches& out);
+    bool refine_and_keep(Branch& branch, Branches& out);
     bool keep(const Branch& branch, Branches& out);
     unsigned indices_of(unsigned joints) const;
 

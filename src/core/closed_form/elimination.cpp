@@ -32,10 +32,6 @@ constexpr double kSafety = 10.0;
 // to exceed this.
 constexpr double kLargeCondition = 1e6;
 
-// Rad. Eigenvalues with a smaller imaginary part (of q_3) may be a double root separated by rounding, and are tried as
-// starts of Newton's method.
-constexpr double kNearlyReal = 1e-3;
-
 // The functions: four vectors, then two scalars.
 constexpr int kH = 0, kP = 3, kCross = 6, kReflected = 9, kSquare = 12, kProduct = 13;
 
@@ -374,7 +370,8 @@ void Elimination::start_from(double eigenvalue, EliminationResult& out) const {
     for (int k = 0; k < 6; ++k) start[source_[k]] = value[k];
 }
 
-void Elimination::solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, EliminationResult& out) {
+void Elimination::solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+                        EliminationResult& out) {
     out.count = out.surely_complex = 0;
     out.usable = false;
     cut_loop(lines, g, cut);
@@ -400,7 +397,7 @@ void Elimination::solve(const RevoluteLine (&lines)[6], const Transform& g, cons
         const bool sure = distance > kSafety * kLargeCondition * error ||
                           distance > kSafety * error * hessenberg_.condition(values[k]);
         if (sure) out.surely_complex += 2;
-        if (2.0 * distance < kNearlyReal * (1.0 + real * real)) start_from(real, out);
+        if (2.0 * distance < nearly_real * (1.0 + real * real)) start_from(real, out);
         ++k;
     }
     out.usable = true;

@@ -44,6 +44,10 @@ struct Cut {
     bool shifted = false;  // with other values of t_0: another matrix for the same equations
 };
 
+// Rad. Eigenvalues with a smaller imaginary part (of q_3) may be a double root separated by rounding, and are tried as
+// starts of Newton's method; at targets that are singular in several ways, also those up to the second value.
+inline constexpr double kNearlyReal = 1e-3, kPerhapsReal = 0.3;
+
 // Configurations near the real eigenvalues.
 struct EliminationResult {
     static constexpr int kMost = kEigenRows;
@@ -59,7 +63,8 @@ struct EliminationResult {
 class Elimination {
   public:
     // Solve E_0 ... E_5 = g for the motions about six lines.
-    void solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, EliminationResult& out);
+    void solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+               EliminationResult& out);
 
   private:
     static constexpr int kFunctions = 14, kProducts = 8, kLeft = kFunctions - kProducts;

@@ -18,6 +18,9 @@ constexpr double kSolved = 1e-11, kNearlySolved = 1e-4;
 // A configuration whose Jacobian has a smaller pivot may be a double root or belong to a self-motion.
 constexpr double kRegular = 1e-6;
 
+// A unit vector and one of half the arm's length, in general position.
+constexpr Vec3 kBesideAxis{0.48, -0.6, 0.64}, kBesideShift{0.31, 0.27, -0.28};
+
 constexpr int kMostCuts = 4;
 constexpr double kReliable = 0.75;  // share of the trials that a cut must solve completely
 
@@ -54,12 +57,11 @@ void LoopRoots::add(const LoopRoot& one) {
     root[count++] = one;
 }
 
-int LoopRoots::regular_count() const {
-    return static_cast<int>(std::count_if(root, root + count, [](const LoopRoot& r) { return r.weakest > kRegular; }));
+bool LoopRoots::all_regular() const {
+    return std::all_of(root, root + count, [](const LoopRoot& r) { return r.weakest > kRegular; });
 }
 
-bool GeneralLoop::solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots) {
-    elimination_.solve(lines, g, cut, result_);
+void GeneralLoop::polish(const RevoluteLine (&lines)[6], const Transform& g, LoopRoots& roots) const {
     for (int i = 0; i < result_.count; ++i) {
         LoopRoot root;
         std::copy_n(result_.start[i], 6, root.q);
@@ -67,8 +69,26 @@ bool GeneralLoop::solve(const RevoluteLine (&lines)[6], const Transform& g, cons
         root.weakest = polished.residual < kSolved ? polished.weakest : 0.0;
         if (polished.residual < kNearlySolved) roots.add(root);
     }
-    return result_.usable && !roots.too_many && roots.regular_count() == roots.count &&
-           roots.count + result_.surely_complex >= kEigenRows;
+}
+
+int GeneralLoop::solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots) {
+    elimination_.solve(lines, g, cut, kNearlyReal, result_);
+    polish(lines, g, roots);
+    return result_.usable ? kEigenRows - result_.surely_complex : kUnknown;
+}
+
+void GeneralLoop::solve_beside(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double amount,
+                               LoopRoots& roots) {
+    elimination_.solve(lines, beside(g, amount), cut, amount, result_);
+    LoopRoots found;
+    polish(lines, g, found);
+    for (int i = 0; i < found.count; ++i)
+        if (found.root[i].weakest > kRegular) roots.add(found.root[i]);
+}
+
+Transform beside(const Transform& g, double amount) {
+    const auto [sine, cosine] = sincos(amount);
+    return {g.rotation * rotation_about(kBesideAxis, sine, cosine), g.translation + amount * kBesideShift};
 }
 
 std::vector<Cut> choose_cuts(const std::vector<LoopTrial>& trials) {
@@ -84,7 +104,7 @@ std::vector<Cut> choose_cuts(const std::vector<LoopTrial>& trials) {
             int complete = 0;
             for (const LoopTrial& trial : trials) {
                 LoopRoots roots;
-                if (!loop.solve(trial.lines, loop_at(trial.lines, trial.q), cut, roots)) continue;
+                if (!roots.all_of(loop.solve(trial.lines, loop_at(trial.lines, trial.q), cut, roots))) continue;
                 complete += std::any_of(roots.root, roots.root + roots.count,
                                         [&](const LoopRoot& r) { return same(r.q, trial.q, kSameRoot); });
             }

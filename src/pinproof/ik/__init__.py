@@ -6,6 +6,7 @@ from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
 from pinproof.ik.loop import DescentState, IkStep, StepRule
 from pinproof.ik.methods import make_ik
+from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.task import IkGoal, IkTask
 from pinproof.ik.tracking import Tracker, TrackResult, track
@@ -28,9 +29,13 @@ __all__ = [
     "IkTask",
     "IterativeIk",
     "PseudoInverse",
+    "ReachProof",
+    "ReachStatus",
     "StepRule",
     "TrackResult",
     "Tracker",
+    "is_provable",
     "make_ik",
+    "prove_unreachable",
     "track",
 ]

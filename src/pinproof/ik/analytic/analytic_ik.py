@@ -17,6 +17,7 @@ from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sw
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
 from pinproof.ik.iterative import Accept, TaskLike
+from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
 from pinproof.ik.task import Task, make_task
 from pinproof.ik.windings import nearest_winding
@@ -35,6 +36,9 @@ NO_VALUE = np.zeros((1, 1))
 FINEST_PROOF = 1e-6
 """M or rad. IMPOSSIBLE is returned only for tolerances up to this: with larger ones, a reachable pose close to the
 target might satisfy them."""
+
+PROOF_BOXES = 400
+"""Largest number of boxes of a proof for a target at which the closed form found no branch and is not complete."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -177,7 +181,8 @@ class AnalyticIk:
         """The branch closest to q0 (largest joint difference, including shifts by 2 pi) that ``accept`` accepts.
 
         The parameters are those of :meth:`pinproof.Clik.solve`; ``rng`` is not used, and ``task`` must be ``"pose"``.
-        Without a solution, the status is IMPOSSIBLE if the branches are proven to be complete, else NOT_FOUND.
+        Without a solution, the status is IMPOSSIBLE if the branches are proven to be complete or
+        :func:`pinproof.prove_unreachable` excludes all joint values, else NOT_FOUND.
         """
         random_generator(rng)
         resolved = self._pose_only(task)
@@ -200,8 +205,12 @@ class AnalyticIk:
             text = f"rejected: accept returned False for each of {found.message}"
             return result(IkStatus.REFUSED, choice[0], f"{text}; check why it rejects q, or move the target")
         proven = found.complete and max(self.position_tolerance, self.orientation_tolerance) <= FINEST_PROOF
-        status = IkStatus.IMPOSSIBLE if proven else IkStatus.NOT_FOUND
         text = f"{'proven impossible' if proven else 'not reached'}: {found.message}"
+        if not proven and is_provable(arm):
+            tolerances = {name: getattr(self, name) for name in ("position_tolerance", "orientation_tolerance")}
+            proof = prove_unreachable(arm, found.target, **tolerances, budget=PROOF_BOXES, search=False)
+            proven, text = proof.proven, proof.message if proof.proven else text
+        status = IkStatus.IMPOSSIBLE if proven else IkStatus.NOT_FOUND
         return result(status, arm.limits.clip(nearest_winding(arm, reference, reference)), text)
 
     def solve_batch(

@@ -1,6 +1,14 @@
 """Inverse kinematics (IK): joint configurations that bring the tcp to a target, and tracking of pose sequences."""
 
-from pinproof.ik.analytic import AnalyticIk, IkBranches, IkBranchesBatch, IkFamily
+from pinproof.ik.analytic import (
+    AnalyticIk,
+    CurveEnd,
+    IkBranches,
+    IkBranchesBatch,
+    IkFamily,
+    SelfMotion,
+    SelfMotionCurve,
+)
 from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
@@ -14,6 +22,7 @@ from pinproof.ik.tracking import Tracker, TrackResult, track
 __all__ = [
     "AnalyticIk",
     "Clik",
+    "CurveEnd",
     "DampedLeastSquares",
     "DescentState",
     "Fabrik",
@@ -31,6 +40,8 @@ __all__ = [
     "PseudoInverse",
     "ReachProof",
     "ReachStatus",
+    "SelfMotion",
+    "SelfMotionCurve",
     "StepRule",
     "TrackResult",
     "Tracker",

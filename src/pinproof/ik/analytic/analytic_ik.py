@@ -16,6 +16,7 @@ from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sweep_many
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
+from pinproof.ik.analytic.self_motion import SelfMotion, self_motion_of
 from pinproof.ik.iterative import Accept, TaskLike
 from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
@@ -297,6 +298,38 @@ class AnalyticIk:
             padded[:, :, : arm.dof], counts, padded[:, :, arm.dof], padded[:, :, arm.dof + 1], outside.sum(axis=1),
             np.zeros(len(many), dtype=bool),
         )  # fmt: skip
+
+    def self_motion(self, arm: Arm, target: SE3 | npt.ArrayLike, q0: npt.ArrayLike | None = None) -> SelfMotion:
+        """The curves of IK solutions of an arm of seven joints over its redundant joint.
+
+        Curves are followed from the solutions at ``redundant_steps`` values of that joint to their ends, where a joint
+        is at a limit or the redundant joint reverses.
+
+        Parameters
+        ----------
+        arm
+            An arm of seven joints.
+        target
+            ``base_from_target``, as ``pin.SE3`` or (4, 4).
+        q0
+            (n,) full rotations are chosen closest to it where a curve starts; by default ``arm.home``.
+
+        Raises
+        ------
+        NoClosedForm
+            As :meth:`solve_all`.
+        InputError
+            If the arm has no redundant joint or the target is not rigid.
+        """
+        plan = self._plan(arm)
+        if plan.redundant is None:
+            raise InputError(
+                f"self_motion requires an arm of 7 joints, and this arm has {arm.dof}; at singular targets, "
+                "solve_all(...).families contains its self-motions"
+            )
+        reference = plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+        matrix = np.array(rigid("target", target).homogeneous)
+        return self_motion_of(arm, plan, matrix, reference, self._grid(arm, plan, reference))
 
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
         """The index of the swept joint of an arm of seven, and its values (v,) (rad or m); None for other arms.

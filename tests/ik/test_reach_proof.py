@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 
 import pinproof as pp
+from pinproof import _core
 from pinproof.errors import InputError
 from pinproof.ik import ReachStatus, is_provable
 from pinproof.ik.reach_check import CUT_LOWER, EXCLUDED, SPLIT, Steps, check_exclusion
@@ -59,24 +60,30 @@ def narrow_miss(arms) -> pp.ik.ReachProof:
 
 
 @pytest.mark.parametrize("name", ROBOTS)
-def test_poses_of_configurations_within_the_limits_are_not_excluded(arms, name) -> None:
-    arm, rng = arms[name], np.random.default_rng(3)
+def test_search_never_excludes_a_configuration_that_reaches_the_target(arms, name) -> None:
+    """Along the boxes around the configuration; the target is moved by almost the tolerance."""
+    arm, rng, count = arms[name], np.random.default_rng(3), 60
     lower, upper = arm.limits.sampling_range()
-    for i in range(60):
-        q = rng.uniform(lower, upper)
-        chosen = rng.random(arm.dof) < 0.5
-        if i % 3 == 1:  # at the limits, or within 1e-6 of them
-            away = rng.choice([0.0, 1e-9, 1e-6], arm.dof)
-            q = np.where(chosen, np.where(rng.random(arm.dof) < 0.5, lower + away, upper - away), q)
-        if i % 3 == 2:  # straight and square joints, where axes are parallel or meet
-            special = rng.choice([0.0, np.pi / 2, -np.pi / 2], arm.dof) + rng.choice([0.0, 1e-9, -1e-6], arm.dof)
-            q = np.where(chosen, np.clip(special, lower, upper), q)
-        tolerance = float(rng.choice([1e-6, 1e-4, 1e-2]))
-        target = off_by(rng, np.array(arm.forward_kinematics(q).homogeneous), tolerance)
-        proof = pp.prove_unreachable(
-            arm, target, position_tolerance=tolerance, orientation_tolerance=tolerance, budget=15, search=False
-        )
-        assert proof.status is ReachStatus.UNDECIDED, (q, tolerance)
+    q = rng.uniform(lower, upper, (count, arm.dof))
+    chosen, case = rng.random(q.shape) < 0.5, np.arange(count)[:, None] % 3
+    away = rng.choice([0.0, 1e-9, 1e-6], q.shape)
+    at_limit = np.where(rng.random(q.shape) < 0.5, lower + away, upper - away)
+    special = rng.choice([0.0, np.pi / 2, -np.pi / 2], q.shape) + rng.choice([0.0, 1e-9, -1e-6], q.shape)
+    q = np.where(chosen & (case == 1), at_limit, np.where(chosen & (case == 2), np.clip(special, lower, upper), q))
+    tolerances = rng.choice([1e-6, 1e-4, 1e-2], count)
+    poses = [
+        off_by(rng, pose, tolerance)
+        for pose, tolerance in zip(arm.forward_kinematics_batch(q), tolerances, strict=True)
+    ]
+    # the search covers one full rotation, from slightly below the lower limit
+    lowest = lower - AT_LIMIT
+    turned = np.where(arm.angular, q - 2 * np.pi * np.floor((q - lowest) / (2 * np.pi)), q)
+    prover = _core.Reach(
+        arm.chain, lowest, np.where(arm.angular, np.minimum(upper + AT_LIMIT, lowest + 2 * np.pi), upper)
+    )
+    assert prover.keeps(np.array(poses), turned, tolerances, 15).all()
+    # the same method notices a configuration that does not reach its target
+    assert not prover.keeps(np.array(poses), np.roll(turned, 1, axis=0), tolerances, 15).any()
 
 
 @pytest.mark.parametrize("name", ROBOTS)

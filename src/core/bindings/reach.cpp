@@ -34,6 +34,25 @@ class Reach {
         return prover.prove(read_transform(target.data()), {position, orientation, budget, record});
     }
 
+    nb::object keeps(const Stack& targets, const Matrix& q, const Vector& tolerances, std::int64_t budget) const {
+        const std::size_t count = targets.shape(0);
+        require_size("a target", targets.shape(1) * targets.shape(2), 16);
+        require_size("q", q.shape(0), count);
+        require_size("a row of q", q.shape(1), chain_.dof);
+        require_size("tolerances", tolerances.size(), count);
+        require_finite("q", q.data(), q.size());
+        require_finite("tolerances", tolerances.data(), count);
+        require_count("budget", budget);
+        auto kept = new_array<bool>({count});
+        nb::gil_scoped_release release;
+        ReachProver prover(chain_, loop_, lower_.data(), upper_.data());
+        for (std::size_t i = 0; i < count; ++i)
+            kept.data[i] = prover.keeps(read_transform(targets.data() + 16 * i), q.data() + chain_.dof * i,
+                                        {tolerances(i), tolerances(i), budget, false});
+        nb::gil_scoped_acquire acquire;
+        return nb::cast(kept.array);
+    }
+
     const LoopDistances& loop() const { return loop_; }
 
   private:
@@ -105,6 +124,8 @@ void bind_reach(nb::module_& module) {
              nb::arg("upper"))
         .def("prove", &Reach::prove, nb::arg("target"), nb::arg("position_tolerance"),
              nb::arg("orientation_tolerance"), nb::arg("budget"), nb::arg("record"))
+        .def("keeps", &Reach::keeps, nb::arg("targets"), nb::arg("q"), nb::arg("tolerances"), nb::arg("budget"),
+             "For tests: (N,) whether the boxes on the path of the search to each of the solutions q (N, n) keep it.")
         .def_prop_ro("size", [](const Reach& r) { return r.loop().size; })
         .def_prop_ro("points", [](const Reach& r) { return points_of(r.loop()); })
         .def_prop_ro("constraints", [](const Reach& r) {

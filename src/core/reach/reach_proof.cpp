@@ -319,29 +319,44 @@ int ReachProver::joint_to_split() const {
     return most < 0.0 ? -1 : best;
 }
 
-ReachProof ReachProver::prove(const Transform& base_from_tcp, const ReachSettings& settings) {
-    ReachProof proof;
-    proof_ = &proof;
+void ReachProver::start(const Transform& base_from_tcp, const ReachSettings& settings) {
     settings_ = settings;
     target_ = base_from_tcp;
     base_from_last_ = base_from_tcp * inverse(chain_.tool);
     last_from_base_ = inverse(base_from_last_);
+}
+
+// Make a box the present one. `divided` is the joint whose range was divided last; -1: none.
+void ReachProver::open(const JointBox& box, int divided) {
+    box_ = box;
+    ++clock_;
+    for (int k = 0; k < n_; ++k) {
+        set_joint(k);
+        // Constraints without the divided joint had no more effect on the larger box.
+        changed_[k] = divided < 0 || k == divided ? clock_ : -1;
+    }
+}
+
+double ReachProver::place_to_split(int joint) const {
+    const Gap& gap = gap_[joint];
+    const double low = box_.lower[joint], high = box_.upper[joint];
+    return gap.width > kWorthyGap * (high - low) && gap.middle > low && gap.middle < high ? gap.middle
+                                                                                          : value_[joint].middle;
+}
+
+ReachProof ReachProver::prove(const Transform& base_from_tcp, const ReachSettings& settings) {
     struct Open {
         JointBox box;
-        int divided;  // the joint whose range was halved last; -1: none
+        int divided;
     };
-    std::vector<Open> open{{limits_, -1}};
-    while (!open.empty()) {
-        box_ = open.back().box;
-        const int divided = open.back().divided;
-        open.pop_back();
+    ReachProof proof;
+    proof_ = &proof;
+    start(base_from_tcp, settings);
+    std::vector<Open> waiting{{limits_, -1}};
+    while (!waiting.empty()) {
+        open(waiting.back().box, waiting.back().divided);
+        waiting.pop_back();
         ++proof.boxes;
-        ++clock_;
-        for (int k = 0; k < n_; ++k) {
-            set_joint(k);
-            // Constraints without the divided joint had no more effect on the larger box.
-            changed_[k] = divided < 0 || k == divided ? clock_ : -1;
-        }
         if (!propagate(proof.boxes == 1)) continue;
         const int joint = joint_to_split();
         if (joint < 0 || proof.boxes >= settings.budget) {
@@ -351,21 +366,37 @@ ReachProof ReachProver::prove(const Transform& base_from_tcp, const ReachSetting
             }
             return proof;
         }
-        const Gap& gap = gap_[joint];
-        double at = value_[joint].middle;
-        if (gap.width > kWorthyGap * (box_.upper[joint] - box_.lower[joint]) && gap.middle > box_.lower[joint] &&
-            gap.middle < box_.upper[joint])
-            at = gap.middle;
+        const double at = place_to_split(joint);
         if (settings.record) proof.steps.push_back({ReachStep::kSplit, joint, -1, at, -1});
         Open half{box_, joint};
         half.box.lower[joint] = at;
-        open.push_back(half);
+        waiting.push_back(half);
         half.box = box_;
         half.box.upper[joint] = at;
-        open.push_back(half);
+        waiting.push_back(half);
     }
     proof.outcome = ReachOutcome::kExcluded;
     return proof;
+}
+
+bool ReachProver::keeps(const Transform& base_from_tcp, const double* q, const ReachSettings& settings) {
+    ReachProof unused;
+    proof_ = &unused;
+    start(base_from_tcp, settings);
+    JointBox box = limits_;
+    int divided = -1;
+    for (std::int64_t boxes = 0; boxes < settings.budget; ++boxes) {
+        open(box, divided);
+        if (!propagate(boxes == 0)) return false;
+        for (int k = 0; k < n_; ++k)
+            if (q[k] < box_.lower[k] || q[k] > box_.upper[k]) return false;
+        divided = joint_to_split();
+        if (divided < 0) return true;
+        const double at = place_to_split(divided);
+        box = box_;
+        (q[divided] <= at ? box.upper : box.lower)[divided] = at;
+    }
+    return true;
 }
 
 }  // namespace pinproof

@@ -57,6 +57,10 @@ class ReachProver {
     // `base_from_tcp` must be rigid.
     ReachProof prove(const Transform& base_from_tcp, const ReachSettings& settings);
 
+    // For tests: whether every box on the path of the search to a solution q (n,) keeps it, for as many boxes as the
+    // budget permits. A sound search never excludes a solution.
+    bool keeps(const Transform& base_from_tcp, const double* q, const ReachSettings& settings);
+
   private:
     struct JointValue {
         double middle, half_width;
@@ -80,6 +84,9 @@ class ReachProver {
     bool project(int joint, const Ball& before, const Ball& after, const Range& distance, int number);
     bool narrow(int joint, double lower, double upper, int number);
     bool propagate(bool first);
+    void start(const Transform& base_from_tcp, const ReachSettings& settings);
+    void open(const JointBox& box, int divided);
+    double place_to_split(int joint) const;
     int joint_to_split() const;
 
     const Chain& chain_;

@@ -43,6 +43,7 @@ _HOME = {  # package: the names that the top level exports
         "PseudoInverse",
         "TrackResult",
         "Tracker",
+        "prove_unreachable",
         "track",
     ),
     "pinproof.collision": (
@@ -147,6 +148,7 @@ if TYPE_CHECKING:
         PseudoInverse as PseudoInverse,
         Tracker as Tracker,
         TrackResult as TrackResult,
+        prove_unreachable as prove_unreachable,
         track as track,
     )
     from pinproof.model import (

@@ -186,6 +186,10 @@ CLOSED: dict[str, Any] = {
 }
 
 
+def reach(**changes: Any) -> Any:
+    return _core.Reach(**{"chain": chain(), "lower": np.zeros(DOF), "upper": np.ones(DOF), **changes})
+
+
 def closed_form(**changes: Any) -> Any:
     return _core.ClosedForm(chain=chain(), **{**CLOSED, **changes})
 
@@ -293,6 +297,17 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "branches with errors in one row": lambda: _core.Branches(np.zeros((2, DOF)), np.zeros((1, 4))),
     "branches of too many joints": lambda: _core.Branches(np.zeros((1, 8)), np.zeros((1, 2))),
     "a branch that does not exist": lambda: _core.Branches(np.zeros((1, 6)), np.zeros((1, 2))).select([1]),
+    "a proof with too few limits": lambda: reach(lower=np.zeros(DOF - 1)),
+    "a proof with an infinite limit": lambda: reach(upper=np.full(DOF, np.inf)),
+    "a proof with limits in the wrong order": lambda: reach(lower=np.full(DOF, 2.0), upper=np.zeros(DOF)),
+    "a proof with more than a full rotation": lambda: reach(lower=np.full(DOF, -4.0), upper=np.full(DOF, 4.0)),
+    "a proof for a mimic joint": lambda: _core.Reach(
+        _core.Chain(**{**CHAIN, "multiplier": [1.0] * (DOF - 1) + [0.5]}), np.zeros(DOF), np.ones(DOF)
+    ),
+    "a proof for a target in one row": lambda: reach().prove(np.eye(3), 1e-6, 1e-6, 10, False),
+    "a proof for a target that is not rigid": lambda: reach().prove(2 * EYE, 1e-6, 1e-6, 10, False),
+    "a proof with a tolerance that is no number": lambda: reach().prove(EYE, NAN, 1e-6, 10, False),
+    "a proof with a negative budget": lambda: reach().prove(EYE, 1e-6, 1e-6, -1, False),
     "a batch whose size overflows": lambda: closed_form().solve_batch(
         np.tile(EYE, (2, 1, 1)), np.zeros((1, DOF)), np.zeros((1, 1)), 2**62
     ),
@@ -390,6 +405,7 @@ def test_the_arguments_without_a_mistake_are_accepted() -> None:
     assert prove_by([(0.2, 0.1)]).free
     assert not prove_by([(NAN, NAN)]).free
     assert search().branch(0, 0) == [0]
+    assert reach().prove(EYE, 1e-6, 1e-6, 10, False).boxes > 0
     assert len(closed_form().solve_batch(EYE[None], np.zeros((1, DOF)), np.zeros((1, 1)), 8)[0]) == 1
     assert bounds().tight(0, np.array([1.0, 0.0, 0.0]), 0, np.zeros((2, 2))).distance >= 0.0
     assert edges().proven_free(np.zeros(2), np.array([0.1, 0.1]))

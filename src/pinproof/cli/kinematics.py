@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from enum import Enum
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -24,6 +26,9 @@ from pinproof.cli.options import (
 )
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees
+
+if TYPE_CHECKING:
+    from pinproof.spatial import SE3
 
 __all__ = ["fk", "ik"]
 
@@ -125,6 +130,8 @@ def ik(
         _print_all(branches if accept is None else branches.free(accept), as_json)
         return
     found = solver.solve(arm, target, start, rng=seed, task=task.value, accept=accept)
+    if found.status is pp.IkStatus.NOT_FOUND and task is TaskOption.POSE and pp.ik.is_provable(arm):
+        found = _proven(found, arm, target, solver)
     if as_json:
         print_json(
             {
@@ -142,6 +149,19 @@ def ik(
         print_line(found.message)
     if not found.ok:
         raise typer.Exit(1)
+
+
+def _proven(found: pp.IkResult, arm: pp.Arm, target: SE3, solver: pp.ik.IterativeIk | pp.AnalyticIk) -> pp.IkResult:
+    """The result, with the status IMPOSSIBLE if the target is proven to be out of reach."""
+    tolerances = solver.position_tolerance, solver.orientation_tolerance
+    proof = pp.prove_unreachable(
+        arm, target, position_tolerance=tolerances[0], orientation_tolerance=tolerances[1], search=False
+    )
+    if not proof.proven:
+        return found
+    nearest = f"the nearest configuration found is {found.position_error * 1e3:.4g} mm and "
+    nearest += f"{math.degrees(found.orientation_error):.3g} deg from it"
+    return replace(found, status=pp.IkStatus.IMPOSSIBLE, words=f"{proof.message}; {nearest}")
 
 
 COLUMN = 10

@@ -1,11 +1,20 @@
 """Inverse kinematics (IK): joint configurations that bring the tcp to a target, and tracking of pose sequences."""
 
-from pinproof.ik.analytic import AnalyticIk, IkBranches, IkBranchesBatch, IkFamily
+from pinproof.ik.analytic import (
+    AnalyticIk,
+    CurveEnd,
+    IkBranches,
+    IkBranchesBatch,
+    IkFamily,
+    SelfMotion,
+    SelfMotionCurve,
+)
 from pinproof.ik.fabrik import Fabrik
 from pinproof.ik.iterative import IterativeIk
 from pinproof.ik.jacobian_methods import Clik, DampedLeastSquares, PseudoInverse
 from pinproof.ik.loop import DescentState, IkStep, StepRule
 from pinproof.ik.methods import make_ik
+from pinproof.ik.reach_proof import ReachProof, ReachStatus, is_provable, prove_unreachable
 from pinproof.ik.result import IkBatch, IkResult, IkSolutions, IkStatus
 from pinproof.ik.task import IkGoal, IkTask
 from pinproof.ik.tracking import Tracker, TrackResult, track
@@ -13,6 +22,7 @@ from pinproof.ik.tracking import Tracker, TrackResult, track
 __all__ = [
     "AnalyticIk",
     "Clik",
+    "CurveEnd",
     "DampedLeastSquares",
     "DescentState",
     "Fabrik",
@@ -28,9 +38,15 @@ __all__ = [
     "IkTask",
     "IterativeIk",
     "PseudoInverse",
+    "ReachProof",
+    "ReachStatus",
+    "SelfMotion",
+    "SelfMotionCurve",
     "StepRule",
     "TrackResult",
     "Tracker",
+    "is_provable",
     "make_ik",
+    "prove_unreachable",
     "track",
 ]

@@ -151,8 +151,8 @@ class IkStatus(Enum):
     REFUSED = "refused"
     """Configurations that satisfy the task were found, and ``accept`` rejected each; ``q`` is the first of them."""
     IMPOSSIBLE = "impossible"
-    """No configuration within the limits reaches the target: the closed form enumerated all solutions. Iterative
-    methods never return this status, because they cannot prove it."""
+    """No configuration within the limits reaches the target: the closed form enumerated all solutions, or
+    :func:`pinproof.prove_unreachable` excluded all joint values. Iterative methods never return this status."""
 
 
 @dataclass(frozen=True, eq=False)

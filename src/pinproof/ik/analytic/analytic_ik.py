@@ -16,7 +16,9 @@ from pinproof.errors import InputError
 from pinproof.ik.analytic.branches import IkBranches, IkBranchesBatch, sweep, sweep_many
 from pinproof.ik.analytic.family import branches_elsewhere
 from pinproof.ik.analytic.plan import Plan, plan_for
+from pinproof.ik.analytic.self_motion import SelfMotion, self_motion_of
 from pinproof.ik.iterative import Accept, TaskLike
+from pinproof.ik.reach_proof import is_provable, prove_unreachable
 from pinproof.ik.result import STATUSES, IkBatch, IkResult, IkStatus, judge
 from pinproof.ik.task import Task, make_task
 from pinproof.ik.windings import nearest_winding
@@ -35,6 +37,9 @@ NO_VALUE = np.zeros((1, 1))
 FINEST_PROOF = 1e-6
 """M or rad. IMPOSSIBLE is returned only for tolerances up to this: with larger ones, a reachable pose close to the
 target might satisfy them."""
+
+PROOF_BOXES = 400
+"""Largest number of boxes of a proof for a target at which the closed form found no branch and is not complete."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +181,8 @@ class AnalyticIk:
         """The branch closest to q0 (largest joint difference, including shifts by 2 pi) that ``accept`` accepts.
 
         The parameters are those of :meth:`pinproof.Clik.solve`; ``rng`` is not used, and ``task`` must be ``"pose"``.
-        Without a solution, the status is IMPOSSIBLE if the branches are proven to be complete, else NOT_FOUND.
+        Without a solution, the status is IMPOSSIBLE if the branches are proven to be complete or
+        :func:`pinproof.prove_unreachable` excludes all joint values, else NOT_FOUND.
         """
         random_generator(rng)
         resolved = self._pose_only(task)
@@ -199,8 +205,12 @@ class AnalyticIk:
             text = f"rejected: accept returned False for each of {found.message}"
             return result(IkStatus.REFUSED, choice[0], f"{text}; check why it rejects q, or move the target")
         proven = found.complete and max(self.position_tolerance, self.orientation_tolerance) <= FINEST_PROOF
-        status = IkStatus.IMPOSSIBLE if proven else IkStatus.NOT_FOUND
         text = f"{'proven impossible' if proven else 'not reached'}: {found.message}"
+        if not proven and is_provable(arm):
+            tolerances = {name: getattr(self, name) for name in ("position_tolerance", "orientation_tolerance")}
+            proof = prove_unreachable(arm, found.target, **tolerances, budget=PROOF_BOXES, search=False)
+            proven, text = proof.proven, proof.message if proof.proven else text
+        status = IkStatus.IMPOSSIBLE if proven else IkStatus.NOT_FOUND
         return result(status, arm.limits.clip(nearest_winding(arm, reference, reference)), text)
 
     def solve_batch(
@@ -287,6 +297,38 @@ class AnalyticIk:
             padded[:, :, : arm.dof], counts, padded[:, :, arm.dof], padded[:, :, arm.dof + 1], outside.sum(axis=1),
             np.zeros(len(many), dtype=bool),
         )  # fmt: skip
+
+    def self_motion(self, arm: Arm, target: SE3 | npt.ArrayLike, q0: npt.ArrayLike | None = None) -> SelfMotion:
+        """The curves of IK solutions of an arm of seven joints over its redundant joint.
+
+        Curves are followed from the solutions at ``redundant_steps`` values of that joint to their ends, where a joint
+        is at a limit or the redundant joint reverses.
+
+        Parameters
+        ----------
+        arm
+            An arm of seven joints.
+        target
+            ``base_from_target``, as ``pin.SE3`` or (4, 4).
+        q0
+            (n,) full rotations are chosen closest to it where a curve starts; by default ``arm.home``.
+
+        Raises
+        ------
+        NoClosedForm
+            As :meth:`solve_all`.
+        InputError
+            If the arm has no redundant joint or the target is not rigid.
+        """
+        plan = self._plan(arm)
+        if plan.redundant is None:
+            raise InputError(
+                f"self_motion requires an arm of 7 joints, and this arm has {arm.dof}; at singular targets, "
+                "solve_all(...).families contains its self-motions"
+            )
+        reference = plan.home if q0 is None else arm.limits.snap(arm.configuration(q0, "q0"))
+        matrix = np.array(rigid("target", target).homogeneous)
+        return self_motion_of(arm, plan, matrix, reference, self._grid(arm, plan, reference))
 
     def redundant_grid(self, arm: Arm, q0: npt.ArrayLike | None = None) -> tuple[int, Array] | None:
         """The index of the swept joint of an arm of seven, and its values (v,) (rad or m); None for other arms.

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
 from pinproof.collision.checker import CheckResult, Contact
-from pinproof.ik import AnalyticIk, Clik
+from pinproof.ik import AnalyticIk, Clik, is_provable, prove_unreachable
 from pinproof.model import Arm
 from pinproof.picks.input.pick import Member
 from pinproof.picks.input.settings import PickWeights
@@ -35,6 +35,7 @@ __all__ = [
     "judge_grip",
     "limit_margin",
     "not_held_words",
+    "proven_unreachable",
     "rank",
     "reach",
     "refuted_by_name",
@@ -108,6 +109,11 @@ def every_branch_is_known(task: Task, targets: list[SE3], arm: Arm | None = None
     return True
 
 
+def proven_unreachable(arm: Arm, targets: list[SE3]) -> bool:
+    """Whether every target is proven to be out of reach, which needs no closed form."""
+    return is_provable(arm) and all(prove_unreachable(arm, target, search=False).proven for target in targets)
+
+
 def every_branch(task: Task, root_from_tip: SE3, wanted: bool = True) -> Array:
     """(m, n) all configurations at a pose; empty if not all are known, or if they are not wanted."""
     if not wanted or not every_branch_is_known(task, [task.target(root_from_tip)]):
@@ -122,11 +128,12 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     row, free = configurations(wide, task.targets([task.grasp(m) for m in members]), task.cell.home, seed)
     inside = [turned_inside(arm, q) for q in free]
     complete = every_branch_is_known(task, targets)
+    proven = not complete and proven_unreachable(arm, targets)
     if not inside:
         nearest = Clik().solve(arm, targets[0], task.cell.home, rng=seed)
         error = f"{nearest.position_error * 1e3:.1f} mm and {np.degrees(nearest.orientation_error):.1f} deg"
         message = f"out of reach: the nearest configuration found is {error} from the target"
-        complete = complete and every_branch_is_known(task, targets, wide)
+        complete = proven or (complete and every_branch_is_known(task, targets, wide))
         if not task.cell.closed_form:
             message += f" (best of {STARTS} starts)"
         figures = {"position_error": nearest.position_error, "orientation_error": nearest.orientation_error}
@@ -148,7 +155,9 @@ def _not_reached(task: Task, members: list[Member], targets: list[SE3], seed: in
     refuted = tuple(
         f"{_of(members[i])}{'; '.join(limits.violations(q, arm.joint_names))}" for i, q in zip(row, inside, strict=True)
     )
-    return Reached(*empty, (reached, failed), refuted if complete else (), complete)
+    if proven:  # the configurations outside the limits are a sample
+        refuted = tuple(f"{_of(member)}{NO_SOLUTION} the grasp" for member in members)
+    return Reached(*empty, (reached, failed), refuted if complete or proven else (), complete or proven)
 
 
 def _of(member: Member) -> str:
@@ -419,7 +428,8 @@ def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, 
 def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int) -> list[str]:
     """Why each IK branch at a pose is excluded; empty if one is not, or if not all are known."""
     if not every_branch_is_known(task, [task.target(root_from_tip)]):
-        return []
+        unreachable = proven_unreachable(task.arm, [task.target(root_from_tip)])
+        return [f"{NO_SOLUTION} {where}"] if unreachable else []
     _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
     if checker.is_free_batch(many).any():
         return []

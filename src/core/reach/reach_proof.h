@@ -1,0 +1,115 @@
+// Branch and prune over the joint ranges: a proof that no configuration within the limits reaches a pose.
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "reach/loop_distances.h"
+
+namespace pinproof {
+
+// The most joints of a chain; boxes have a fixed size.
+inline constexpr int kMostProofJoints = 12;
+
+// A box of joint values.
+struct JointBox {
+    double lower[kMostProofJoints], upper[kMostProofJoints];
+};
+
+// A step of the proof. The steps are the nodes of a tree of boxes in the order of a depth-first search: each divides or
+// excludes the present box.
+struct ReachStep {
+    enum Kind : std::int32_t {
+        kSplit,      // at `value` of `joint`; the lower half comes next, then the upper one
+        kCutLower,   // the part with the joint below `value` violates the constraint; the rest remains
+        kCutUpper,   // the same above `value`
+        kExcluded,   // the whole box violates the constraint
+    };
+    Kind kind;
+    std::int32_t joint, constraint;
+    double value;
+    // The evaluation of the constraint: several cuts may follow from one, for the box as it was before the first.
+    std::int64_t evaluation = -1;
+};
+
+enum class ReachOutcome { kExcluded, kUndecided };
+
+struct ReachSettings {
+    double position_tolerance, orientation_tolerance;  // m, rad
+    std::int64_t budget;                               // largest number of boxes
+    bool record;                                       // whether the steps are recorded
+};
+
+struct ReachProof {
+    ReachOutcome outcome = ReachOutcome::kUndecided;
+    std::int64_t boxes = 0;         // that were examined
+    std::vector<ReachStep> steps;
+    std::vector<double> remaining;  // undecided: the middle of the box that could not be excluded (n,)
+    double width = 0.0;             // undecided: its largest width
+};
+
+// The proof for one chain, with its working memory; one for each thread.
+class ReachProver {
+  public:
+    // The limits must be finite; the range of a revolute joint is at most a full rotation.
+    ReachProver(const Chain& chain, const LoopDistances& loop, const double* lower, const double* upper);
+
+    // `base_from_tcp` must be rigid.
+    ReachProof prove(const Transform& base_from_tcp, const ReachSettings& settings);
+
+    // For tests: whether every box on the path of the search to a solution q (n,) keeps it, for as many boxes as the
+    // budget permits. A sound search never excludes a solution.
+    bool keeps(const Transform& base_from_tcp, const double* q, const ReachSettings& settings);
+
+  private:
+    struct JointValue {
+        double middle, half_width;
+        double cosine, sine;  // of the middle
+        double inwards, radius;  // the arc about the middle: its ball has `inwards` and `radius` times the arc's radius
+    };
+    struct Range {
+        double lower, upper;
+        bool empty() const { return !(lower <= upper); }
+    };
+    struct ArcBalls;
+
+    void set_joint(int joint);
+    Ball up(int joint, const Ball& ball) const;
+    Ball rotated_back(int joint, const Ball& ball) const;
+    Ball down(int joint, const Ball& ball) const;
+    Ball through_target(const Transform& pose, const Vec3& tcp, const Ball& ball) const;
+    void evaluate(const Arc& arc, double error, ArcBalls& balls) const;
+    Range distance(const Arc& arc, const ArcBalls& balls) const;
+    bool contract(const LoopConstraint& constraint, int number);
+    bool project(int joint, const Ball& before, const Ball& after, const Range& distance, int number);
+    bool narrow(int joint, double lower, double upper, int number);
+    bool propagate(bool first);
+    void start(const Transform& base_from_tcp, const ReachSettings& settings);
+    void open(const JointBox& box, int divided);
+    double place_to_split(int joint) const;
+    int joint_to_split() const;
+
+    const Chain& chain_;
+    const LoopDistances& loop_;
+    int n_;
+    double rounding_;  // m: allowance for rounding in distances
+    JointBox limits_;
+    std::vector<Transform> up_;  // the inverse of `before` of each joint
+
+    Transform base_from_last_, last_from_base_, target_;
+    ReachSettings settings_;
+    ReachProof* proof_ = nullptr;
+
+    JointBox box_;
+    JointValue value_[kMostProofJoints];
+    std::int64_t changed_[kMostProofJoints];  // the number of the evaluation that changed the joint last
+    std::vector<std::int64_t> evaluated_;     // the last evaluation of each constraint
+    std::int64_t clock_ = 0;                  // the number of the present evaluation
+    double influence_[kMostProofJoints];
+    struct Gap {
+        double width = 0.0, middle = 0.0;
+    };
+    Gap gap_[kMostProofJoints];
+};
+
+}  // namespace pinproof

@@ -1,0 +1,291 @@
+r"""Check of a proof that a pose is out of reach: the bounds of ``src/core/reach``, repeated in NumPy without its code.
+
+The arm and its target form a closed loop of links: the base, link 1 to n, and the target, which ties link n to the
+base. A point on a joint axis is fixed on two links, a point where axes meet on more. The distance of two such points
+depends on the joints of either of the two arcs between them, so both arcs must permit a common value.
+
+A joint in the range :math:`[m - w, m + w]` moves a point at the distance :math:`\rho` from its axis on an arc, which
+the ball about :math:`\rho \cos w` on its bisector with the radius :math:`\rho \sin w` encloses (:math:`\rho` about the
+axis for :math:`w \ge \pi/2`). Balls grow from joint to joint from both ends of an arc of the loop up to one joint,
+whose rotation is treated exactly: between balls with radii r_a and r_b at the distances :math:`\rho_a, \rho_b` from its
+axis and the difference :math:`\Delta z` in height,
+
+.. math:: d^2 = \Delta z^2 + \rho_a^2 + \rho_b^2 - 2 \rho_a \rho_b \cos(\varphi - q) ,\quad |D - d| \le r_a + r_b .
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+__all__ = ["CUT_LOWER", "CUT_UPPER", "EXCLUDED", "SPLIT", "Loop", "Steps", "check_exclusion", "excluded_boxes"]
+
+Array = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+
+SPLIT, CUT_LOWER, CUT_UPPER, EXCLUDED = range(4)
+"""The kinds of steps: the box is divided; its part below or above a value is excluded; all of it is excluded."""
+
+ROUNDING = 1e-12
+"""Fraction of the loop's length that is allowed for rounding in distances. The proof itself allows ten times more."""
+
+SQUARE_ROUNDING = 1e-14
+"""The same for squares of distances, as a fraction of the squared length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """The steps of a proof, the nodes of a tree of boxes in the order of a depth-first search.
+
+    Parameters
+    ----------
+    kinds
+        (k,) :data:`SPLIT`, :data:`CUT_LOWER`, :data:`CUT_UPPER` or :data:`EXCLUDED`.
+    joints
+        (k,) the joint that is divided or cut.
+    constraints
+        (k,) the distance by which a box or a part of it is excluded.
+    evaluations
+        (k,) cuts with the same number hold for the box as it was before the first of them.
+    values
+        (k,) where the joint is divided or cut (rad or m).
+    """
+
+    kinds: Integers
+    joints: Integers
+    constraints: Integers
+    evaluations: Integers
+    values: Array
+
+    @classmethod
+    def of(cls, kinds: Any, joints: Any, constraints: Any, evaluations: Any, values: Any) -> Steps:
+        """The steps of lists or arrays."""
+
+        def whole(numbers: Any) -> Integers:
+            return np.array(numbers, dtype=np.int64)
+
+        return cls(whole(kinds), whole(joints), whole(constraints), whole(evaluations), np.array(values, dtype=float))
+
+    def __len__(self) -> int:
+        return len(self.kinds)
+
+
+class _Arc(NamedTuple):
+    """A part of the loop: from a point, through joints in ascending order, to a point."""
+
+    start: Array
+    end: Array
+    joints: list[int]
+    target: int | None
+    """The number of joints before the target; None if the arc does not contain it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """The points and pairs of points of a loop, from their description in a proof.
+
+    Parameters
+    ----------
+    before
+        (n, 4, 4) the constant transform before each joint, which rotates about or moves along z.
+    tool
+        (4, 4) the constant transform behind the last joint.
+    prismatic
+        (n,) which joints are prismatic.
+    first
+        The first link on which each point is fixed.
+    at
+        For each point its coordinates (m, 3) on the links from ``first``.
+    pairs
+        The indices of the two points of each distance.
+    """
+
+    before: Array
+    tool: Array
+    prismatic: Sequence[bool]
+    first: list[int]
+    at: list[Array]
+    pairs: list[tuple[int, int]]
+
+    @classmethod
+    def of(cls, before: Array, tool: Array, prismatic: Any, points: dict[str, Any], pairs: Any) -> Loop:
+        """The loop of a chain with the points of a prover."""
+        at = [np.array(each, dtype=float) for each in points["at"]]
+        return cls(before, tool, [bool(one) for one in prismatic], list(points["first"]), at, list(pairs))
+
+    @property
+    def size(self) -> float:
+        """The length of the chain in m."""
+        lengths = np.linalg.norm(self.before[:, :3, 3], axis=1).sum()
+        return max(float(lengths + np.linalg.norm(self.tool[:3, 3])), 1e-3)
+
+    def last(self, point: int) -> int:
+        """The last link on which a point is fixed."""
+        return self.first[point] + len(self.at[point]) - 1
+
+    def error(self, point: int) -> float:
+        """A bound of the distance between the places of a point on its links, for all values of the joints between."""
+        error = 0.0
+        for i in range(len(self.at[point]) - 1):
+            joint = self.first[point] + i
+            if self.prismatic[joint]:
+                return np.inf
+            here, behind = self.at[point][i], self.at[point][i + 1]
+            on_axis = self.before[joint] @ [0.0, 0.0, behind[2], 1.0]
+            error += float(np.hypot(behind[0], behind[1]) + np.linalg.norm(on_axis[:3] - here))
+        return error
+
+    def arcs(self, number: int) -> tuple[_Arc, _Arc, float]:
+        """The two arcs between the points of a pair, and the error of both points."""
+        p, q = self.pairs[number]
+        n = len(self.before)
+        p_first, p_last, q_first, q_last = self.first[p], self.last(p), self.first[q], self.last(q)
+        if q_first <= p_last:  # both are fixed on a common link
+            link = max(p_first, q_first)
+            inner = _Arc(self.at[p][link - p_first], self.at[q][link - q_first], [], None)
+        else:
+            inner = _Arc(self.at[p][-1], self.at[q][0], list(range(p_last, q_first)), None)
+        around = [*range(q_last, n), *range(p_first)]
+        outer = _Arc(self.at[q][-1], self.at[p][0], around, n - q_last)
+        return inner, outer, self.error(p) + self.error(q)
+
+
+def excluded_boxes(steps: Steps, lower: Array, upper: Array) -> tuple[Array, Integers]:
+    """The excluded boxes (k, 2, n), and the pair of points (k,) whose distance excludes each.
+
+    Raises
+    ------
+    ValueError
+        If the steps are not a complete tree, so that a part of the joint ranges is not excluded.
+    """
+    boxes, constraints = [], []
+    box = np.array([lower, upper])
+    root, base, evaluation, waiting, complete = box.copy(), box.copy(), -1, list[Array](), False
+    for i in range(len(steps)):
+        if complete:
+            raise ValueError("there are steps after the last box")
+        kind, joint, value = int(steps.kinds[i]), int(steps.joints[i]), float(steps.values[i])
+        if kind == SPLIT:
+            if not box[0, joint] <= value <= box[1, joint]:
+                raise ValueError("a box is divided outside its range")
+            other = box.copy()
+            box[1, joint] = other[0, joint] = value
+            waiting.append(other)
+            evaluation = -1
+            continue
+        if steps.evaluations[i] != evaluation or evaluation < 0:
+            base, evaluation = box.copy(), int(steps.evaluations[i])
+        excluded = base.copy()
+        excluded[:, joint] = box[:, joint]
+        if kind == CUT_LOWER:
+            excluded[1, joint] = box[0, joint] = value
+        elif kind == CUT_UPPER:
+            excluded[0, joint] = box[1, joint] = value
+        elif kind == EXCLUDED:
+            complete = not waiting
+            box = waiting.pop() if waiting else box
+            evaluation = -1
+        else:
+            raise ValueError(f"unknown kind of step: {kind}")
+        boxes.append(excluded)
+        constraints.append(int(steps.constraints[i]))
+    if len(steps) and not complete:
+        raise ValueError("a part of the joint ranges is not excluded")
+    return np.array(boxes).reshape(-1, *root.shape), np.array(constraints, dtype=np.int64)
+
+
+def check_exclusion(
+    loop: Loop, steps: Steps, lower: Array, upper: Array, target: Array, position: float, orientation: float
+) -> bool:
+    """Whether the steps prove that no configuration in the ranges (n,) reaches the target within the tolerances."""
+    if not len(steps):
+        return False
+    try:
+        boxes, constraints = excluded_boxes(steps, lower, upper)
+    except ValueError:
+        return False
+    for number in np.unique(constraints).tolist():
+        inner, outer, error = loop.arcs(number)
+        own = boxes[constraints == number]
+        middle, width = own.mean(axis=1), (own[:, 1] - own[:, 0]) / 2
+        ends = [_distance(loop, arc, middle, width, target, position, orientation, error) for arc in (inner, outer)]
+        (low, high), (other_low, other_high) = ends
+        if not ((low > other_high) | (other_low > high)).all():
+            return False
+    return True
+
+
+def _distance(
+    loop: Loop, arc: _Arc, middle: Array, width: Array, target: Array, position: float, orientation: float, error: float
+) -> tuple[Array, Array]:
+    """(k,) lower and upper bounds of the distance of the ends of an arc over k boxes, with each joint exact in turn."""
+    count, size = len(middle), loop.size
+    base_from_last = target @ np.linalg.inv(loop.tool)
+    before: list[tuple[Array, Array]] = []
+    after: list[tuple[Array, Array]] = []
+    centre, radius = np.tile(arc.start, (count, 1)), np.full(count, error)
+
+    def tied(matrix: Array, tcp: Array) -> tuple[Array, Array]:
+        away = np.linalg.norm(centre - tcp, axis=1) + radius
+        return centre @ matrix[:3, :3].T + matrix[:3, 3], radius + position + orientation * away
+
+    for i, joint in enumerate([*arc.joints, -1]):
+        if i == arc.target:
+            centre, radius = tied(base_from_last, loop.tool[:3, 3])
+        if joint < 0:
+            break
+        back = np.linalg.inv(loop.before[joint])
+        centre = centre @ back[:3, :3].T + back[:3, 3]
+        before.append((centre, radius))
+        centre, radius = _turned(loop, joint, centre, radius, -middle[:, joint], width[:, joint])
+    start = centre, radius
+    centre, radius = np.tile(arc.end, (count, 1)), np.zeros(count)
+    for i in range(len(arc.joints) - 1, -1, -1):
+        if i + 1 == arc.target:
+            centre, radius = tied(np.linalg.inv(base_from_last), target[:3, 3])
+        after.insert(0, (centre, radius))
+        joint = arc.joints[i]
+        centre, radius = _turned(loop, joint, centre, radius, middle[:, joint], width[:, joint])
+        centre = centre @ loop.before[joint][:3, :3].T + loop.before[joint][:3, 3]
+    if not arc.joints:
+        straight = np.linalg.norm(start[0] - arc.end, axis=1)
+        return straight - start[1] - ROUNDING * size, straight + start[1] + ROUNDING * size
+    low, high = np.full(count, -np.inf), np.full(count, np.inf)
+    for joint, (a, ra), (b, rb) in zip(arc.joints, before, after, strict=True):
+        least, most = _squares(loop.prismatic[joint], a, b, middle[:, joint], width[:, joint])
+        square = SQUARE_ROUNDING * (size**2 + most)
+        off = ra + rb + ROUNDING * size
+        low = np.maximum(low, np.sqrt(np.maximum(least - square, 0.0)) - off)
+        high = np.minimum(high, np.sqrt(np.maximum(most, 0.0) + square) + off)
+    return low, high
+
+
+def _turned(loop: Loop, joint: int, centre: Array, radius: Array, by: Array, width: Array) -> tuple[Array, Array]:
+    """The balls that enclose balls (k,) after the motion of a joint by ``by`` +- ``width`` (k,)."""
+    if loop.prismatic[joint]:
+        return centre + np.multiply.outer(by, [0.0, 0.0, 1.0]), radius + width
+    rho = np.hypot(centre[:, 0], centre[:, 1])
+    half = np.minimum(width, np.pi / 2)
+    phase = np.arctan2(centre[:, 1], centre[:, 0]) + by
+    inwards = rho * np.cos(half)
+    moved = np.stack([inwards * np.cos(phase), inwards * np.sin(phase), centre[:, 2]], axis=1)
+    return moved, radius + rho * np.sin(half)
+
+
+def _squares(prismatic: bool, a: Array, b: Array, middle: Array, width: Array) -> tuple[Array, Array]:
+    """(k,) bounds of the squared distance of a (k, 3), after a joint in its range moved it back, from b (k, 3)."""
+    height = a[:, 2] - b[:, 2]
+    if prismatic:
+        across = ((a[:, :2] - b[:, :2]) ** 2).sum(axis=1)
+        off = np.abs(height - middle)
+        return across + np.maximum(off - width, 0.0) ** 2, across + (off + width) ** 2
+    rho_a, rho_b = np.hypot(a[:, 0], a[:, 1]), np.hypot(b[:, 0], b[:, 1])
+    angle = np.arctan2(a[:, 1], a[:, 0]) - np.arctan2(b[:, 1], b[:, 0]) - middle
+    angle = np.abs(angle - 2 * np.pi * np.round(angle / (2 * np.pi)))
+    near, far = np.maximum(angle - width, 0.0), np.minimum(angle + width, np.pi)
+    square = height**2 + rho_a**2 + rho_b**2
+    return square - 2 * rho_a * rho_b * np.cos(near), square - 2 * rho_a * rho_b * np.cos(far)

@@ -1,0 +1,253 @@
+"""Proofs that no configuration of an arm within its limits reaches a pose, also for redundant arms.
+
+The compiled core (``src/core/reach``) divides the joint ranges into boxes and excludes each of them by a distance: see
+:mod:`pinproof.ik.reach_check`, which states the bounds and repeats them independently.
+"""
+
+from __future__ import annotations
+
+import weakref
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof import _core
+from pinproof.common.display import outline
+from pinproof.common.validation import Rng, require_integer, require_positive
+from pinproof.errors import IkFailed, InputError
+from pinproof.ik.jacobian_methods import Clik
+from pinproof.ik.reach_check import Loop, Steps, check_exclusion, excluded_boxes
+from pinproof.ik.result import judge
+from pinproof.ik.task import make_task
+from pinproof.model import Arm
+from pinproof.model.limits import AT_LIMIT
+from pinproof.spatial import SE3, rigid
+
+__all__ = ["ReachProof", "ReachStatus", "is_provable", "prove_unreachable"]
+
+Array = npt.NDArray[np.float64]
+
+FIRST_BOXES = 64
+"""Number of boxes before a numerical search for a solution; most poses that are out of reach need fewer."""
+
+BUDGET = 4000
+"""Largest number of boxes; each takes 5 to 20 microseconds."""
+
+
+class ReachStatus(Enum):
+    """The outcomes of :func:`prove_unreachable`."""
+
+    FOUND = "found"
+    """A configuration within the limits reaches the target."""
+    IMPOSSIBLE = "impossible"
+    """It is proven that no configuration within the limits reaches the target within the tolerances."""
+    UNDECIDED = "undecided"
+    """The budget was used without a solution or a proof."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReachProof:
+    """A configuration that reaches a target, or a proof that none does.
+
+    Parameters
+    ----------
+    status
+        The outcome.
+    arm
+        The arm.
+    target
+        (4, 4) ``base_from_tcp``, read-only.
+    position_tolerance, orientation_tolerance
+        In m and rad. IMPOSSIBLE holds for every pose within both of them from the target.
+    examined
+        Number of boxes of joint values that were examined.
+    q
+        (n,) a solution if the status is FOUND; if it is UNDECIDED, the middle of the box that could not be excluded.
+    """
+
+    status: ReachStatus
+    arm: Arm
+    target: Array
+    position_tolerance: float
+    orientation_tolerance: float
+    examined: int
+    q: Array | None
+
+    @property
+    def proven(self) -> bool:
+        """Whether the target is proven to be out of reach."""
+        return self.status is ReachStatus.IMPOSSIBLE
+
+    @cached_property
+    def steps(self) -> Steps:
+        """The steps of the proof if the status is IMPOSSIBLE, for :meth:`verify`; else an empty sequence."""
+        if not self.proven:
+            return Steps.of([], [], [], [], [])
+        tolerances = self.position_tolerance, self.orientation_tolerance
+        proof = _prover(self.arm).prove(self.target, *tolerances, self.examined + 1, True)
+        return Steps.of(proof.kinds, proof.joints, proof.constraints, proof.evaluations, proof.values)
+
+    @property
+    def boxes(self) -> Array:
+        """(k, 2, n) lower and upper ends of the boxes of joint values that are excluded; they cover the joint ranges.
+
+        Each violates one distance, see :attr:`steps`.
+        """
+        return excluded_boxes(self.steps, *_ranges(self.arm))[0]
+
+    def verify(self) -> bool:
+        """Check the result independently of the compiled core.
+
+        A solution is checked by forward kinematics and the limits. For a proof, the boxes are reconstructed from its
+        steps, and the distance that excludes each is bounded again in NumPy.
+
+        Raises
+        ------
+        InputError
+            If the status is UNDECIDED.
+        """
+        if self.status is ReachStatus.UNDECIDED:
+            raise InputError("the proof is undecided, so there is nothing to verify; raise budget")
+        tolerances = self.position_tolerance, self.orientation_tolerance
+        if self.q is not None:
+            task = make_task("pose", *tolerances)
+            return judge(self.arm, self.target, task, self.q, self.q).fulfils
+        return check_exclusion(self._loop, self.steps, *_ranges(self.arm), self.target, *tolerances)
+
+    @property
+    def _loop(self) -> Loop:
+        prover, chain = _prover(self.arm), self.arm.chain
+        return Loop.of(chain.before, chain.tool, chain.prismatic, prover.points, prover.constraints)
+
+    @cached_property
+    def message(self) -> str:
+        """The result as text."""
+        size = f"{self.position_tolerance:g} m and {self.orientation_tolerance:g} rad"
+        if self.status is ReachStatus.FOUND:
+            return "reachable: a configuration was found"
+        if self.status is ReachStatus.UNDECIDED:
+            return f"undecided: {self.examined} boxes of joint values were examined; raise budget to examine more"
+        boxes = "1 box" if self.examined == 1 else f"{self.examined} boxes"
+        return (
+            f"proven impossible: no configuration within the limits reaches the target to within {size} "
+            f"({boxes} of joint values excluded)"
+        )
+
+    def or_raise(self) -> ReachProof:
+        """The result itself if a solution was found.
+
+        Raises
+        ------
+        IkFailed
+            If it was not; ``.result`` of the error is this value.
+        """
+        if self.status is not ReachStatus.FOUND:
+            raise IkFailed(self.message, self)
+        return self
+
+    def __repr__(self) -> str:
+        return outline(f"ReachProof({self.message})", ())
+
+
+def is_provable(arm: Arm) -> bool:
+    """Whether :func:`prove_unreachable` supports the arm: at most 12 joints, none mimic, prismatic ones with limits."""
+    return _unsupported(arm) is None
+
+
+def prove_unreachable(
+    arm: Arm,
+    target: SE3 | npt.ArrayLike,
+    *,
+    position_tolerance: float = 1e-6,
+    orientation_tolerance: float = 1e-6,
+    budget: int = BUDGET,
+    search: bool = True,
+    rng: Rng = 0,
+) -> ReachProof:
+    """Prove that no configuration within the joint limits reaches a pose, or find one that does.
+
+    The proof holds for arms with any number of joints, redundant or not. It encloses distances in intervals over boxes
+    of joint values, and divides boxes that it cannot exclude.
+
+    Parameters
+    ----------
+    arm
+        The arm: up to 12 revolute and prismatic joints without mimic joints.
+    target
+        ``base_from_tcp``, as ``pin.SE3`` or (4, 4).
+    position_tolerance, orientation_tolerance
+        In m and rad: IMPOSSIBLE means that no pose within both tolerances is reachable.
+    budget
+        Largest number of boxes that are examined.
+    search
+        Whether to search for a solution numerically (:class:`pinproof.Clik`) if the first boxes are not excluded.
+    rng
+        Seed of that search.
+
+    Raises
+    ------
+    InputError
+        If the target is not rigid or the arm is not supported.
+
+    References
+    ----------
+    Porta, Ros, Thomas, Torras (2005), "A branch-and-prune solver for distance constraints"; Moore, Kearfott, Cloud
+    (2009), "Introduction to interval analysis"; Merlet (2004), "Solving the forward kinematics of a Gough-type parallel
+    manipulator with interval analysis".
+    """
+    require_positive("position_tolerance", position_tolerance)
+    require_positive("orientation_tolerance", orientation_tolerance)
+    require_integer("budget", budget, 1)
+    unsupported = _unsupported(arm)
+    if unsupported is not None:
+        raise InputError(f"{unsupported}; use Clik to search for a solution")
+    matrix = np.array(rigid("target", target).homogeneous)
+    matrix.setflags(write=False)
+    tolerances = position_tolerance, orientation_tolerance
+    prover = _prover(arm)
+    first = min(FIRST_BOXES, budget) if search else budget
+    proof = prover.prove(matrix, *tolerances, first, False)
+    if not proof.excluded and search:
+        found = Clik(position_tolerance=position_tolerance, orientation_tolerance=orientation_tolerance).solve(
+            arm, matrix, rng=rng
+        )
+        if found.ok:
+            return ReachProof(ReachStatus.FOUND, arm, matrix, *tolerances, proof.boxes, found.q)
+        if first < budget:
+            proof = prover.prove(matrix, *tolerances, budget, False)
+    if proof.excluded:
+        return ReachProof(ReachStatus.IMPOSSIBLE, arm, matrix, *tolerances, proof.boxes, None)
+    return ReachProof(ReachStatus.UNDECIDED, arm, matrix, *tolerances, proof.boxes, np.array(proof.remaining))
+
+
+_PROVERS: weakref.WeakKeyDictionary[Arm, _core.Reach] = weakref.WeakKeyDictionary()
+
+
+def _prover(arm: Arm) -> _core.Reach:
+    prover = _PROVERS.get(arm)
+    if prover is None:
+        prover = _PROVERS[arm] = _core.Reach(arm.chain, *_ranges(arm))
+    return prover
+
+
+def _ranges(arm: Arm) -> tuple[Array, Array]:
+    """(n,) lower and upper ends of the joint ranges: the limits with their tolerance, at most one full rotation."""
+    lower, upper = arm.limits.sampling_range()
+    lower, upper = lower - AT_LIMIT, upper + AT_LIMIT
+    return lower, np.where(arm.angular, np.minimum(upper, lower + 2 * np.pi), upper)
+
+
+def _unsupported(arm: Arm) -> str | None:
+    if arm.dof > _core.MOST_PROOF_JOINTS:
+        return f"proofs support at most {_core.MOST_PROOF_JOINTS} joints, and this arm has {arm.dof}"
+    if arm.chain.has_mimic_joints:
+        return f"proofs do not support the mimic joint between {arm.base!r} and {arm.tcp!r}"
+    unlimited = ~arm.angular & ~np.isfinite(arm.limits.upper - arm.limits.lower)
+    if unlimited.any():
+        return (
+            f"proofs need finite limits of the prismatic joint {arm.joint_names[int(np.flatnonzero(unlimited)[0])]!r}"
+        )
+    return None

@@ -345,8 +345,8 @@ class _Phases:
             fastest = self._limited_by_jerk(path, grid, fastest, velocity, acceleration, jerk)
         stop = np.isin(s, path.knots[path.stops])
         ceiling = _squared_ceiling(fastest, stop, ends)
-        limits = _rows(path, grid, bounds, soft)
-        x, stuck = fastest_speeds(*limits, step, ceiling, ceiling[0], ceiling[-1])
+        alpha, beta, gamma, bound = _rows(path, grid, bounds, soft)
+        x, stuck = fastest_speeds(alpha, beta, gamma, bound, step, ceiling, ceiling[0], ceiling[-1])
         if stuck is not None:
             raise _timing_error(stuck, len(step), ends)
         speed = np.sqrt(x)

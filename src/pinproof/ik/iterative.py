@@ -17,6 +17,7 @@ from pinproof._core import Search as CompiledSearch
 from pinproof.common.validation import Rng, require_integer, require_positive
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.ik.loop import (
+    AnyCandidate,
     CompiledRule,
     OnStep,
     PinocchioSearch,
@@ -28,7 +29,6 @@ from pinproof.ik.loop import (
 )
 from pinproof.ik.result import (
     STATUSES,
-    Candidate,
     IkBatch,
     IkResult,
     IkSolutions,
@@ -211,8 +211,14 @@ class IterativeIk(ABC):
 
         self.check(arm, resolved, goal)
         null_space = make_goal(goal, arm, arm.home)
+        compiled = None if null_space is None else null_space.compiled
         q, position, orientation, ok, iterations, attempts = solver.solve_batch(
-            many, starts, seeds_of(arm, rng).compiled, null_space and null_space.compiled, self.restarts + 1, threads
+            many,
+            starts,
+            seeds_of(arm, rng).compiled,
+            compiled,
+            self.restarts + 1,
+            threads,
         )
         codes = np.where(ok, STATUSES.index(IkStatus.FOUND), STATUSES.index(IkStatus.NOT_FOUND)).astype(np.int8)
         return IkBatch(
@@ -251,7 +257,7 @@ class IterativeIk(ABC):
         start = _start(arm, q0)
         resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
         search, engine = self._search(arm, rigid_matrix("target", target), start, rng, resolved, None, None)
-        kept: list[Candidate] = []
+        kept: list[AnyCandidate] = []
         tried = iterations = refusals = 0
         while tried < attempts and len(kept) < count:
             candidate = search.next(attempts, False)
@@ -288,7 +294,8 @@ class IterativeIk(ABC):
         seeds, null_space = seeds_of(arm, rng), make_goal(goal, arm, start)
         solver = self._compiled(arm, task, on_step)
         if solver is not None:
-            return CompiledSearch(solver, seeds.compiled, null_space and null_space.compiled, target, start), "compiled"
+            compiled = None if null_space is None else null_space.compiled
+            return CompiledSearch(solver, seeds.compiled, compiled, target, start), "compiled"
         search = PinocchioSearch(
             arm, task, seeds, null_space, target, start, rule=self.step_rule,
             max_iterations=self.max_iterations, max_step=self.max_step, stall=self.stall, on_step=on_step,
@@ -349,7 +356,7 @@ SOLVERS_KEPT = 16
 _SOLVERS: WeakKeyDictionary[Arm, dict[tuple[IterativeIk, Task], IkSolver]] = WeakKeyDictionary()
 
 
-def _result(status: IkStatus, found: Candidate, engine: str, words: str | None) -> IkResult:
+def _result(status: IkStatus, found: AnyCandidate, engine: str, words: str | None) -> IkResult:
     errors = found.position_error, found.orientation_error
     return IkResult(status, found.q, *errors, found.iterations, found.attempts - 1, engine, words)
 

@@ -24,6 +24,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Candidate as CompiledCandidate
 from pinproof._core import ClikStep, FabrikStep, IkSolver, SingularStep
 from pinproof._core import Search as CompiledSearch
 from pinproof._core import Seeds as CompiledSeeds
@@ -35,6 +36,7 @@ from pinproof.model import Arm
 from pinproof.spatial import SE3, matrix, rigid
 
 __all__ = [
+    "AnyCandidate",
     "CompiledRule",
     "Descent",
     "DescentState",
@@ -280,10 +282,14 @@ POLISH = Stall(progress=CompiledSearch.POLISH_PROGRESS, patience=CompiledSearch.
 """The best failed attempt is continued until its squared residual decreases by less than 1e-6 of it in 20 steps."""
 
 
+AnyCandidate = Candidate | CompiledCandidate
+"""A candidate of the loop on Pinocchio, or of the compiled core; both have the same attributes."""
+
+
 class Search(Protocol):
     """The attempts for one target: an instance of ``_core.Search`` or of :class:`PinocchioSearch`."""
 
-    def next(self, count: int, polish: bool) -> Candidate:
+    def next(self, count: int, polish: bool) -> AnyCandidate:
         """Make attempts until one satisfies the task, or until there are ``count`` for this target.
 
         Without a solution, the result is the best attempt of this call, refined if ``polish``.

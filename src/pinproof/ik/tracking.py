@@ -376,7 +376,7 @@ class _Follower:
         null_space = make_goal(goal, arm, self.start)
         self.core = CompiledTracker(
             arm.chain, arm.limits.lower.tolist(), arm.limits.upper.tolist(), self.velocity.tolist(),
-            self.task.compiled, null_space and null_space.compiled, self.start.tolist(),
+            self.task.compiled, None if null_space is None else null_space.compiled, self.start.tolist(),
         )  # fmt: skip
 
     def __call__(self, poses: Array, durations: Array) -> Array:

@@ -254,10 +254,9 @@ def compiled_chain(
         out[:] = (behind * model.jointPlacements[row + 1] * aligned).homogeneous
         prismatic.append(slides)
         behind = aligned.inverse()
-    return CompiledChain(
-        before, prismatic, leader, scale[rows, leader], offset[rows], (behind * tcp.placement).homogeneous.copy(),
-        scale.shape[1],
-    )  # fmt: skip
+    tool = (behind * tcp.placement).homogeneous.copy()
+    multiplier = scale[rows, leader].tolist()
+    return CompiledChain(before, prismatic, leader, multiplier, offset[rows].tolist(), tool, scale.shape[1])
 
 
 def aligned_axes(model: pin.Model, joint: int) -> tuple[pin.SE3, bool]:

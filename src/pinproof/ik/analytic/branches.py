@@ -74,8 +74,8 @@ def sweep_many(
     found, missed = [np.empty((0, plan.dof))], [np.empty((0, 2))]
     for first in range(0, len(targets), BLOCK):
         rows = slice(first, first + BLOCK)
-        own = [each if len(each) == 1 else each[rows] for each in (references, values)]
-        q, errors, number, outside[rows], _ = plan.core.solve_batch(targets[rows], *own, plan.capacity)
+        reference, value = (each if len(each) == 1 else each[rows] for each in (references, values))
+        q, errors, number, outside[rows], _ = plan.core.solve_batch(targets[rows], reference, value, plan.capacity)
         counts[rows] = np.maximum(number, 0)  # negative codes: the sweep covers other values of free joints
         exists = np.arange(plan.capacity) < counts[rows, :, None]
         found.append(q[exists])

@@ -3,10 +3,9 @@
 // With x = s'^2 and a = s'' = x'/2 (the prime of x is its derivative in s), s''' = a' s', so that a limit of jerk is
 //     |q' a' + 3 q'' a + q''' x| <= J / sqrt(x).
 // The left side is linear in x, a and a'. The right side is convex in x; its tangent at the current solution is below
-// it, so that the linear program with the tangent only permits motions that satisfy the limit. Minimising the time
-// with tangents that follow the solution converges to a local optimum. The same reformulation is the basis of
-// Y. Wang, C. Hu, Y. Li, J. Yu, J. Yan, Y. Liang, Z. Jin, "Online time-optimal trajectory planning along parametric
-// toolpaths with strict constraint satisfaction and certifiable feasibility guarantee", 2024, and of its successors.
+// it, so that a linear program with the tangent only permits motions that satisfy the limit. Minimising the time with
+// tangents that follow the solution converges to a local optimum. The same reformulation is used by COPP (Y. Wang, S.
+// He, S. Lin, C. Hu, https://copp.pro).
 //
 // On each step s''' is constant, which the speeds at the nodes represent exactly: with the duration h of a step,
 //     v1 - v0 = h (a0 + a1) / 2,    length = h (v0 + v1) / 2 - (a1 - a0) h^2 / 12,
@@ -29,6 +28,7 @@ namespace pinproof {
 struct JerkProblem {
     std::size_t joints, rows;
     std::span<const double> step;                       // (N) lengths of the steps, above 0; N >= 4
+    std::span<const char> uniform;                      // (N) lines along which the limits are constant
     std::span<const double> ceiling;                    // (N + 1) largest x at the nodes
     std::span<const double> alpha, beta, gamma, bound;  // (N, 2, rows) |alpha a + beta x + gamma| <= bound
     std::span<const double> slope, curvature, third;    // (N, 2, joints) derivatives of the path in s
@@ -43,7 +43,7 @@ struct JerkSolution {
     std::vector<double> x, a;      // (N + 1)
     std::vector<double> duration;  // (N) of the steps
     double excess = 0.0;           // largest violation of a limit, relative to it
-    int rounds = 0;
+    int rounds = 0;                // Newton steps
 };
 
 // Improve x (N + 1), an estimate of the solution.

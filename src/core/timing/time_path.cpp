@@ -81,6 +81,7 @@ struct StepLimits {
     std::vector<double> length;                     // (N)
     std::vector<double> ceiling;                    // (N + 1) largest s'^2
     std::vector<double> jerk;                       // (N, n)
+    std::vector<char> uniform;                      // (N)
 };
 
 class Timing {
@@ -201,6 +202,7 @@ StepLimits Timing::limits_of(std::span<const Step> steps) const {
     for (std::size_t i = 0; i < count; ++i) {
         const Step& step = steps[i];
         limits.length.push_back(step.end - step.begin);
+        limits.uniform.push_back(uniform(step.piece));
         for (std::size_t side = 0; side < 2; ++side) {
             const std::size_t entry = (2 * i + side) * n_;
             const double s = side ? step.end : step.begin;
@@ -422,6 +424,7 @@ std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
         const JerkProblem problem{n_,
                                   limits.rows,
                                   part(limits.length, 1),
+                                  std::span<const char>(limits.uniform).subspan(first, count),
                                   std::span<const double>(limits.ceiling).subspan(first, count + 1),
                                   part(limits.alpha, 2 * limits.rows),
                                   part(limits.beta, 2 * limits.rows),

@@ -33,11 +33,6 @@ constexpr int kWidthRounds = 40;
 // Relative difference below which the limits on both sides of a node are equal.
 constexpr double kSame = 1e-6;
 
-// x and a at both ends of a step, or coefficients of them.
-struct Ends {
-    double x0 = 0.0, a0 = 0.0, x1 = 0.0, a1 = 0.0;
-};
-
 inline Double4 spread(double value) { return Double4{value, value, value, value}; }
 
 inline Double4 magnitude(Double4 v) { return v < 0.0 ? -v : v; }
@@ -51,19 +46,24 @@ struct Slack {
     Double4 slack, dual, dslack, ddual, product;
 };
 
-// Four limits |value| <= limit on one side of a step, scaled to limit = 1. Missing limits repeat another one.
+enum class Place { begin, middle, end };
+
+// Four limits |value| <= limit at a place on a step, scaled to limit = 1. Missing limits repeat another one.
 struct Limits {
     std::size_t step;
-    bool end;   // of the end of the step, else of its beginning
+    Place place;
     bool jerk;  // or |alpha a + beta x + gamma| <= bound
     Double4 first, second, third;        // jerk: slope, 3 curvature, third derivative, each / J; else alpha, beta, gamma / bound
     Double4 x0, a0, x1, a1, value;       // the value and its coefficients
     Slack upper, lower;                  // value + slack = 1 and -value + slack = 1
 };
 
-// The limits of speed on a coefficient: c / most + slack = 1.
+// A limit of speed at the beginning or in the middle of a step: x / most + slack = 1. Limits at the nodes alone would
+// permit oscillations between them.
 struct Ceiling {
-    double most = 1.0, slack = 1.0, dual = 0.0, dslack = 0.0, ddual = 0.0, product = 0.0;
+    std::size_t step;
+    bool middle;
+    double most, slack = 1.0, dual = 0.0, dslack = 0.0, ddual = 0.0, product = 0.0;
 };
 
 class Solver {
@@ -73,18 +73,23 @@ class Solver {
     JerkSolution solve();
 
   private:
-    void add_limits(std::size_t k, bool end);
+    struct Row {
+        double first, second, third;
+    };
+    void add_jerk_limits(std::size_t k, std::size_t side);
+    void add_rate_limits(std::size_t k, Place place);
+    void add(std::size_t k, Place place, bool jerk, std::vector<Row> rows);
     bool repeated(std::size_t k) const;
-    void expand();
     void follow();
     void evaluate();
+    std::array<double, 4> coefficients(const Ceiling& ceiling) const;
+    double value(const Ceiling& ceiling, const std::vector<double>& x, const std::vector<double>& a) const;
     void start();
     double duration() const;
     double complementarity(double primal, double dual) const;
     double violation() const;
     std::array<double, 2> tangent(std::size_t k) const;
     void assemble(double target, bool with_matrix, bool corrected);
-    void scatter(std::size_t k, const double (&hessian)[4][4], const double (&gradient)[4], bool with_matrix);
     bool factorise();
     void substitute();
     struct Lengths {
@@ -96,41 +101,39 @@ class Solver {
     const JerkProblem& p_;
     std::size_t n_;
     std::vector<Limits> limits_;     // ordered by steps
-    std::vector<Ceiling> ceilings_;  // (n + 2) of the free coefficients
-    std::vector<double> width_, mean_;              // (n) of the steps: effective widths, and (v0 + v1) / 2
-    std::vector<double> c_, dc_;                    // (n + 2); the free ones are 2 .. n - 1
-    std::vector<double> x_, a_, v_, dx_, da_;       // (n + 1)
-    std::vector<std::array<double, 3>> matrix_;     // (n + 2) the diagonal and the two above it
-    std::vector<double> right_;                     // (n + 2)
+    std::vector<Ceiling> ceilings_;                         // ordered by steps
+    std::vector<double> width_, mean_;                      // (n) of the steps: effective widths, and (v0 + v1) / 2
+    std::vector<double> x_, a_, v_, dx_, da_;               // (n + 1); those at both ends are fixed
+    std::vector<std::array<double, 4>> matrix_;             // (2 n + 2) the diagonal and the three above it
+    std::vector<double> right_;                             // (2 n + 2)
 };
 
 Solver::Solver(const JerkProblem& problem, std::span<const double> x)
     : p_(problem),
       n_(problem.steps()),
-      ceilings_(n_ + 2),
       width_(problem.step.begin(), problem.step.end()),
       mean_(n_),
-      c_(n_ + 2),
-      dc_(n_ + 2),
-      x_(n_ + 1),
+      x_(x.begin(), x.end()),
       a_(n_ + 1),
       v_(n_ + 1),
       dx_(n_ + 1),
       da_(n_ + 1),
-      matrix_(n_ + 2),
-      right_(n_ + 2) {
+      matrix_(2 * n_ + 2),
+      right_(2 * n_ + 2) {
     if (p_.start == 0.0) width_.front() *= 1.5;
     if (p_.end == 0.0) width_.back() *= 1.5;
-    c_[0] = c_[1] = p_.start;
-    c_[n_] = c_[n_ + 1] = p_.end;
-    // A coefficient belongs to the middle of a step. Limits on x at the nodes would permit oscillations between them.
-    for (std::size_t i = 2; i < n_; ++i) {
-        c_[i] = 0.5 * (x[i - 1] + x[i]);
-        ceilings_[i].most = 0.5 * (p_.ceiling[i - 1] + p_.ceiling[i]);
-    }
+    x_.front() = p_.start;
+    x_.back() = p_.end;
+    for (std::size_t k = 1; k < n_; ++k)
+        a_[k] = 0.5 * (x_[k + 1] - x_[k - 1]) / (width_[k - 1] + width_[k]);
     for (std::size_t k = 0; k < n_; ++k) {
-        add_limits(k, false);
-        add_limits(k, true);
+        add_jerk_limits(k, 0);
+        add_jerk_limits(k, 1);
+        if (k > 0) add_rate_limits(k, Place::begin);
+        add_rate_limits(k, Place::middle);
+        if (!repeated(k)) add_rate_limits(k, Place::end);
+        if (k > 0) ceilings_.push_back({k, false, p_.ceiling[k]});
+        if (k > 0 && k + 1 < n_) ceilings_.push_back({k, true, 0.5 * (p_.ceiling[k] + p_.ceiling[k + 1])});
     }
 }
 
@@ -148,67 +151,74 @@ bool Solver::repeated(std::size_t k) const {
     return difference <= kSame * most;
 }
 
-void Solver::add_limits(std::size_t k, bool end) {
-    const std::size_t side = 2 * k + (end ? 1 : 0);
-    struct Row {
-        double first, second, third;
-    };
+void Solver::add_jerk_limits(std::size_t k, std::size_t side) {
     std::vector<Row> rows;
-    const auto add = [&](bool jerk) {
-        if (p_.uniform[k]) {  // only the joint with the tightest limit matters
-            const auto tightest = std::max_element(rows.begin(), rows.end(), [](const Row& u, const Row& w) {
-                return std::abs(u.first) < std::abs(w.first);
-            });
-            rows = {*tightest};
-        }
-        for (std::size_t i = 0; i < rows.size(); i += 4) {
-            Limits limits{};
-            limits.step = k;
-            limits.end = end;
-            limits.jerk = jerk;
-            for (std::size_t lane = 0; lane < 4; ++lane) {
-                const Row& row = rows[std::min(i + lane, rows.size() - 1)];
-                limits.first[lane] = row.first;
-                limits.second[lane] = row.second;
-                limits.third[lane] = row.third;
-            }
-            limits_.push_back(limits);
-        }
-    };
     for (std::size_t j = 0; j < p_.joints; ++j) {
         const double scale = 1.0 / p_.jerk[k * p_.joints + j];
-        const std::size_t i = side * p_.joints + j;
+        const std::size_t i = (2 * k + side) * p_.joints + j;
         rows.push_back({p_.slope[i] * scale, 3.0 * p_.curvature[i] * scale, p_.third[i] * scale});
     }
-    if (!(p_.uniform[k] && end)) add(true);  // with constant slope, both sides are equal
-    if (end ? repeated(k) : k == 0) return;
-    rows.clear();
-    for (std::size_t i = side * p_.rows; i < (side + 1) * p_.rows; ++i) {
-        const double scale = 1.0 / std::max(p_.bound[i], 1e-300);
-        rows.push_back({p_.alpha[i] * scale, p_.beta[i] * scale, p_.gamma[i] * scale});
-    }
-    add(false);
+    add(k, side ? Place::end : Place::begin, true, std::move(rows));
 }
 
-// x, a and the speeds from the coefficients and the widths.
-void Solver::expand() {
-    for (std::size_t k = 0; k <= n_; ++k) {
-        const double before = k > 0 ? width_[k - 1] : 0.0, after = k < n_ ? width_[k] : 0.0;
-        a_[k] = (c_[k + 1] - c_[k]) / (before + after);
-        x_[k] = std::max(c_[k] + a_[k] * before, 0.0);
-        v_[k] = std::sqrt(x_[k]);
+// The limits in the middle of a step are the means of those at its ends.
+void Solver::add_rate_limits(std::size_t k, Place place) {
+    std::vector<Row> rows;
+    const std::size_t begin = 2 * k * p_.rows, end = begin + p_.rows;
+    const double share = place == Place::begin ? 0.0 : place == Place::end ? 1.0 : 0.5;
+    for (std::size_t r = 0; r < p_.rows; ++r) {
+        const auto mean = [&](std::span<const double> values) {
+            return (1.0 - share) * values[begin + r] + share * values[end + r];
+        };
+        const double scale = 1.0 / std::max(mean(p_.bound), 1e-300);
+        rows.push_back({mean(p_.alpha) * scale, mean(p_.beta) * scale, mean(p_.gamma) * scale});
     }
-    for (std::size_t k = 0; k < n_; ++k) mean_[k] = 0.5 * (v_[k] + v_[k + 1]);
+    add(k, place, false, std::move(rows));
+}
+
+void Solver::add(std::size_t k, Place place, bool jerk, std::vector<Row> rows) {
+    if (p_.uniform[k]) {  // only the joint with the tightest limit matters
+        const auto tightest = std::max_element(rows.begin(), rows.end(), [](const Row& u, const Row& w) {
+            return std::abs(u.first) < std::abs(w.first);
+        });
+        rows = {*tightest};
+    }
+    for (std::size_t i = 0; i < rows.size(); i += 4) {
+        Limits limits{};
+        limits.step = k;
+        limits.place = place;
+        limits.jerk = jerk;
+        for (std::size_t lane = 0; lane < 4; ++lane) {
+            const Row& row = rows[std::min(i + lane, rows.size() - 1)];
+            limits.first[lane] = row.first;
+            limits.second[lane] = row.second;
+            limits.third[lane] = row.third;
+        }
+        limits_.push_back(limits);
+    }
 }
 
 // Let the widths follow the solution.
 void Solver::follow() {
-    expand();
+    for (std::size_t k = 0; k <= n_; ++k) v_[k] = std::sqrt(x_[k]);
     for (std::size_t k = 0; k < n_; ++k) {
+        mean_[k] = 0.5 * (v_[k] + v_[k + 1]);
         const double h = width_[k] / mean_[k], length = p_.step[k];
         width_[k] = length + std::clamp((a_[k + 1] - a_[k]) * h * h / 12.0, -0.4 * length, 0.6 * length);
     }
-    expand();
+}
+
+// The coefficients of x0, a0, x1 and a1 in the value that a ceiling limits.
+std::array<double, 4> Solver::coefficients(const Ceiling& ceiling) const {
+    const double scale = 1.0 / ceiling.most, quarter = 0.25 * width_[ceiling.step] * scale;
+    if (!ceiling.middle) return {scale, 0.0, 0.0, 0.0};
+    return {0.5 * scale, quarter, 0.5 * scale, -quarter};
+}
+
+double Solver::value(const Ceiling& ceiling, const std::vector<double>& x, const std::vector<double>& a) const {
+    const auto c = coefficients(ceiling);
+    const std::size_t k = ceiling.step;
+    return c[0] * x[k] + c[1] * a[k] + c[2] * x[k + 1] + c[3] * a[k + 1];
 }
 
 double Solver::duration() const {
@@ -218,41 +228,46 @@ double Solver::duration() const {
 }
 
 // The values of all limits and their coefficients. A limit of jerk is divided by the mean speed of the step:
-// |q' (a1 - a0) / w + (3 q'' a + q''' x) v / mean| <= J / mean, where v is the speed at the end in question.
+// |q' j / mean + (3 q'' a + q''' x) v / mean| <= J / mean, where j = s''' and the speed v are those at the end in question.
 void Solver::evaluate() {
     for (Limits& l : limits_) {
         const std::size_t k = l.step;
-        const Double4 zero{};
-        Double4 x = l.second, a = l.first;  // the coefficients of x and a at the end in question
-        l.a0 = l.a1 = zero;
+        const double w = width_[k];
+        l.x0 = l.a0 = l.x1 = l.a1 = Double4{};
         if (l.jerk) {
-            const double speed = v_[k + (l.end ? 1 : 0)];
-            x = l.third * speed;
-            a = l.second * speed;
-            l.a1 = l.first * (mean_[k] / width_[k]);
-            l.a0 = -l.a1;
+            const bool end = l.place == Place::end;
+            const double rise = mean_[k] / w, speed = v_[k + (end ? 1 : 0)];
+            l.x1 = l.first * ((end ? -3.0 : 3.0) * rise / w);
+            l.x0 = -l.x1;
+            l.a0 = l.first * ((end ? 2.0 : -4.0) * rise);
+            l.a1 = l.first * ((end ? 4.0 : -2.0) * rise);
+            (end ? l.x1 : l.x0) += l.third * speed;
+            (end ? l.a1 : l.a0) += l.second * speed;
+        } else if (l.place == Place::middle) {
+            // x = (x0 + x1) / 2 + (a0 - a1) w / 4 and a = 3 (x1 - x0) / (4 w) - (a0 + a1) / 4
+            l.x1 = 0.5 * l.second + l.first * (0.75 / w);
+            l.x0 = 0.5 * l.second - l.first * (0.75 / w);
+            l.a0 = l.second * (0.25 * w) - 0.25 * l.first;
+            l.a1 = l.second * (-0.25 * w) - 0.25 * l.first;
+        } else {
+            const bool end = l.place == Place::end;
+            (end ? l.x1 : l.x0) = l.second;
+            (end ? l.a1 : l.a0) = l.first;
         }
-        l.x0 = l.end ? zero : x;
-        l.x1 = l.end ? x : zero;
-        if (l.end)
-            l.a1 += a;
-        else
-            l.a0 += a;
         l.value = l.x0 * x_[k] + l.a0 * a_[k] + l.x1 * x_[k + 1] + l.a1 * a_[k + 1];
         if (!l.jerk) l.value += l.third;
     }
 }
 
 void Solver::start() {
-    const double target = duration() / static_cast<double>(8 * limits_.size() + n_);
+    const double target = duration() / static_cast<double>(8 * limits_.size() + ceilings_.size());
     for (Limits& l : limits_) {
         l.upper.slack = larger(1.0 - l.value, spread(kFirstSlack));
         l.lower.slack = larger(1.0 + l.value, spread(kFirstSlack));
         for (Slack* s : {&l.upper, &l.lower}) s->dual = target / s->slack;
     }
-    for (std::size_t i = 2; i < n_; ++i) {
-        Ceiling& ceiling = ceilings_[i];
-        ceiling.slack = std::max(1.0 - c_[i] / ceiling.most, kFirstSlack);
+    for (Ceiling& ceiling : ceilings_) {
+        ceiling.slack = std::max(1.0 - value(ceiling, x_, a_), kFirstSlack);
         ceiling.dual = target / ceiling.slack;
     }
 }
@@ -264,8 +279,7 @@ double Solver::complementarity(double primal, double dual) const {
         for (const Slack* s : {&l.upper, &l.lower})
             lanes += (s->slack + primal * s->dslack) * (s->dual + dual * s->ddual);
     double total = sum(lanes);
-    for (std::size_t i = 2; i < n_; ++i)
-        total += (ceilings_[i].slack + primal * ceilings_[i].dslack) * (ceilings_[i].dual + dual * ceilings_[i].ddual);
+    for (const Ceiling& c : ceilings_) total += (c.slack + primal * c.dslack) * (c.dual + dual * c.ddual);
     return total;
 }
 
@@ -273,7 +287,7 @@ double Solver::violation() const {
     Double4 most = spread(1.0);
     for (const Limits& l : limits_) most = larger(most, magnitude(l.value));
     double result = largest(most);
-    for (std::size_t i = 2; i < n_; ++i) result = std::max(result, c_[i] / ceilings_[i].most);
+    for (const Ceiling& ceiling : ceilings_) result = std::max(result, value(ceiling, x_, a_));
     return result - 1.0;
 }
 
@@ -284,9 +298,9 @@ std::array<double, 2> Solver::tangent(std::size_t k) const {
 
 // The Newton system for complementarity products `target`, corrected by the products of the predicted changes.
 void Solver::assemble(double target, bool with_matrix, bool corrected) {
-    if (with_matrix) std::fill(matrix_.begin(), matrix_.end(), std::array<double, 3>{});
+    if (with_matrix) std::fill(matrix_.begin(), matrix_.end(), std::array<double, 4>{});
     std::fill(right_.begin(), right_.end(), 0.0);
-    std::size_t next = 0;
+    std::size_t next = 0, next_ceiling = 0;
     for (std::size_t k = 0; k < n_; ++k) {
         double hessian[4][4] = {}, gradient[4] = {};  // in x0, a0, x1, a1
         // The duration w / mean of the step.
@@ -328,70 +342,55 @@ void Solver::assemble(double target, bool with_matrix, bool corrected) {
                 for (std::size_t j = i; j < 4; ++j)
                     hessian[i][j] += total * p[i] * p[j] + mixed[i] * p[j] + p[i] * mixed[j];
         }
-        scatter(k, hessian, gradient, with_matrix);
-    }
-    for (std::size_t i = 2; i < n_; ++i) {
-        const Ceiling& ceiling = ceilings_[i];
-        const double residual = c_[i] / ceiling.most + ceiling.slack - 1.0, ratio = ceiling.dual / ceiling.slack;
-        const double products = target - (corrected ? ceiling.product : 0.0);
-        right_[i] -= (products / ceiling.slack + ratio * residual) / ceiling.most;
-        if (with_matrix) matrix_[i][0] += ratio / (ceiling.most * ceiling.most);
+        for (; next_ceiling < ceilings_.size() && ceilings_[next_ceiling].step == k; ++next_ceiling) {
+            const Ceiling& ceiling = ceilings_[next_ceiling];
+            const auto g = coefficients(ceiling);
+            const double residual = value(ceiling, x_, a_) + ceiling.slack - 1.0, ratio = ceiling.dual / ceiling.slack;
+            const double products = target - (corrected ? ceiling.product : 0.0);
+            for (std::size_t i = 0; i < 4; ++i) {
+                gradient[i] += g[i] * (products / ceiling.slack + ratio * residual);
+                for (std::size_t j = i; j < 4; ++j) hessian[i][j] += ratio * g[i] * g[j];
+            }
+        }
+        for (std::size_t i = 0; i < 4; ++i) {
+            right_[2 * k + i] -= gradient[i];
+            for (std::size_t j = i; j < 4 && with_matrix; ++j) matrix_[2 * k + i][j - i] += hessian[i][j];
+        }
     }
 }
 
-// Add a Hessian (upper triangle) and a gradient in x0, a0, x1, a1 of a step to the system of the coefficients.
-void Solver::scatter(std::size_t k, const double (&hessian)[4][4], const double (&gradient)[4], bool with_matrix) {
-    const double before = k > 0 ? width_[k - 1] : 0.0, here = width_[k], after = k + 1 < n_ ? width_[k + 1] : 0.0;
-    const double first = 1.0 / (before + here), second = 1.0 / (here + after);
-    const double w[4][3] = {{here * first, before * first, 0.0},
-                            {-first, first, 0.0},
-                            {0.0, after * second, here * second},
-                            {0.0, -second, second}};
-    for (std::size_t i = 0; i < 3; ++i)
-        for (std::size_t l = 0; l < 4; ++l) right_[k + i] -= w[l][i] * gradient[l];
-    if (!with_matrix) return;
-    double product[4][3] = {};  // hessian w
-    for (std::size_t l = 0; l < 4; ++l)
-        for (std::size_t m = 0; m < 4; ++m)
-            for (std::size_t j = 0; j < 3; ++j) product[l][j] += hessian[std::min(l, m)][std::max(l, m)] * w[m][j];
-    for (std::size_t i = 0; i < 3; ++i)
-        for (std::size_t j = i; j < 3; ++j)
-            for (std::size_t l = 0; l < 4; ++l) matrix_[k + i][j - i] += w[l][i] * product[l][j];
-}
-
-// Cholesky factorisation of the matrix of the free coefficients, in place. False if it is not positive definite.
+// Cholesky factorisation of the matrix of the free values, in place. False if it is not positive definite.
 bool Solver::factorise() {
-    for (std::size_t i = 2; i < n_; ++i) {
+    const std::size_t last = 2 * n_;
+    for (std::size_t i = 2; i < last; ++i) {
         auto& row = matrix_[i];
-        if (i >= 3) row[0] -= matrix_[i - 1][1] * matrix_[i - 1][1];
-        if (i >= 4) row[0] -= matrix_[i - 2][2] * matrix_[i - 2][2];
+        for (std::size_t before = 1; before <= 3 && i >= before + 2; ++before) {
+            const auto& other = matrix_[i - before];
+            for (std::size_t j = 0; j + before <= 3; ++j) row[j] -= other[before] * other[before + j];
+        }
         if (!(row[0] > 0.0) || !std::isfinite(row[0])) return false;
         row[0] = std::sqrt(row[0]);
-        if (i >= 3) row[1] -= matrix_[i - 1][1] * matrix_[i - 1][2];
-        row[1] /= row[0];
-        row[2] /= row[0];
+        for (std::size_t j = 1; j <= 3; ++j) row[j] /= row[0];
     }
     return true;
 }
 
-// The changes of the coefficients, and of x and a.
+// The changes of x and a.
 void Solver::substitute() {
-    for (std::size_t i = 2; i < n_; ++i) {
-        double rest = right_[i];
-        if (i >= 3) rest -= matrix_[i - 1][1] * dc_[i - 1];
-        if (i >= 4) rest -= matrix_[i - 2][2] * dc_[i - 2];
-        dc_[i] = rest / matrix_[i][0];
+    const std::size_t last = 2 * n_;
+    for (std::size_t i = 2; i < last; ++i) {
+        for (std::size_t before = 1; before <= 3 && i >= before + 2; ++before)
+            right_[i] -= matrix_[i - before][before] * right_[i - before];
+        right_[i] /= matrix_[i][0];
     }
-    for (std::size_t i = n_; i-- > 2;) {
-        double rest = dc_[i];
-        if (i + 1 < n_) rest -= matrix_[i][1] * dc_[i + 1];
-        if (i + 2 < n_) rest -= matrix_[i][2] * dc_[i + 2];
-        dc_[i] = rest / matrix_[i][0];
+    for (std::size_t i = last; i-- > 2;) {
+        for (std::size_t after = 1; after <= 3 && i + after < last; ++after)
+            right_[i] -= matrix_[i][after] * right_[i + after];
+        right_[i] /= matrix_[i][0];
     }
-    for (std::size_t k = 0; k <= n_; ++k) {
-        const double before = k > 0 ? width_[k - 1] : 0.0, after = k < n_ ? width_[k] : 0.0;
-        da_[k] = (dc_[k + 1] - dc_[k]) / (before + after);
-        dx_[k] = dc_[k] + da_[k] * before;
+    for (std::size_t k = 1; k < n_; ++k) {
+        dx_[k] = right_[2 * k];
+        da_[k] = right_[2 * k + 1];
     }
 }
 
@@ -418,10 +417,9 @@ Solver::Lengths Solver::directions(double target, bool corrected) {
         move(l.lower, -l.value, decrease - change);
     }
     double most_primal = largest(primal), most_dual = largest(dual);
-    for (std::size_t i = 2; i < n_; ++i) {
-        Ceiling& c = ceilings_[i];
+    for (Ceiling& c : ceilings_) {
         const double products = target - (corrected ? c.product : 0.0);
-        c.dslack = 1.0 - (c_[i] + dc_[i]) / c.most - c.slack;
+        c.dslack = 1.0 - value(c, x_, a_) - value(c, dx_, da_) - c.slack;
         c.ddual = (products - c.dual * c.dslack) / c.slack - c.dual;
         most_primal = std::max(most_primal, -c.dslack / c.slack);
         most_dual = std::max(most_dual, -c.ddual / c.dual);
@@ -437,7 +435,7 @@ bool Solver::newton(double gap) {
     const Lengths affine = directions(0.0, false);
     const double ratio = complementarity(affine.primal, affine.dual) / gap;
     const double centring = std::clamp(ratio * ratio * ratio, 1e-4, 0.9);
-    const double target = centring * gap / static_cast<double>(8 * limits_.size() + n_ - 2);
+    const double target = centring * gap / static_cast<double>(8 * limits_.size() + ceilings_.size());
     for (Limits& l : limits_)
         for (Slack* s : {&l.upper, &l.lower}) s->product = s->dslack * s->ddual;
     for (Ceiling& ceiling : ceilings_) ceiling.product = ceiling.dslack * ceiling.ddual;
@@ -450,15 +448,18 @@ bool Solver::newton(double gap) {
         if (primal * dx_[k] < (kShrink - 1.0) * x_[k]) primal = (kShrink - 1.0) * x_[k] / dx_[k];
         if (primal * dx_[k] > (kGrow - 1.0) * x_[k]) primal = (kGrow - 1.0) * x_[k] / dx_[k];
     }
-    for (std::size_t i = 2; i < n_; ++i) c_[i] += primal * dc_[i];
+    for (std::size_t k = 1; k < n_; ++k) {
+        x_[k] += primal * dx_[k];
+        a_[k] += primal * da_[k];
+    }
     for (Limits& l : limits_)
         for (Slack* s : {&l.upper, &l.lower}) {
             s->slack += primal * s->dslack;
             s->dual += dual * s->ddual;
         }
-    for (std::size_t i = 2; i < n_; ++i) {
-        ceilings_[i].slack += primal * ceilings_[i].dslack;
-        ceilings_[i].dual += dual * ceilings_[i].ddual;
+    for (Ceiling& ceiling : ceilings_) {
+        ceiling.slack += primal * ceiling.dslack;
+        ceiling.dual += dual * ceiling.ddual;
     }
     return true;
 }
@@ -480,7 +481,12 @@ JerkSolution Solver::solve() {
     result.excess = violation();
     result.x = x_;
     result.a = a_;
-    for (std::size_t k = 0; k < n_; ++k) result.duration.push_back(width_[k] / mean_[k]);
+    for (std::size_t k = 0; k < n_; ++k) {
+        const double w = width_[k], rise = 3.0 * (x_[k + 1] - x_[k]) / w;
+        result.duration.push_back(w / mean_[k]);
+        result.first.push_back((rise - 4.0 * a_[k] - 2.0 * a_[k + 1]) * mean_[k] / w);
+        result.last.push_back((2.0 * a_[k] + 4.0 * a_[k + 1] - rise) * mean_[k] / w);
+    }
     return result;
 }
 

@@ -15,11 +15,12 @@ double rounded_up(double duration) { return std::ceil(duration * kNano) / kNano;
 
 Instant Phase::at(double time) const {
     const double t = time - begin, a = from.acceleration;
-    return {from.s + (from.speed + (0.5 * a + jerk * t / 6.0) * t) * t, from.speed + (a + 0.5 * jerk * t) * t, a + jerk * t};
+    return {from.s + (from.speed + (0.5 * a + (jerk / 6.0 + snap * t / 24.0) * t) * t) * t,
+            from.speed + (a + (0.5 * jerk + snap * t / 6.0) * t) * t, a + (jerk + 0.5 * snap * t) * t};
 }
 
-void Profile::append(double duration, const Instant& from, double jerk, std::size_t step) {
-    phases.push_back({this->duration(), duration, from, jerk, step});
+void Profile::append(double duration, const Instant& from, std::size_t step, double jerk, double snap) {
+    phases.push_back({this->duration(), duration, from, jerk, snap, step});
 }
 
 const Phase& Profile::phase_at(double time) const {
@@ -60,14 +61,14 @@ void append_trapezoid(Profile& profile, double first, double length, double star
         double s = first;
         for (std::size_t i = 0; i < 3; ++i) {
             if (!(durations[i] > 0.0)) continue;
-            profile.append(durations[i], {s, speeds[i], (speeds[i + 1] - speeds[i]) / durations[i]}, 0.0, step);
+            profile.append(durations[i], {s, speeds[i], (speeds[i + 1] - speeds[i]) / durations[i]}, step);
             s += 0.5 * (speeds[i] + speeds[i + 1]) * durations[i];
         }
         return;
     }
-    profile.append(rise, {first, 0.0, peak / rise}, 0.0, step);
-    if (cruise > 0.0) profile.append(cruise, {first + 0.5 * peak * rise, peak, 0.0}, 0.0, step);
-    profile.append(fall, {first + peak * (0.5 * rise + cruise), peak, -peak / fall}, 0.0, step);
+    profile.append(rise, {first, 0.0, peak / rise}, step);
+    if (cruise > 0.0) profile.append(cruise, {first + 0.5 * peak * rise, peak, 0.0}, step);
+    profile.append(fall, {first + peak * (0.5 * rise + cruise), peak, -peak / fall}, step);
 }
 
 void append_double_s(Profile& profile, double first, double length, double speed, double acceleration, double jerk,
@@ -96,7 +97,7 @@ void append_double_s(Profile& profile, double first, double length, double speed
     for (std::size_t i = 0; i < 7; ++i) {
         if (!(durations[i] > 0.0)) continue;
         if (i == 3) at = {at.s, peak, 0.0};
-        profile.append(durations[i], at, kSigns[i] * used, step);
+        profile.append(durations[i], at, step, kSigns[i] * used);
         at = profile.phases.back().at(profile.duration());
     }
 }

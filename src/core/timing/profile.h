@@ -1,4 +1,4 @@
-// The path parameter s over time, in phases of constant s'''.
+// The path parameter s over time, in phases in which s''' is linear.
 #pragma once
 
 #include <cstddef>
@@ -18,11 +18,11 @@ struct Instant {
     double s = 0.0, speed = 0.0, acceleration = 0.0;
 };
 
-// A phase of constant s''' from the values at its beginning. It lies on one step of the grid.
+// A phase from the values at its beginning. It lies on one step of the grid.
 struct Phase {
     double begin, duration;
     Instant from;
-    double jerk;
+    double jerk, snap;  // s''' at the beginning and its derivative
     std::size_t step;
 
     Instant at(double time) const;  // since the beginning of the profile
@@ -37,7 +37,7 @@ struct Profile {
     double duration() const { return phases.empty() ? 0.0 : phases.back().end(); }
 
     // Append a phase after the last one.
-    void append(double duration, const Instant& from, double jerk, std::size_t step);
+    void append(double duration, const Instant& from, std::size_t step, double jerk = 0.0, double snap = 0.0);
 
     // The phase at a time; at the end of a phase the next one.
     const Phase& phase_at(double time) const;

@@ -81,6 +81,7 @@ struct StepLimits {
     std::vector<double> length;                     // (N)
     std::vector<double> ceiling;                    // (N + 1) largest s'^2
     std::vector<double> jerk;                       // (N, n)
+    std::vector<char> uniform;                      // (N)
 };
 
 class Timing {
@@ -201,6 +202,7 @@ StepLimits Timing::limits_of(std::span<const Step> steps) const {
     for (std::size_t i = 0; i < count; ++i) {
         const Step& step = steps[i];
         limits.length.push_back(step.end - step.begin);
+        limits.uniform.push_back(uniform(step.piece));
         for (std::size_t side = 0; side < 2; ++side) {
             const std::size_t entry = (2 * i + side) * n_;
             const double s = side ? step.end : step.begin;
@@ -277,7 +279,7 @@ std::optional<TimingStatus> Timing::profile_without_jerk_limit() {
         } else {
             const double duration = 2.0 * length / (before + after);
             if (!(duration < std::numeric_limits<double>::infinity())) return TimingStatus::not_smooth;
-            profile_.append(duration, {step.begin, before, (after - before) / duration}, 0.0, i);
+            profile_.append(duration, {step.begin, before, (after - before) / duration}, i);
         }
     }
     mark_coarse(x);
@@ -366,7 +368,7 @@ std::optional<TimingStatus> Timing::first_profile_with_jerk_limit() {
         const bool alone = x[i] == 0.0 && x[i + 1] == 0.0;  // a straight segment, timed in closed form
         const double duration = alone && uniform(steps_[i].piece) ? length : 2.0 * length / (before + after);
         if (!(duration < std::numeric_limits<double>::infinity())) return TimingStatus::not_smooth;
-        profile_.append(duration, {steps_[i].begin, before, (after - before) / duration}, 0.0, i);
+        profile_.append(duration, {steps_[i].begin, before, (after - before) / duration}, i);
     }
     for (std::size_t count : {kCoarseSteps, kFineSteps}) {
         steps_ = uniform_in_time(count);
@@ -422,6 +424,7 @@ std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
         const JerkProblem problem{n_,
                                   limits.rows,
                                   part(limits.length, 1),
+                                  std::span<const char>(limits.uniform).subspan(first, count),
                                   std::span<const double>(limits.ceiling).subspan(first, count + 1),
                                   part(limits.alpha, 2 * limits.rows),
                                   part(limits.beta, 2 * limits.rows),
@@ -445,8 +448,9 @@ std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
         for (std::size_t i = 0; i < count; ++i) {
             const double h = solution.duration[i], square = slow * slow;
             profile_.append(h * slow,
-                            {steps_[first + i].begin, std::sqrt(solution.x[i]) / slow, solution.a[i] / square},
-                            (solution.a[i + 1] - solution.a[i]) / (h * square * slow), first + i);
+                            {steps_[first + i].begin, std::sqrt(solution.x[i]) / slow, solution.a[i] / square}, first + i,
+                            solution.first[i] / (square * slow),
+                            (solution.last[i] - solution.first[i]) / (h * square * square));
         }
         first = last;
     }

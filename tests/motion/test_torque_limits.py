@@ -13,7 +13,7 @@ import pinproof as pp
 from pinproof import InputError
 from pinproof.errors import TimingError
 from pinproof.model import load_robot_from_text
-from pinproof.motion import JointPath, TorqueLimits, Trajectory, time_parametrise
+from pinproof.motion import JointPath, ToolLimits, TorqueLimits, Trajectory, time_parametrise
 
 from ..heavy_robot import heavy_robot_text
 
@@ -166,6 +166,16 @@ def test_a_robot_without_torque_limits_needs_them(panda):
         dataclasses.replace(panda.limits, torque=[1.0] * 6)
     with pytest.raises(InputError, match="torque"):
         dataclasses.replace(panda.limits, torque=[-1.0] * 7)
+
+
+def test_rates_beyond_the_range_of_doubles_are_never_within_the_limits(panda):
+    q, v = np.tile(panda.home, (2, 1)), np.full((2, 7), 1e200)
+    trajectory = Trajectory([0.0, 0.1], q, v, panda.joint_names)
+    limits = TorqueLimits(panda)
+    with pytest.raises(TimingError, match="no finite bound"):
+        limits.excess(trajectory)
+    assert max(peak.torque for peak in limits.peaks(trajectory)) == np.inf
+    assert ToolLimits(panda, linear_speed=1.0).excess(trajectory).tolist() == [np.inf]
 
 
 def test_a_trajectory_of_another_arm_is_refused(panda):

@@ -19,6 +19,9 @@ struct Range {
     double attained() const { return std::max(at_begin, at_end); }
 };
 
+// Of a quantity whose model has overflowed: infinity and NaN have no other bound.
+constexpr Range kUnbounded{kInfinity, 0.0, 0.0};
+
 void include(Range& range, const Range& other) {
     range.upper = std::max(range.upper, other.upper);
     range.at_begin = std::max(range.at_begin, other.at_begin);
@@ -92,6 +95,7 @@ class AlongCurve {
 Range quotient(const TaylorModel& of_motion, const TaylorModel& of_gravity, double limit) {
     const Bernstein d = bernstein_of(of_motion), g = bernstein_of(of_gravity);
     const double rd = of_motion.radius, rg = of_gravity.radius;
+    if (!std::isfinite(of_motion.size() + of_gravity.size())) return kUnbounded;
     Range range;
     for (double sign : {1.0, -1.0}) {
         const auto at = [&](std::size_t i, double more) {  // more = 1: at most, -1: at least
@@ -109,6 +113,7 @@ Range quotient(const TaylorModel& of_motion, const TaylorModel& of_gravity, doub
 
 // The range of |f|.
 Range magnitude(const TaylorModel& f) {
+    if (!std::isfinite(f.size())) return kUnbounded;
     const Bernstein coefficients = bernstein_of(f);
     double upper = 0.0;
     for (double each : coefficients) upper = std::max(upper, std::abs(each));
@@ -124,6 +129,7 @@ double square_root(double x) { return std::sqrt(x); }
 // The range of the length of a vector. Its square is 0 or more, also where its model is below.
 Range length(const Vector3<TaylorModel>& v) {
     const TaylorModel square = squared_norm(v);
+    if (!std::isfinite(square.size())) return kUnbounded;
     const Bernstein coefficients = bernstein_of(square);
     double upper = 0.0;
     for (double each : coefficients) upper = std::max(upper, each);

@@ -237,8 +237,8 @@ class Arm:
     def torques(
         self,
         q: npt.ArrayLike,
-        v: npt.ArrayLike | None = None,
-        a: npt.ArrayLike | None = None,
+        v: npt.ArrayLike = 0.0,
+        a: npt.ArrayLike = 0.0,
         *,
         payload: Payload | Sequence[Payload] | None = None,
         gravity: npt.ArrayLike = GRAVITY,
@@ -251,7 +251,7 @@ class Arm:
         Parameters
         ----------
         q, v, a
-            (n,) configuration, velocity and acceleration; the latter two are 0 by default.
+            (n,) configuration, velocity and acceleration; one number for the latter two applies to all joints.
         payload
             A body, or several, that the arm carries in addition to its own links.
         gravity
@@ -267,14 +267,14 @@ class Arm:
             If the description states no mass of the links behind a joint, or a payload is fixed to a link that the arm
             does not move.
         """
-        rates = [np.zeros(self.dof) if x is None else self.configuration(x, name) for name, x in (("v", v), ("a", a))]
+        rates = [self.configuration(_for_all(x, (self.dof,)), name) for name, x in (("v", v), ("a", a))]
         return inverse_dynamics(self, self.configuration(q), rates[0], rates[1], checked_payloads(payload), gravity)
 
     def torques_batch(
         self,
         Q: npt.ArrayLike,
-        V: npt.ArrayLike | None = None,
-        A: npt.ArrayLike | None = None,
+        V: npt.ArrayLike = 0.0,
+        A: npt.ArrayLike = 0.0,
         *,
         payload: Payload | Sequence[Payload] | None = None,
         gravity: npt.ArrayLike = GRAVITY,
@@ -284,7 +284,7 @@ class Arm:
         It equals :meth:`torques`, which uses Pinocchio, up to rounding.
         """
         q = finite("Q", Q, (None, self.dof))
-        rates = [np.zeros_like(q) if x is None else finite(name, x, q.shape) for name, x in (("V", V), ("A", A))]
+        rates = [finite(name, _for_all(x, q.shape), q.shape) for name, x in (("V", V), ("A", A))]
         of_motion, of_gravity = dynamic_tree(self, checked_payloads(payload), gravity).torques(q, *rates)
         return np.asarray(of_motion + of_gravity)
 
@@ -382,6 +382,11 @@ class Arm:
         if not self._model.existFrame(name, pin.FrameType.BODY):
             raise UnknownNameError("frame", name, self.robot.urdf.links, f"robot {self.robot.name!r}")
         return int(self._model.getFrameId(name, pin.FrameType.BODY))
+
+
+def _for_all(value: npt.ArrayLike, shape: tuple[int, ...]) -> npt.ArrayLike:
+    """One number for all entries, or the value itself."""
+    return np.broadcast_to(value, shape) if isinstance(value, int | float) else value
 
 
 def _is_mimic(joints: Mapping[str, UrdfJoint], name: str) -> bool:

@@ -69,7 +69,8 @@ class ToolLimits:
             raise InputError(f"ToolLimits requires a limit: {', '.join(UNITS)}")
         self.arm = arm
         self.linear_speed, self.angular_speed, self.linear_acceleration, self.angular_acceleration = given
-        self._limits = np.array([np.inf if value is None else float(value) for value in given])
+        self.limits = np.array([np.inf if value is None else float(value) for value in given])
+        self.limits.setflags(write=False)
         self._tree = kinematic_tree(arm)
 
     def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
@@ -79,7 +80,7 @@ class ToolLimits:
         alpha: list[Array] = []
         beta: list[Array] = []
         bound: list[float] = []
-        for kind, limit in enumerate(self._limits):
+        for kind, limit in enumerate(self.limits):
             if np.isinf(limit):
                 continue
             if kind < 2:
@@ -98,7 +99,7 @@ class ToolLimits:
     def excess(self, trajectory: Trajectory) -> Array:
         """(k,) for each piece, a proven upper bound of the factor by which its duration must be multiplied."""
         require_joints(self.arm, trajectory)
-        return np.asarray(self._tree.tool_stretch(*controls(trajectory), self._limits))
+        return np.asarray(self._tree.tool_stretch(*controls(trajectory), self.limits))
 
     def peaks(self, trajectory: Trajectory) -> dict[str, float]:
         """Bounds of the largest speeds and accelerations of the tcp over the motion, which hold between samples.

@@ -146,7 +146,7 @@ class TorqueLimits:
             times = (knots[stuck, None] + np.diff(knots)[stuck, None] * inside).ravel().clip(knots[0], knots[-1])
             q = np.ascontiguousarray(trajectory(times))
             self._require_standstill(q, self._tree.torques(q, np.zeros_like(q), np.zeros_like(q))[1], strict=True)
-            raise TimingError(f"at {times[0]:.4g} s of the motion, a joint needs its torque limit to stand still")
+            raise TimingError(f"torques at {times[0]:.4g} s of the motion have no finite bound within the limits")
         return stretch
 
     def peaks(self, trajectory: Trajectory) -> tuple[TorquePeak, ...]:

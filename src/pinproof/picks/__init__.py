@@ -21,6 +21,7 @@ from pinproof.picks.input.pick import (
     Picks,
     PlaceTarget,
     SuctionCup,
+    ToolSpeed,
 )
 from pinproof.picks.input.picks_file import open_picks, read_picks
 from pinproof.picks.input.settings import GripLimits, PickBudget, PickWeights
@@ -67,6 +68,7 @@ __all__ = [
     "Stage",
     "StageResult",
     "SuctionCup",
+    "ToolSpeed",
     "apply_suggestion",
     "approach_directions",
     "attainable_orientations",

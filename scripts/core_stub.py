@@ -19,7 +19,7 @@ from pinproof import _core
 STUB = Path(__file__).resolve().parents[1] / "src" / "pinproof" / "_core.pyi"
 HEAD = '"""The compiled core, an extension module built from src/core. Written by scripts/core_stub.py."""\n'
 IMPORTS = """import enum
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy
@@ -40,11 +40,13 @@ def stub_text() -> str:
 
 def _line(line: str) -> str:
     """The line with arrays in place of objects in the type of a result, and any elements of plain containers."""
+    line = re.sub(r"\bCallable\b(?!\[)", "Callable[..., Any]", line)
     head, arrow, result = line.rpartition(" -> ")
     if not arrow:
         return line
     result = re.sub(r"\bobject\b", "NDArray[Any]", result)
     result = re.sub(r"\btuple\b(?!\[)", "tuple[Any, ...]", re.sub(r"\blist\b(?!\[)", "list[Any]", result))
+    result = re.sub(r"\bdict\b(?!\[)", "dict[str, Any]", result)
     return f"{head}{arrow}{result}"
 
 

@@ -88,6 +88,7 @@ def test_a_hole_under_the_cup_leaks():
     assert across.cup.gap == np.inf
 
 
+@pytest.mark.slow
 def test_cups_on_random_parts_agree_with_rays_to_their_triangles(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     oracle = importlib.import_module("grip_oracle")

@@ -93,6 +93,7 @@ def bench_plan(
         typer.Option(
             "--planner",
             help="The planner of pinproof: rrt_connect (default) or ompl; repeatable.",
+            metavar="NAME",
             autocompletion=planner_names,
         ),
     ] = None,

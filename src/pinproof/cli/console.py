@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pinproof as pp
+from pinproof.common.files import os_errors
 from pinproof.errors import FileError, InputError
 
 if TYPE_CHECKING:
@@ -183,10 +184,8 @@ def check_output_files(outputs: Iterable[Path | None], inputs: Iterable[str | Pa
         target = os.path.realpath(path)
         if target in used:
             raise InputError(f"{path}: is also {used[target]} of this command; name another output file")
-        try:
+        with os_errors(path, "cannot be written"):
             is_folder, has_folder = Path(target).is_dir(), Path(target).parent.is_dir()
-        except OSError as error:
-            raise FileError(path, f"cannot be written: {error.strerror or error}") from error
         if is_folder:
             raise FileError(path, "cannot be written: it is a folder")
         if not has_folder:
@@ -202,10 +201,8 @@ def make_folder(path: Path) -> None:
     FileError
         If the folder cannot be created.
     """
-    try:
+    with os_errors(path, "the folder cannot be created"):
         path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(path, f"the folder cannot be created: {error.strerror or error}") from error
 
 
 def write_motion(verdict: pp.PickVerdict, arm: pp.Arm, html: Path, motion: Path) -> list[Path]:

@@ -147,7 +147,9 @@ class RobotFileOptions:
     package_dir: Annotated[
         list[Path] | None,
         typer.Option(
-            "--package-dir", help="A folder of ROS packages, to resolve package:// URLs; can be given several times."
+            "--package-dir",
+            help="A folder of ROS packages, to resolve package:// URLs; can be given several times.",
+            metavar="FOLDER",
         ),
     ] = None
     xacro_arg: Annotated[

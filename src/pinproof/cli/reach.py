@@ -81,7 +81,10 @@ def reach(
     output: Annotated[
         list[Path] | None,
         typer.Option(
-            "-o", "--output", help="The map as .csv, .npz, .png (slices) or .html; can be given several times."
+            "-o",
+            "--output",
+            help="The map as .csv, .npz, .png (slices) or .html; can be given several times.",
+            metavar="FILE",
         ),
     ] = None,
     against: Annotated[

@@ -80,7 +80,9 @@ def view(
     ] = False,
     layer: Annotated[
         list[str] | None,
-        typer.Option(help="A layer to show at first: collision, frames or sweep; can be given several times."),
+        typer.Option(
+            help="A layer to show at first: collision, frames or sweep; can be given several times.", metavar="LAYER"
+        ),
     ] = None,
     html: Html = None,
     port: Annotated[int, typer.Option(help="Port of the live view on 127.0.0.1; 0 selects a free port.", min=0)] = 0,

@@ -23,8 +23,9 @@ from pinproof.collision.pairs import ExcludedPair
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.common.display import html_block, html_list, outline
+from pinproof.common.files import os_errors
 from pinproof.description.dh_urdf import GENERATED_BODIES, has_generated_bodies
-from pinproof.errors import FileError, InputError, NotProvenFree
+from pinproof.errors import InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.motion import Curve, MotionRecord
 from pinproof.spatial import matrix
@@ -73,10 +74,8 @@ def body_digest(body: Obstacle) -> str:
     """
     shape, digest = body.shape, hashlib.sha256()
     if isinstance(shape, Mesh) and shape.path is not None:
-        try:
+        with os_errors(shape.path):
             digest.update(hashlib.sha256(Path(shape.path).read_bytes()).digest())
-        except OSError as error:
-            raise FileError(shape.path, f"cannot be read: {error.strerror or error}") from error
         digest.update(repr((shape.scale, shape.hull, shape.hollow)).encode())
     else:
         digest.update(repr(shape).encode())

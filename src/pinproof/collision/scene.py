@@ -12,8 +12,7 @@ import pinocchio as pin
 
 from pinproof.collision.shapes import Obstacle
 from pinproof.common.display import html_block, html_list, html_table, outline, shortened
-from pinproof.common.files import unknown_suffix, write_text_whole
-from pinproof.errors import FileError, InputError, SceneError, UnknownNameError
+from pinproof.errors import InputError, SceneError, UnknownNameError
 from pinproof.spatial import SE3, finite, matrix, rigid, xyz_rpy
 
 if TYPE_CHECKING:
@@ -279,15 +278,10 @@ class Attachments:
         SceneError
             If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
         """
-        import yaml
-
         from pinproof.collision.scene_file import stated_obstacle, stated_pose
-        from pinproof.common.yaml_file import YAML_SUFFIXES
+        from pinproof.common.yaml_file import write_yaml
 
-        path = Path(path)
-        if path.suffix.lower() not in YAML_SUFFIXES:
-            raise SceneError(path, unknown_suffix(path, YAML_SUFFIXES))
-        folder = path.resolve().parent
+        folder = Path(path).resolve().parent
         content: dict[str, Any] = {"attached": [stated_obstacle(body, folder) for body in self.bodies]}
         if self.allowed:
             content["allowed_contacts"] = [list(pair) for pair in self.allowed]
@@ -295,12 +289,7 @@ class Attachments:
             content["held"] = {name: float(value) for name, value in self.held.items()}
         if not self.tip.isIdentity():
             content["tip"] = stated_pose(self.tip)
-        try:
-            write_text_whole(
-                path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
-            )
-        except FileError as error:
-            raise SceneError(path, error.reason) from error
+        write_yaml(path, content, SceneError)
 
 
 def _value(path: Path, content: LinedMapping, key: str, read: Callable[[Any], Value]) -> Value:

@@ -15,19 +15,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-import yaml
 
 from pinproof.collision.scene_keys import OBSTACLE, POSE, SCENE, SHAPES
 from pinproof.collision.shapes import SHAPES_BY_KEY, Box, Mesh, Obstacle, Shape
-from pinproof.common.files import is_file, unknown_suffix, write_text_whole
+from pinproof.common.files import is_file
 from pinproof.common.yaml_file import (
-    YAML_SUFFIXES,
     LinedMapping,
     parse_number,
     refuse_unknown,
     require_list,
+    write_yaml,
 )
-from pinproof.errors import FileError, InputError, SceneError
+from pinproof.errors import InputError, SceneError
 from pinproof.spatial import SE3, Array, finite, pose
 from pinproof.units import MOST_REACH, refuse_degrees
 
@@ -180,22 +179,15 @@ def write_scene(scene: SceneContent, path: str | Path) -> None:
     SceneError
         If the suffix is not ``.yaml`` or ``.yml``, or the file cannot be written.
     """
-    path = Path(path)
-    if path.suffix.lower() not in YAML_SUFFIXES:
-        raise SceneError(path, unknown_suffix(path, YAML_SUFFIXES))
-    content: dict[str, Any] = {
-        "obstacles": [stated_obstacle(obstacle, path.resolve().parent) for obstacle in scene.obstacles]
-    }
+    folder = Path(path).resolve().parent
+    content: dict[str, Any] = {"obstacles": [stated_obstacle(obstacle, folder) for obstacle in scene.obstacles]}
     if scene.frame:
         content["frame"] = scene.frame
     if scene.allowed:
         content["allowed_contacts"] = [list(pair) for pair in scene.allowed]
     if scene.disabled:
         content["disabled_pairs"] = [list(pair) for pair in scene.disabled]
-    try:
-        write_text_whole(path, yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None))
-    except FileError as error:
-        raise SceneError(path, error.reason) from error
+    write_yaml(path, content, SceneError)
 
 
 def read_scene(path: Path, content: LinedMapping) -> SceneContent:

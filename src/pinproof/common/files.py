@@ -7,7 +7,8 @@ import os
 import re
 import stat
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from pinproof.errors import FileError
@@ -16,6 +17,7 @@ __all__ = [
     "LARGEST_TEXT",
     "file_stems",
     "is_file",
+    "os_errors",
     "read_bytes",
     "read_text",
     "refuse_unreadable",
@@ -45,10 +47,8 @@ def read_bytes(path: Path, error: type[FileError], *, largest: int = LARGEST_TEX
         Advice for the message if the file is too large.
     """
     refuse_unreadable(path, error, largest=largest, remedy=remedy)
-    try:
+    with os_errors(path, error=error):
         return path.read_bytes()
-    except OSError as caught:
-        raise error(path, f"cannot be read: {caught.strerror or caught}") from caught
 
 
 def read_text(path: Path, error: type[FileError], *, largest: int = LARGEST_TEXT, remedy: str = "") -> str:
@@ -95,12 +95,21 @@ def _reason(caught: OSError | ValueError) -> str:
     return str(getattr(caught, "strerror", None) or caught)
 
 
-def write_text_whole(path: str | Path, text: str) -> None:
+@contextmanager
+def os_errors(path: str | Path, failure: str = "cannot be read", error: type[FileError] = FileError) -> Iterator[None]:
+    """Raise ``error`` with the path, ``failure`` and the reason in place of an OSError."""
+    try:
+        yield
+    except OSError as caught:
+        raise error(path, f"{failure}: {caught.strerror or caught}") from caught
+
+
+def write_text_whole(path: str | Path, text: str, error: type[FileError] = FileError) -> None:
     """Write ``text`` atomically as UTF-8 with unchanged line ends; see :func:`write_bytes_whole`."""
-    write_bytes_whole(path, text.encode("utf-8"))
+    write_bytes_whole(path, text.encode("utf-8"), error)
 
 
-def write_bytes_whole(path: str | Path, content: bytes) -> None:
+def write_bytes_whole(path: str | Path, content: bytes, error: type[FileError] = FileError) -> None:
     """Write ``content`` to ``path`` atomically.
 
     The content is written to a new file in the same folder, which then replaces ``path``. After a crash or on a full
@@ -108,13 +117,13 @@ def write_bytes_whole(path: str | Path, content: bytes) -> None:
 
     Raises
     ------
-    FileError
+    error
         If the folder does not exist or cannot be written to.
     """
     target = Path(path)
     # tempfile is not used because its files are readable by their owner only.
     scratch = target.with_name(f".{target.name}.{uuid.uuid4().hex}.tmp")
-    try:
+    with os_errors(target, "cannot be written", error):
         try:
             with scratch.open("xb") as file:
                 file.write(content)
@@ -123,8 +132,6 @@ def write_bytes_whole(path: str | Path, content: bytes) -> None:
             scratch.replace(target)
         finally:
             scratch.unlink(missing_ok=True)
-    except OSError as error:
-        raise FileError(target, f"cannot be written: {error.strerror or error}") from error
 
 
 def file_stems(names: Iterable[str]) -> list[str]:

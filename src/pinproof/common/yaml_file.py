@@ -17,7 +17,7 @@ from yaml.reader import Reader
 from yaml.resolver import Resolver
 from yaml.scanner import Scanner
 
-from pinproof.common.files import read_text, unknown_suffix
+from pinproof.common.files import read_text, unknown_suffix, write_text_whole
 from pinproof.errors import FileError, UnknownNameError
 
 __all__ = [
@@ -28,6 +28,7 @@ __all__ = [
     "read_yaml",
     "refuse_unknown",
     "require_list",
+    "write_yaml",
 ]
 
 YAML_SUFFIXES = (".yaml", ".yml")
@@ -86,6 +87,15 @@ def read_yaml(
         what = "is empty" if content is None else f"contains a {type(content).__name__}, not a mapping"
         raise error(path, f"{what}; valid keys: {', '.join(keys)}")
     return content
+
+
+def write_yaml(path: str | Path, content: Mapping[str, Any], error: type[FileError]) -> None:
+    """Write a YAML file atomically; raise ``error`` if its suffix is another, or it cannot be written."""
+    path = Path(path)
+    if path.suffix.lower() not in YAML_SUFFIXES:
+        raise error(path, unknown_suffix(path, YAML_SUFFIXES))
+    text = yaml.safe_dump(content, sort_keys=False, allow_unicode=True, default_flow_style=None)
+    write_text_whole(path, text, error)
 
 
 class LinedMapping(dict[Any, Any]):

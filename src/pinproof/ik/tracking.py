@@ -202,8 +202,6 @@ def slips(arm: Arm, task: Task, poses: Array, q: Array) -> Array:
 
 TaskLike = TaskName | IkTask | Sequence[bool]
 
-EITHER = "track requires either dt, the cycle time in seconds, or times, the time in seconds at which each pose is due"
-
 
 def track(
     arm: Arm,
@@ -260,21 +258,24 @@ def track(
     many = rigid_many("poses", poses)
     if len(many) == 0:
         raise InputError("poses is empty; track requires at least one pose")
-    if dt is not None and times is not None:
-        raise InputError(EITHER)
-    if dt is not None:
-        require_positive("dt", dt)
-        clock, durations = dt * np.arange(1.0, len(many) + 1), np.full(len(many), float(dt))
-    elif times is not None:
-        clock = finite("times", times, (len(many),))
-        durations = np.diff(clock, prepend=0.0)
-        if clock[0] < 0 or (durations[1:] <= 0).any():
-            raise InputError("times must increase from pose to pose, the first at 0 or later")
-    else:
-        raise InputError(EITHER)
+    clock, durations = _cycles(dt, times, len(many))
     follower = _Follower(arm, q0, velocity, task, goal, position_tolerance, orientation_tolerance)
     q = follower(many, durations)
     return TrackResult(arm, follower.task, many, follower.start, q, clock, durations, follower.velocity)
+
+
+def _cycles(dt: float | None, times: npt.ArrayLike | None, count: int) -> tuple[Array, Array]:
+    """The time (s) at which each of ``count`` poses is due, and the time since the pose before it."""
+    if dt is not None and times is None:
+        require_positive("dt", dt)
+        return dt * np.arange(1.0, count + 1), np.full(count, float(dt))
+    if times is None or dt is not None:
+        raise InputError("track requires either dt, the cycle time, or times, the time in s at which each pose is due")
+    clock = finite("times", times, (count,))
+    durations = np.diff(clock, prepend=0.0)
+    if clock[0] < 0 or (durations[1:] <= 0).any():
+        raise InputError("times must increase from pose to pose, the first at 0 or later")
+    return clock, durations
 
 
 class Tracker:

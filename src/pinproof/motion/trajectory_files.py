@@ -12,7 +12,6 @@ import csv
 import io
 import json
 import re
-import secrets
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.file_keys import KeyTable, Schema, fault_in, list_of
-from pinproof.common.files import read_text, unknown_suffix
+from pinproof.common.files import read_text, unknown_suffix, write_text_whole
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
 from pinproof.errors import TrajectoryError
 from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
@@ -371,16 +370,7 @@ def write(path: str | Path, record: Record) -> None:
     """Write ``record`` in the format of the file extension; the complete file replaces the target."""
     target = Path(path)
     text = _by_extension(target, _WRITERS, WRITTEN)(record)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
-    try:
-        try:
-            with temporary.open("x", encoding="utf-8", newline="") as file:
-                file.write(text)
-            temporary.replace(target)
-        finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise TrajectoryError(target, f"cannot be written: {error.strerror or error}") from error
+    write_text_whole(target, text, TrajectoryError)
 
 
 def read(path: str | Path) -> Record:

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from pinproof import _core
 from pinproof.collision import Scene
 from pinproof.common.content_hash import LENGTH, digest
+from pinproof.common.files import os_errors
 from pinproof.common.validation import require_integer
 from pinproof.errors import CampaignError, FileError, InputError
 from pinproof.model import Arm
@@ -322,17 +323,14 @@ class CampaignResult:
 
 
 def _rows(path: Path) -> Iterator[dict[str, Any]]:
-    try:
-        with path.open("rb") as file:
-            read = row_checker(file.readline())
-            for index, line in enumerate(file):
-                row = read(line)
-                if row is None or row["index"] != index:
-                    reason = "is damaged or was edited; run the campaign again to judge this pick again"
-                    raise FileError(path, reason, f"line {index + 2}")
-                yield row
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+    with os_errors(path), path.open("rb") as file:
+        read = row_checker(file.readline())
+        for index, line in enumerate(file):
+            row = read(line)
+            if row is None or row["index"] != index:
+                reason = "is damaged or was edited; run the campaign again to judge this pick again"
+                raise FileError(path, reason, f"line {index + 2}")
+            yield row
 
 
 TIMINGS = "timings.jsonl"
@@ -456,11 +454,9 @@ class Campaign:
             If interrupted; rows written before the interruption are kept.
         """
         folder, header = Path(folder), self.header()
-        try:
+        with os_errors(folder, "cannot be created"):
             folder.mkdir(parents=True, exist_ok=True)
             done = (folder / ROWS).exists()
-        except OSError as error:
-            raise FileError(folder, f"cannot be created: {error.strerror or error}") from error
         if done and (finished := self._finished(folder, header)) is not None:
             return replace(finished, setup=self._setup)
         task = RowTask(self._setup, self._judge)
@@ -505,10 +501,8 @@ class Campaign:
             result = None
         if result is not None and not result.to_retry:
             return result
-        try:
+        with os_errors(rows, f"cannot be renamed to {JOURNAL}"):
             rows.rename(journal)
-        except OSError as error:
-            raise FileError(rows, f"cannot be renamed to {JOURNAL}: {error.strerror or error}") from error
         return None
 
     def _lines(self, outcome: Outcome) -> list[bytes]:

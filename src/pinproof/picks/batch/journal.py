@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from pinproof.common.files import os_errors
 from pinproof.errors import CampaignError, FileError
 
 __all__ = [
@@ -58,11 +59,9 @@ class LineFile:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        try:
+        with os_errors(path, "cannot be written"):
             # Unbuffered: written data has left this process, and a failed write is not repeated implicitly.
             self._file = path.open("a+b", buffering=0)
-        except OSError as error:
-            raise FileError(path, f"cannot be written: {error.strerror or error}") from error
         try:
             self._lock()
             self.size = self._size_of_complete_rows()
@@ -106,7 +105,7 @@ class LineFile:
             If the lines cannot be written completely; a partial line is removed after the file is next opened.
         """
         rest = memoryview(lines)
-        try:
+        with os_errors(self.path, "cannot be written"):
             if self.torn:
                 self._file.truncate(self.size)
                 self.torn = 0
@@ -115,8 +114,6 @@ class LineFile:
             if time.monotonic() - self._synced > SYNC_SECONDS:
                 os.fsync(self._file.fileno())
                 self._synced = time.monotonic()
-        except OSError as error:
-            raise FileError(self.path, f"cannot be written: {error.strerror or error}") from error
         self.size += len(lines)
 
     def close(self) -> None:
@@ -238,20 +235,17 @@ class Journal:
 
     def _go_on(self, header: Mapping[str, Any]) -> None:
         """Read the existing rows."""
-        try:
-            with self.path.open("rb") as file:
-                refuse_foreign(self.path, _parsed_header(self.path, file.readline()), header)
-                for at, line in _lines(file):
-                    if at == self._file.size:
-                        break  # an incomplete line
-                    row = self._checksum.row(line)
-                    if row is None:
-                        self.damaged += 1
-                        continue
-                    index = int(row["index"])
-                    self._at[index], self.done[index] = at, not is_to_retry(row)  # a later row replaces an earlier one
-        except OSError as error:
-            raise FileError(self.path, f"cannot be read: {error.strerror or error}") from error
+        with os_errors(self.path), self.path.open("rb") as file:
+            refuse_foreign(self.path, _parsed_header(self.path, file.readline()), header)
+            for at, line in _lines(file):
+                if at == self._file.size:
+                    break  # an incomplete line
+                row = self._checksum.row(line)
+                if row is None:
+                    self.damaged += 1
+                    continue
+                index = int(row["index"])
+                self._at[index], self.done[index] = at, not is_to_retry(row)  # a later row replaces an earlier one
 
     def missing(self) -> list[tuple[int, int]]:
         """The ranges (start, stop) of missing rows."""
@@ -333,11 +327,8 @@ def read_header(path: Path) -> dict[str, Any]:
     FileError
         If the file cannot be read.
     """
-    try:
-        with path.open("rb") as file:
-            return _parsed_header(path, file.readline())
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
+    with os_errors(path), path.open("rb") as file:
+        return _parsed_header(path, file.readline())
 
 
 def _parsed_header(path: Path, line: bytes) -> dict[str, Any]:
@@ -373,10 +364,8 @@ def differences(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
 
 
 def _content(path: Path) -> bytes:
-    try:
+    with os_errors(path):
         return path.read_bytes()
-    except OSError as error:
-        raise FileError(path, f"cannot be read: {error.strerror or error}") from error
 
 
 def _lines(file: Any) -> Iterator[tuple[int, bytes]]:

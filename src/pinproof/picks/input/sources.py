@@ -27,7 +27,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from pinproof.common.content_hash import digest, digest_many
-from pinproof.common.files import refuse_unreadable
+from pinproof.common.files import os_errors, refuse_unreadable
 from pinproof.description.dh import other_separator
 from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.picks.input.pick import Pick, PickProblem, Picks
@@ -245,21 +245,18 @@ class PickTable(PickSource):
         self._with_object: set[bool] = set()
         self._begin, names = array("q"), array("Q")
         refuse_unreadable(self.path, PicksError, largest=None)
-        try:
-            with self.path.open("rb") as file:
-                self._stamp = _stamp(file)
-                self._columns, at = self._header(file, content)
-                self._where = _where(self._columns)
-                for line in self._lines(file):
-                    content.update(line)
-                    if _counts(line):
-                        cells = _cells(line)
-                        self._begin.append(at)
-                        self._with_object.add(bool(_cell(self._where, "object", cells)))
-                        names.append(_short(self._name(cells, len(self._begin))))
-                    at += len(line)
-        except OSError as error:
-            raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
+        with os_errors(self.path, "cannot be read", PicksError), self.path.open("rb") as file:
+            self._stamp = _stamp(file)
+            self._columns, at = self._header(file, content)
+            self._where = _where(self._columns)
+            for line in self._lines(file):
+                content.update(line)
+                if _counts(line):
+                    cells = _cells(line)
+                    self._begin.append(at)
+                    self._with_object.add(bool(_cell(self._where, "object", cells)))
+                    names.append(_short(self._name(cells, len(self._begin))))
+                at += len(line)
         if not self._begin:
             raise PicksError(self.path, "contains no picks")
         self._begin.append(at)
@@ -287,14 +284,11 @@ class PickTable(PickSource):
             If the file has changed since it was opened.
         """
         stop = min(stop, len(self))
-        try:
-            with self.path.open("rb") as file:
-                if _stamp(file) != self._stamp:
-                    raise PicksError(self.path, "was changed while its picks were being judged")
-                file.seek(self._begin[start])
-                text = file.read(self._begin[stop] - self._begin[start])
-        except OSError as error:
-            raise PicksError(self.path, f"cannot be read: {error.strerror or error}") from error
+        with os_errors(self.path, "cannot be read", PicksError), self.path.open("rb") as file:
+            if _stamp(file) != self._stamp:
+                raise PicksError(self.path, "was changed while its picks were being judged")
+            file.seek(self._begin[start])
+            text = file.read(self._begin[stop] - self._begin[start])
         repeated = self._repeated & set(range(start, stop)) if self._repeated else frozenset()
         return _TablePart(self.path, self._columns, self._defaults, text, start, frozenset(repeated))
 

@@ -14,5 +14,6 @@ void bind_certificate(nanobind::module_& module);
 void bind_planning(nanobind::module_& module);
 void bind_timing(nanobind::module_& module);
 void bind_reach(nanobind::module_& module);
+void bind_dynamics(nanobind::module_& module);
 
 }  // namespace pinproof

@@ -35,4 +35,5 @@ NB_MODULE(_core, module) {
     pinproof::bind_planning(module);
     pinproof::bind_timing(module);
     pinproof::bind_reach(module);
+    pinproof::bind_dynamics(module);
 }

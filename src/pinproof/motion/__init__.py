@@ -6,7 +6,10 @@ from pinproof.motion.curve import Curve
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
+from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.motion.timing import MotionLimits, time_parametrise
+from pinproof.motion.tool_limits import ToolLimits
+from pinproof.motion.torque_limits import TorqueLimits, TorquePeak
 from pinproof.motion.trajectory import Trajectory
 
 __all__ = [
@@ -19,6 +22,10 @@ __all__ = [
     "MotionRecord",
     "ProgramEvent",
     "ProgramSegment",
+    "RateConstraint",
+    "ToolLimits",
+    "TorqueLimits",
+    "TorquePeak",
     "Trajectory",
     "time_parametrise",
 ]

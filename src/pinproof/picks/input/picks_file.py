@@ -17,9 +17,10 @@ from pinproof.collision.scene_keys import POSE
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
+from pinproof.model import Payload
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
-from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, picks_of_row
-from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PICK, PICKS
+from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, payload_of, picks_of_row
+from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PAYLOAD, PICK, PICKS
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
@@ -84,6 +85,8 @@ def open_picks(path: str | Path) -> PickSource:
         grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
+        payload=_shared(path, content, "payload", [], _payloads),
+        torque_limits=_shared(path, content, "torque_limits", False, _torque_limits),
         robot=_robot(path, content),
         srdf=_file(path, content, "srdf"),
         package_dirs=_folders(path, content),
@@ -93,6 +96,7 @@ def open_picks(path: str | Path) -> PickSource:
         scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
         home=_shared(path, content, "home", {}, _home),
         source=path,
+        places=_places(content),
     )
     return (
         PickTable(path.parent / stated, shared=shared, defaults=defaults)
@@ -123,6 +127,16 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
         return read(stated)
     except InputError as error:
         raise PicksError(path, str(error), content.place(key)) from error
+
+
+def _places(content: LinedMapping) -> dict[str, str]:
+    """The positions of the names that are looked up when the robot is loaded."""
+    found = {key: content.place(key) for key in ("robot", "tcp") if key in content}
+    for key in ("xacro_args", "held"):
+        inner = content.get(key)
+        if isinstance(inner, LinedMapping):
+            found.update({f"{key}.{name}": inner.place(name, f"key {key},") for name in inner})
+    return found
 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
@@ -214,8 +228,20 @@ def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle,
         own_colours = isinstance(body.shape, Mesh) and body.shape.path is not None
         bodies.append(body if body.rgba or own_colours else replace(body, rgba=TOOL_GREY))
         if any(bodies[-1].name == other.name for other in bodies[:-1]):
-            raise PicksError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key {key}")
+            raise PicksError(
+                path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key {key}, #{number}"
+            )
     return tuple(bodies)
+
+
+def _payloads(stated: object) -> tuple[Payload, ...]:
+    return tuple(payload_of("", each, PAYLOAD) for each in (stated if isinstance(stated, list) else [stated]))
+
+
+def _torque_limits(stated: object) -> bool:
+    if not isinstance(stated, bool):
+        raise InputError(f"is {stated!r}; it must be true or false")
+    return stated
 
 
 def _margin(stated: object) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pinproof.collision.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
 from pinproof.common.file_keys import (
     ANGLE,
+    BOOLEAN,
     INTEGER,
     NUMBER,
     TEXT,
@@ -15,10 +16,12 @@ from pinproof.common.file_keys import (
     list_of,
     mapping_to,
     numbers,
+    required,
 )
 from pinproof.picks.input.pick import (
     LONGEST_MOVE,
     MOST_STEPS,
+    PARTS,
     ROOT,
     STEPS,
     TIP,
@@ -38,16 +41,21 @@ __all__ = [
     "GRID",
     "GRIP_LIMITS",
     "HELD",
+    "OBJECT_PAYLOAD",
     "PATTERN",
+    "PAYLOAD",
     "PICK",
     "PICKS",
     "PLACE",
     "POSITION",
+    "SPEED",
     "SPIN_RANGE",
+    "STAGE_SPEEDS",
     "TOLERANCE",
 ]
 
 POSITIVE = {"$ref": NUMBER, "minimum": 0}
+ABOVE_ZERO = {"$ref": NUMBER, "exclusiveMinimum": 0}
 
 POSITION = FileKey("xyz", VECTOR, "position of the tool's tip at the grasp, in `frame`", "m")
 ORIENTATION = (
@@ -96,7 +104,7 @@ SPIN_RANGE = KeyTable(
     "spin_range",
     "A range of rotations about the approach direction.",
     (
-        FileKey("range", numbers(2), "first and last rotation", "rad", required=True),
+        required("range", numbers(2), "first and last rotation", "rad"),
         FileKey("steps", {**INTEGER, "minimum": 1, "maximum": MOST_STEPS}, "number of steps between them", "", STEPS),
     ),
 )
@@ -150,15 +158,69 @@ GRID = KeyTable(
     "grid",
     "The grid of a pattern, along the axes of the pick's frame.",
     (
-        FileKey("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z", required=True),
-        FileKey("step", VECTOR, "distance of neighbours along x, y, z", "m", required=True),
+        required("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z"),
+        required("step", VECTOR, "distance of neighbours along x, y, z", "m"),
     ),
 )
 
 PATTERN = KeyTable(
     "pattern",
     "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
-    (FileKey("grid", GRID, "a regular grid", required=True),),
+    (required("grid", GRID, "a regular grid"),),
+)
+
+_MASS_KEYS = (
+    required("mass", ABOVE_ZERO, "mass, above 0", "kg"),
+    FileKey("center_of_mass", VECTOR, "centre of mass", "m", [0, 0, 0]),
+    FileKey(
+        "inertia",
+        any_of(numbers(3), list_of(numbers(3), 3, 3)),
+        "inertia about the centre of mass: the diagonal, or three rows; by default that of a point mass",
+        "kg m²",
+    ),
+)
+
+OBJECT_PAYLOAD = KeyTable("object_payload", "The mass of a grasped object, in the frame of the object.", _MASS_KEYS)
+
+PAYLOAD = KeyTable(
+    "payload",
+    "The mass of a tool.",
+    (
+        *_MASS_KEYS,
+        FileKey("frame", TEXT, "the link that it is fixed to, in whose frame it is stated; by default the tcp"),
+    ),
+)
+
+SPEED = KeyTable(
+    "tool_speed",
+    "Limits of the tcp, relative to the base. At least one is stated.",
+    (
+        FileKey("linear_speed", ABOVE_ZERO, "largest speed of the tcp, above 0", "m/s"),
+        FileKey("angular_speed", ABOVE_ZERO, "largest angular speed, above 0", "rad/s"),
+        FileKey("linear_acceleration", ABOVE_ZERO, "largest acceleration of the tcp, above 0", "m/s²"),
+        FileKey("angular_acceleration", ABOVE_ZERO, "largest angular acceleration, above 0", "rad/s²"),
+    ),
+    {"minProperties": 1},
+)
+
+STAGE_SPEEDS = KeyTable(
+    "stage_speeds",
+    "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
+    tuple(
+        FileKey(part, any_of(ABOVE_ZERO, SPEED), text)
+        for part, text in zip(
+            PARTS,
+            (
+                "from home to the start of the approach",
+                "the straight line before the grasp",
+                "the straight line after the grasp",
+                "with the object to the start of the line to its place",
+                "the straight line to the release",
+                "the straight line of the empty tool after the release",
+            ),
+            strict=True,
+        )
+    ),
 )
 
 _PICK_KEYS = (
@@ -193,6 +255,12 @@ _PICK_KEYS = (
         "mm below it",
     ),
     FileKey("place", PLACE, "where the object is put down; by default the pick ends with the retreat"),
+    FileKey("payload", OBJECT_PAYLOAD, "the mass of the object; the torque limits of the joints then apply"),
+    FileKey(
+        "speed",
+        any_of(ABOVE_ZERO, STAGE_SPEEDS),
+        "limits of the tcp by part of the motion; a number is the largest linear speed (m/s) of all parts",
+    ),
 )
 
 DEFAULTS = KeyTable(
@@ -204,7 +272,7 @@ PICK = KeyTable(
     "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
     "`defaults`; an `object` is required for `support` and `place`.",
     (
-        FileKey("name", TEXT, "unique in the file", required=True),
+        required("name", TEXT, "unique in the file"),
         *_PICK_KEYS,
         FileKey("pattern", PATTERN, "copies of this pick on a grid"),
     ),
@@ -227,8 +295,8 @@ HELD = KeyTable(
     "open_and_grip",
     "Two values of a finger joint of the robot.",
     (
-        FileKey("open", NUMBER, "before the grasp and after the release", "rad or m", required=True),
-        FileKey("grip", NUMBER, "from the grasp to the release", "rad or m", required=True),
+        required("open", NUMBER, "before the grasp and after the release", "rad or m"),
+        required("grip", NUMBER, "from the grasp to the release", "rad or m"),
     ),
 )
 
@@ -236,8 +304,8 @@ FINGERS = KeyTable(
     "fingers",
     "Two fingers of a parallel gripper that are not part of the robot.",
     (
-        FileKey("opening", POSITIVE, "distance between their faces before the grasp", "m", required=True),
-        FileKey("grip", POSITIVE, "distance between their faces on the object", "m", required=True),
+        required("opening", POSITIVE, "distance between their faces before the grasp", "m"),
+        required("grip", POSITIVE, "distance between their faces on the object", "m"),
         FileKey(
             "axis",
             VECTOR,
@@ -245,9 +313,7 @@ FINGERS = KeyTable(
             "",
             default_of(GripperFingers, "axis"),
         ),
-        FileKey(
-            "bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body", required=True
-        ),
+        required("bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body"),
     ),
 )
 
@@ -256,7 +322,7 @@ CUP = KeyTable(
     "cup",
     "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
     (
-        FileKey("radius", NUMBER, "radius of the face, above 0", "m", required=True),
+        required("radius", NUMBER, "radius of the face, above 0", "m"),
         FileKey(
             "gap",
             NUMBER,
@@ -354,17 +420,28 @@ PICKS = KeyTable(
             "",
             [],
         ),
+        FileKey(
+            "payload",
+            any_of(PAYLOAD, list_of(PAYLOAD)),
+            "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
+        ),
+        FileKey(
+            "torque_limits",
+            BOOLEAN,
+            "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
+            "",
+            False,
+        ),
         FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
         FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
         FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
-        FileKey(
+        required(
             "picks",
             any_of(
                 list_of(PICK, 1),
                 {"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"},
             ),
             "the picks, or a table of them in a CSV file",
-            required=True,
         ),
     ),
 )
@@ -392,5 +469,8 @@ COLUMNS = {
     "place.approach": ("place_approach",),
     "place.retreat": ("place_retreat",),
     "place.support": ("place_support",),
+    "payload.mass": ("mass",),
+    "payload.center_of_mass": ("center_x", "center_y", "center_z"),
+    "speed": ("speed",),
 }
 """The keys that a row of a table can state, and their columns."""

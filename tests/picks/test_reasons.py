@@ -126,10 +126,28 @@ def test_members_may_be_refuted_at_different_stages(cell) -> None:
     assert all("at the end of the approach: " in each for each in spun)
 
 
-def test_a_verdict_for_seven_joints_states_that_more_solutions_may_exist(arms) -> None:
+def test_contact_of_the_hand_excludes_every_solution_of_seven_joints(arms) -> None:
     arm = arms["panda"]
     stone = pp.Obstacle("stone", pp.Sphere(0.05), pp.pose((0.5, 0.0, 0.3)))
     picks = pp.Picks((pp.Pick("p", pp.pose((0.5, 0.0, 0.3), DOWN)),))
     (verdict,) = pp.validate_picks(arm, pp.Scene([stone]), picks, budget=pp.picks.PickBudget(remedies=0)).verdicts
-    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.GRASP)
+    assert (verdict.status, verdict.failed) == (PickStatus.IMPOSSIBLE, Stage.GRASP)
+    (reason,) = verdict.refuted
+    assert "panda_hand" in reason or "finger" in reason
+    checker = pp.CollisionChecker(arm, pp.Scene([stone]))
+    found = pp.AnalyticIk().solve_all(arm, picks.picks[0].pose).branches
+    assert len(found) > 50
+    for q in found[::10]:
+        contacts = checker.check(q).contacts
+        assert any("stone" in one.bodies and one.bodies[0] in reason for one in contacts)
+
+
+def test_a_verdict_for_seven_joints_states_that_more_solutions_may_exist(arms) -> None:
+    """A link that the self-motion moves may leave the obstacle at a configuration that was not tried."""
+    arm = arms["panda"]
+    wall = pp.Obstacle("wall", pp.Box(0.3, 1.6, 0.02), pp.pose((0.5, 0.0, 0.45)))
+    picks = pp.Picks((pp.Pick("p", pp.pose((0.6, 0.0, 0.1), DOWN)),))
+    budget = pp.picks.PickBudget(remedies=0)
+    (verdict,) = pp.validate_picks(arm, pp.Scene([wall]), picks, budget=budget).verdicts
+    assert (verdict.status, verdict.failed) == (PickStatus.NOT_FOUND, Stage.GRASP), verdict.reason
     assert f"more IK solutions may exist ({verdict.configurations} tried)" in verdict.reason

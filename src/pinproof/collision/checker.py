@@ -30,7 +30,7 @@ from pinproof.collision.assembly import (
 )
 from pinproof.collision.bodies import Body
 from pinproof.collision.coal_checks import Distance
-from pinproof.collision.links import DECOMPOSED, LinkBodies, LinkMeshes, meshes_of
+from pinproof.collision.links import DECOMPOSED, EXACT, LinkBodies, LinkMeshes, meshes_of
 from pinproof.collision.packed import pack_geometry, pack_world
 from pinproof.collision.pairs import HOUSING_SHARE, Overlaps, PairRules, Pairs, overlap_levels, unexplained_pairs
 from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
@@ -362,6 +362,12 @@ class CollisionChecker(CheckedBodies):
 
         levels = finer_levels(touching, self._levels)
         return self if levels == self._levels else self._on(levels)
+
+    def exact_at(self, q: npt.ArrayLike) -> CollisionChecker:
+        """Return a checker in which links that touch at q (n,) are represented by their exact meshes."""
+        owners = (frozenset(self._owners(k)) for k in self._in_contact(self.arm.configuration(q)))
+        pairs = [pair for pair in owners if any(map(self._link_bodies.can_be_finer, pair))]
+        return self._on({**self._levels, **dict.fromkeys(pairs, EXACT)}) if pairs else self
 
     def _on(self, levels: Levels) -> CollisionChecker:
         other = copy(self)

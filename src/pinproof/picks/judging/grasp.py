@@ -38,6 +38,7 @@ __all__ = [
     "proven_unreachable",
     "rank",
     "reach",
+    "refuted_by_fixed_bodies",
     "refuted_by_name",
     "screen",
     "unreached",
@@ -428,8 +429,11 @@ def refuted_by_name(task: Task, members: list[Member], seed: int) -> tuple[str, 
 def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker, where: str, seed: int) -> list[str]:
     """Why each IK branch at a pose is excluded; empty if one is not, or if not all are known."""
     if not every_branch_is_known(task, [task.target(root_from_tip)]):
-        unreachable = proven_unreachable(task.arm, [task.target(root_from_tip)])
-        return [f"{NO_SOLUTION} {where}"] if unreachable else []
+        if proven_unreachable(task.arm, [task.target(root_from_tip)]):
+            return [f"{NO_SOLUTION} {where}"]
+        _, some = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
+        words = _contacts_at_every_configuration(checker, some[0]) if len(some) else []
+        return [f"at {where}: {'; '.join(words)}"] if words else []
     _, many = configurations(task.arm, task.targets([root_from_tip]), task.cell.home, seed)
     if checker.is_free_batch(many).any():
         return []
@@ -440,6 +444,66 @@ def _branches_refuted(task: Task, root_from_tip: SE3, checker: CollisionChecker,
             return []
         reasons.append(f"at {where}: {'; '.join(contact_words(result))}")
     return reasons or [f"{NO_SOLUTION} {where}"]
+
+
+SPREAD = 1e-5
+"""Metres: more than the bodies at the tcp move relative to obstacles between IK solutions for the same target, which
+agree to 1e-6 m and rad."""
+
+PROBES = 4
+"""Number of random configurations at which the pose of a link relative to the tcp is compared."""
+
+
+def refuted_by_fixed_bodies(task: Task, members: list[Member], reached: Reached) -> tuple[str, ...]:
+    """Why no configuration of an arm with unknown further IK solutions is free at any grasp; empty if not proven.
+
+    Bodies that are rigidly connected to the tcp have the same pose for every IK solution, so their contacts with
+    obstacles exclude all of them.
+    """
+    reasons = []
+    for i, member in enumerate(members):
+        rows = np.flatnonzero(reached.member == i)
+        if len(rows):
+            words = _contacts_at_every_configuration(task.at_grasp, reached.q[rows[0]])
+            if not words:
+                return ()
+            reasons.append(f"{_of(member)}{'; '.join(words)}, for every IK solution")
+        elif proven_unreachable(task.arm, [task.target(task.grasp(member))]):
+            reasons.append(unreached(member))
+        else:
+            return ()
+    return tuple(reasons)
+
+
+def _contacts_at_every_configuration(checker: CollisionChecker, q: Array) -> list[str]:
+    """The contacts at q (n,) that exist at every configuration with the same pose of the tcp, the deepest first.
+
+    They are penetrations, by more than solutions differ, of bodies that no joint moves relative to the tcp.
+    """
+    found = checker.with_margin(0.0, {}).exact_at(q).check(q)  # overlap of convex hulls is no proof of contact
+    rigid = {thing.name for thing in checker.attached}
+
+    def exists_everywhere(contact: Contact) -> bool:
+        moving = [name for name in contact.bodies if name not in checker.scene.names]
+        if len(moving) != 1 or contact.distance >= -SPREAD:
+            return False
+        return moving[0] in rigid or _is_rigid_with_tcp(checker.arm, moving[0])
+
+    return contact_words(replace(found, contacts=tuple(filter(exists_everywhere, found.contacts))))
+
+
+def _is_rigid_with_tcp(arm: Arm, link: str) -> bool:
+    """Whether no joint moves a link relative to the tcp."""
+    low, high = arm.limits.sampling_range()
+    poses = [
+        (arm.frame_placement(q, arm.tcp).actInv(arm.frame_placement(q, link))).homogeneous
+        for q in np.random.default_rng(0).uniform(low, high, (PROBES, arm.dof))
+    ]
+    return bool(np.abs(np.array(poses) - poses[0]).max() < AS_RIGID)
+
+
+AS_RIGID = 1e-9
+"""Largest difference of two poses (m, and entries of the rotation) of bodies that are rigidly connected."""
 
 
 def unreached(member: Member) -> str:

@@ -15,7 +15,15 @@ import numpy as np
 
 from pinproof.errors import InputError
 from pinproof.picks.input.pick import Member, Pick
-from pinproof.picks.judging.grasp import Reached, every_branch_is_known, reach, refuted_by_name, screen, unreached
+from pinproof.picks.judging.grasp import (
+    Reached,
+    every_branch_is_known,
+    reach,
+    refuted_by_fixed_bodies,
+    refuted_by_name,
+    screen,
+    unreached,
+)
 from pinproof.picks.judging.lines import Attempt
 from pinproof.picks.judging.search import BestFirst, CompleteMotion
 from pinproof.picks.judging.suggest import suggest
@@ -100,6 +108,8 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
         if known:
             reachable = set(reached.member.tolist())
             refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
+            return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
+        if stages[-1].stage is Stage.GRASP and (refuted := refuted_by_fixed_bodies(task, group, reached)):
             return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
         stages = (*stages[:-1], replace(stages[-1], message=message))

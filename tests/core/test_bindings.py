@@ -180,6 +180,9 @@ CLOSED: dict[str, Any] = {
     "border": 1e-9,
     "spread": 1e-6,
     "rounding": 1e-12,
+    "eliminated": True,
+    "true_directions": np.eye(3)[[2, 1, 2, 1, 2, 1]],
+    "true_points": np.zeros((DOF, 3)),
 }
 
 
@@ -280,6 +283,10 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "bounds of fewer joints": lambda: _core.box_step(np.zeros((6, 2)), np.zeros(6), 1e-6, [-1.0], [1.0] * 2),
     "a plan with directions in one row": lambda: closed_form(directions=np.zeros((1, 3 * DOF))),
     "a plan with points in one row": lambda: closed_form(points=np.zeros((1, 3 * DOF))),
+    "a plan with true directions in one row": lambda: closed_form(true_directions=np.zeros((1, 3 * DOF))),
+    "eigenvalues of a matrix of other size": lambda: _core.eigenvalues(np.eye(15)),
+    "a plan with true points in one row": lambda: closed_form(true_points=np.zeros((1, 3 * DOF))),
+    "an elimination with a prismatic joint": lambda: closed_form(prismatic=[True] + [False] * (DOF - 1)),
     "a plan with an index beyond the joints": lambda: closed_form(indices=[0, 1, 2, 3, 4, DOF]),
     "a plan with a triple beyond the joints": lambda: closed_form(first_of_triple=4),
     "a plan with a locked joint but six joints": lambda: closed_form(locked=2),

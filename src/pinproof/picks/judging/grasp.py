@@ -18,6 +18,7 @@ from pinproof.model import Arm
 from pinproof.picks.input.pick import Member
 from pinproof.picks.input.settings import PickWeights
 from pinproof.picks.judging.configurations import STARTS, configurations, limit_margins, manipulability, turned_inside
+from pinproof.picks.judging.motion_limits import at_rest
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
 from pinproof.spatial import SE3, twist_size
@@ -286,9 +287,18 @@ def screen(task: Task, members: list[Member], reached: Reached) -> Screened:
     free = checker.is_free_batch(reached.q)
     if not free.any():
         return _all_in_contact(checker, members, reached)
+    count = f"{int(free.sum())} of {len(free)} IK solution{'' if len(free) == 1 else 's'} collision-free"
+    reasons = at_rest(task, [members[i] for i in reached.member[free]], reached.q[free])
+    if all(reasons):
+        failed = StageResult(Stage.GRASP, False, f"{reasons[0]}; {count}, and torque limits exclude all of them")
+        in_contact = [checker.check(each) for each in reached.q[~free]]
+        refuted = (*reasons, *_contacts_of_each(in_contact, members, reached.member[~free]))
+        return Screened((), (StageResult(Stage.SELF, True, "no self-collision"), failed), refuted)
+    if any(reasons):
+        count += f", {sum(map(bool, reasons))} of them excluded by torque limits"
+        free[np.flatnonzero(free)[[bool(reason) for reason in reasons]]] = False
     q, of_member = reached.q[free], reached.member[free]
     gripped = judge_grip(task, members, q, of_member)
-    count = f"{int(free.sum())} of {len(free)} IK solution{'' if len(free) == 1 else 's'} collision-free"
     own = StageResult(Stage.SELF, True, "no self-collision")
     if not gripped.kept.any():
         stages = (own, StageResult(Stage.GRASP, True, count, {"free": float(free.sum())}), gripped.result)

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
 from pinproof.collision import CollisionChecker
 from pinproof.errors import InputError
 from pinproof.model import Arm, Payload
@@ -9,7 +14,9 @@ from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
 from pinproof.picks.input.pick import Member, Pick, Picks
 from pinproof.picks.judging.task import Task
 
-__all__ = ["carries", "limits_torque", "peaks_of", "rate_limits", "torque_limits_of_tool"]
+__all__ = ["at_rest", "carries", "limits_torque", "peaks_of", "rate_limits", "torque_limits_of_tool"]
+
+Array = npt.NDArray[np.float64]
 
 CARRYING = ("retreat", "transfer", "place")
 """The parts of the motion with the object in the hand."""
@@ -50,6 +57,19 @@ def rate_limits(task: Task, member: Member, part: str, checker: CollisionChecker
     if (speed := task.pick.speed.get(part)) is not None:
         constraints.append(speed.limits(checker.arm))
     return constraints
+
+
+def at_rest(task: Task, members: Sequence[Member], q: Array) -> list[str]:
+    """Why the arm cannot hold the object at rest at each configuration of the grasp (k, n); empty texts if it can."""
+    if not limits_torque(task.cell.shared, task.pick):
+        return [""] * len(q)
+    limits: dict[str, TorqueLimits] = {}
+    reasons = []
+    for member, each in zip(members, q, strict=True):
+        if member.words not in limits:
+            limits[member.words] = TorqueLimits(task.arm, carries(task, member, "retreat"))
+        reasons.append(limits[member.words].standstill(each))
+    return reasons
 
 
 def peaks_of(constraints: list[RateConstraint], trajectory: Trajectory) -> tuple[TorquePeak, ...]:

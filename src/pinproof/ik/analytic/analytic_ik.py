@@ -41,11 +41,11 @@ target might satisfy them."""
 class AnalyticIk:
     """All IK branches, in closed form or by elimination.
 
-    Six revolute joints may be in any position. If three consecutive axes meet in one point, are parallel, or generate
-    motions of one plane (Pieper's condition, ``src/core/closed_form/outer_joints.h``), the solution is a closed form;
-    this includes prismatic joints. Otherwise, also if axes deviate after calibration, the true axes are solved by
-    elimination and eigenvalues (``src/core/closed_form/elimination.h``). Shorter arms are completed to six joints; for
-    arms of seven, one joint is swept. Every solution is verified by forward kinematics of the chain.
+    Six joints, at most one of them prismatic, may be in any position. If three consecutive axes meet in one point, are
+    parallel, or generate motions of one plane (Pieper's condition, ``src/core/closed_form/outer_joints.h``), the
+    solution is a closed form, also with several prismatic joints. Otherwise, and if axes deviate after calibration, the
+    true axes are solved by elimination and eigenvalues (``src/core/closed_form/elimination.h``). Shorter arms are
+    completed to six joints; for arms of seven, one joint is swept. Every solution is verified by forward kinematics.
 
     Parameters
     ----------

@@ -290,7 +290,6 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a plan with true directions in one row": lambda: closed_form(true_directions=np.zeros((1, 3 * DOF))),
     "eigenvalues of a matrix of other size": lambda: _core.eigenvalues(np.eye(15)),
     "a plan with true points in one row": lambda: closed_form(true_points=np.zeros((1, 3 * DOF))),
-    "an elimination with a prismatic joint": lambda: closed_form(prismatic=[True] + [False] * (DOF - 1)),
     "a plan with an index beyond the joints": lambda: closed_form(indices=[0, 1, 2, 3, 4, DOF]),
     "a plan with a triple beyond the joints": lambda: closed_form(first_of_triple=4),
     "a plan with a locked joint but six joints": lambda: closed_form(locked=2),

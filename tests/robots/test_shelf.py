@@ -13,7 +13,7 @@ import yaml
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.yaml_file import parse_number
 from pinproof.conversion import dh_to_urdf
-from pinproof.description import DhTable
+from pinproof.description import DhTable, find_robot
 from pinproof.description.packages import example_robot_data
 from pinproof.model import Arm, load_robot
 
@@ -38,6 +38,11 @@ HOMES = {
     "ur16e": UR_HOME,
     "xarm6": (0, -math.pi / 6, -math.pi / 6, 0, math.pi / 3, 0),
     "fr3": (0, -math.pi / 4, 0, -3 * math.pi / 4, 0, HALF, math.pi / 4),
+    "crx10ia": (0, 0, 0, 0, -HALF, 0),
+    "m0609": (0, 0, HALF, 0, HALF, 0),
+    "gen3_lite": tuple(find_robot("gen3_lite").home.values()),
+    "jaco2": tuple(find_robot("jaco2").home.values()),
+    "piper": tuple(find_robot("piper").home.values()),
 }
 EVERY_ARM = pytest.mark.parametrize("name", HOMES)
 

@@ -201,8 +201,6 @@ nb::tuple ClosedForm::solve_batch(const Stack& targets, const Matrix& references
 
 // Store the true lines and choose the cuts of the loop; there are none if the elimination fails for this arm.
 void prepare_elimination(ArmPlan& plan, const Matrix& directions, const Matrix& points) {
-    for (const PlannedJoint& joint : plan.joints)
-        if (joint.prismatic) throw std::invalid_argument("the elimination supports revolute joints only");
     plan.true_joints = plan.joints;
     for (std::size_t k = 0; k < plan.joints.size(); ++k) {
         PlannedJoint& joint = plan.true_joints[k];

@@ -68,15 +68,15 @@ bool same_branch(const double* a, const double* b, int n) {
 }
 
 // The true lines of the six joints that are not locked, and the motion of the locked one.
-Transform true_lines(const ArmPlan& plan, double locked_value, RevoluteLine (&lines)[6]) {
+Transform true_lines(const ArmPlan& plan, double locked_value, LoopLine (&lines)[6]) {
     Transform after_locked;
     if (plan.locked >= 0) after_locked = motion_of(plan.true_joints[plan.locked], locked_value, plan.size);
     for (int k = 0, row = 0; k < static_cast<int>(plan.true_joints.size()); ++k) {
         if (k == plan.locked) continue;
         const PlannedJoint& joint = plan.true_joints[k];
         lines[row++] = plan.locked >= 0 && k > plan.locked
-                           ? RevoluteLine{after_locked.rotation * joint.direction, after_locked * joint.point}
-                           : RevoluteLine{joint.direction, joint.point};
+                           ? LoopLine{after_locked.rotation * joint.direction, after_locked * joint.point, joint.prismatic}
+                           : LoopLine{joint.direction, joint.point, joint.prismatic};
     }
     return after_locked;
 }
@@ -101,7 +101,8 @@ void prepare_cuts(ArmPlan& plan) {
     std::vector<LoopTrial> trials(kTrials);
     Uniform uniform;
     for (LoopTrial& trial : trials) {
-        true_lines(plan, uniform() * std::numbers::pi, trial.lines);
+        const bool prismatic = plan.locked >= 0 && plan.true_joints[plan.locked].prismatic;
+        true_lines(plan, uniform() * (prismatic ? plan.size : std::numbers::pi), trial.lines);
         for (double& one : trial.q) one = uniform() * std::numbers::pi;
     }
     plan.cuts = choose_cuts(trials);
@@ -267,7 +268,7 @@ void ClosedFormSolver::consider_all(Branches& out) {
 bool ClosedFormSolver::solve_generally(Branches& out) {
     joints_ = &plan_.true_joints;
     deviates_ = false;
-    RevoluteLine lines[6];
+    LoopLine lines[6];
     const Transform after_locked = true_lines(plan_, locked_value_, lines);
     Transform target = target_;
     target.translation = (1.0 / plan_.size) * target.translation;
@@ -303,7 +304,7 @@ bool ClosedFormSolver::solve_generally(Branches& out) {
 
 // Further branches at targets where eigenvalues are not accounted for, usually because solutions nearly meet there: the
 // damped method refines all starts, and their second solutions. The reference is a start as well.
-void ClosedFormSolver::consider_starts(const RevoluteLine (&lines)[6], const Transform& rest, Branches& out) {
+void ClosedFormSolver::consider_starts(const LoopLine (&lines)[6], const Transform& rest, Branches& out) {
     Branch nearest{};
     std::copy_n(reference_, plan_.dof(), nearest.q);
     if (plan_.locked >= 0) nearest.q[plan_.locked_index()] = locked_value_;
@@ -316,7 +317,7 @@ void ClosedFormSolver::consider_starts(const RevoluteLine (&lines)[6], const Tra
             if (plan_.locked >= 0) branch.q[plan_.locked_index()] = locked_value_;
             for (int row = 0; row < 6; ++row) {
                 const PlannedJoint& joint = plan_.true_joints[source_[row]];
-                if (!joint.is_virtual()) branch.q[joint.index] = found.start[i][row];
+                if (!joint.is_virtual()) branch.q[joint.index] = found.start[i][row] * (joint.prismatic ? plan_.size : 1.0);
             }
             branch.free_joints = 0u;
             branch.number = {};
@@ -335,6 +336,10 @@ void ClosedFormSolver::consider_roots(const LoopRoots& roots, Branches& out) {
         LoopSolution& solution = solutions_.solution[i];
         solution = {};
         for (int row = 0; row < 6; ++row) {
+            if (plan_.true_joints[source_[row]].prismatic) {
+                solution.state[row] = prismatic_state(root.q[row]);
+                continue;
+            }
             const auto [sine, cosine] = sincos(root.q[row]);
             solution.state[row] = {cosine, sine};
         }

@@ -48,7 +48,7 @@ class ClosedFormSolver {
   private:
     bool solve_generally(Branches& out);
     void consider_roots(const LoopRoots& roots, Branches& out);
-    void consider_starts(const RevoluteLine (&lines)[6], const Transform& rest, Branches& out);
+    void consider_starts(const LoopLine (&lines)[6], const Transform& rest, Branches& out);
     void consider_all(Branches& out);
     void close_loop(double locked_value);
     void solve_loop(bool outer_free, bool triple_free, Branches& out);

@@ -32,6 +32,9 @@ constexpr double kSafety = 10.0;
 // to exceed this.
 constexpr double kLargeCondition = 1e6;
 
+// Lengths of the arm, and above every angle: a prismatic joint further away is no solution.
+constexpr double kFarthest = 1e6;
+
 // The functions: four vectors, then two scalars.
 constexpr int kH = 0, kP = 3, kCross = 6, kReflected = 9, kSquare = 12, kProduct = 13;
 
@@ -39,17 +42,22 @@ struct Sampled {
     Vec3 point, direction;
 };
 
-// (1, 0), and (cos, sin) of 120 and 240 degrees.
+// (1, 0), and (cos, sin) of 120 and 240 degrees; for prismatic joints, 0 and this length on both sides.
 constexpr double kHalfRoot3 = 0.86602540378443864676;
 constexpr double kCosines[3] = {1.0, -0.5, -0.5}, kSines[3] = {0.0, kHalfRoot3, -kHalfRoot3};
+constexpr double kTravels[3] = {0.0, 1.0, -1.0};
 
-// The motion about a line by each of the three angles, or by their negatives.
-struct ThreeRotations {
+// The motion of a joint by each of the three values, or by their negatives.
+struct ThreeMotions {
     Mat3 rotation[3];
     Vec3 offset[3];
 
-    ThreeRotations(const RevoluteLine& line, double sign) {
+    ThreeMotions(const LoopLine& line, double sign) {
         for (int k = 1; k < 3; ++k) {
+            if (line.prismatic) {
+                offset[k] = (sign * kTravels[k]) * line.direction;
+                continue;
+            }
             rotation[k] = rotation_about(line.direction, sign * kSines[k], kCosines[k]);
             offset[k] = line.point - rotation[k] * line.point;
         }
@@ -64,7 +72,7 @@ struct ThreeRotations {
 struct LineFrame {
     Vec3 x, y, z, origin;
 
-    explicit LineFrame(const RevoluteLine& line)
+    explicit LineFrame(const LoopLine& line)
         : x(unit_perpendicular(line.direction)), y(cross(line.direction, x)), z(line.direction), origin(line.point) {}
     Vec3 direction(const Vec3& v) const { return {dot(x, v), dot(y, v), dot(z, v)}; }
 };
@@ -84,38 +92,41 @@ void write_functions(const LineFrame& frame, const Sampled& sampled, double (*ro
     rows[kProduct][at] = product;
 }
 
-// From the samples at the three angles of a joint to the coefficients of 1, cos, sin.
-void to_states(double& a, double& b, double& c) {
+// From the samples at the three values of a joint to the coefficients of 1, cos, sin; or of 1, d, d^2 if it is prismatic.
+void to_states(bool prismatic, double& a, double& b, double& c) {
+    if (prismatic) {
+        const double linear = 0.5 * (b - c), square = 0.5 * (b + c) - a;
+        b = linear;
+        c = square;
+        return;
+    }
     const double constant = (a + b + c) / 3.0, sine = (b - c) / (2.0 * kHalfRoot3);
     b = a - constant;
     a = constant;
     c = sine;
 }
 
-// From the samples to the coefficients of the powers of the half-angle tangent, times 1 + tangent^2.
-void to_powers(double& a, double& b, double& c) {
+// To the coefficients of the powers of the half-angle tangent, times 1 + tangent^2; or of the powers of d.
+void to_powers(bool prismatic, double& a, double& b, double& c) {
+    if (prismatic) return to_states(prismatic, a, b, c);
     const double constant = (a + b + c) / 3.0, sine = (b - c) / (2.0 * kHalfRoot3);
     b = 2.0 * sine;
     c = 2.0 * constant - a;
 }
 
+// For the samples of two joints, the first in steps of 3.
 template <class Convert>
-void convert_samples(double (*rows)[9], int count, Convert convert) {
+void convert_samples(double (*rows)[9], int count, bool first_prismatic, bool second_prismatic, Convert convert) {
     for (int i = 0; i < count; ++i) {
         double* const s = rows[i];
-        for (int k = 0; k < 3; ++k) convert(s[3 * k], s[3 * k + 1], s[3 * k + 2]);
-        for (int k = 0; k < 3; ++k) convert(s[k], s[k + 3], s[k + 6]);
+        for (int k = 0; k < 3; ++k) convert(second_prismatic, s[3 * k], s[3 * k + 1], s[3 * k + 2]);
+        for (int k = 0; k < 3; ++k) convert(first_prismatic, s[k], s[k + 3], s[k + 6]);
     }
 }
 
-Transform motion_about(const RevoluteLine& line, double angle) {
-    const auto [sine, cosine] = sincos(angle);
-    const Mat3 rotation = rotation_about(line.direction, sine, cosine);
-    return {rotation, line.point - rotation * line.point};
-}
-
-// The angle whose half-angle tangent is the ratio of adjacent powers (1, x, x^2, ...) in `power`.
-double angle_from_powers(const double* power, int count) {
+// The value of a joint from the powers (1, x, x^2, ...) of its half-angle tangent, or of its value if it is prismatic: the
+// ratio of adjacent ones.
+double value_from_powers(bool prismatic, const double* power, int count) {
     int at = 0;
     double largest = -1.0;
     for (int k = 0; k + 1 < count; ++k) {
@@ -125,22 +136,23 @@ double angle_from_powers(const double* power, int count) {
             at = k;
         }
     }
+    if (prismatic) return power[at + 1] / power[at];
     return 2.0 * std::atan2(power[at + 1], power[at]);
 }
 
 }  // namespace
 
-void Elimination::cut_loop(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut) {
+void Elimination::cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut) {
     // Lines up to the dropped one are moved behind the others: E_{d+1} ... E_5 (G^-1 E_0 G) ... (G^-1 E_d G) = G.
     const Transform g_inverse = inverse(g);
-    RevoluteLine ordered[6];
+    LoopLine ordered[6];
     int source[6];
     for (int k = 0; k < 6; ++k) {
         const int j = (cut.dropped + 1 + k) % 6;
         source[k] = j;
         ordered[k] = lines[j];
         if (j <= cut.dropped && cut.dropped != 5)
-            ordered[k] = {g_inverse.rotation * lines[j].direction, g_inverse * lines[j].point};
+            ordered[k] = {g_inverse.rotation * lines[j].direction, g_inverse * lines[j].point, lines[j].prismatic};
     }
     loop_ = g;
     if (!cut.reversed) {
@@ -150,10 +162,10 @@ void Elimination::cut_loop(const RevoluteLine (&lines)[6], const Transform& g, c
     }
     // E_1 ... E_6 = G is E_5^-1 ... E_1^-1 (G E_6^-1 G^-1) = G^-1.
     for (int k = 0; k < 5; ++k) {
-        line_[k] = {-ordered[4 - k].direction, ordered[4 - k].point};
+        line_[k] = {-ordered[4 - k].direction, ordered[4 - k].point, ordered[4 - k].prismatic};
         source_[k] = source[4 - k];
     }
-    line_[5] = {-(g.rotation * ordered[5].direction), g * ordered[5].point};
+    line_[5] = {-(g.rotation * ordered[5].direction), g * ordered[5].point, ordered[5].prismatic};
     source_[5] = source[5];
     loop_ = g_inverse;
 }
@@ -161,20 +173,20 @@ void Elimination::cut_loop(const RevoluteLine (&lines)[6], const Transform& g, c
 void Elimination::expand_sides() {
     const LineFrame frame(line_[2]);
     const Sampled last{line_[5].point, line_[5].direction};
-    const ThreeRotations fourth(line_[3], 1.0), fifth(line_[4], 1.0);
+    const ThreeMotions fourth(line_[3], 1.0), fifth(line_[4], 1.0);
     for (int b = 0; b < 3; ++b) {
         const Sampled moved = fifth(b, last);
         for (int a = 0; a < 3; ++a) write_functions(frame, fourth(a, moved), left_, 3 * a + b);
     }
-    convert_samples(left_, kFunctions, to_powers);
+    convert_samples(left_, kFunctions, line_[3].prismatic, line_[4].prismatic, to_powers);
 
     const Sampled target{loop_ * last.point, loop_.rotation * last.direction};
-    const ThreeRotations first(line_[0], -1.0), second(line_[1], -1.0);
+    const ThreeMotions first(line_[0], -1.0), second(line_[1], -1.0);
     for (int a = 0; a < 3; ++a) {
         const Sampled moved = first(a, target);
         for (int b = 0; b < 3; ++b) write_functions(frame, second(b, moved), right_, 3 * a + b);
     }
-    convert_samples(right_, kFunctions, to_states);
+    convert_samples(right_, kFunctions, line_[0].prismatic, line_[1].prismatic, to_states);
 }
 
 // Eliminate the eight products from the 14 equations `functions = right_`. In the first eight rows remains one product,
@@ -230,7 +242,9 @@ bool Elimination::eliminate() {
             cosine_[r][m] = along;
             sine_[r][m] = across;
         }
-        for (int m : {0, 2, 6, 8}) constant_[r][m] -= constant;  // (1 + x^2)(1 + y^2)
+        // (1 + x^2)(1 + y^2), or 1 instead of a factor for a prismatic joint
+        for (int m : {0, 2, 6, 8})
+            if ((m < 6 || !line_[3].prismatic) && (m % 3 == 0 || !line_[4].prismatic)) constant_[r][m] -= constant;
     }
     return true;
 }
@@ -345,36 +359,40 @@ void Elimination::start_from(double eigenvalue, EliminationResult& out) const {
     }
     double value[6];
     value[2] = shift_ + 2.0 * std::atan2(1.0, eigenvalue);
-    value[4] = angle_from_powers(v + 3 * row, 3);
+    value[4] = value_from_powers(line_[4].prismatic, v + 3 * row, 3);
     const double powers[4] = {v[column], v[3 + column], v[6 + column], v[9 + column]};
-    value[3] = angle_from_powers(powers, 4);
+    value[3] = value_from_powers(line_[3].prismatic, powers, 4);
 
     // The functions at joints 3 to 5, and the products of joints 1 and 2 from the first rows.
-    const Transform third = motion_about(line_[2], value[2]);
-    const Transform behind = third * motion_about(line_[3], value[3]) * motion_about(line_[4], value[4]);
+    const Transform third = motion_of(line_[2], value[2]);
+    const Transform behind = third * motion_of(line_[3], value[3]) * motion_of(line_[4], value[4]);
     double functions[kFunctions][9];
     write_functions(LineFrame(line_[2]), {behind * line_[5].point, behind.rotation * line_[5].direction}, functions, 0);
     double products[9] = {};
     for (int k = 0; k < kProducts; ++k)
         for (int i = 0; i < kFunctions; ++i)
             products[product_[k]] += reduced_[k][kProducts + i] * (functions[i][0] - right_[i][0]);
-    value[0] = std::atan2(products[6], products[3]);
-    value[1] = std::atan2(products[2], products[1]);
+    // The products of one state with 1: sine and cosine, or d and d^2.
+    value[0] = line_[0].prismatic ? products[3] : std::atan2(products[6], products[3]);
+    value[1] = line_[1].prismatic ? products[1] : std::atan2(products[2], products[1]);
 
-    const Mat3 before = (motion_about(line_[0], value[0]) * motion_about(line_[1], value[1]) * behind).rotation;
+    const Mat3 before = (motion_of(line_[0], value[0]) * motion_of(line_[1], value[1]) * behind).rotation;
     const Vec3& axis = line_[5].direction;
     const Vec3 from = unit_perpendicular(axis), to = transposed_times(before, loop_.rotation * from);
     value[5] = std::atan2(dot(axis, cross(from, to)), dot(from, to));
 
+    for (double one : value)
+        if (!(std::abs(one) < kFarthest)) return;  // also NaN: a prismatic joint at infinity
     double* const start = out.start[out.count++];
     for (int k = 0; k < 6; ++k) start[source_[k]] = value[k];
 }
 
-void Elimination::solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+void Elimination::solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
                         EliminationResult& out) {
     out.count = out.surely_complex = 0;
     out.usable = false;
     cut_loop(lines, g, cut);
+    if (line_[2].prismatic || line_[5].prismatic) return;
     expand_sides();
     if (!eliminate() || !choose_shift(cut.shifted)) return;
     make_matrix();

@@ -1,4 +1,4 @@
-// The configurations of six general revolute joints, as the eigenvalues of a matrix of 16 rows.
+// The configurations of six joints in general position, as the eigenvalues of a matrix of 16 rows.
 //
 // The loop E_1 ... E_6 = G of motions about six lines is cut at the last joint. A point p of its line and its direction h
 // are not moved by E_6, so that
@@ -26,6 +26,9 @@
 // which may be chosen. Joints 4 and 5 follow from v, joints 1 and 2 from the eliminated products, joint 6 from the
 // remaining rotation. Every real configuration is an eigenvector with a real eigenvalue, and multiple solutions are
 // multiple eigenvalues: if all 16 eigenvalues are known to be complex or to belong to a solution, no solution is missing.
+//
+// Joints 1, 2, 4 and 5 may be prismatic. The functions are then linear in (1, d, d^2) of their value d, which takes the
+// place of (1, cos, sin), and of the powers of x or y. With two prismatic joints, A is singular everywhere.
 //
 // Sources: Raghavan and Roth (1993), "Inverse kinematics of the general 6R manipulator and related linkages"; Manocha and
 // Canny (1994), "Efficient inverse kinematics for general 6R manipulators", for eigenvalues instead of a determinant.
@@ -63,20 +66,20 @@ struct EliminationResult {
 class Elimination {
   public:
     // Solve E_0 ... E_5 = g for the motions about six lines.
-    void solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
+    void solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double nearly_real,
                EliminationResult& out);
 
   private:
     static constexpr int kFunctions = 14, kProducts = 8, kLeft = kFunctions - kProducts;
 
-    void cut_loop(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut);
+    void cut_loop(const LoopLine (&lines)[6], const Transform& g, const Cut& cut);
     void expand_sides();
     bool eliminate();
     bool choose_shift(bool shifted);
     void make_matrix();
     void start_from(double eigenvalue, EliminationResult& out) const;
 
-    RevoluteLine line_[6];
+    LoopLine line_[6];
     int source_[6];
     Transform loop_;
     double left_[kFunctions][9];           // of joints 4 and 5, in powers of their half-angle tangents

@@ -24,24 +24,19 @@ constexpr Vec3 kBesideAxis{0.48, -0.6, 0.64}, kBesideShift{0.31, 0.27, -0.28};
 constexpr int kMostCuts = 4;
 constexpr double kReliable = 0.75;  // share of the trials that a cut must solve completely
 
-double difference(double a, double b) {
-    const double gap = a - b;
-    return std::abs(gap - kFullRotation * std::floor(gap / kFullRotation + 0.5));
-}
-
+// Whether two configurations are the same, up to full rotations of revolute joints. A prismatic joint whose values differ by
+// a multiple of 2 pi lengths of the arm is taken as different because the others are.
 bool same(const double* a, const double* b, double tolerance) {
-    for (int k = 0; k < 6; ++k)
-        if (difference(a[k], b[k]) > tolerance) return false;
+    for (int k = 0; k < 6; ++k) {
+        const double gap = a[k] - b[k];
+        if (std::abs(gap - kFullRotation * std::floor(gap / kFullRotation + 0.5)) > tolerance) return false;
+    }
     return true;
 }
 
-Transform loop_at(const RevoluteLine (&lines)[6], const double (&q)[6]) {
+Transform loop_at(const LoopLine (&lines)[6], const double (&q)[6]) {
     Transform product;
-    for (int k = 0; k < 6; ++k) {
-        const auto [sine, cosine] = sincos(q[k]);
-        const Mat3 rotation = rotation_about(lines[k].direction, sine, cosine);
-        product = product * Transform{rotation, lines[k].point - rotation * lines[k].point};
-    }
+    for (int k = 0; k < 6; ++k) product = product * motion_of(lines[k], q[k]);
     return product;
 }
 
@@ -61,7 +56,7 @@ bool LoopRoots::all_regular() const {
     return std::all_of(root, root + count, [](const LoopRoot& r) { return r.weakest > kRegular; });
 }
 
-void GeneralLoop::polish(const RevoluteLine (&lines)[6], const Transform& g, LoopRoots& roots) const {
+void GeneralLoop::polish(const LoopLine (&lines)[6], const Transform& g, LoopRoots& roots) const {
     for (int i = 0; i < result_.count; ++i) {
         LoopRoot root;
         std::copy_n(result_.start[i], 6, root.q);
@@ -71,13 +66,13 @@ void GeneralLoop::polish(const RevoluteLine (&lines)[6], const Transform& g, Loo
     }
 }
 
-int GeneralLoop::solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots) {
+int GeneralLoop::solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots) {
     elimination_.solve(lines, g, cut, kNearlyReal, result_);
     polish(lines, g, roots);
     return result_.usable ? kEigenRows - result_.surely_complex : kUnknown;
 }
 
-void GeneralLoop::solve_beside(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double amount,
+void GeneralLoop::solve_beside(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double amount,
                                LoopRoots& roots) {
     elimination_.solve(lines, beside(g, amount), cut, amount, result_);
     LoopRoots found;

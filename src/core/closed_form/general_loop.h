@@ -1,4 +1,4 @@
-// All configurations of a loop of six revolute joints in general position.
+// All configurations of a loop of six joints in general position.
 #pragma once
 
 #include <vector>
@@ -33,23 +33,23 @@ class GeneralLoop {
   public:
     // Add the configurations of E_0 ... E_5 = g that one cut of the loop finds. Returns how many exist at most: 16 less
     // the eigenvalues that are certainly complex; kUnknown if the elimination fails.
-    int solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots);
+    int solve(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots);
 
     // As above, but starts are found for a slightly different g: configurations that share the value of joint 3 have a
     // multiple eigenvalue, whose eigenvectors are combinations of theirs, and separate there.
-    void solve_beside(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double amount,
+    void solve_beside(const LoopLine (&lines)[6], const Transform& g, const Cut& cut, double amount,
                       LoopRoots& roots);
 
     static constexpr int kUnknown = kEigenRows + 1;
 
     // Configurations near the eigenvalues that are real or perhaps a double real one, before Newton's method.
-    const EliminationResult& starts(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut) {
+    const EliminationResult& starts(const LoopLine (&lines)[6], const Transform& g, const Cut& cut) {
         elimination_.solve(lines, g, cut, kPerhapsReal, result_);
         return result_;
     }
 
   private:
-    void polish(const RevoluteLine (&lines)[6], const Transform& g, LoopRoots& roots) const;
+    void polish(const LoopLine (&lines)[6], const Transform& g, LoopRoots& roots) const;
 
     Elimination elimination_;
     EliminationResult result_;
@@ -57,7 +57,7 @@ class GeneralLoop {
 
 // A random configuration of the loop, of a trial.
 struct LoopTrial {
-    RevoluteLine lines[6];
+    LoopLine lines[6];
     double q[6];
 };
 

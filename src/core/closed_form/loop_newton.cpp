@@ -12,7 +12,7 @@ namespace {
 constexpr int kMostSteps = 12;
 constexpr double kConverged = 1e-14;   // residual that needs no further step
 constexpr double kLastStep = 1e-7;     // a regular step from a smaller residual ends below rounding
-constexpr double kLongestStep = 0.5;   // rad
+constexpr double kLongestStep = 0.5;   // rad, or lengths of the arm
 constexpr double kSingular = 1e-13;    // a smaller pivot counts as zero
 
 struct LinearSystem {
@@ -46,7 +46,14 @@ struct LinearSystem {
 
 }  // namespace
 
-PolishedLoop polish_loop(const RevoluteLine (&lines)[6], const Transform& g, double (&q)[6]) {
+Transform motion_of(const LoopLine& line, double value) {
+    if (line.prismatic) return {{}, value * line.direction};
+    const auto [sine, cosine] = sincos(value);
+    const Mat3 rotation = rotation_about(line.direction, sine, cosine);
+    return {rotation, line.point - rotation * line.point};
+}
+
+PolishedLoop polish_loop(const LoopLine (&lines)[6], const Transform& g, double (&q)[6]) {
     const Vec3& reference = lines[5].point;
     const Vec3 wanted = g * reference;
     PolishedLoop result{std::numeric_limits<double>::infinity(), 0.0};
@@ -58,9 +65,7 @@ PolishedLoop polish_loop(const RevoluteLine (&lines)[6], const Transform& g, dou
         for (int k = 0; k < 6; ++k) {
             direction[k] = moved.rotation * lines[k].direction;
             point[k] = moved * lines[k].point;
-            const auto [sine, cosine] = sincos(q[k]);
-            moved.rotation = moved.rotation * rotation_about(lines[k].direction, sine, cosine);
-            moved.translation = point[k] - moved.rotation * lines[k].point;
+            moved = moved * motion_of(lines[k], q[k]);
         }
         const Vec3 tip = moved * reference, gap = wanted - tip;
         Vec3 turn;
@@ -78,10 +83,11 @@ PolishedLoop polish_loop(const RevoluteLine (&lines)[6], const Transform& g, dou
         }
         LinearSystem system;
         for (int k = 0; k < 6; ++k) {
-            const Vec3 linear = cross(direction[k], tip - point[k]);
+            const bool prismatic = lines[k].prismatic;
+            const Vec3 linear = prismatic ? direction[k] : cross(direction[k], tip - point[k]);
             for (int i = 0; i < 3; ++i) {
                 system.row[i][k] = linear[i];
-                system.row[i + 3][k] = direction[k][i];
+                system.row[i + 3][k] = prismatic ? 0.0 : direction[k][i];
             }
         }
         for (int i = 0; i < 3; ++i) {

@@ -163,6 +163,23 @@ def _ik_geo(arm: Arm, part: Part) -> PreparedMethod | None:
     )
 
 
+def _ssik(arm: Arm, part: Part) -> PreparedMethod | None:
+    """Ssik (8.x): closed forms, and the elimination of Raghavan and Roth for general arms."""
+    from ssik import Manipulator
+
+    if part.task != "pose" or part.problem != "random":
+        return None
+    axes = _six_revolute_axes(arm)
+    limits = np.stack([arm.limits.lower, arm.limits.upper], axis=1)
+    robot = Manipulator.from_axes(axes.directions, axes.offsets, limits=limits)
+    robot.solve(axes.base_from_tcp @ _aligned_tool(axes))  # the first call derives symbolic terms, for up to minutes
+    return PreparedMethod(
+        solve=lambda pose, _: robot.solve(pose, enumerate_windings=False),
+        read=lambda found: _inside(arm, np.reshape([one.q for one in found], (-1, 6))),
+        convert_target=lambda pose: pose @ _aligned_tool(axes),
+    )
+
+
 def _trac_ik(arm: Arm, part: Part) -> PreparedMethod | None:
     """TRAC-IK (Beeson, Ames 2015), by pytracik: Newton with restarts and SQP in two threads, with a time limit."""
     from trac_ik import TracIK
@@ -316,6 +333,7 @@ PEERS: tuple[IkMethod, ...] = tuple(
     for key, label, prepare, ours, most in (
         ("eaik", "EAIK", _eaik, "analytic", None),
         ("ik_geo", "ik-geo", _ik_geo, "analytic", None),
+        ("ssik", "ssik", _ssik, "analytic", 500),
         ("trac_ik", "pytracik", _trac_ik, "clik", None),
         ("toolbox", "roboticstoolbox-python", _toolbox, "clik", None),
         ("roboplan", "roboplan", _roboplan, "clik", 1_000),

@@ -143,12 +143,13 @@ def test_parallel_and_spherical_triples_give_the_same_branches(generic):
             assert (apart(generic, one[:, None], sets[0][None]).min(axis=0) < SAME).all()
 
 
-@examples(40)
-@given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 6))
-def test_general_revolute_joints_are_solved(seed, count):
-    """Three to six axes in general position, solved by elimination."""
+@examples(24)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(3, 6), prismatic=st.integers(0, 10))
+def test_joints_in_general_position_are_solved(seed, count, prismatic):
+    """Three to six axes in general position, at most one of them prismatic, solved by elimination."""
     rng = np.random.default_rng(seed)
-    arm = arm_of(others(rng, "R" * count, False), rng.uniform(-0.5, 0.5, 3))
+    kinds = "".join("P" if k == prismatic else "R" for k in range(count))
+    arm = arm_of(others(rng, kinds, False), rng.uniform(-0.5, 0.5, 3))
     q = random_configurations(arm, 20, seed % 1000)
     targets = arm.forward_kinematics_batch(q)
     found = pp.AnalyticIk().solve_all_batch(arm, targets)

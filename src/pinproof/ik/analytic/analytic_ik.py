@@ -1,4 +1,4 @@
-"""The solver :class:`AnalyticIk`: all IK branches in closed form, and the interface of the other IK methods."""
+"""The solver :class:`AnalyticIk`: all IK branches, and the interface of the other IK methods."""
 
 from __future__ import annotations
 
@@ -44,13 +44,13 @@ PROOF_BOXES = 400
 
 @dataclass(frozen=True, kw_only=True)
 class AnalyticIk:
-    """Inverse kinematics in closed form: all IK branches, for arms with a suitable geometry.
+    """All IK branches, in closed form or by elimination.
 
-    The condition is determined from the chain (``src/core/closed_form/outer_joints.h``): three consecutive axes among
-    six meet in one point, are parallel, or generate motions of one plane (Pieper's condition). Shorter arms are
-    completed to six joints; for arms of seven, one joint is swept. Axes that deviate by up to 5e-3 rad or 5 mm (for an
-    arm of 1 m) after calibration are solved for the ideal arm, and the solutions are refined on the true arm by
-    Newton's method. Every solution is verified by forward kinematics of the true chain.
+    Six joints, at most one of them prismatic, may be in any position. If three consecutive axes meet in one point, are
+    parallel, or generate motions of one plane (Pieper's condition, ``src/core/closed_form/outer_joints.h``), the
+    solution is a closed form, also with several prismatic joints. Otherwise, and if axes deviate after calibration, the
+    true axes are solved by elimination and eigenvalues (``src/core/closed_form/elimination.h``). Shorter arms are
+    completed to six joints; for arms of seven, one joint is swept. Every solution is verified by forward kinematics.
 
     Parameters
     ----------
@@ -62,7 +62,8 @@ class AnalyticIk:
     References
     ----------
     Pieper (1968), "The kinematics of manipulators under computer control"; Elias, Wen (2022), "IK-Geo: Unified robot
-    inverse kinematics using subproblem decomposition".
+    inverse kinematics using subproblem decomposition"; Raghavan, Roth (1993), "Inverse kinematics of the general 6R
+    manipulator and related linkages".
     """
 
     position_tolerance: float = 1e-9

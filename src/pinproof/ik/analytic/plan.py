@@ -1,8 +1,8 @@
 """The preparation of an arm for the compiled solver: the choice of a triple and of the order of the joints.
 
 If several triples are possible, each is tested on random poses of the arm. Among those that recover all of them, the
-plan without a quartic and with the smallest deviation from the ideal geometry is used. The true axes of revolute arms
-that deviate from it, or that have no triple, are solved by elimination (``src/core/closed_form/elimination.h``).
+plan without a quartic and with the smallest deviation from the ideal geometry is used. The true axes of arms that
+deviate from it, or that have no triple, are solved by elimination (``src/core/closed_form/elimination.h``).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def why_not(arm: Arm, tried: bool) -> str:
             "select a shorter chain (robot.arm with another base or tcp), or use Clik"
         )
     lines, tool = lines_of(arm)
-    if tried or not any(line.prismatic for line in lines):
+    if tried or sum(line.prismatic for line in lines) <= 1:
         return "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
     size = size_of(lines, tool)
     nearest = sorted(find_triples(lines, size, float("inf")), key=lambda triple: triple.deviation)
@@ -55,7 +55,7 @@ def why_not(arm: Arm, tried: bool) -> str:
         text += ", and virtual joints cannot complete such a triple"
     if arm.dof == 7:
         text += ", also with any one joint locked"
-    return f"no closed form: {text} (Pieper's condition), and a joint is prismatic; use Clik"
+    return f"no closed form: {text} (Pieper's condition), and several joints are prismatic; use Clik"
 
 
 Array = npt.NDArray[np.float64]
@@ -195,11 +195,9 @@ def _best(arm: Arm) -> Plan:
 
 
 def general_plans_of(arm: Arm) -> Iterator[Plan]:
-    """The plans that solve the axes by elimination, without a triple; none if a joint is prismatic."""
+    """The plans that solve the axes by elimination, without a triple."""
     lines, tool = lines_of(arm)
     size = size_of(lines, tool)
-    if any(line.prismatic for line in lines):
-        return
     if len(lines) == 7:
         orders: list[tuple[int | None, list[Line]]] = [(locked, list(lines)) for locked in range(7)]
     elif len(lines) == 6:
@@ -243,7 +241,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple | None, locked: int | 
     deviation = 0.0
     rounding = _core.EQUATION_ROUNDING
     if triple is None:
-        method = "the general elimination for six revolute joints"
+        method = "the elimination for six joints in general position"
     else:
         for i, line in zip(six[triple.first : triple.first + 3], triple.lines, strict=True):
             ideal[i] = line
@@ -257,7 +255,6 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple | None, locked: int | 
     tool_in_lengths = tool.copy()
     tool_in_lengths[:3, 3] /= size
     own = [line.joint for line in ideal]
-    revolute = not any(line.prismatic for line in order)
     core = _core.ClosedForm(
         chain=arm.chain,
         size=size,
@@ -276,7 +273,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple | None, locked: int | 
         border=max(BORDER, 20.0 * deviation),
         spread=20.0 * deviation,
         rounding=rounding,
-        eliminated=triple is None or (deviation > 0.0 and revolute and locked is None),
+        eliminated=triple is None or (deviation > 0.0 and locked is None),
         true_directions=np.array([line.direction for line in order]),
         true_points=np.array([line.point for line in order]) / size,
     )

@@ -68,7 +68,7 @@ RECORD = KeyTable(
         FileKey("name", NAME, "name of the part, such as `transit`; `motion` if there is only one", required=True),
         FileKey("start", PLAIN_NUMBER, "start of the part from the start of the motion", "s", required=True),
         FileKey("end", PLAIN_NUMBER, "end of the part", "s", required=True),
-        FileKey("status", NAME, "status of the certificate: `FREE`, `COLLIDING` or `UNDECIDED`", required=True),
+        FileKey("status", NAME, "status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`", required=True),
         FileKey(
             "clearance",
             {"type": ["number", "null"]},
@@ -90,6 +90,7 @@ RECORD = KeyTable(
             "held", mapping_to(PLAIN_NUMBER), "values of joints outside the arm, by name", "rad or m", required=True
         ),
         FileKey("obstacles", list_of(NAME), "names of the obstacles of the scene", required=True),
+        FileKey("constraints", list_of(NAME), "the certified constraints of the tcp, with all their numbers", "", []),
     ),
 )
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker
+from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.errors import UnknownNameError
 from pinproof.planning.ompl_adapter import OmplPlanner
 from pinproof.planning.result import PlanResult
@@ -27,9 +27,13 @@ class Planner(Protocol):
         goals: npt.ArrayLike,
         *,
         turns: bool = False,
+        constraints: Sequence[PathConstraint] = (),
         rng: int | np.random.Generator = 0,
     ) -> PlanResult:
-        """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does."""
+        """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does.
+
+        A planner that does not support constraints raises InputError if there are any.
+        """
         ...
 
     def limited_to(self, nodes: int) -> Planner:

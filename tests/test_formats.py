@@ -179,6 +179,7 @@ EVERYTHING: dict[str, Any] = {
                     "attached": {"tool": "t"},
                     "held": {"rail": 0.5},
                     "obstacles": ["table"],
+                    "constraints": ["upright"],
                 }
             ],
         },

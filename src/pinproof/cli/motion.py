@@ -14,6 +14,7 @@ from pinproof.cli.console import check_output_files, print_json, print_line, pro
 from pinproof.cli.options import (
     ChainOptions,
     Configuration,
+    ConstraintOptions,
     Html,
     Json,
     Limits,
@@ -92,6 +93,7 @@ def plan(
         ),
     ] = None,
     *,
+    constraint_options: ConstraintOptions,
     chain: ChainOptions,
     scene_options: SceneOptions,
     tool: ToolOptions,
@@ -107,8 +109,9 @@ def plan(
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
+    constraints = constraint_options.constraints(arm, ends[0])
     with progress_status("planning"):
-        result = search.plan(checker, *ends, rng=seed)
+        result = search.plan(checker, *ends, constraints=constraints, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})
@@ -116,10 +119,12 @@ def plan(
                 print_line(result.message)
             raise typer.Exit(1)
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
-        simplified = pp.simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
+        simplified = pp.simplify(
+            result.path, checker, rng=seed, blend=blend, constraints=constraints, certificate=result.certificate
+        )
         path = simplified.path
         trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk))
-        certificate = pp.certify(trajectory, checker)
+        certificate = pp.certify(trajectory, checker, constraints=constraints)
     written = []
     if output is not None:
         trajectory.save(output, certificate=certificate)

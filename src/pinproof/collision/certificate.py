@@ -449,6 +449,7 @@ def proven_motion(certificate: Certificate, curve: Curve, checker: CollisionChec
         curve_hash=certificate.curve,
         setup_hash=certificate.setup,
         notes=certificate.notes,
+        constraints=certificate.constraints,
     )
 
 

@@ -122,8 +122,8 @@ def _verdict(
         limit = "max_intervals" if any(each.intervals >= max_intervals for each in proofs) else "the tolerance"
         words = (
             f"{span.constraint} is neither proven nor violated on [{span.start:.6g}, {span.end:.6g}]: the error is "
-            f"{amount(span.constraint, span.error)} there, and {limit} of the proof was reached; keep the motion farther "
-            "from the limit of the constraint"
+            f"{amount(span.constraint, span.error)} there, and {limit} of the proof was reached; keep the motion "
+            "farther from the limit of the constraint"
         )
         if status is CertificateStatus.FREE:
             return CertificateStatus.UNDECIDED, f"{words}; {certificate.message}"

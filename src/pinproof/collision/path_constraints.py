@@ -1,7 +1,7 @@
 """Constraints of the tcp along a motion: keep the tool upright, stay in a region, look at a point.
 
-Each constraint is the condition ``error(arm, q) <= tolerance`` at every configuration of a curve. :func:`certify` proves
-it between samples too, and the planners of :mod:`pinproof.planning` plan motions that satisfy it.
+Each constraint is the condition ``error(arm, q) <= tolerance`` at every configuration of a curve. :func:`certify`
+proves it between samples too, and the planners of :mod:`pinproof.planning` plan motions that satisfy it.
 """
 
 from __future__ import annotations
@@ -411,4 +411,4 @@ def _frame_at(point: Sequence[float], name: str, direction: Sequence[float]) -> 
 
 
 def _shown(vector: Vector) -> str:
-    return "(" + ", ".join(f"{x + 0.0:.4g}" for x in np.round(vector, 6)) + ")"
+    return "(" + ", ".join(f"{x + 0.0:.4g}" for x in np.round(vector, 3)) + ")"

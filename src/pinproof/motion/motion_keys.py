@@ -68,7 +68,9 @@ RECORD = KeyTable(
         FileKey("name", NAME, "name of the part, such as `transit`; `motion` if there is only one", required=True),
         FileKey("start", PLAIN_NUMBER, "start of the part from the start of the motion", "s", required=True),
         FileKey("end", PLAIN_NUMBER, "end of the part", "s", required=True),
-        FileKey("status", NAME, "status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`", required=True),
+        FileKey(
+            "status", NAME, "status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`", required=True
+        ),
         FileKey(
             "clearance",
             {"type": ["number", "null"]},

@@ -9,6 +9,7 @@ planning", International Journal of Robotics Research 30(12), section 4 (CBiRRT2
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -88,7 +89,7 @@ def shortened(q: Array, edges: Edges, manifold: Manifold, rng: np.random.Generat
         a, b = _point(q, at, low), _point(q, at, high)
         most = float(high - low - MIN_GAIN * at[-1])
         found = manifold.connect(edges.core, a, b, STEP, most) if most > 0 else None
-        if found is not None and all(edges.proven_free(*pair) for pair in zip(found[:-1], found[1:], strict=True)):
+        if found is not None and all(edges.proven_free(*pair) for pair in pairwise(found)):
             head, tail = q[at < low], q[at > high]
             q, failures = np.concatenate([head, found, tail]), 0
         else:
@@ -98,9 +99,7 @@ def shortened(q: Array, edges: Edges, manifold: Manifold, rng: np.random.Generat
     return q
 
 
-def smooth_curves(
-    q: Array, edges: Edges, manifold: Manifold, joint_names: Sequence[str]
-) -> Iterator[BlendedPath]:
+def smooth_curves(q: Array, edges: Edges, manifold: Manifold, joint_names: Sequence[str]) -> Iterator[BlendedPath]:
     """Twice differentiable curves through points along a path (m, n), the one with the fewest points first.
 
     The curves are not proven: a spline may leave the constraints between its points.

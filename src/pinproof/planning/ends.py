@@ -172,7 +172,9 @@ def _invalid_start(checker: CollisionChecker, start: Array) -> PlanResult:
 
 
 def _invalid_goals(checker: CollisionChecker, goals: Array, constraints: Sequence[PathConstraint]) -> PlanResult:
-    reasons = "; ".join(f"goal {i}: {_reason(checker, goal, constraints)}" for i, goal in enumerate(goals[:MAX_REPORTED]))
+    reasons = "; ".join(
+        f"goal {i}: {_reason(checker, goal, constraints)}" for i, goal in enumerate(goals[:MAX_REPORTED])
+    )
     more = f"; and {len(goals) - MAX_REPORTED} more" if len(goals) > MAX_REPORTED else ""
     contacts = tuple(contact for goal in goals for contact in checker.check(goal).contacts)
     message = f"no goal is valid: {reasons}{more}"

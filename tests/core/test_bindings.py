@@ -327,7 +327,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     ),
     "a search with a manifold of other joints": lambda: search(manifold=manifold()),
     "speeds with too few ceilings": lambda: _core.fastest_speeds(
-        np.ones((2, 2, 3)), np.ones((2, 2, 3)), np.ones(2), np.ones(2), np.ones((2, 3)), 0.0, 0.0
+        *(np.ones((2, 2, 3)) for _ in range(4)), np.ones(2), np.ones(2), 0.0, 0.0
     ),
     "an array of float32": lambda: _core.Workspace(world()).judge(np.zeros(2, dtype=np.float32)),
 }

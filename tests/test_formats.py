@@ -76,6 +76,8 @@ EVERY_PICK = {
     "object": "part_{i}_{j}",
     "support": ["tray_floor", "bin"],
     "place": {"frame": "tray", "xyz": [0, 0.3, 0.02], "rpy": ["pi", 0, 0], **EVERY_WAY, "support": "bin"},
+    "upright": "5 deg",
+    "upright_axis": [0, 0, -1],
 }
 TURNED = {**EVERY_PICK, "quat_xyzw": [1, 0, 0, 0], "spin": "free", "support": "bin"}
 TURNED.pop("rpy")

@@ -13,6 +13,7 @@ from collections.abc import Iterable, Sequence
 from pinproof.errors import InputError, UnitWarning
 
 __all__ = [
+    "ANGLE_UNITS",
     "FAR",
     "MOST_REACH",
     "MOST_TURN",

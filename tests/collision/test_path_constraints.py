@@ -201,7 +201,7 @@ def test_a_motion_file_records_its_constraints(tmp_path) -> None:
 @pytest.mark.parametrize(
     ("create", "words"),
     [
-        (lambda: pp.Upright(tolerance=5), "0.0872665 rad"),
+        (lambda: pp.Upright(tolerance=5), "286.479 deg"),
         (lambda: pp.Upright(tolerance=0.0), "tolerance"),
         (lambda: pp.Upright(tolerance=float("nan")), "tolerance"),
         (lambda: pp.Upright(tolerance=0.1, axis_in_tcp=(0, 0, 0)), "axis_in_tcp"),

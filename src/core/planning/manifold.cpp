@@ -27,6 +27,9 @@ constexpr double kAim = 0.9;
 // A step whose edge cannot be proven is halved, at most this often.
 constexpr int kMostHalvings = 7;
 
+// Steps whose projection turns aside, after which no shorter one is tried: their direction does not depend on the length.
+constexpr int kMostAside = 2;
+
 // Fraction of a step by which the distance to the target must decrease. The projection may turn a step aside.
 constexpr double kLeastProgress = 0.1;
 
@@ -155,12 +158,16 @@ bool Manifold::step(const double* from, const double* target, double length, dou
     const double left = distance(from, target, n);
     if (!(left > 0.0)) return false;
     double reach = std::min(length, left);
-    for (int halving = 0; halving <= kMostHalvings; ++halving, reach *= 0.5) {
+    int aside = 0;
+    for (int halving = 0; halving <= kMostHalvings && aside < kMostAside; ++halving, reach *= 0.5) {
         const bool whole = reach >= left;
         for (std::size_t j = 0; j < n; ++j) end[j] = whole ? target[j] : from[j] + (target[j] - from[j]) * reach / left;
         if (!whole || !contains(target)) {
-            if (!project(end, kInside) || distance(from, end, n) > kMostDetour * reach) continue;
-            if (distance(end, target, n) > left - kLeastProgress * reach) continue;
+            const bool near = project(end, kInside) && distance(from, end, n) <= kMostDetour * reach;
+            if (!near || distance(end, target, n) > left - kLeastProgress * reach) {
+                ++aside;
+                continue;
+            }
         }
         if (edge_proven(from, end)) return true;
     }

@@ -40,7 +40,7 @@ the bound is useful."""
 LOOK_AHEAD = 200
 """Number of intervals that are searched for a violation behind an undecided span."""
 
-SAMPLES = 100
+SAMPLES = 50
 """Number of configurations of a curve that violates a constraint at which its error is computed for the message."""
 
 

@@ -379,8 +379,10 @@ def _rounded_up(value: float, digits: int) -> str:
 def _angle(name: str, value: float) -> float:
     angle = float(finite(name, [value], (1,))[0])
     if not SMALLEST <= angle < math.pi / 2:
-        degrees = f"; {angle:g} degrees are {math.radians(angle):.6g} rad" if angle >= math.pi / 2 else ""
-        raise InputError(f"{name} = {angle:g} rad; it must be from {SMALLEST:g} to below pi/2{degrees}")
+        raise InputError(
+            f"{name} = {angle:g} rad ({math.degrees(angle):g} deg); it must be from {SMALLEST:g} rad to below 90 deg, "
+            "in radians"
+        )
     return angle
 
 

@@ -14,7 +14,7 @@ from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
-from pinproof.planning.constrained import violations_at
+from pinproof.planning.constrained import manifold_of, violations_at
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.spatial import finite
 
@@ -131,9 +131,10 @@ def read_ends(
     first = arm.limits.snap(arm.configuration(start, "start"))
     given = arm.limits.snap(_read_goals(arm, goals))
     many, index_of = with_turns(arm, first, given) if turns else (given, list(range(len(given))))
-    inside = [
-        not arm.limits.violations(goal, arm.joint_names) and not violations_at(arm, goal, constraints) for goal in many
-    ]
+    inside = [not arm.limits.violations(goal, arm.joint_names) for goal in many]
+    if constraints:
+        tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(arm, constraints)
+        inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
     if violated := violations_at(arm, first, constraints):
         message = f"the start is invalid: {'; '.join(violated)}"
         return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)

@@ -190,6 +190,7 @@ class Search:
         progress: Progress | None,
     ) -> None:
         self._constraints = constraints
+        self._manifold = manifold_of(ends.checker.arm, constraints) if constraints else None
         self._settings, self._given, self._checker, self._rng = settings, ends, ends.checker, rng
         self._progress = progress
         both = np.vstack([ends.start, ends.goals])
@@ -202,7 +203,7 @@ class Search:
             step=settings.step,
             max_nodes=settings.max_nodes,
             max_samples=settings.max_samples,
-            manifold=manifold_of(ends.checker.arm, constraints) if constraints else None,
+            manifold=self._manifold,
         )
         self._cut, self._last_cut, self._reduce_pad_at = 0, "", REDUCE_PAD_AFTER
         self._began = time.monotonic()
@@ -257,6 +258,8 @@ class Search:
             if self._seconds >= self._settings.time_limit:
                 break
             q = np.array([start, goals[row]] if steps[row] > 0 else [start])
+            if self._manifold is not None and not self._manifold.edge_proven(start, goals[row]):
+                continue
             if self._edges.samples_free(start, goals[row]) and (result := self._prove(q, row)[0]) is not None:
                 return result
         return None

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Obstacle, Scene
+from pinproof.collision import Obstacle, Scene, Upright
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.description import Urdf
 from pinproof.errors import InputError, PicksError, UnknownNameError
@@ -390,6 +390,11 @@ class Pick:
         those within 1 mm below it. Stored as a tuple of names.
     place
         Where the object is put down; None to end with the retreat.
+    upright
+        rad: while the object is carried, the axis of the tip that is vertical at the grasp stays within this angle of
+        the vertical; None for any orientation. The transfer is planned under this constraint.
+    upright_axis
+        (3,) another axis for ``upright``, in the tip frame; it must point up within the angle.
     """
 
     name: str
@@ -406,6 +411,8 @@ class Pick:
     carried: Obstacle | str | None = None
     support: str | Sequence[str] | None = None
     place: PlaceTarget | None = None
+    upright: float | None = None
+    upright_axis: Direction | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -416,6 +423,14 @@ class Pick:
             _check_move(self, move, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
+        if self.upright is not None:
+            if self.carried is None:
+                raise InputError(f"pick {self.name!r} states upright but no object, whose orientation it limits")
+            checked = Upright(tolerance=self.upright, axis_in_tcp=self.upright_axis or (0.0, 0.0, 1.0))
+            object.__setattr__(self, "upright", checked.tolerance)
+            object.__setattr__(self, "upright_axis", None if self.upright_axis is None else checked.axis_in_tcp)
+        elif self.upright_axis is not None:
+            raise InputError(f"pick {self.name!r} states upright_axis but not upright, the allowed angle")
 
     def transformed(self, root_from_pick: SE3) -> Pick:
         """Return the pick transformed as by :meth:`Picks.transformed`."""

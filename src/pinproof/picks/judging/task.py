@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, Obstacle
+from pinproof.collision import CollisionChecker, Obstacle, Upright
 from pinproof.collision.line_surface import LineSurface
 from pinproof.collision.separation import directions_to_facets
 from pinproof.errors import InputError, UnknownNameError
@@ -222,6 +222,17 @@ class Task:
         """``root_from_tip`` at the end of the retreat from a grasp."""
         pick = self.pick
         return moved(root_from_tip, pick.retreat, pick.retreat_direction, pick.retreat_frame)
+
+    def constraints(self, member: Member) -> tuple[Upright, ...]:
+        """The constraints of the tcp while the object is carried."""
+        pick = self.pick
+        if pick.upright is None:
+            return ()
+        up = self.arm.root_from_base.rotation.T @ np.array([0.0, 0.0, 1.0])
+        axis = self.target(self.grasp(member)).rotation.T @ up
+        if pick.upright_axis is not None:
+            axis = self.cell.shared.tip.rotation @ np.array(pick.upright_axis)
+        return (Upright(tolerance=pick.upright, axis_in_tcp=(*axis.tolist(),), up=(*up.tolist(),)),)
 
     # -- checkers -----------------------------------------------------------------------------------------------------
 

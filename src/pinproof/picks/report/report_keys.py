@@ -71,6 +71,7 @@ MOTION = _table(
         list_of(WORDS),
         "pairs that may touch at the start (at the end if `backwards`), and how they were proven to separate",
     ),
+    required("constraints", list_of(WORDS), "constraints of the tcp, each with its proven largest error"),
 )
 
 CONTACT = _table(

@@ -15,6 +15,9 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 // rad, and metres for each metre of reach: about 10^5 roundings of numbers of that size.
 constexpr double kRounding = 1e-11;
 
+// rad or m: up to this sum of joint values, their own rounding is within kRounding; beyond, it grows in proportion.
+constexpr double kTurning = 1e3;
+
 // A direction to a target that is nearer to the tcp than this (m) is undefined.
 constexpr double kNearest = 1e-9;
 
@@ -43,17 +46,22 @@ ConstrainedTcp::ConstrainedTcp(Chain chain, std::vector<PathConstraint> constrai
     : chain_(std::move(chain)), constraints_(std::move(constraints)), axes_(chain_.joints.size()) {
     double reach = norm(chain_.tool.translation);
     for (const Joint& joint : chain_.joints) reach += norm(joint.before.translation);
-    for (const PathConstraint& each : constraints_) reach = std::max(reach, norm(each.point));
-    rounding_ = kRounding * std::max(reach, 1.0);
+    for (const PathConstraint& each : constraints_)
+        reach = std::max({reach, norm(each.point), norm(each.base_from_box.translation)});
+    reach_ = std::max(reach, 1.0);
+    rounding_ = kRounding * reach_;
 }
 
 void ConstrainedTcp::place(const double* q) {
     Transform pose;
+    double travel = 0.0, turning = 0.0;
     for (std::size_t k = 0; k < chain_.joints.size(); ++k) {
         const Joint& joint = chain_.joints[k];
         pose = pose * joint.before;
         axes_[k] = {pose.translation, pose.rotation.column(2)};
         const double value = joint.value(q);
+        turning += std::abs(value);
+        if (joint.prismatic) travel += std::abs(value);
         if (joint.prismatic) {
             pose.translation += value * pose.rotation.column(2);
         } else {
@@ -62,6 +70,7 @@ void ConstrainedTcp::place(const double* q) {
         }
     }
     tcp_ = pose * chain_.tool;
+    rounding_ = kRounding * (reach_ + travel) * std::max(turning / kTurning, 1.0);
 }
 
 double ConstrainedTcp::error(std::size_t i) const {

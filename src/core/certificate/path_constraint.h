@@ -80,7 +80,7 @@ public:
     // constraint i is larger.
     void append_equations(std::size_t i, double wanted, std::vector<ConstraintEquation>& equations) const;
 
-    // What is added (rad or m) to every bound for floating-point errors.
+    // What is added (rad or m) to every bound for floating-point errors; it grows with large joint values.
     double rounding() const { return rounding_; }
 
 private:
@@ -94,7 +94,7 @@ private:
     std::vector<PathConstraint> constraints_;
     std::vector<Axis> axes_;
     Transform tcp_;
-    double rounding_;
+    double reach_, rounding_;
 };
 
 }  // namespace pinproof

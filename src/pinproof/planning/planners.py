@@ -14,7 +14,7 @@ from pinproof.planning.ompl_adapter import OmplPlanner
 from pinproof.planning.result import PlanResult
 from pinproof.planning.rrt_connect import RrtConnect
 
-__all__ = ["DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner"]
+__all__ = ["CONSTRAINED_PLANNERS", "DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner"]
 
 
 class Planner(Protocol):
@@ -45,6 +45,9 @@ PLANNERS: dict[str, Callable[..., Planner]] = {"rrt_connect": RrtConnect, "ompl"
 """Planner classes by name; each of them can be created without arguments and accepts ``time_limit`` in seconds."""
 
 DEFAULT_PLANNER = "rrt_connect"
+
+CONSTRAINED_PLANNERS = ("rrt_connect",)
+"""The planners that support constraints of the tcp."""
 
 
 def make_planner(name: str = DEFAULT_PLANNER, **settings: Any) -> Planner:

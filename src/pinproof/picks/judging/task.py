@@ -31,6 +31,7 @@ from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
 from pinproof.picks.judging.suction import grip_by_cup
+from pinproof.planning.planners import CONSTRAINED_PLANNERS
 from pinproof.spatial import SE3, matrix
 
 __all__ = ["SUPPORT_GAP", "Cell", "Task"]
@@ -157,7 +158,8 @@ class Task:
     Raises
     ------
     InputError
-        If a frame, the object or a support does not exist, or the object's name is taken.
+        If a frame, the object or a support does not exist, the object's name is taken, or the planner does not support
+        ``upright``.
     """
 
     def __init__(self, pick: Pick, cell: Cell) -> None:
@@ -174,6 +176,9 @@ class Task:
             for support in support_names(stated) or ():
                 if support not in names:
                     raise UnknownNameError("support", support, names, self.scene.where)
+        if pick.upright is not None and cell.budget.planner not in CONSTRAINED_PLANNERS:
+            valid = ", ".join(CONSTRAINED_PLANNERS)
+            raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use {valid}")
         self.name = carried.name if isinstance(carried, Obstacle) else carried
         self.place = None if pick.place is None else self._place_of_tip(pick.place)
         self._carrying: dict[str, CollisionChecker] = {}

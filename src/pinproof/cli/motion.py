@@ -18,6 +18,7 @@ from pinproof.cli.options import (
     Html,
     Json,
     Limits,
+    RateOptions,
     Robot,
     SceneOptions,
     Seed,
@@ -94,6 +95,7 @@ def plan(
     ] = None,
     *,
     constraint_options: ConstraintOptions,
+    rates: RateOptions,
     chain: ChainOptions,
     scene_options: SceneOptions,
     tool: ToolOptions,
@@ -106,12 +108,13 @@ def plan(
     check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
     search = pp.planning.make_planner(planner)
     arm = chain.arm(robot, limits, tool)
+    rate_limits = rates.constraints(arm)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
-    constraints = constraint_options.constraints(arm, ends[0])
+    kept = constraint_options.constraints(arm, ends[0])
     with progress_status("planning"):
-        result = search.plan(checker, *ends, constraints=constraints, rng=seed)
+        result = search.plan(checker, *ends, constraints=kept, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})
@@ -120,11 +123,12 @@ def plan(
             raise typer.Exit(1)
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(
-            result.path, checker, rng=seed, blend=blend, constraints=constraints, certificate=result.certificate
+            result.path, checker, rng=seed, blend=blend, constraints=kept, certificate=result.certificate
         )
         path = simplified.path
-        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk))
-        certificate = pp.certify(trajectory, checker, constraints=constraints)
+        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk), constraints=rate_limits)
+        certificate = pp.certify(trajectory, checker, constraints=kept)
+    torques = rates.peaks(arm, trajectory)
     written = []
     if output is not None:
         trajectory.save(output, certificate=certificate)
@@ -134,12 +138,15 @@ def plan(
         written.append(html)
     if as_json:
         figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}
-        print_json({"ok": certificate.free, **figures, **verdict(certificate)})
+        peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
+        print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
     else:
         stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
         print_line(
             f"length {path.length:.3g} rad, {stops}, duration {trajectory.duration:.2f} s ({trajectory.limits_note})"
         )
+        if torques:
+            print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
         print_line(str(certificate))
         if written:
             print_line(f"wrote {' and '.join(map(str, written))}")

@@ -76,6 +76,8 @@ EVERY_PICK = {
     "object": "part_{i}_{j}",
     "support": ["tray_floor", "bin"],
     "place": {"frame": "tray", "xyz": [0, 0.3, 0.02], "rpy": ["pi", 0, 0], **EVERY_WAY, "support": "bin"},
+    "upright": "5 deg",
+    "upright_axis": [0, 0, -1],
     "payload": {"mass": 1.5, "center_of_mass": [0, 0, 0.01], "inertia": [0.01, 0.01, 0.01]},
     "speed": {
         "transit": 1,
@@ -197,6 +199,7 @@ EVERYTHING: dict[str, Any] = {
                     "attached": {"tool": "t"},
                     "held": {"rail": 0.5},
                     "obstacles": ["table"],
+                    "constraints": ["upright"],
                 }
             ],
         },

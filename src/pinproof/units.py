@@ -13,10 +13,12 @@ from collections.abc import Iterable, Sequence
 from pinproof.errors import InputError, UnitWarning
 
 __all__ = [
+    "ANGLE_UNITS",
     "FAR",
     "MOST_REACH",
     "MOST_TURN",
     "far_hint",
+    "parse_angle",
     "refuse_degree_limit",
     "refuse_degrees",
     "refuse_millimetres",
@@ -36,6 +38,27 @@ MOST_REACH = 100.0
 
 FAR = 10.0
 """Sizes of a robot. A target or a mesh that is farther away or larger is assumed to be in millimetres."""
+
+
+ANGLE_UNITS = {"deg": math.radians(1.0), "rad": 1.0}
+"""Units of angles in texts, in radians."""
+
+
+def parse_angle(text: str) -> float:
+    """Parse ``5 deg`` or ``0.1 rad``, or a number in radians, and return radians; ValueError for other texts."""
+    words = text.split()
+    if len(words) == 1:  # the unit may follow the number without a space
+        number = text.strip()
+        unit = next((each for each in ANGLE_UNITS if number.endswith(each)), "")
+        words = [number.removesuffix(unit), *([unit] if unit else [])]
+    try:
+        value = float(words[0])
+        factor = ANGLE_UNITS[words[1]] if len(words) == 2 else 1.0
+    except (ValueError, KeyError, IndexError):
+        value = math.nan
+    if len(words) > 2 or not math.isfinite(value):
+        raise ValueError(f"{text!r} is not an angle; write it as '5 deg' or '0.0873 rad', or in radians")
+    return value * factor
 
 
 def refuse_degrees(name: str, angles: Iterable[float]) -> None:

@@ -106,6 +106,39 @@ def test_plan_into_an_obstacle_names_it(run: Run, tmp_path: Path) -> None:
     assert "floor" in out
 
 
+def test_plan_and_certify_keep_the_tool_upright(run: Run) -> None:
+    goal, start = "1 -1.2 1.6 -1.97 -1.57 0.5", "-1 -1.2 1.6 -1.97 -1.57 0"
+    request = ("plan", "ur5", "--start", start, "--goal", goal, "--upright", "5 deg", "-o", "motion.json", "--json")
+    code, out, _ = run(*request)
+    (kept,) = json.loads(out)["constraints"]
+    assert (code, kept["tolerance"]) == (0, pytest.approx(np.radians(5)))
+    assert kept["largest_observed"] <= kept["largest_proven"] <= kept["tolerance"]
+    code, out, _ = run("certify", "ur5", "motion.json", "--upright", "1 deg", "--upright-axis", "1 0 0", "--json")
+    answer = json.loads(out)
+    assert (code, answer["status"]) == (1, "VIOLATED")
+    assert answer["violation"]["time"] == 0.0
+    code, out, _ = run("certify", "ur5", "motion.json", "--upright", "5deg", "--save-proof", "proof.json")
+    assert code == 0
+    assert run("certify", "ur5", "motion.json", "--upright", "5 deg", "--verify", "proof.json")[0] == 0
+    assert run("certify", "ur5", "motion.json", "--upright", "1 deg", "--verify", "proof.json")[0] == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--upright", "5 grad"), "5 grad"),
+        (("--upright", "5"), "286"),
+        (("--upright-axis", "0 0 1"), "--upright"),
+        (("--upright", "5 deg", "--upright-axis", "0 1"), "three numbers"),
+        (("--upright", "5 deg", "--upright-axis", "0 0 0"), "zero"),
+    ],
+)
+def test_a_wrong_constraint_is_a_wrong_use(run: Run, options: tuple[str, ...], words: str) -> None:
+    code, _, err = run("plan", "ur5", "--goal", "1 -1.2 1.6 -1.97 -1.57 0.5", *options)
+    assert code == 2
+    assert words in err
+
+
 def test_plan_keeps_limits_of_a_file_and_of_jerk(run: Run, tmp_path: Path) -> None:
     limits, motion = tmp_path / "joint_limits.yaml", tmp_path / "motion.json"
     limits.write_text("joint_limits:\n  shoulder_pan_joint: {has_velocity_limits: true, max_velocity: 0.25}\n")

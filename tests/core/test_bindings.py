@@ -214,6 +214,28 @@ def prove_by(distances: list[tuple[float, float]]) -> Any:
     return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), Measured(), _core.ProofState())
 
 
+def upright(**changes: Any) -> Any:
+    z = np.array([0.0, 0.0, 1.0])
+    return _core.PathConstraint.direction(**{"axis": z, "direction": z, "tolerance": 0.1, **changes})
+
+
+def region(**changes: Any) -> Any:
+    zero = np.zeros(3)
+    values = {"point": zero, "base_from_box": EYE, "low": zero, "high": zero, "tolerance": 0.1, **changes}
+    return _core.PathConstraint.region(**values)
+
+
+def manifold(**changes: Any) -> Any:
+    values = {"constraints": [upright()], "lower": np.full(DOF, -3.0), "upper": np.full(DOF, 3.0), **changes}
+    return _core.Manifold(chain(), **values)
+
+
+def prove_upright(control: np.ndarray, tolerance: np.ndarray) -> Any:
+    return _core.prove_constraint(
+        chain(), upright(), UNIT, control, _core.ConstraintSettings(resolution=1e-6, max_intervals=10), tolerance
+    )
+
+
 BODIES: dict[str, Any] = {
     "before": np.array([EYE, moved(0.5)]),
     "prismatic": [False, True],
@@ -370,6 +392,25 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "configurations of nodes that do not exist": lambda: search().configurations(0, [0, 1]),
     "a path without waypoints": lambda: _core.shortcut(edges(), np.zeros((0, 2)), np.zeros((0, 2))),
     "negative draws of a shortcut": lambda: _core.shortcut(edges(), np.eye(2), np.full((3, 2), -0.5)),
+    "a constraint with an axis of length 2": lambda: upright(axis=np.array([0.0, 0.0, 2.0])),
+    "a constraint with a direction of two numbers": lambda: upright(direction=np.zeros(2)),
+    "a constraint with a tolerance of zero": lambda: upright(tolerance=0.0),
+    "a constraint with a tolerance that is NaN": lambda: upright(tolerance=NAN),
+    "a region with a placement that is NaN": lambda: region(base_from_box=np.full((4, 4), NAN)),
+    "a region with low above high": lambda: region(low=np.ones(3)),
+    "a region with a point that is NaN": lambda: region(point=np.full(3, NAN)),
+    "a proof of a constraint on a curve of two joints": lambda: prove_upright(STRAIGHT, np.zeros(DOF)),
+    "a proof of a constraint at NaN": lambda: prove_upright(np.full((1, 2, DOF), NAN), np.zeros(DOF)),
+    "a proof of a constraint with a tolerance of one joint": lambda: prove_upright(np.zeros((1, 2, DOF)), np.zeros(1)),
+    "a manifold without constraints": lambda: manifold(constraints=[]),
+    "a manifold with limits of one joint": lambda: manifold(lower=np.zeros(1)),
+    "a manifold with crossed limits": lambda: manifold(lower=np.full(DOF, 4.0)),
+    "a projection of one joint": lambda: manifold().project(np.zeros(1), 0.5),
+    "a projection of NaN": lambda: manifold().project(np.full(DOF, NAN), 0.5),
+    "a connection with edges of other joints": lambda: manifold().connect(
+        edges(), np.zeros(DOF), np.ones(DOF), 0.3, 9.0
+    ),
+    "a search with a manifold of other joints": lambda: search(manifold=manifold()),
     "speeds with too few ceilings": lambda: _core.fastest_speeds(
         *(np.ones((2, 2, 3)) for _ in range(4)), np.ones(2), np.ones(2), 0.0, 0.0
     ),
@@ -399,6 +440,9 @@ def test_the_core_refuses(case: str) -> None:
 
 
 def test_the_arguments_without_a_mistake_are_accepted() -> None:
+    region()
+    assert manifold().project(np.full(DOF, 0.3), 0.5) is not None
+    prove_upright(np.zeros((1, 2, DOF)), np.zeros(DOF))
     assert _core.Workspace(world()).judge(np.zeros(2)) == 0
     assert prove(UNIT, STRAIGHT, np.zeros(2)).free
     assert prove_by([(0.2, 0.1)]).free

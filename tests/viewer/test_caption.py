@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pinproof.collision import CertificateStatus, Scene
+from pinproof.collision import CertificateStatus, CollisionChecker, LookAt, Scene, Upright, certify
 from pinproof.viewer.picture import caption_of, proven_millimetres
 
 from .conftest import POST, certified, small_arm, swing
@@ -32,6 +32,20 @@ def test_pairs_excluded_from_the_proof_are_listed() -> None:
     shown = caption_of(arm, scene, motion, certificate)
     assert len(shown.excluded) == len(certificate.excluded) > 0
     assert any("upper" in text and "post" in text for text in shown.excluded)
+
+
+def test_constraints_are_stated_with_their_bound_or_their_violation() -> None:
+    arm = small_arm()
+    motion = swing(arm, 0.0, 0.8)
+    checker = CollisionChecker(arm, SCENE)
+    vertical = Upright.keeping(arm, motion.start, tolerance=0.1)
+    kept = caption_of(arm, SCENE, motion, certify(motion, checker, constraints=[vertical]))
+    level = LookAt(point=arm.forward_kinematics(motion.start).act(np.array([0.3, 0.0, 1.0])), tolerance=1e-3)
+    lost = caption_of(arm, SCENE, motion, certify(motion, checker, constraints=[level]))
+    assert kept.headline == "FREE"
+    assert "upright" in dict(kept.figures)["Constraint"].lower()
+    assert (lost.headline, lost.tone) == ("NOT VALIDATED", "open")
+    assert "too much" in lost.reason
 
 
 def test_without_a_certificate_it_is_not_validated() -> None:

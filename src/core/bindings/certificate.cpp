@@ -12,14 +12,14 @@
 #include "bindings/arrays.h"
 #include "bindings/bindings.h"
 #include "bindings/exact_judge.h"
+#include "certificate/constraint_proof.h"
 #include "certificate/curve_proof.h"
 #include "certificate/motion_bounds.h"
 
 namespace pinproof {
 namespace {
 
-CurveView view(const Vector& knots, const Stack& control, const World& world) {
-    const std::size_t dof = world.space().tree.dof;
+CurveView view(const Vector& knots, const Stack& control, std::size_t dof) {
     require_size("a control point", control.shape(2), dof);
     if (control.shape(0) == 0 || control.shape(1) == 0) throw std::invalid_argument("the curve has no control points");
     require_size("knots", knots.shape(0), control.shape(0) + 1);
@@ -28,11 +28,135 @@ CurveView view(const Vector& knots, const Stack& control, const World& world) {
 
 ProofState prove(const World& world, const Vector& knots, const Stack& control, const ProofSettings& settings,
                  const Vector& joint_tolerance, nb::object exact, const ProofState& known) {
-    const CurveView curve = view(knots, control, world);
+    const CurveView curve = view(knots, control, world.space().tree.dof);
     require_size("joint_tolerance", joint_tolerance.shape(0), curve.dof);
     PythonJudge judge(std::move(exact), curve.dof);
     nb::gil_scoped_release release;
     return CurveProof(world).run(curve, settings, joint_tolerance.data(), judge, known);
+}
+
+Vec3 read_vector(const char* name, const Vector& vector) {
+    require_size(name, vector.shape(0), 3);
+    require_finite(name, vector.data(), 3);
+    return {vector(0), vector(1), vector(2)};
+}
+
+Vec3 read_direction(const char* name, const Vector& vector) {
+    const Vec3 direction = read_vector(name, vector);
+    if (!(std::abs(norm(direction) - 1.0) < 1e-9)) throw std::invalid_argument(std::string(name) + " is no unit vector");
+    return direction;
+}
+
+double read_tolerance(double tolerance) {
+    require_positive("tolerance", tolerance);
+    return tolerance;
+}
+
+PathConstraint region_constraint(const Vector& point, const Matrix& base_from_box, const Vector& low,
+                                 const Vector& high, double tolerance) {
+    require_size("base_from_box", base_from_box.shape(0) == 4 ? base_from_box.shape(1) : 0, 4);
+    require_finite("base_from_box", base_from_box.data(), 16);
+    require_size("low", low.shape(0), 3);
+    require_size("high", high.shape(0), 3);
+    for (int i = 0; i < 3; ++i)
+        if (!(low(i) <= high(i))) throw std::invalid_argument("low must not exceed high");
+    PathConstraint region;
+    region.kind = ConstraintKind::kRegion;
+    region.point = read_vector("point", point);
+    region.base_from_box = read_transform(base_from_box.data());
+    region.low = {low(0), low(1), low(2)};
+    region.high = {high(0), high(1), high(2)};
+    region.tolerance = read_tolerance(tolerance);
+    return region;
+}
+
+ConstraintState prove_one(const Chain& chain, const PathConstraint& constraint, const Vector& knots,
+                          const Stack& control, const ConstraintSettings& settings, const Vector& joint_tolerance) {
+    const CurveView curve = view(knots, control, chain.dof);
+    require_finite("control", control.data(), control.size());
+    require_size("joint_tolerance", joint_tolerance.shape(0), curve.dof);
+    nb::gil_scoped_release release;
+    ConstrainedTcp tcp(chain, {constraint});
+    return prove_constraint(tcp, 0, curve, settings, joint_tolerance.data());
+}
+
+nb::object proven_intervals(const ConstraintState& state) {
+    auto out = new_array({state.evidence.size(), 2});
+    double* row = out.data;
+    for (const ProvenInterval& each : state.evidence) {
+        *row++ = each.start;
+        *row++ = each.end;
+    }
+    return nb::cast(out.array);
+}
+
+void bind_constraints(nb::module_& module) {
+    nb::class_<PathConstraint>(module, "PathConstraint", "A constraint of the tcp along a curve.")
+        .def_static(
+            "direction",
+            [](const Vector& axis, const Vector& direction, double tolerance) {
+                return PathConstraint{ConstraintKind::kDirection, read_direction("axis", axis),
+                                      read_direction("direction", direction), {}, {}, {}, read_tolerance(tolerance)};
+            },
+            nb::arg("axis"), nb::arg("direction"), nb::arg("tolerance"),
+            "The angle between an axis of the tcp and a direction of the base (rad).")
+        .def_static("region", &region_constraint, nb::arg("point"), nb::arg("base_from_box"), nb::arg("low"),
+                    nb::arg("high"), nb::arg("tolerance"), "The distance of a point of the tcp from a box (m).")
+        .def_static(
+            "target",
+            [](const Vector& axis, const Vector& point, double tolerance) {
+                return PathConstraint{ConstraintKind::kTarget, read_direction("axis", axis),
+                                      read_vector("point", point), {}, {}, {}, read_tolerance(tolerance)};
+            },
+            nb::arg("axis"), nb::arg("point"), nb::arg("tolerance"),
+            "The angle between an axis of the tcp and the direction from it to a point (rad).");
+    nb::class_<ConstraintSettings>(module, "ConstraintSettings", "How a constraint is proven.")
+        .def(
+            "__init__",
+            [](ConstraintSettings* self, double resolution, std::int64_t max_intervals, double goal_share,
+               std::int64_t look_ahead, bool record) {
+                require_positive("resolution", resolution);
+                require_count("max_intervals", max_intervals);
+                require_count("look_ahead", look_ahead);
+                new (self) ConstraintSettings{resolution, max_intervals, goal_share, look_ahead, record};
+            },
+            nb::kw_only(), nb::arg("resolution"), nb::arg("max_intervals"), nb::arg("goal_share") = 0.0,
+            nb::arg("look_ahead") = 0, nb::arg("record") = false);
+    nb::class_<FoundViolation>(module, "FoundViolation", "A configuration of a curve that violates a constraint.")
+        .def_ro("time", &FoundViolation::time)
+        .def_ro("error", &FoundViolation::error)
+        .def_ro("q", &FoundViolation::q);
+    nb::class_<UndecidedConstraint>(module, "UndecidedConstraint", "A span of a curve that is undecided.")
+        .def_ro("start", &UndecidedConstraint::start)
+        .def_ro("end", &UndecidedConstraint::end)
+        .def_ro("error", &UndecidedConstraint::error);
+    nb::class_<ConstraintState>(module, "ConstraintState", "What is known of a constraint on a curve.")
+        .def_ro("intervals", &ConstraintState::intervals)
+        .def_ro("observed", &ConstraintState::observed)
+        .def_ro("proven", &ConstraintState::proven)
+        .def_ro("violation", &ConstraintState::violation)
+        .def_ro("open", &ConstraintState::open)
+        .def_prop_ro("satisfied", &ConstraintState::satisfied)
+        .def_prop_ro("evidence", &proven_intervals, "(L, 2) start and end of each proven interval.");
+    module.def("prove_constraint", &prove_one, nb::arg("chain"), nb::arg("constraint"), nb::arg("knots"),
+               nb::arg("control"), nb::arg("settings"), nb::arg("joint_tolerance"),
+               "The ConstraintState of a curve.");
+    module.def(
+        "constraint_bound",
+        [](const Chain& chain, const PathConstraint& constraint, const Vector& q, const Matrix& piece,
+           const Vector& delta, const Vector& extra) {
+            require_size("q", q.shape(0), chain.dof);
+            require_size("a control point", piece.shape(1), chain.dof);
+            require_size("delta", delta.shape(0), chain.dof);
+            require_size("extra", extra.shape(0), chain.dof);
+            ConstrainedTcp tcp(chain, {constraint});
+            tcp.place(q.data());
+            const auto bound =
+                tcp.bound(0, piece.data(), piece.shape(0), q.data(), delta.data(), extra.data());
+            return std::make_tuple(tcp.error(0), bound.error);
+        },
+        nb::arg("chain"), nb::arg("constraint"), nb::arg("q"), nb::arg("piece"), nb::arg("delta"), nb::arg("extra"),
+        "The error at q, and its bound on a piece of a curve about q, for tests.");
 }
 
 nb::object evidence(const ProofState& state) {
@@ -84,6 +208,7 @@ private:
 }  // namespace
 
 void bind_certificate(nb::module_& module) {
+    bind_constraints(module);
     nb::class_<ProofSettings>(module, "ProofSettings", "How a curve is proven.")
         .def(
             "__init__",

@@ -10,6 +10,7 @@
 #include "bindings/bindings.h"
 #include "bindings/exact_judge.h"
 #include "planning/edge_checker.h"
+#include "planning/manifold.h"
 #include "planning/rrt_connect.h"
 #include "planning/shortcut.h"
 
@@ -90,6 +91,73 @@ void bind_edges(nb::module_& module) {
         .def_prop_ro("samples", &EdgeChecker::samples, "Total number of samples so far.");
 }
 
+void bind_manifold(nb::module_& module) {
+    nb::class_<Manifold>(module, "Manifold", "The configurations of an arm that satisfy constraints of its tcp.")
+        .def(
+            "__init__",
+            [](Manifold* self, const Chain& chain, const std::vector<PathConstraint>& constraints, const Vector& lower,
+               const Vector& upper) {
+                require_size("lower", lower.shape(0), chain.dof);
+                require_size("upper", upper.shape(0), chain.dof);
+                for (std::size_t j = 0; j < chain.dof; ++j)
+                    if (!(lower(j) <= upper(j))) throw std::invalid_argument("lower must not exceed upper");
+                if (constraints.empty()) throw std::invalid_argument("there is no constraint");
+                new (self) Manifold(ConstrainedTcp(chain, constraints), {lower.data(), lower.data() + chain.dof},
+                                    {upper.data(), upper.data() + chain.dof});
+            },
+            nb::arg("chain"), nb::arg("constraints"), nb::arg("lower"), nb::arg("upper"))
+        .def(
+            "errors",
+            [](Manifold& self, const Vector& q) {
+                require_size("q", q.shape(0), self.dof());
+                std::vector<double> found(self.size());
+                self.errors(q.data(), found.data());
+                return array_of(found);
+            },
+            nb::arg("q"), "(k,) the error of each constraint at q, in rad or m.")
+        .def(
+            "project",
+            [](Manifold& self, const Vector& q, double share) -> nb::object {
+                require_size("q", q.shape(0), self.dof());
+                require_finite("q", q.data(), q.size());
+                std::vector<double> moved(q.data(), q.data() + q.size());
+                return self.project(moved.data(), share) ? array_of(moved) : nb::none();
+            },
+            nb::arg("q"), nb::arg("share"),
+            "A configuration near q at which every error is at most this share of its tolerance, or None.")
+        .def(
+            "edge_proven",
+            [](Manifold& self, const Vector& a, const Vector& b) {
+                require_size("a", a.shape(0), self.dof());
+                require_size("b", b.shape(0), self.dof());
+                return self.edge_proven(a.data(), b.data());
+            },
+            nb::arg("a"), nb::arg("b"), "Whether all constraints are proven on the straight edge from a to b.")
+        .def(
+            "connect",
+            [](Manifold& self, EdgeChecker& edges, const Vector& a, const Vector& b, double step,
+               double most) -> nb::object {
+                require_size("edges", edges.dof(), self.dof());
+                require_size("a", a.shape(0), self.dof());
+                require_size("b", b.shape(0), self.dof());
+                require_finite("a", a.data(), a.size());
+                require_finite("b", b.data(), b.size());
+                require_positive("step", step);
+                std::vector<double> path(a.data(), a.data() + a.size());
+                bool reached = false;
+                {
+                    nb::gil_scoped_release release;
+                    reached = self.connect(edges, a.data(), b.data(), step, most, path);
+                }
+                if (!reached) return nb::none();
+                auto out = new_array({path.size() / self.dof(), self.dof()});
+                std::copy(path.begin(), path.end(), out.data);
+                return nb::cast(out.array);
+            },
+            nb::arg("edges"), nb::arg("a"), nb::arg("b"), nb::arg("step"), nb::arg("most"),
+            "Waypoints (k, n) from a to b along the constraints with free edges, not longer than `most`, or None.");
+}
+
 void bind_search(nb::module_& module) {
     nb::class_<RrtSearch> search(module, "RrtSearch", "Two trees that grow towards each other.");
     nb::enum_<RrtSearch::Event>(search, "Event", "Why a search stopped.")
@@ -101,16 +169,18 @@ void bind_search(nb::module_& module) {
         .def(
             "__init__",
             [](RrtSearch* self, EdgeChecker& edges, const Vector& start, const Matrix& goals, const Matrix& box,
-               double step, std::int64_t max_nodes, std::int64_t max_samples) {
+               double step, std::int64_t max_nodes, std::int64_t max_samples, Manifold* manifold) {
                 require_size("start", start.shape(0), edges.dof());
                 require_rows("goals", goals, edges.dof());
                 require_size("box", box.size(), 2 * edges.dof());
                 require_positive("step", step);
+                if (manifold != nullptr) require_size("a configuration of manifold", manifold->dof(), edges.dof());
                 new (self) RrtSearch(edges, {start.data(), start.size()}, {goals.data(), goals.size()},
-                                     {box.data(), box.size()}, {step, max_nodes, max_samples});
+                                     {box.data(), box.size()}, {step, max_nodes, max_samples}, manifold);
             },
             nb::arg("edges"), nb::arg("start"), nb::arg("goals"), nb::arg("box"), nb::kw_only(), nb::arg("step"),
-            nb::arg("max_nodes"), nb::arg("max_samples"), nb::keep_alive<1, 2>())
+            nb::arg("max_nodes"), nb::arg("max_samples"), nb::arg("manifold").none() = nb::none(),
+            nb::keep_alive<1, 2>(), nb::keep_alive<1, 9>())
         .def("grow", &RrtSearch::grow, nb::arg("until"), nb::call_guard<nb::gil_scoped_release>(),
              "Continue until something happens, or the edges have taken this many samples.")
         .def(
@@ -185,6 +255,7 @@ void bind_search(nb::module_& module) {
 
 void bind_planning(nb::module_& module) {
     bind_edges(module);
+    bind_manifold(module);
     bind_search(module);
     module.def(
         "shortcut",

@@ -20,7 +20,15 @@ constexpr double kQuickShare = 0.1;
 // Entries of the stack of intervals: 60 bisections reach the resolution of a double.
 constexpr std::size_t kDepth = 192;
 
-// Bisect a piece (points, dof) into two (de Casteljau).
+// Extend delta from the middle to all control points, and so to their curve.
+void widen(const double* control, std::size_t points, const std::vector<double>& middle, std::vector<double>& delta) {
+    const std::size_t dof = middle.size();
+    for (std::size_t r = 0; r < points; ++r)
+        for (std::size_t j = 0; j < dof; ++j) delta[j] = std::max(delta[j], std::abs(control[r * dof + j] - middle[j]));
+}
+
+}  // namespace
+
 void halve(const double* control, std::size_t points, std::size_t dof, double* left, double* right) {
     std::copy_n(control, points * dof, right);
     for (std::size_t r = 0; r < points; ++r) {
@@ -30,15 +38,6 @@ void halve(const double* control, std::size_t points, std::size_t dof, double* l
                 right[i * dof + j] = 0.5 * (right[i * dof + j] + right[(i + 1) * dof + j]);
     }
 }
-
-// Extend delta from the middle to all control points, and so to their curve.
-void widen(const double* control, std::size_t points, const std::vector<double>& middle, std::vector<double>& delta) {
-    const std::size_t dof = middle.size();
-    for (std::size_t r = 0; r < points; ++r)
-        for (std::size_t j = 0; j < dof; ++j) delta[j] = std::max(delta[j], std::abs(control[r * dof + j] - middle[j]));
-}
-
-}  // namespace
 
 struct CurveProof::Summary {
     // Of the pairs that are proven.

@@ -30,6 +30,9 @@ struct CurveView {
     const double* piece(std::size_t i) const { return control.data() + i * points * dof; }
 };
 
+// Bisect a piece (points, dof) into two (de Casteljau).
+void halve(const double* control, std::size_t points, std::size_t dof, double* left, double* right);
+
 // Distances of pairs with a body without a support function, which the caller measures.
 struct ExactDistance {
     double attained;  // an upper bound (m) of the distance

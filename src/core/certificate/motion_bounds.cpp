@@ -27,12 +27,12 @@ double speed_along(const TreeJoint& joint, const Transform& axis, const PlacedBo
 
 }  // namespace
 
-JointSwing swing_of(const TreeJoint& joint, double delta, double extra) {
+JointSwing swing_of(bool prismatic, double multiplier, double delta, double extra) {
     JointSwing swing;
-    swing.share = std::abs(joint.multiplier);
+    swing.share = std::abs(multiplier);
     swing.angle = swing.share * (delta + extra);
     const double bare = swing.share * delta;
-    if (joint.prismatic) {
+    if (prismatic) {
         swing.chord = swing.angle;
         swing.bend = 0.0;
         swing.bare_chord = bare;

@@ -50,7 +50,10 @@ struct JointSwing {
 };
 
 // The motion of a joint while its entry of q stays within delta + extra of its value.
-JointSwing swing_of(const TreeJoint& joint, double delta, double extra);
+JointSwing swing_of(bool prismatic, double multiplier, double delta, double extra);
+inline JointSwing swing_of(const TreeJoint& joint, double delta, double extra) {
+    return swing_of(joint.prismatic, joint.multiplier, delta, extra);
+}
 
 // How much closer two bodies can come.
 struct Approach {

@@ -16,6 +16,9 @@ constexpr double kReach = 2.5;
 // all long steps are blocked.
 constexpr double kNarrowShare = 0.2, kNarrowest = 6.0;
 
+// Goals to which a connection along the constraints is tried before the first sample.
+constexpr std::size_t kDirectGoals = 8;
+
 double squared_distance(const double* a, const double* b, std::size_t dof) {
     double sum = 0.0;
     for (std::size_t j = 0; j < dof; ++j) sum += (a[j] - b[j]) * (a[j] - b[j]);
@@ -62,8 +65,9 @@ int Tree::nearest(const double* q) const {
 }
 
 RrtSearch::RrtSearch(EdgeChecker& edges, std::span<const double> start, std::span<const double> goals,
-                     std::span<const double> box, const RrtSettings& settings)
+                     std::span<const double> box, const RrtSettings& settings, Manifold* manifold)
     : edges_(edges),
+      manifold_(manifold),
       settings_(settings),
       box_(box.begin(), box.end()),
       trees_{Tree(start.size()), Tree(start.size())},
@@ -71,6 +75,12 @@ RrtSearch::RrtSearch(EdgeChecker& edges, std::span<const double> start, std::spa
       end_(start.size()) {
     trees_[0].add_root(start.data());
     for (std::size_t row = 0; row < goals.size(); row += start.size()) trees_[1].add_root(goals.data() + row);
+    if (manifold_ == nullptr) return;
+    for (int goal = 0; goal < trees_[1].size(); ++goal) direct_.push_back(goal);
+    const auto from_start = [&](int goal) { return squared_distance(trees_[1].node(goal), start.data(), start.size()); };
+    std::ranges::stable_sort(direct_, [&](int a, int b) { return from_start(a) < from_start(b); });
+    direct_.resize(std::min(direct_.size(), kDirectGoals));
+    std::ranges::reverse(direct_);
 }
 
 void RrtSearch::add_draws(std::span<const double> draws) {
@@ -84,8 +94,12 @@ RrtSearch::Event RrtSearch::grow(std::int64_t until) {
         if (phase_ == Phase::kSample) {
             if (trees_[0].size() + trees_[1].size() >= settings_.max_nodes || samples_ >= settings_.max_samples)
                 return Event::kSpent;
-            if (used_draws_ + dof + 2 > draws_.size()) return Event::kNeedsDraws;
-            begin_sample();
+            if (!direct_.empty()) {
+                begin_connection();
+            } else {
+                if (used_draws_ + dof + 2 > draws_.size()) return Event::kNeedsDraws;
+                begin_sample();
+            }
         }
         Tree& tree = trees_[growing_];
         const double* start = tree.node(from_);
@@ -98,17 +112,14 @@ RrtSearch::Event RrtSearch::grow(std::int64_t until) {
             if (met) return Event::kMet;
             continue;
         }
-        const double share = std::min(settings_.step / left, 1.0);
-        for (std::size_t j = 0; j < dof; ++j)
-            end_[j] = share == 1.0 ? target_[j] : start[j] + (target_[j] - start[j]) * share;
-        if (!edges_.samples_free(start, end_.data())) {
+        if (!extend(start, left) || !edges_.samples_free(start, end_.data())) {
             phase_ = Phase::kSample;
             continue;
         }
         const int added = tree.add(end_.data(), from_);
         if (phase_ == Phase::kExtend) {
             turn_to_other_tree(added);
-        } else if (share == 1.0) {
+        } else if (end_ == target_) {
             meeting_[growing_] = added;
             phase_ = Phase::kSample;
             return Event::kMet;
@@ -117,6 +128,25 @@ RrtSearch::Event RrtSearch::grow(std::int64_t until) {
         }
     }
     return Event::kPaused;
+}
+
+// The end of the next edge from a node towards the target, from which it is `left` away. False: there is none.
+bool RrtSearch::extend(const double* start, double left) {
+    if (manifold_ != nullptr) return manifold_->step(start, target_.data(), settings_.step, end_.data());
+    const double share = std::min(settings_.step / left, 1.0);
+    for (std::size_t j = 0; j < end_.size(); ++j)
+        end_[j] = share == 1.0 ? target_[j] : start[j] + (target_[j] - start[j]) * share;
+    return true;
+}
+
+// The tree of the start grows to a goal.
+void RrtSearch::begin_connection() {
+    growing_ = 0;
+    meeting_[1] = direct_.back();
+    direct_.pop_back();
+    target_.assign(trees_[1].node(meeting_[1]), trees_[1].node(meeting_[1]) + target_.size());
+    from_ = trees_[0].nearest(target_.data());
+    phase_ = Phase::kConnect;
 }
 
 // Draw a random sample about a random node of the smaller tree, which grows towards it.

@@ -1,7 +1,8 @@
 // Two trees in joint space that grow towards each other until they meet.
 //
 // A random sample is drawn about a random node of the growing tree and not over all joint ranges, where most samples
-// would extend the trees in useless directions.
+// would extend the trees in useless directions. With constraints, every step is projected onto them (manifold.h), and the
+// search begins with connections from the start to the nearest goals instead of samples.
 //
 // Source: J. Kuffner, S. LaValle (2000), "RRT-Connect: an efficient approach to single-query path planning", ICRA.
 #pragma once
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "planning/edge_checker.h"
+#include "planning/manifold.h"
 
 namespace pinproof {
 
@@ -54,9 +56,9 @@ class RrtSearch {
 public:
     enum class Event { kMet, kNeedsDraws, kSpent, kPaused };
 
-    // `box` (2, dof) is the range of random samples.
+    // `box` (2, dof) is the range of random samples. `manifold` may be null; the start and the goals satisfy it.
     RrtSearch(EdgeChecker& edges, std::span<const double> start, std::span<const double> goals,
-              std::span<const double> box, const RrtSettings& settings);
+              std::span<const double> box, const RrtSettings& settings, Manifold* manifold = nullptr);
 
     // Continue until the trees meet, the draws or a budget are used up, or the edges have taken `until` samples.
     Event grow(std::int64_t until);
@@ -76,10 +78,14 @@ private:
     enum class Phase { kSample, kExtend, kConnect };
 
     void begin_sample();
+    void begin_connection();
+    bool extend(const double* start, double left);
     void turn_to_other_tree(int reached);
 
     EdgeChecker& edges_;
+    Manifold* manifold_;
     RrtSettings settings_;
+    std::vector<int> direct_;  // the goals to which a connection is tried first, the nearest one last
     std::vector<double> box_, draws_;
     std::size_t used_draws_ = 0;
     Tree trees_[2];

@@ -13,6 +13,7 @@ from pinproof.cli.complete import robot_names
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
 from pinproof.cli.options import (
     ChainOptions,
+    ConstraintOptions,
     Html,
     IgnoreRecord,
     Json,
@@ -84,6 +85,7 @@ def certify_motion(
     ] = None,
     *,
     tolerances: ToleranceOptions,
+    constraint_options: ConstraintOptions,
     save_proof: Annotated[
         Path | None, typer.Option(help="Write the proof to a file (.json, .json.gz) that others can verify.")
     ] = None,
@@ -118,7 +120,7 @@ def certify_motion(
                 "--verify uses the tolerances of the proof and writes no file; remove --save-proof, --html, --audit, "
                 "--joint-tolerance and --obstacle-tolerance"
             )
-        _verify(verify, arm, motion, scene_options, tool, as_json)
+        _verify(verify, arm, motion, scene_options, tool, constraint_options, as_json)
         return
     if arm is None or motion is None:
         raise InputError("ROBOT or MOTION is missing; state both, or a saved proof with --verify")
@@ -127,7 +129,13 @@ def certify_motion(
     checker = scene_options.checker(arm, world, tool)
     trajectory = load_motion(motion, checker, ignore_record)
     with progress_status("certifying"):
-        certificate = pp.certify(trajectory, checker, record=save_proof is not None, **vars(tolerances))
+        certificate = pp.certify(
+            trajectory,
+            checker,
+            constraints=constraint_options.constraints(arm, trajectory.start),
+            record=save_proof is not None,
+            **vars(tolerances),
+        )
     audit = audit_options.audit(trajectory, checker, tool)
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
@@ -164,16 +172,27 @@ def _print_certificate(certificate: pp.Certificate, attached: list[str], violati
 
 
 def _verify(
-    proof: Path, arm: pp.Arm | None, motion: Path | None, scene_options: SceneOptions, tool: ToolOptions, as_json: bool
+    proof: Path,
+    arm: pp.Arm | None,
+    motion: Path | None,
+    scene_options: SceneOptions,
+    tool: ToolOptions,
+    constraint_options: ConstraintOptions,
+    as_json: bool,
 ) -> None:
     if arm is None and (scene_options.scene is not None or scene_options.margin or any(tool.files)):
         raise InputError("--scene, --margin, --tool-of and --attached need ROBOT; state it too")
     checker = None if arm is None else scene_options.checker(arm, tool=tool)
     curve = None if motion is None or arm is None else pp.Trajectory.load(motion, arm.joint_names)
-    result: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve)
+    constraints: tuple[pp.Upright, ...] = ()
+    if constraint_options.upright is not None:
+        if arm is None or curve is None:
+            raise InputError("--upright needs ROBOT and MOTION, whose start states which axis of the tcp points up")
+        constraints = constraint_options.constraints(arm, curve.start)
+    result: pp.verifier.ProofVerdict = pp.verify_proof(proof, checker, curve, constraints)
     if as_json:
         keys = ("ok", "reasons", "clearance", "margin", "joint_tolerance", "obstacle_tolerance", "pairs", "excluded")
-        print_json({key: getattr(result, key) for key in (*keys, "compared", "not_compared")})
+        print_json({key: getattr(result, key) for key in (*keys, "constraints", "compared", "not_compared")})
     else:
         print_line(str(result))
         for a, b, reason in result.excluded:
@@ -217,6 +236,24 @@ def verdict(certificate: pp.Certificate) -> dict[str, Any]:
             "distance": contact.distance,
             "points": contact.points.tolist(),
             "proven_free_until": contact.proven_free_until,
+        },
+        "constraints": [
+            {
+                "constraint": str(proof.constraint),
+                "tolerance": proof.constraint.tolerance,
+                "largest_proven": proof.largest if certificate.free else None,
+                "largest_observed": proof.observed,
+            }
+            for proof in certificate.constraints
+        ],
+        "violation": None
+        if certificate.violation is None
+        else {
+            "constraint": str(certificate.violation.constraint),
+            "time": certificate.violation.time,
+            "q": certificate.violation.q.tolist(),
+            "error": certificate.violation.error,
+            "satisfied_until": certificate.violation.satisfied_until,
         },
         "excluded": [[*pair.owners, pair.reason] for pair in certificate.excluded],
         "notes": list(certificate.notes),

@@ -14,6 +14,7 @@ from pinproof.cli.console import check_output_files, print_json, print_line, pro
 from pinproof.cli.options import (
     ChainOptions,
     Configuration,
+    ConstraintOptions,
     Html,
     Json,
     Limits,
@@ -93,6 +94,7 @@ def plan(
         ),
     ] = None,
     *,
+    constraint_options: ConstraintOptions,
     rates: RateOptions,
     chain: ChainOptions,
     scene_options: SceneOptions,
@@ -106,12 +108,13 @@ def plan(
     check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
     search = pp.planning.make_planner(planner)
     arm = chain.arm(robot, limits, tool)
-    constraints = rates.constraints(arm)
+    rate_limits = rates.constraints(arm)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
+    kept = constraint_options.constraints(arm, ends[0])
     with progress_status("planning"):
-        result = search.plan(checker, *ends, rng=seed)
+        result = search.plan(checker, *ends, constraints=kept, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})
@@ -119,10 +122,12 @@ def plan(
                 print_line(result.message)
             raise typer.Exit(1)
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
-        simplified = pp.simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
+        simplified = pp.simplify(
+            result.path, checker, rng=seed, blend=blend, constraints=kept, certificate=result.certificate
+        )
         path = simplified.path
-        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk), constraints=constraints)
-        certificate = pp.certify(trajectory, checker)
+        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk), constraints=rate_limits)
+        certificate = pp.certify(trajectory, checker, constraints=kept)
     torques = rates.peaks(arm, trajectory)
     written = []
     if output is not None:

@@ -21,7 +21,7 @@ import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted, print_note
 from pinproof.errors import InputError, TimingError
-from pinproof.units import refuse_degrees, warn_of_degrees
+from pinproof.units import parse_angle, refuse_degrees, warn_of_degrees
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 __all__ = [
     "ChainOptions",
     "Configuration",
+    "ConstraintOptions",
     "Html",
     "IgnoreRecord",
     "Json",
@@ -250,6 +251,48 @@ class SceneOptions:
             attachments, margin = tool.attachments, max(margin, tool.picks.margin)
         world = self.load() if scene is None else scene
         return pp.CollisionChecker(arm, world, margin=margin, attached=attachments.bodies, allowed=attachments.allowed)
+
+
+@dataclass(frozen=True)
+class ConstraintOptions:
+    """Options for the constraints of the tcp along a motion."""
+
+    upright: Annotated[
+        str | None,
+        typer.Option(
+            help='Keep the axis of the tcp that points up at the start within this angle of the vertical: "5 deg", or '
+            "radians.",
+            metavar="ANGLE",
+        ),
+    ] = None
+    upright_axis: Annotated[
+        str | None,
+        typer.Option(help='For --upright: the axis in the tcp frame, as "x y z". Default: the one that points up.'),
+    ] = None
+
+    def constraints(self, arm: pp.Arm, start: npt.NDArray[np.float64]) -> tuple[pp.Upright, ...]:
+        """The constraints for a motion that begins at ``start`` (n,).
+
+        Raises
+        ------
+        InputError
+            If an option is not an angle or a direction, or ``--upright-axis`` is given without ``--upright``.
+        """
+        if self.upright is None:
+            if self.upright_axis is not None:
+                raise InputError("--upright-axis needs --upright, the allowed angle")
+            return ()
+        try:
+            tolerance = parse_angle(self.upright)
+        except ValueError as error:
+            raise InputError(f"--upright: {error}") from None
+        up = arm.root_from_base.rotation.T @ np.array([0.0, 0.0, 1.0])
+        if self.upright_axis is None:
+            return (pp.Upright.keeping(arm, start, tolerance=tolerance, up=up),)
+        axis = numbers(self.upright_axis, "--upright-axis")
+        if len(axis) != 3:
+            raise InputError(f'--upright-axis needs three numbers, "x y z", not {len(axis)}')
+        return (pp.Upright(tolerance=tolerance, axis_in_tcp=(axis[0], axis[1], axis[2]), up=tuple(up.tolist())),)
 
 
 MASS_FORMS = {1: "mass", 4: "mass x y z", 7: "mass x y z ixx iyy izz"}

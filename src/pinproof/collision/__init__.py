@@ -13,6 +13,15 @@ from pinproof.collision.certify import certify, is_proven_free
 from pinproof.collision.checker import CheckResult, CollisionChecker, Contact
 from pinproof.collision.overlaps import LinkOverlap, OverlapReport, sample_overlaps
 from pinproof.collision.pairs import ExcludedPair
+from pinproof.collision.path_constraints import (
+    ConstraintProof,
+    ConstraintViolation,
+    LookAt,
+    PathConstraint,
+    UndecidedConstraint,
+    Upright,
+    Within,
+)
 from pinproof.collision.proof_file import verify_proof
 from pinproof.collision.scene import Attachments, Scene
 from pinproof.collision.shapes import (
@@ -41,6 +50,8 @@ __all__ = [
     "CheckResult",
     "CollisionChecker",
     "Cone",
+    "ConstraintProof",
+    "ConstraintViolation",
     "Contact",
     "ConvexHull",
     "Cylinder",
@@ -50,16 +61,21 @@ __all__ = [
     "HalfSpace",
     "HeightMap",
     "LinkOverlap",
+    "LookAt",
     "Mesh",
     "MotionTube",
     "Obstacle",
     "OverlapReport",
     "Parting",
+    "PathConstraint",
     "PointCloud",
     "Scene",
     "Shape",
     "Sphere",
+    "UndecidedConstraint",
     "UndecidedSpan",
+    "Upright",
+    "Within",
     "audit",
     "certify",
     "is_proven_free",

@@ -20,6 +20,13 @@ import numpy.typing as npt
 
 from pinproof.collision.bodies import FileStamp
 from pinproof.collision.pairs import ExcludedPair
+from pinproof.collision.path_constraints import (
+    ConstraintProof,
+    ConstraintViolation,
+    PathConstraint,
+    UndecidedConstraint,
+    exact_text,
+)
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Mesh, Obstacle
 from pinproof.common.display import html_block, html_list, outline
@@ -111,9 +118,18 @@ def missing_since(records: tuple[MotionRecord, ...], checker: CollisionChecker) 
     return tuple(found)
 
 
-def changes_since(records: tuple[MotionRecord, ...], checker: CollisionChecker, curve: str, setup: str) -> list[str]:
-    """List, in sentences, all differences between the certification recorded with a motion and the checker."""
+def changes_since(
+    records: tuple[MotionRecord, ...],
+    checker: CollisionChecker,
+    curve: str,
+    setup: str,
+    constraints: Sequence[PathConstraint] = (),
+) -> list[str]:
+    """List, in sentences, all differences between the certification recorded with a motion and the present one."""
     found = list(missing_since(records, checker))
+    required = set(map(exact_text, constraints))
+    lost = dict.fromkeys(text for record in records for text in record.constraints if text not in required)
+    found += [f"it was certified with the constraint {text}, which is not required now" for text in lost]
     if len(records) != 1:
         return found
     record = records[0]
@@ -140,10 +156,11 @@ ARMS_KEPT = 8
 
 
 class CertificateStatus(Enum):
-    """The verdict over a whole curve: FREE, COLLIDING or UNDECIDED."""
+    """The verdict over a whole curve: FREE, COLLIDING, VIOLATED (a constraint of the tcp) or UNDECIDED."""
 
     FREE = "free"
     COLLIDING = "colliding"
+    VIOLATED = "violated"
     UNDECIDED = "undecided"
 
 
@@ -255,8 +272,9 @@ class Certificate:
     ----------
     status
         FREE: at every point of the tube every checked pair is farther apart than its margin; for a pair of
-        ``partings``, after it has separated. COLLIDING: a configuration on the curve was found where a pair is not.
-        UNDECIDED: neither could be shown at the tolerance.
+        ``partings``, after it has separated; and every constraint is satisfied. COLLIDING: a configuration on the curve
+        was found where a pair is not. VIOLATED: one was found that violates a constraint, and no contact. UNDECIDED:
+        none of these could be shown at the tolerance.
     margin
         The required distance (m) of all pairs without an individual margin.
     clearance
@@ -292,6 +310,11 @@ class Certificate:
     attached, held, obstacles
         The bodies that move with the tcp, the values (rad or m) of the joints outside the arm by name, and the names of
         the obstacles.
+    constraints
+        The constraints of the tcp that were requested, each with its proven largest error within ``tube.joints``.
+        ``tube.largest_joints`` is about collisions only.
+    violation, undecided_constraint
+        The first violation of a constraint, and the first span in which one is undecided.
     """
 
     status: CertificateStatus
@@ -316,14 +339,30 @@ class Certificate:
     attached: tuple[Obstacle, ...] = ()
     held: Mapping[str, float] = field(default_factory=dict)
     obstacles: tuple[str, ...] = ()
+    constraints: tuple[ConstraintProof, ...] = ()
+    violation: ConstraintViolation | None = None
+    undecided_constraint: UndecidedConstraint | None = None
 
     @property
     def free(self) -> bool:
         """Whether the status is FREE."""
         return self.status is CertificateStatus.FREE
 
-    def matches(self, curve: Curve, arm: Arm, scene: Scene, attached: Sequence[Obstacle] = ()) -> bool:
-        """Whether this certificate was made for exactly this curve, arm, scene and attached objects."""
+    def matches(
+        self,
+        curve: Curve,
+        arm: Arm,
+        scene: Scene,
+        attached: Sequence[Obstacle] = (),
+        constraints: Sequence[PathConstraint] = (),
+    ) -> bool:
+        """Whether this certificate was made for exactly this curve, arm, scene and attached objects.
+
+        Each of ``constraints`` must be one of its constraints; it may have more, because it then proves more.
+        """
+        own = {exact_text(proof.constraint) for proof in self.constraints}
+        if not own.issuperset(map(exact_text, constraints)):
+            return False
         return self.curve == curve_hash(curve) and self.setup == setup_hash(arm, scene, attached)
 
     def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
@@ -341,6 +380,7 @@ class Certificate:
             {body.name: body_digest(body) for body in self.attached},
             self.held,
             self.obstacles,
+            tuple(exact_text(proof.constraint) for proof in self.constraints),
         )
 
     def save(self, path: str | Path) -> None:
@@ -409,6 +449,7 @@ def proven_motion(certificate: Certificate, curve: Curve, checker: CollisionChec
         curve_hash=certificate.curve,
         setup_hash=certificate.setup,
         notes=certificate.notes,
+        constraints=certificate.constraints,
     )
 
 

@@ -32,7 +32,9 @@ from pinproof.collision.certificate import (
 )
 from pinproof.collision.checker import CollisionChecker, Contact
 from pinproof.collision.coal_checks import Distance
+from pinproof.collision.constraint_proofs import with_constraints
 from pinproof.collision.parting import prove_parting
+from pinproof.collision.path_constraints import PathConstraint, check_constraints
 from pinproof.collision.placed_bodies import CoalJudge
 from pinproof.errors import InputError
 from pinproof.motion import Curve
@@ -72,9 +74,10 @@ def certify(
     joint_tolerance: npt.ArrayLike = 0.0,
     obstacle_tolerance: float = 0.0,
     parting: Sequence[tuple[str, str]] = (),
+    constraints: Sequence[PathConstraint] = (),
     record: bool = False,
 ) -> Certificate:
-    """Prove that a curve is collision-free, or find a configuration where it is not.
+    """Prove that a curve is collision-free and satisfies constraints, or find a configuration where it does not.
 
     Parameters
     ----------
@@ -99,14 +102,18 @@ def certify(
         and its support. It is proven that the two do not approach each other until they have separated, and that they
         keep their margin afterwards; :meth:`CollisionChecker.allowing` would exclude the pair instead. Cannot be
         combined with ``joint_tolerance`` or ``record``.
+    constraints
+        :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.LookAt`: conditions of the tcp that
+        must hold over the whole curve too.
     record
         Store the evidence in :attr:`Certificate.evidence`, which :meth:`Certificate.save` needs.
 
     Returns
     -------
     Certificate
-        FREE, COLLIDING or UNDECIDED. FREE is always proven. COLLIDING is a contact at a configuration on the curve
-        itself; its distance is reduced by ``obstacle_tolerance``.
+        FREE, COLLIDING, VIOLATED or UNDECIDED. FREE is always proven. COLLIDING is a contact at a configuration on the
+        curve itself; its distance is reduced by ``obstacle_tolerance``. VIOLATED is a configuration on the curve that
+        violates a constraint.
 
     Raises
     ------
@@ -130,11 +137,14 @@ def certify(
     if parting and (joints.any() or record):
         raise InputError("parting cannot be combined with joint_tolerance or record")
 
+    constraints = check_constraints(constraints)
     checker.refuse_changes()
 
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
-            return _Proof(part, judge, each, max_intervals, joints, float(obstacle_tolerance), record).run()
+            return _Proof(
+                part, judge, each, max_intervals, joints, float(obstacle_tolerance), constraints, record
+            ).run()
 
         if not parting:
             return prove(curve, checker)
@@ -154,7 +164,18 @@ def certify(
         if certificate.status is not CertificateStatus.UNDECIDED or certificate.intervals >= max_intervals:
             break
         certificate = at(each)
-    return certificate
+    if not constraints:
+        return certificate
+    return with_constraints(
+        certificate,
+        curve,
+        checker.arm,
+        constraints,
+        tolerance=tolerance,
+        max_intervals=max_intervals,
+        joint_tolerance=joints,
+        record=record,
+    )
 
 
 def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
@@ -183,9 +204,10 @@ class _Proof:
         max_intervals: int,
         joints: Array,
         obstacles: float,
+        constraints: Sequence[PathConstraint],
         record: bool,
     ) -> None:
-        self._curve, self._checker = curve, checker
+        self._curve, self._checker, self._constraints = curve, checker, constraints
         self._judge = checker.moved_obstacles(obstacles) if obstacles > 0 else checker
         self._joints, self._obstacles = joints, obstacles
         self._knots, self._control = (np.ascontiguousarray(part) for part in curve.bezier())
@@ -338,7 +360,8 @@ class _Proof:
         free = status is CertificateStatus.FREE
         curve, setup = curve_hash(self._curve), checked_hash(checker)
         records = getattr(self._curve, "certified", ())  # of a trajectory that was read from a file
-        changes = (f"the file of the motion states: {each}" for each in changes_since(records, checker, curve, setup))
+        found = changes_since(records, checker, curve, setup, self._constraints)
+        changes = (f"the file of the motion states: {each}" for each in found)
         return Certificate(
             status=status,
             margin=checker.margin,

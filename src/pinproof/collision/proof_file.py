@@ -22,12 +22,14 @@ import pinocchio as pin
 
 from pinproof.collision.bodies import Body
 from pinproof.collision.checker import CollisionChecker
+from pinproof.collision.path_constraints import ConstraintProof, LookAt, PathConstraint, Upright, check_constraints
 from pinproof.collision.shapes import Mesh
 from pinproof.common.files import write_bytes_whole
 from pinproof.errors import FileError, InputError, NotProvenFree
 from pinproof.model import Arm
 from pinproof.model.chain import joint_axis
 from pinproof.motion import Curve
+from pinproof.spatial import SE3
 from pinproof.verifier import FORMAT, VERSION, IntervalBounds, Proof, ProofVerdict, Refused, body_digest, load, verify
 
 __all__ = [
@@ -69,6 +71,8 @@ class ProvenMotion(NamedTuple):
     curve_hash: str
     setup_hash: str
     notes: tuple[str, ...]
+    constraints: tuple[ConstraintProof, ...] = ()
+    """The proofs of constraints of the tcp, with their evidence."""
 
 
 def evidence_of(proof: Proof, proven: ProvenMotion) -> tuple[list[Any], list[Any]]:
@@ -163,7 +167,8 @@ def _document_rows(checker: CollisionChecker, done: list[tuple[Indices, Array, A
 SUFFIXES = (".json", ".json.gz")
 
 SPARE = 1e-9
-"""Metres by which the claimed clearance is below the proven one, for a machine that rounds differently."""
+"""rad or m by which the claimed clearance is below the proven one, and the claimed error of a constraint above it, for
+a machine that rounds differently."""
 
 
 def write_proof(proven: ProvenMotion, path: str | Path) -> None:
@@ -219,12 +224,75 @@ def proof_document(proven: ProvenMotion) -> dict[str, Any]:
     except Refused as refused:
         raise NotProvenFree(f"the verifier cannot read the proof: {refused}") from refused
     document["intervals"], document["pairs"] = evidence_of(proof, proven)
+    if proven.constraints:
+        document["constraints"] = _constraint_evidence(document, arm, proven)
     verdict = verify({**document, "claim": {"status": "FREE", "clearance": -1.0}})
     if not verdict.ok:
         raise NotProvenFree(f"the verifier does not confirm the proof: {verdict}")
     if np.isfinite(verdict.clearance):
         document["claim"]["clearance"] = min(proven.clearance, verdict.clearance - SPARE)
     return document
+
+
+def constraint_of(arm: Arm, constraint: PathConstraint) -> dict[str, Any]:
+    """A constraint with vectors of the tcp in the frame of the joint that carries it, and all others in the root."""
+    frame = arm.model.frames[arm.model.getFrameId(arm.tcp, pin.FrameType.BODY)]
+    joint_from_tcp, root_from_base = frame.placement, arm.root_from_base
+    row: dict[str, Any] = {"name": str(constraint), "joint": int(frame.parentJoint) - 1}
+    if isinstance(constraint, Upright):
+        axis, up = np.array(constraint.axis_in_tcp), np.array(constraint.up)
+        row["kind"] = "direction"
+        row["axis"] = (joint_from_tcp.rotation @ axis).tolist()
+        row["direction"] = (root_from_base.rotation @ up).tolist()
+    elif isinstance(constraint, LookAt):
+        row["kind"] = "target"
+        row["axis"] = (joint_from_tcp.rotation @ np.array(constraint.axis_in_tcp)).tolist()
+        row["origin"] = joint_from_tcp.translation.tolist()
+        row["point"] = root_from_base.act(np.array(constraint.point)).tolist()
+    else:
+        row["kind"] = "region"
+        row["point"] = joint_from_tcp.act(np.array(constraint.point_in_tcp)).tolist()
+        row["placement"] = _placed(SE3(root_from_base) * constraint.base_from_region)
+        row["low"], row["high"] = (
+            [x if np.isfinite(x) else None for x in side] for side in (constraint.low, constraint.high)
+        )
+    return {**row, "tolerance": constraint.tolerance}
+
+
+def _constraint_evidence(document: dict[str, Any], arm: Arm, proven: ProvenMotion) -> list[dict[str, Any]]:
+    """The constraints with the intervals on which the verifier proves them.
+
+    Raises
+    ------
+    NotProvenFree
+        If the verifier's bounds do not prove a constraint on an interval, however small.
+    """
+    rows = [
+        {**constraint_of(arm, each.constraint), "largest": each.constraint.tolerance, "intervals": []}
+        for each in proven.constraints
+    ]
+    proof = Proof({**document, "constraints": rows})
+    for each, row, stated in zip(proven.constraints, rows, proof.constraints, strict=True):
+        tolerance = each.constraint.tolerance
+        goal = min(each.largest + CONFIRMED, tolerance)
+        spans = np.empty((0, 2)) if each.evidence is None else np.asarray(each.evidence)
+        done, largest = [], 0.0
+        for _ in range(ROUNDS):
+            if not len(spans):
+                break
+            errors = proof.errors_of(stated, spans)
+            good = errors <= goal
+            done.append(spans[good])
+            largest = max(largest, float(errors[good].max(initial=0.0)))
+            failed = spans[~good]
+            middle = failed.mean(axis=1)
+            spans = np.concatenate([np.column_stack([failed[:, 0], middle]), np.column_stack([middle, failed[:, 1]])])
+        if len(spans):
+            raise NotProvenFree(f"the verifier cannot confirm {each.constraint} at {spans[0, 0]:.6g}")
+        intervals = np.concatenate(done)
+        row["intervals"] = intervals[np.argsort(intervals[:, 0], kind="stable")].tolist()
+        row["largest"] = min(largest + SPARE, tolerance)
+    return rows
 
 
 def joints_of(arm: Arm) -> list[dict[str, Any]]:
@@ -372,7 +440,12 @@ SHOWN = 5
 """Number of differences that are named; the others are counted."""
 
 
-def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curve: Curve | None = None) -> ProofVerdict:
+def verify_proof(
+    path: str | Path,
+    checker: CollisionChecker | None = None,
+    curve: Curve | None = None,
+    constraints: Sequence[PathConstraint] = (),
+) -> ProofVerdict:
     """Re-check a proof file by independent code (:mod:`pinproof.verifier`), and compare it with your robot and motion.
 
     Parameters
@@ -385,6 +458,9 @@ def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curv
         Obstacles that only the proof has are accepted. Without a checker the robot and scene of the file are trusted.
     curve
         Your motion: the proof must have equal knots, and control points within 1e-12.
+    constraints
+        The constraints of the tcp that you require, which needs ``checker``: the proof must have each of them (numbers
+        within 1e-12) with your tolerance or a smaller one.
 
     Returns
     -------
@@ -395,7 +471,11 @@ def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curv
     ------
     FileError
         If the file cannot be read, or holds no JSON.
+    InputError
+        If ``constraints`` are given without ``checker``, which defines the tcp.
     """
+    if constraints and checker is None:
+        raise InputError("constraints are compared in the frame of the tcp; give a checker too")
     try:
         document = load(path)
     except (OSError, ValueError) as error:
@@ -407,10 +487,15 @@ def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curv
     reasons: list[str] = []
     compared, not_compared = [], []
     if checker is None:
-        not_compared += ["the robot", "the scene"]
+        not_compared += ["the robot", "the scene", *(["the constraints"] if proof.constraints else [])]
     else:
         reasons += _differences(document, proof, checker)
         compared += ["the robot", "the scene"]
+        if constraints:
+            reasons += _missing_constraints(document, checker.arm, check_constraints(constraints))
+            compared.append("the constraints")
+        elif proof.constraints:
+            not_compared.append("the constraints")
         names = {body.name for body in checker.bodies}
         more = [body.name for body in proof.bodies if body.kind != "link" and body.name not in names]
         not_compared += [f"{name} (not in yours)" for name in more]
@@ -426,6 +511,19 @@ def verify_proof(path: str | Path, checker: CollisionChecker | None = None, curv
         compared=tuple(compared),
         not_compared=tuple(not_compared),
     )
+
+
+def _missing_constraints(document: dict[str, Any], arm: Arm, constraints: Sequence[PathConstraint]) -> list[str]:
+    """The required constraints that the proof does not have."""
+    found = []
+    for each in constraints:
+        mine = constraint_of(arm, each)
+        keys = [key for key in mine if key not in ("name", "tolerance")]
+        rows = [row for row in document.get("constraints", []) if not _unlike(row, mine, keys)]
+        if not any(row["tolerance"] <= each.tolerance for row in rows):
+            stated = f", only with a tolerance of {rows[0]['tolerance']:g} {each.unit}" if rows else ""
+            found.append(f"constraints: the proof does not have {each}{stated}")
+    return found
 
 
 def _few(reasons: list[str]) -> tuple[str, ...]:
@@ -500,5 +598,5 @@ def _alike(a: Any, b: Any) -> bool:
         return isinstance(a, dict) and all(_alike(a.get(key), b[key]) for key in b)
     if isinstance(b, (str, bool)) or b is None:
         return bool(a == b)
-    one, other = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
-    return one.shape == other.shape and bool((np.abs(one - other) <= SAME).all())
+    one, other = np.asarray(a, dtype=float), np.asarray(b, dtype=float)  # null becomes NaN: no end of a side
+    return one.shape == other.shape and bool(((np.abs(one - other) <= SAME) | (np.isnan(one) & np.isnan(other))).all())

@@ -165,6 +165,34 @@ PAIR = KeyTable(
     ),
 )
 
+CORNER = list_of({"type": ["number", "null"]}, 3, 3)
+
+CONSTRAINT = KeyTable(
+    "constraint",
+    "A constraint of the tcp, which holds on the whole curve. `direction`: the angle between `axis` and `direction`. "
+    "`region`: the distance of `point` from a box. `target`: the angle between `axis` and the direction from `origin` "
+    "to `point`. Vectors of the tcp are in the frame of the joint that carries it, all others in the root frame.",
+    (
+        required("name", TEXT, "description for readers"),
+        required("kind", {"enum": ["direction", "region", "target"]}, "kind of the constraint"),
+        required("joint", JOINT, "index of the joint that carries the tcp; -1 for the root"),
+        FileKey("axis", VECTOR, "`direction`, `target`: unit vector of the tcp"),
+        FileKey("direction", VECTOR, "`direction`: unit vector in the root frame"),
+        FileKey("origin", VECTOR, "`target`: the origin of the tcp", "m"),
+        FileKey("point", VECTOR, "`region`: point of the tcp; `target`: point in the root frame", "m"),
+        FileKey("placement", PLACEMENT, "`region`: root_from_box", "m"),
+        FileKey("low", CORNER, "`region`: lower corner of the box; null for no end", "m"),
+        FileKey("high", CORNER, "`region`: upper corner of the box; null for no end", "m"),
+        required("tolerance", LENGTH, "largest allowed error", "rad or m"),
+        required("largest", LENGTH, "claimed largest error, at most `tolerance`", "rad or m"),
+        required(
+            "intervals",
+            list_of(numbers(2, PLAIN_NUMBER)),
+            "start and end of each interval on which it is proven; together they cover the curve",
+        ),
+    ),
+)
+
 PROOF = KeyTable(
     "proof",
     "A proof that a motion is collision-free. A placement is three rows of four numbers: rotation and translation. "
@@ -184,5 +212,6 @@ PROOF = KeyTable(
         required("excluded", list_of(list_of(TEXT, 3, 3)), "pairs that the proof does not cover: owner, owner, reason"),
         required("intervals", list_of(numbers(2, PLAIN_NUMBER)), "start and end, in the parameter of the curve"),
         required("pairs", list_of(PAIR), "the evidence"),
+        FileKey("constraints", list_of(CONSTRAINT), "constraints of the tcp", "", []),
     ),
 )

@@ -80,7 +80,7 @@ RECORD = KeyTable(
         required("name", NAME, "name of the part, such as `transit`; `motion` if there is only one"),
         required("start", PLAIN_NUMBER, "start of the part from the start of the motion", "s"),
         required("end", PLAIN_NUMBER, "end of the part", "s"),
-        required("status", NAME, "status of the certificate: `FREE`, `COLLIDING` or `UNDECIDED`"),
+        required("status", NAME, "status of the certificate: `FREE`, `COLLIDING`, `VIOLATED` or `UNDECIDED`"),
         required(
             "clearance",
             {"type": ["number", "null"]},
@@ -94,6 +94,7 @@ RECORD = KeyTable(
         required("attached", mapping_to(NAME), "the bodies attached to the tcp: a hash of shape and pose by name"),
         required("held", mapping_to(PLAIN_NUMBER), "values of joints outside the arm, by name", "rad or m"),
         required("obstacles", list_of(NAME), "names of the obstacles of the scene"),
+        FileKey("constraints", list_of(NAME), "the certified constraints of the tcp, with all their numbers", "", []),
     ),
 )
 

@@ -25,7 +25,7 @@ class MotionRecord:
     start, end
         Start and end time of the part in seconds from the start of the trajectory.
     status
-        The status of the certificate: ``"FREE"``, ``"COLLIDING"`` or ``"UNDECIDED"``.
+        The status of the certificate: ``"FREE"``, ``"COLLIDING"``, ``"VIOLATED"`` or ``"UNDECIDED"``.
     clearance
         The proven clearance (m); None if no clearance was proven or no obstacle exists.
     margin
@@ -40,6 +40,8 @@ class MotionRecord:
         Values (rad or m) of the joints outside the arm, by name.
     obstacles
         The names of the obstacles of the scene.
+    constraints
+        The constraints of the tcp that were certified, each as a text with all its numbers.
     """
 
     name: str
@@ -54,15 +56,18 @@ class MotionRecord:
     attached: Mapping[str, str] = field(default_factory=dict)
     held: Mapping[str, float] = field(default_factory=dict)
     obstacles: tuple[str, ...] = ()
+    constraints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         for key in ("attached", "held"):
             object.__setattr__(self, key, dict(getattr(self, key)))
-        object.__setattr__(self, "obstacles", tuple(self.obstacles))
+        for key in ("obstacles", "constraints"):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
 
     def to_dict(self) -> dict[str, Any]:
         """The record as a dictionary for JSON."""
-        return {**asdict(self), "obstacles": list(self.obstacles)}
+        lists = {"obstacles": list(self.obstacles), "constraints": list(self.constraints)}
+        return {**asdict(self), **lists}
 
     def same_setup(self, other: MotionRecord) -> bool:
         """Whether both were made with the same attached bodies, held joints, scene and margin."""

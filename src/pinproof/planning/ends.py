@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker
+from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.collision.overlaps import overlap_hint
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
+from pinproof.planning.constrained import manifold_of, violations_at
 from pinproof.planning.result import PlanResult, PlanStatus
 from pinproof.spatial import finite
 
@@ -109,7 +111,12 @@ def _turns(arm: Arm, joint: int, start: float, goal: float) -> list[int]:
 
 
 def read_ends(
-    checker: CollisionChecker, start: npt.ArrayLike, goals: npt.ArrayLike, *, turns: bool
+    checker: CollisionChecker,
+    start: npt.ArrayLike,
+    goals: npt.ArrayLike,
+    *,
+    turns: bool,
+    constraints: Sequence[PathConstraint] = (),
 ) -> Ends | PlanResult:
     """Validate ``start`` (n,) and ``goals`` (n,) or (g, n); a failed result if the start or all goals are invalid.
 
@@ -125,6 +132,12 @@ def read_ends(
     given = arm.limits.snap(_read_goals(arm, goals))
     many, index_of = with_turns(arm, first, given) if turns else (given, list(range(len(given))))
     inside = [not arm.limits.violations(goal, arm.joint_names) for goal in many]
+    if constraints:
+        tolerances, manifold = np.array([each.tolerance for each in constraints]), manifold_of(arm, constraints)
+        inside = [ok and bool((manifold.errors(q) <= tolerances).all()) for ok, q in zip(inside, many, strict=True)]
+    if violated := violations_at(arm, first, constraints):
+        message = f"the start is invalid: {'; '.join(violated)}"
+        return PlanResult(PlanStatus.START_INVALID, None, None, None, message, checker=checker)
     if arm.limits.violations(first, arm.joint_names):
         return _invalid_start(checker, first)
     if not checker.is_free_unchecked(first):
@@ -141,13 +154,13 @@ def read_ends(
             checker = checker.finer_at(goal)
         rows = valid()
     if not rows:
-        return _invalid_goals(checker, given)
+        return _invalid_goals(checker, given, constraints)
     return Ends(checker, first, many[rows], tuple(index_of[row] for row in rows), turns)
 
 
-def _reason(checker: CollisionChecker, q: Array) -> str:
-    """Why q (n,) is invalid: the joints outside their limits, or the contacts."""
-    outside = checker.arm.limits.violations(q, checker.arm.joint_names)
+def _reason(checker: CollisionChecker, q: Array, constraints: Sequence[PathConstraint] = ()) -> str:
+    """Why q (n,) is invalid: the joints outside their limits, the violated constraints, or the contacts."""
+    outside = checker.arm.limits.violations(q, checker.arm.joint_names) + violations_at(checker.arm, q, constraints)
     return "; ".join(outside) if outside else str(checker.check(q))
 
 
@@ -159,8 +172,10 @@ def _invalid_start(checker: CollisionChecker, start: Array) -> PlanResult:
     return PlanResult(PlanStatus.START_INVALID, None, None, None, message, contacts=found.contacts, checker=checker)
 
 
-def _invalid_goals(checker: CollisionChecker, goals: Array) -> PlanResult:
-    reasons = "; ".join(f"goal {i}: {_reason(checker, goal)}" for i, goal in enumerate(goals[:MAX_REPORTED]))
+def _invalid_goals(checker: CollisionChecker, goals: Array, constraints: Sequence[PathConstraint]) -> PlanResult:
+    reasons = "; ".join(
+        f"goal {i}: {_reason(checker, goal, constraints)}" for i, goal in enumerate(goals[:MAX_REPORTED])
+    )
     more = f"; and {len(goals) - MAX_REPORTED} more" if len(goals) > MAX_REPORTED else ""
     contacts = tuple(contact for goal in goals for contact in checker.check(goal).contacts)
     message = f"no goal is valid: {reasons}{more}"

@@ -8,7 +8,7 @@ be certified.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, certify
+from pinproof.collision import CollisionChecker, PathConstraint, certify
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.motion import JointPath
 from pinproof.planning.edges import Edges
@@ -109,6 +109,7 @@ class OmplPlanner:
         goals: npt.ArrayLike,
         *,
         turns: bool = False,
+        constraints: Sequence[PathConstraint] = (),
         rng: int | np.random.Generator = 0,
     ) -> PlanResult:
         """Plan from ``start`` (n,) to one goal (n,) or to any of several (g, n), as :meth:`RrtConnect.plan` does.
@@ -123,8 +124,10 @@ class OmplPlanner:
         Raises
         ------
         InputError
-            If a shape is wrong or a number is not finite.
+            If a shape is wrong, a number is not finite, or there are constraints, which this planner does not support.
         """
+        if constraints:
+            raise InputError("OmplPlanner does not support constraints of the tcp; use RrtConnect (rrt_connect)")
         ends = read_ends(checker, start, goals, turns=turns)
         if isinstance(ends, PlanResult):
             return ends

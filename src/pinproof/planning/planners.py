@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker
+from pinproof.collision import CollisionChecker, PathConstraint
 from pinproof.errors import UnknownNameError
 from pinproof.planning.ompl_adapter import OmplPlanner
 from pinproof.planning.result import PlanResult
 from pinproof.planning.rrt_connect import RrtConnect
 
-__all__ = ["DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner"]
+__all__ = ["CONSTRAINED_PLANNERS", "DEFAULT_PLANNER", "PLANNERS", "Planner", "make_planner"]
 
 
 class Planner(Protocol):
@@ -27,9 +27,13 @@ class Planner(Protocol):
         goals: npt.ArrayLike,
         *,
         turns: bool = False,
+        constraints: Sequence[PathConstraint] = (),
         rng: int | np.random.Generator = 0,
     ) -> PlanResult:
-        """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does."""
+        """Plan from ``start`` (n,) to any of ``goals`` (g, n), as :meth:`RrtConnect.plan` does.
+
+        A planner that does not support constraints raises InputError if there are any.
+        """
         ...
 
     def limited_to(self, nodes: int) -> Planner:
@@ -41,6 +45,9 @@ PLANNERS: dict[str, Callable[..., Planner]] = {"rrt_connect": RrtConnect, "ompl"
 """Planner classes by name; each of them can be created without arguments and accepts ``time_limit`` in seconds."""
 
 DEFAULT_PLANNER = "rrt_connect"
+
+CONSTRAINED_PLANNERS = ("rrt_connect",)
+"""The planners that support constraints of the tcp."""
 
 
 def make_planner(name: str = DEFAULT_PLANNER, **settings: Any) -> Planner:

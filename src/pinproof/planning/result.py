@@ -32,8 +32,8 @@ class PlanStatus(Enum):
     """The outcome of a plan."""
 
     FOUND = "a certified path was found"
-    START_INVALID = "the start is in contact or outside the joint limits"
-    GOAL_INVALID = "every goal is in contact or outside the joint limits"
+    START_INVALID = "the start is in contact, outside the joint limits or violates a constraint"
+    GOAL_INVALID = "every goal is in contact, outside the joint limits or violates a constraint"
     OUT_OF_BUDGET = "no path was found within the budget; one may exist"
     CANCELLED = "the progress callback requested to stop"
 

@@ -4,13 +4,18 @@ Two trees grow towards each other. Sampled collision checks of the edges steer t
 complete path is certified. If the proof of an edge fails, the edge and its subtree are removed, later edges are sampled
 more densely, and the search continues.
 
-Source: J. Kuffner, S. LaValle (2000), "RRT-Connect: an efficient approach to single-query path planning", ICRA.
+With constraints of the tcp, every step is projected onto them and its edge is proven to satisfy them.
+
+Sources: J. Kuffner, S. LaValle (2000), "RRT-Connect: an efficient approach to single-query path planning", ICRA;
+D. Berenson, S. Srinivasa, J. Kuffner (2011), "Task space regions: a framework for pose-constrained manipulation
+planning", International Journal of Robotics Research 30(12) (CBiRRT2).
 """
 
 from __future__ import annotations
 
 import math
 import time
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from dataclasses import dataclass, replace
 
@@ -18,10 +23,12 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import RrtSearch
-from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
+from pinproof.collision.path_constraints import check_constraints
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.motion import JointPath
+from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends, with_turns
 from pinproof.planning.result import PlanProgress, PlanResult, PlanStatus, Progress
@@ -104,6 +111,7 @@ class RrtConnect:
         goals: npt.ArrayLike,
         *,
         turns: bool = False,
+        constraints: Sequence[PathConstraint] = (),
         rng: int | np.random.Generator = 0,
         progress: Progress | None = None,
         portfolio: int = 1,
@@ -125,6 +133,10 @@ class RrtConnect:
             If True, each goal is also accepted with periodic joints shifted by multiples of 2 pi, inside the limits.
             The pose of every link is the same, and sometimes only a shifted goal can be reached. The path ends at the
             shifted configuration; ``goal`` is the index of the given one.
+        constraints
+            Conditions of the tcp that hold on the whole path: :class:`~pinproof.Upright`, :class:`~pinproof.Within`,
+            :class:`~pinproof.LookAt`. The start and the goals must satisfy them. The path has many waypoints;
+            :func:`simplify`, with the same constraints, makes it short and smooth.
         rng
             Seed or Generator of the samples.
         progress
@@ -142,13 +154,14 @@ class RrtConnect:
         """
         if portfolio < 1:
             raise InputError(f"portfolio = {portfolio}; it must be 1 or more")
-        ends = read_ends(checker, start, goals, turns=turns)
+        constraints = check_constraints(constraints)
+        ends = read_ends(checker, start, goals, turns=turns, constraints=constraints)
         if isinstance(ends, PlanResult):
             return ends
         generator = np.random.default_rng(rng)
         if portfolio == 1 and executor is None:
-            return Search(self, ends, generator, progress).run()
-        return _run_portfolio(self, ends, portfolio, generator, executor, progress)
+            return Search(self, ends, constraints, generator, progress).run()
+        return _run_portfolio(self, ends, constraints, portfolio, generator, executor, progress)
 
 
 class Search:
@@ -160,13 +173,24 @@ class Search:
         The budgets and steps.
     ends
         The start, the goals and the checker.
+    constraints
+        The constraints of the tcp; the start and the goals satisfy them.
     rng
         The source of the random samples.
     progress
         The callback that is called during the search, if any.
     """
 
-    def __init__(self, settings: RrtConnect, ends: Ends, rng: np.random.Generator, progress: Progress | None) -> None:
+    def __init__(
+        self,
+        settings: RrtConnect,
+        ends: Ends,
+        constraints: tuple[PathConstraint, ...],
+        rng: np.random.Generator,
+        progress: Progress | None,
+    ) -> None:
+        self._constraints = constraints
+        self._manifold = manifold_of(ends.checker.arm, constraints) if constraints else None
         self._settings, self._given, self._checker, self._rng = settings, ends, ends.checker, rng
         self._progress = progress
         both = np.vstack([ends.start, ends.goals])
@@ -179,6 +203,7 @@ class Search:
             step=settings.step,
             max_nodes=settings.max_nodes,
             max_samples=settings.max_samples,
+            manifold=self._manifold,
         )
         self._cut, self._last_cut, self._reduce_pad_at = 0, "", REDUCE_PAD_AFTER
         self._began = time.monotonic()
@@ -233,6 +258,8 @@ class Search:
             if self._seconds >= self._settings.time_limit:
                 break
             q = np.array([start, goals[row]] if steps[row] > 0 else [start])
+            if self._manifold is not None and not self._manifold.edge_proven(start, goals[row]):
+                continue
             if self._edges.samples_free(start, goals[row]) and (result := self._prove(q, row)[0]) is not None:
                 return result
         return None
@@ -254,7 +281,7 @@ class Search:
     def _prove(self, q: Array, row: int) -> tuple[PlanResult | None, int]:
         """The certified path q (m, n) to a goal; or None and the index of the edge that is not free."""
         path = JointPath(q, self._checker.arm.joint_names)
-        certificate = certify(path, self._checker)
+        certificate = certify(path, self._checker, constraints=self._constraints)
         if certificate.free:
             message = f"found a path with {len(path)} waypoints and length {path.length:.3g}; {certificate.message}"
             found = self._result(PlanStatus.FOUND, message, gap=0.0)
@@ -309,6 +336,10 @@ def _failed_edge(certificate: Certificate, edges: int) -> int:
     """The index of the edge on which the proof failed; the parameter of the path is the index of the waypoint."""
     if certificate.first_contact is not None:
         where = certificate.first_contact.time
+    elif certificate.violation is not None:
+        where = certificate.violation.time
+    elif certificate.undecided_constraint is not None:
+        where = certificate.undecided_constraint.start
     elif certificate.undecided is not None:
         where = (certificate.undecided.start + certificate.undecided.end) / 2
     else:  # pragma: no cover  # a certificate that is not FREE has one of the two
@@ -358,6 +389,7 @@ def _separation(arm: Arm, joint: int, from_start: Array, from_goal: Array) -> st
 def _run_portfolio(
     settings: RrtConnect,
     ends: Ends,
+    constraints: tuple[PathConstraint, ...],
     count: int,
     rng: np.random.Generator,
     executor: Executor | None,
@@ -374,18 +406,20 @@ def _run_portfolio(
     if executor is None:
         results = []
         for stream in streams:
-            results.append(Search(settings, ends, stream, progress).run())
+            results.append(Search(settings, ends, constraints, stream, progress).run())
             if results[-1].status is PlanStatus.CANCELLED:
                 break
     else:
-        futures = [executor.submit(_search, settings, ends, stream) for stream in streams]
+        futures = [executor.submit(_search, settings, ends, constraints, stream) for stream in streams]
         results = _gather(futures, progress)
     return replace(_best(results), checker=ends.checker)
 
 
-def _search(settings: RrtConnect, ends: Ends, rng: np.random.Generator) -> PlanResult:
+def _search(
+    settings: RrtConnect, ends: Ends, constraints: tuple[PathConstraint, ...], rng: np.random.Generator
+) -> PlanResult:
     """One search in a worker. The checker is removed from the result, because it is expensive to transfer."""
-    return replace(Search(settings, ends, rng, None).run(), checker=None)
+    return replace(Search(settings, ends, constraints, rng, None).run(), checker=None)
 
 
 def _gather(futures: list[Future[PlanResult]], progress: Progress | None) -> list[PlanResult]:

@@ -10,18 +10,27 @@ semiholonomic subsystems", IJRR 17(8), 1998 (removal of waypoints).
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from pinproof._core import shortcut as shorten
-from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
+from pinproof.collision.path_constraints import check_constraints
 from pinproof.errors import InputError
 from pinproof.motion import BlendedPath, JointPath
 from pinproof.planning.blending import blend as round_corners
+from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
 from pinproof.planning.edges import Edges
 
 __all__ = ["SimplifyResult", "shortcut", "simplify"]
+
+RESOLUTION = 0.05
+"""Metres by which bodies move between two samples that are checked before the proof of an edge."""
+
+SMOOTH_PAD = 5e-3
+"""Metres that the points of a smooth curve keep in addition to the margin, because the curve leaves its chords."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +108,7 @@ def simplify(
     blend: bool = True,
     deviation: float = 0.1,
     attempts: int = 60,
+    constraints: Sequence[PathConstraint] = (),
     certificate: Certificate | None = None,
 ) -> SimplifyResult:
     """Shorten a path (:func:`shortcut`), round its corners (:func:`blend`), and certify the resulting curve.
@@ -116,6 +126,10 @@ def simplify(
         As for :func:`shortcut`.
     blend, deviation
         Whether corners are rounded, and the maximum distance (rad or m, Euclidean) between a corner and its rounding.
+        With constraints, a smooth curve replaces the whole path instead, if one is proven.
+    constraints
+        Constraints of the tcp that ``path`` satisfies, such as those of :meth:`RrtConnect.plan`; the result satisfies
+        them.
     certificate
         The certificate of ``path``, such as :attr:`PlanResult.certificate`. If it is not given, it is computed.
 
@@ -124,25 +138,43 @@ def simplify(
     InputError
         If the joints of the path are not those of the arm, or a setting is out of its range.
     """
-    short = shortcut(path, checker, rng=rng, attempts=attempts)
-    candidates: list[JointPath | BlendedPath] = [short]
-    if blend:
-        candidates.insert(0, round_corners(short, checker, deviation=deviation))
-    before = certificate if certificate is not None and _is_for(certificate, path, checker) else certify(path, checker)
+    constraints = check_constraints(constraints)
+    short = shortcut(path, checker, rng=rng, attempts=attempts, constraints=constraints)
+    before = certificate
+    if before is None or not _is_for(before, path, checker, constraints):
+        before = certify(path, checker, constraints=constraints)
     rejected = ""
-    for curve in candidates:
-        proof = certify(curve, checker)
+    for curve in _candidates(short, checker, constraints, blend, deviation):
+        proof = certify(curve, checker, constraints=constraints)
         if proof.free:
             return _result(curve, proof, path, before, rejected)
         kind = "rounded" if isinstance(curve, BlendedPath) else "shortened"
         rejected = f"; the {kind} path was rejected: {proof.message}"
-    return _result(path, certify(path, checker), path, before, rejected)
+    return _result(path, certify(path, checker, constraints=constraints), path, before, rejected)
 
 
-def _is_for(certificate: Certificate, path: JointPath, checker: CollisionChecker) -> bool:
-    """Whether a certificate is for this path, this setup, this margin and these excluded pairs."""
+def _candidates(
+    short: JointPath,
+    checker: CollisionChecker,
+    constraints: tuple[PathConstraint, ...],
+    blend: bool,
+    deviation: float,
+) -> Iterator[JointPath | BlendedPath]:
+    """The curves that may replace a shortened path, in the order of preference."""
+    if blend and constraints:
+        edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD)
+        yield from smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names)
+    if blend:
+        yield round_corners(short, checker, deviation=deviation)
+    yield short
+
+
+def _is_for(
+    certificate: Certificate, path: JointPath, checker: CollisionChecker, constraints: Sequence[PathConstraint]
+) -> bool:
+    """Whether a certificate is for this path, this setup, this margin, these excluded pairs and these constraints."""
     same = certificate.margin == checker.margin and certificate.excluded == tuple(checker.excluded)
-    return same and certificate.matches(path, checker.arm, checker.scene, checker.attached)
+    return same and certificate.matches(path, checker.arm, checker.scene, checker.attached, constraints)
 
 
 def _result(
@@ -166,7 +198,8 @@ def shortcut(
     *,
     rng: int | np.random.Generator = 0,
     attempts: int = 60,
-    resolution: float = 0.05,
+    resolution: float = RESOLUTION,
+    constraints: Sequence[PathConstraint] = (),
 ) -> JointPath:
     """Shorten a path; its ends are kept and every new edge is proven free.
 
@@ -185,6 +218,8 @@ def shortcut(
         Maximum number of random shortcuts. With 0, waypoints are removed and nothing else is changed.
     resolution
         Distance (m) by which bodies move between two samples that are checked before the proof of an edge.
+    constraints
+        Constraints of the tcp that ``path`` satisfies; new edges satisfy them too.
 
     Raises
     ------
@@ -196,5 +231,9 @@ def shortcut(
     if attempts < 0:
         raise InputError(f"attempts = {attempts}; it must be 0 or more")
     edges = Edges(checker, resolution, path.q[[0, -1]])
-    draws = np.random.default_rng(rng).random((attempts, 2))
+    generator = np.random.default_rng(rng)
+    if constraints := check_constraints(constraints):
+        manifold = manifold_of(checker.arm, constraints)
+        return JointPath(shortened(path.q, edges, manifold, generator, attempts), path.joint_names)
+    draws = generator.random((attempts, 2))
     return JointPath(shorten(edges.core, np.ascontiguousarray(path.q), draws), path.joint_names)

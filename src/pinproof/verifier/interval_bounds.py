@@ -74,6 +74,29 @@ class IntervalBounds:
         self._place_joints()
         self._placed: dict[int, tuple[Array, Array, Array]] = {}
 
+    @property
+    def half_width(self) -> Array:
+        """(T, n) half of the sides of the boxes."""
+        return self._half_width
+
+    @property
+    def theta(self) -> Array:
+        """(T, K, n) control points relative to q, valid where :attr:`single`."""
+        return self._theta
+
+    @property
+    def single(self) -> npt.NDArray[np.bool_]:
+        """(T,) whether an interval is in a single piece of the curve."""
+        return self._single
+
+    def placed(self, joint: int) -> tuple[Array, Array]:
+        """Rotation (T, 3, 3) and translation (T, 3) of a joint at q, in root; -1 is the root."""
+        return self._root(joint)
+
+    def axis(self, joint: int) -> tuple[Array, Array]:
+        """Direction and a point (T, 3) each of the axis of a joint at q, in root."""
+        return self._axes[joint], self._at[joint][1]
+
     def _place_joints(self) -> None:
         """Forward kinematics: rotation (T, 3, 3) and translation (T, 3) of each joint, and its axis (T, 3) in root."""
         self._at: list[tuple[Array, Array]] = []

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from .reading import Refused, check_fields, index, is_text, items, member, number, numbers, shown, text
 
-__all__ = ["LARGEST_PARAMETER", "Body", "Curve", "Joint", "body_digest", "curve_digest"]
+__all__ = ["LARGEST_PARAMETER", "Body", "Curve", "Joint", "body_digest", "curve_digest", "placement"]
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +31,7 @@ LEVELS = 3
 """How many sets of bodies, from coarse to fine, may represent a geometry."""
 
 
-def _placement(row: Any, where: str) -> tuple[Array, Array]:
+def placement(row: Any, where: str) -> tuple[Array, Array]:
     """Rotation (3, 3) and translation (3,), from three rows of four."""
     place = numbers(row, where, "placement", (3, 4))
     rotation, translation = place[:, :3], place[:, 3]
@@ -62,7 +62,7 @@ class Joint:
         if not abs(length - 1.0) <= RIGID:
             raise Refused(f"{where}.axis: its length must be 1, not {length}")
         self.axis = axis / length
-        self.rotation, self.translation = _placement(row, where)
+        self.rotation, self.translation = placement(row, where)
 
 
 class Body:
@@ -87,7 +87,7 @@ class Body:
         self.joint = index(member(row, where, "joint"), -1, joints, f"{where}.joint")
         if self.kind == "obstacle" and self.joint != -1:
             raise Refused(f"{where}.joint: an obstacle moves with no joint; it must be -1")
-        self.rotation, self.translation = _placement(row, where)
+        self.rotation, self.translation = placement(row, where)
         shape = member(row, where, "shape")
         self.half_space, self.convex = shape == "half_space", shape is not None and shape != "half_space"
         if self.half_space and self.kind != "obstacle":

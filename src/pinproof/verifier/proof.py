@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from .constraints import Constraint
 from .interval_bounds import IntervalBounds
 from .parts import LARGEST_PARAMETER, Body, Curve, Joint
 from .reading import (
@@ -41,7 +42,7 @@ UNIT = 1e-3
 """How far the length of a direction may be from 1: it is rounded in the file, and normalised here."""
 
 FIELDS = ("format", "version", "made_by", "claim", "settings", "hashes", "robot", "curve", "joints", "bodies", "notes",
-          "excluded", "intervals", "pairs")  # fmt: skip
+          "excluded", "intervals", "pairs", "constraints")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +66,8 @@ class ProofVerdict:
         Number of body pairs proven, and of the intervals of all of them.
     excluded
         (owner, owner, reason): pairs that the proof does not cover; the reasons are the maker's own and not checked.
+    constraints
+        (name, proven largest error, tolerance, unit) of each constraint of the tcp, derived again; unit rad or m.
     compared, not_compared
         What was compared with the caller's own files, and what was not: there the file is trusted.
     """
@@ -78,6 +81,7 @@ class ProofVerdict:
     pairs: int = 0
     intervals: int = 0
     excluded: tuple[tuple[str, str, str], ...] = ()
+    constraints: tuple[tuple[str, float, float, str], ...] = ()
     compared: tuple[str, ...] = ()
     not_compared: tuple[str, ...] = ("the robot", "the scene", "the motion")
 
@@ -93,6 +97,8 @@ class ProofVerdict:
         if self.pairs:
             distance = f"clearance of {self.clearance * 1e3:.6g} mm or more"
             line = f"HOLDS: {distance} between {self.pairs} body pairs, proven over {self.intervals} intervals"
+        for name, largest, tolerance, unit in self.constraints:
+            line += f"; {name}: error of {largest:.6g} {unit} or less, {tolerance:.6g} {unit} allowed"
         if any(self.joint_tolerance):
             line += f"; joint tolerance {', '.join(f'{each:g}' for each in self.joint_tolerance)}"
         if self.obstacle_tolerance:
@@ -110,6 +116,7 @@ def verify(document: Any) -> ProofVerdict:
         proof = Proof(document)
         proof.check_complete()
         clearance, intervals = proof.check_pairs()
+        constraints = proof.check_constraints()
     except Refused as refused:
         return ProofVerdict((str(refused),))
     except MemoryError:
@@ -124,6 +131,8 @@ def verify(document: Any) -> ProofVerdict:
         pairs=len(proof.pairs),
         intervals=intervals,
         excluded=tuple((a, b, reason) for a, b, reason in proof.excluded),
+        constraints=constraints,
+        not_compared=(*ProofVerdict.not_compared, *(("the constraints",) if constraints else ())),
     )
 
 
@@ -165,11 +174,9 @@ class Proof:
         self._read_settings(member(document, "", "settings"))
         self.pairs = items(document, "", "pairs")
         self.intervals = numbers(document, "", "intervals", (None, 2), LARGEST_PARAMETER)
-        start, end = self.intervals.T
-        outside = ~((start >= self.curve.low) & (end <= self.curve.high))
-        wrong = np.flatnonzero(outside | ~((start <= end) if self.curve.single else (start < end)))
-        if len(wrong):
-            raise Refused(f"intervals[{wrong[0]}]: must have a length and lie on the curve")
+        self._check_intervals(self.intervals, "intervals")
+        rows = items(document, "", "constraints") if "constraints" in document else []
+        self.constraints = [Constraint(row, k, len(self.joints)) for k, row in enumerate(rows)]
         self.rounding = self._rounding()
 
     def _read_excluded(self) -> list[tuple[str, str, str]]:
@@ -207,7 +214,8 @@ class Proof:
         values = [abs(joint.multiplier) * float(largest[joint.leader]) + abs(joint.offset) for joint in self.joints]
         travel = sum(value for joint, value in zip(self.joints, values, strict=True) if not joint.revolute)
         chain = sum(float(np.linalg.norm(joint.translation)) for joint in self.joints)
-        reach = max((body.extent for body in self.bodies), default=0.0) + chain + travel
+        vectors = [float(np.linalg.norm(each)) for row in self.constraints for each in row.positions]
+        reach = max([*(body.extent for body in self.bodies), *vectors], default=0.0) + chain + travel
         turning = sum(values) * self.curve.control.shape[1]  # each control point is one more average
         return ROUNDING * max(1.0, reach) * max(1.0, turning / TURNING)
 
@@ -302,6 +310,33 @@ class Proof:
         if not claimed <= least:
             raise Refused(f"claim.clearance: {claimed:.17g} m is claimed, {least:.17g} m is proven")
         return least, count
+
+    def errors_of(self, constraint: Constraint, intervals: Array) -> Array:
+        """(T,) upper bounds (rad or m) of the error of a constraint on intervals (T, 2)."""
+        return constraint.errors(IntervalBounds(self, intervals), self.joints, self.tolerance, self.rounding)
+
+    def check_constraints(self) -> tuple[tuple[str, float, float, str], ...]:
+        """Name, proven largest error, tolerance and unit of each constraint; refuses one that is not proven."""
+        found = []
+        for each in self.constraints:
+            self._check_intervals(each.intervals, f"{each.where}.intervals")
+            self._check_cover(each.intervals, each.where)
+            errors = self.errors_of(each, each.intervals)
+            bad = np.flatnonzero(~(errors <= each.largest))  # written so that NaN is refused
+            if len(bad):
+                interval = "[{:.9g}, {:.9g}]".format(*each.intervals[bad[0]])
+                stated = f"{each.largest:.17g} {each.unit} is claimed"
+                raise Refused(f"{each.where}: on {interval} an error of {errors[bad[0]]:.9g} is not excluded; {stated}")
+            found.append((each.name, float(errors.max()), each.tolerance, each.unit))
+        return tuple(found)
+
+    def _check_intervals(self, intervals: Array, where: str) -> None:
+        """Refuses intervals (T, 2) without a length or outside the curve."""
+        start, end = intervals.T
+        outside = ~((start >= self.curve.low) & (end <= self.curve.high))
+        wrong = np.flatnonzero(outside | ~((start <= end) if self.curve.single else (start < end)))
+        if len(wrong):
+            raise Refused(f"{where}[{wrong[0]}]: must have a length and lie on the curve")
 
     def _check_cover(self, intervals: Array, where: str) -> None:
         """Refuses intervals (R, 2) that leave out a part of the curve."""

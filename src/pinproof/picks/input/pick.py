@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import Obstacle, Scene
+from pinproof.collision import Obstacle, Scene, Upright
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.validation import ReadOnlyDict, require_positive
 from pinproof.description import Urdf
@@ -429,6 +429,11 @@ class Pick:
         those within 1 mm below it. Stored as a tuple of names.
     place
         Where the object is put down; None to end with the retreat.
+    upright
+        rad: while the object is carried, the axis of the tip that is vertical at the grasp stays within this angle of
+        the vertical; None for any orientation. The transfer is planned under this constraint.
+    upright_axis
+        (3,) another axis for ``upright``, in the tip frame; it must point up within the angle.
     payload
         The mass of the object, in its own frame (that of its obstacle, or of the shape). The torque limits of the
         joints then apply.
@@ -450,6 +455,8 @@ class Pick:
     carried: Obstacle | str | None = None
     support: str | Sequence[str] | None = None
     place: PlaceTarget | None = None
+    upright: float | None = None
+    upright_axis: Direction | None = None
     payload: Payload | None = None
     speed: Mapping[str, ToolSpeed] = field(default_factory=dict)
 
@@ -462,6 +469,14 @@ class Pick:
             _check_move(self, move, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
+        if self.upright is not None:
+            if self.carried is None:
+                raise InputError(f"pick {self.name!r} states upright but no object, whose orientation it limits")
+            checked = Upright(tolerance=self.upright, axis_in_tcp=self.upright_axis or (0.0, 0.0, 1.0))
+            object.__setattr__(self, "upright", checked.tolerance)
+            object.__setattr__(self, "upright_axis", None if self.upright_axis is None else checked.axis_in_tcp)
+        elif self.upright_axis is not None:
+            raise InputError(f"pick {self.name!r} states upright_axis but not upright, the allowed angle")
         if self.payload is not None and (self.carried is None or self.payload.frame is not None):
             reason = "no object" if self.carried is None else "a frame; the payload moves with the object"
             raise InputError(f"pick {self.name!r} states a payload and {reason}")

@@ -41,7 +41,7 @@ from pinproof.picks.input.picks_keys import (
     TOLERANCE,
 )
 from pinproof.spatial import SE3, finite
-from pinproof.units import refuse_millimetres
+from pinproof.units import ANGLE_UNITS, parse_angle, refuse_millimetres
 
 __all__ = ["is_turned", "make_pick", "mapping_of", "payload_of", "picks_of_row"]
 
@@ -85,6 +85,8 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "object": lambda value: _object(value, path),
         "support": _support,
         "place": _place,
+        "upright": _upright,
+        "upright_axis": lambda value: tuple(finite("upright_axis", numbers_of("upright_axis", value), (3,)).tolist()),
         "payload": lambda value: payload_of("payload", value, OBJECT_PAYLOAD),
         "speed": _speed,
     }
@@ -125,6 +127,18 @@ def _spin(stated: object) -> GraspSpin:
         return GraspSpin.between(first, last, _count("spin.steps", settings.get("steps", STEPS)))
     angles = numbers_of("spin", stated)
     return GraspSpin(tuple(angles) if isinstance(angles, list) else (angles,))
+
+
+def _upright(stated: object) -> float:
+    """An angle: ``5 deg``, ``0.1 rad``, or a number in radians."""
+    if isinstance(stated, list):
+        raise InputError(f"upright is {stated!r}; it must be an angle, such as 5 deg")
+    if not isinstance(stated, str) or not stated.strip().endswith(tuple(ANGLE_UNITS)):
+        return float(numbers_of("upright", stated))
+    try:
+        return parse_angle(stated)
+    except ValueError as error:
+        raise InputError(f"upright: {error}") from None
 
 
 def _tolerance(stated: object) -> GraspTolerance:

@@ -255,6 +255,14 @@ _PICK_KEYS = (
         "mm below it",
     ),
     FileKey("place", PLACE, "where the object is put down; by default the pick ends with the retreat"),
+    FileKey(
+        "upright",
+        any_of({"$ref": NUMBER, "minimum": 0}, {"type": "string", "pattern": r"^[-+0-9.eE]+ *(deg|rad)$"}),
+        "while the object is carried, the axis of the tip that is vertical at the grasp stays within this angle of the "
+        "vertical, such as `5 deg`; by default any orientation is allowed",
+        "rad",
+    ),
+    FileKey("upright_axis", VECTOR, "another axis for `upright`, in the frame of the tip"),
     FileKey("payload", OBJECT_PAYLOAD, "the mass of the object; the torque limits of the joints then apply"),
     FileKey(
         "speed",
@@ -270,7 +278,7 @@ DEFAULTS = KeyTable(
 PICK = KeyTable(
     "pick",
     "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
-    "`defaults`; an `object` is required for `support` and `place`.",
+    "`defaults`; an `object` is required for `support`, `place` and `upright`.",
     (
         required("name", TEXT, "unique in the file"),
         *_PICK_KEYS,
@@ -469,6 +477,7 @@ COLUMNS = {
     "place.approach": ("place_approach",),
     "place.retreat": ("place_retreat",),
     "place.support": ("place_support",),
+    "upright": ("upright",),
     "payload.mass": ("mass",),
     "payload.center_of_mass": ("center_x", "center_y", "center_z"),
     "speed": ("speed",),

@@ -9,14 +9,14 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.ik import Clik
-from pinproof.motion import CubicPath, JointPath
+from pinproof.motion import BlendedPath, CubicPath, JointPath
 from pinproof.picks.input.pick import Member, PlaceTarget, moved
 from pinproof.picks.judging.configurations import configurations, least_seconds
 from pinproof.picks.judging.grasp import closing_words, contact_words, every_branch
 from pinproof.picks.judging.lines import Attempt, Pairs, line, passing, shifted, shortened, span
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import Stage, StageResult
-from pinproof.planning import make_planner
+from pinproof.planning import make_planner, simplify
 from pinproof.planning.ends import with_turns
 
 __all__ = ["Placer", "Placing", "Release"]
@@ -35,7 +35,7 @@ DOWN, OFF, TRANSFER = 1, 2, 3
 class Placing:
     """The parts of a place: ``lift`` and ``leave`` start at the release; None if they are not requested."""
 
-    transfer: JointPath
+    transfer: JointPath | BlendedPath
     lift: CubicPath | None
     leave: CubicPath | None
     parting: Pairs
@@ -193,13 +193,20 @@ class Placer:
         inside = [shift for shift in shifts if limits.inside(np.array([low, high]) + shift).all()]
         shifts = inside or shifts[:1]
         planner = make_planner(task.cell.budget.planner).limited_to(task.cell.budget.nodes)
-        plan = planner.plan(carrying, attempt.exit, down.entrance + np.array(shifts), rng=seeds[0])
+        goals, constraints = down.entrance + np.array(shifts), task.constraints(attempt.candidate.member)
+        plan = planner.plan(carrying, attempt.exit, goals, constraints=constraints, rng=seeds[0])
         if plan.path is None or plan.goal is None:
             return _failure(replace(down, why=f"transfer: {plan.message}")), None
-        path, clearance = shortened(plan, carrying, seeds[1])
+        path: JointPath | BlendedPath
+        if constraints:
+            simple = simplify(plan.path, carrying, rng=seeds[1], constraints=constraints, certificate=plan.certificate)
+            path, clearance = simple.path, simple.observed_after
+        else:
+            path, clearance = shortened(plan, carrying, seeds[1])
         by = shifts[plan.goal]
         support = f" onto {', '.join(pair[1] for pair in down.parting)}" if down.parting else ""
-        message = f"transfer of {path.length:.2f} rad, {asked.approach * 1e3:.0f} mm approach{support}, "
+        kept = f" {constraints[0]}" if constraints else ""
+        message = f"transfer of {path.length:.2f} rad{kept}, {asked.approach * 1e3:.0f} mm approach{support}, "
         proven = np.nan if plan.certificate is None else plan.certificate.clearance
         figures = {"length": path.length, "clearance": min(down.proven, proven)}
         return (

@@ -24,7 +24,7 @@ Econometrica 28(3).
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -32,7 +32,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.motion import CubicPath, JointPath
+from pinproof.motion import Curve, JointPath
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.configurations import TURN, at_full_speed, least_seconds
 from pinproof.picks.judging.grasp import AMPLE, Candidate, every_branch, limit_margin
@@ -352,7 +352,7 @@ class BestFirst:
         attempt, arm = crossing.attempt, self._task.arm
         if attempt is None:
             raise InputError("a failed transit has no score")
-        curves: list[CubicPath | JointPath | None] = [crossing.path, attempt.line_in(), attempt.line_out()]
+        curves: list[Curve | None] = [crossing.path, attempt.line_in(), attempt.line_out()]
         clearances = [attempt.candidate.clearance, attempt.clearance, crossing.clearance]
         seconds = more
         if isinstance(placing, Placing):
@@ -370,7 +370,7 @@ class BestFirst:
         return self._scoring.parts(min(clearances), margin, attempt.candidate.parts["manipulability"], seconds)
 
 
-def _points(curves: list[CubicPath | JointPath | None], n: int) -> Iterator[Array]:
+def _points(curves: Sequence[Curve | None], n: int) -> Iterator[Array]:
     """(k, n) the control points of each curve that is not None."""
     for curve in curves:
         if curve is not None:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision import CollisionChecker, Obstacle
+from pinproof.collision import CollisionChecker, Obstacle, Upright
 from pinproof.collision.line_surface import LineSurface, point_distance
 from pinproof.collision.separation import directions_to_facets
 from pinproof.errors import InputError, UnknownNameError
@@ -31,6 +31,7 @@ from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.configurations import has_closed_form, widened
 from pinproof.picks.judging.grip import GripResult, HeldPart, MovingFinger, fingers_of, grip_by_fingers, grip_by_tip
 from pinproof.picks.judging.suction import grip_by_cup
+from pinproof.planning.planners import CONSTRAINED_PLANNERS
 from pinproof.spatial import SE3, matrix
 
 __all__ = ["SUPPORT_GAP", "Cell", "Task"]
@@ -157,7 +158,8 @@ class Task:
     Raises
     ------
     InputError
-        If a frame, the object or a support does not exist, or the object's name is taken.
+        If a frame, the object or a support does not exist, the object's name is taken, or the planner does not support
+        ``upright``.
     """
 
     def __init__(self, pick: Pick, cell: Cell) -> None:
@@ -174,6 +176,9 @@ class Task:
             for support in support_names(stated) or ():
                 if support not in names:
                     raise UnknownNameError("support", support, names, self.scene.where)
+        if pick.upright is not None and cell.budget.planner not in CONSTRAINED_PLANNERS:
+            valid = ", ".join(CONSTRAINED_PLANNERS)
+            raise InputError(f"the planner {cell.budget.planner!r} does not support upright; use {valid}")
         self.name = carried.name if isinstance(carried, Obstacle) else carried
         self.place = None if pick.place is None else self._place_of_tip(pick.place)
         self._carrying: dict[str, CollisionChecker] = {}
@@ -226,6 +231,17 @@ class Task:
         """``root_from_tip`` at the end of the retreat from a grasp."""
         pick = self.pick
         return moved(root_from_tip, pick.retreat, pick.retreat_direction, pick.retreat_frame)
+
+    def constraints(self, member: Member) -> tuple[Upright, ...]:
+        """The constraints of the tcp while the object is carried."""
+        pick = self.pick
+        if pick.upright is None:
+            return ()
+        up = self.arm.root_from_base.rotation.T @ np.array([0.0, 0.0, 1.0])
+        axis = self.target(self.grasp(member)).rotation.T @ up
+        if pick.upright_axis is not None:
+            axis = self.cell.shared.tip.rotation @ np.array(pick.upright_axis)
+        return (Upright(tolerance=pick.upright, axis_in_tcp=(*axis.tolist(),), up=(*up.tolist(),)),)
 
     # -- checkers -----------------------------------------------------------------------------------------------------
 

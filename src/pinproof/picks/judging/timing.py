@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.collision import Certificate, CollisionChecker, Upright, certify
 from pinproof.collision.certificate import curve_hash
 from pinproof.errors import InputError, TimingError
-from pinproof.motion import CubicPath, JointPath, MotionProgram, Trajectory, time_parametrise
+from pinproof.motion import BlendedPath, CubicPath, JointPath, MotionProgram, Trajectory, time_parametrise
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
@@ -35,11 +35,12 @@ class Timed:
 @dataclass(frozen=True, eq=False)
 class _Part:
     name: str
-    curves: tuple[JointPath | CubicPath, ...]
+    curves: tuple[JointPath | BlendedPath | CubicPath, ...]
     checker: CollisionChecker
     parting: Pairs = ()
     backwards: bool = False
     passing: CollisionChecker | None = None
+    constraints: tuple[Upright, ...] = ()
     lines: tuple[str, ...] = ()
 
     @property
@@ -141,13 +142,15 @@ def _part_again(task: Task, member: Member, name: str, trajectory: Trajectory) -
         return _Part(name, (), task.at_grasp, passing=task.passing)
     if name == "leave":
         return _Part(name, (), task.letting_go(member), passing=task.passing_off(member))
-    carrying = task.carrying(member)
+    carrying, kept = task.carrying(member), task.constraints(member)
     if name == "retreat":
-        return _Part(name, (), carrying, task.supports(carrying, trajectory.start, task.pick.support))
+        parting = task.supports(carrying, trajectory.start, task.pick.support)
+        return _Part(name, (), carrying, parting, constraints=kept)
     if name == "place":
         stated = None if task.place is None else task.place.support
-        return _Part(name, (), carrying, task.supports(carrying, trajectory.end, stated), backwards=True)
-    return _Part(name, (), carrying)
+        parting = task.supports(carrying, trajectory.end, stated)
+        return _Part(name, (), carrying, parting, backwards=True, constraints=kept)
+    return _Part(name, (), carrying, constraints=kept)
 
 
 def _parts(task: Task, attempt: Attempt, path: JointPath, placing: Placing | None) -> list[_Part]:
@@ -158,15 +161,16 @@ def _parts(task: Task, attempt: Attempt, path: JointPath, placing: Placing | Non
         lines = ("transit", *("approach" for _ in into), *("retreat" for _ in out))
         return [_Part("pick", (path, *into, *out), task.outside, lines=lines)]
     member = attempt.candidate.member
-    carrying = task.carrying(member)
+    carrying, kept = task.carrying(member), task.constraints(member)
     parts = [_Part("transit", (path,), task.outside)]
     parts += [_Part("approach", into, task.at_grasp, passing=task.passing)] if into else []
-    parts += [_Part("retreat", out, carrying, attempt.parting)] if out else []
+    parts += [_Part("retreat", out, carrying, attempt.parting, constraints=kept)] if out else []
     if placing is None:
         return parts
-    parts.append(_Part("transfer", (placing.transfer,), carrying))
+    parts.append(_Part("transfer", (placing.transfer,), carrying, constraints=kept))
     if placing.lift is not None:
-        parts.append(_Part("place", (placing.lift.reversed(),), carrying, placing.parting, backwards=True))
+        lowering = (placing.lift.reversed(),)
+        parts.append(_Part("place", lowering, carrying, placing.parting, backwards=True, constraints=kept))
     if placing.leave is not None:
         parts.append(_Part("leave", (placing.leave,), task.letting_go(member), passing=task.passing_off(member)))
     return parts
@@ -174,8 +178,8 @@ def _parts(task: Task, attempt: Attempt, path: JointPath, placing: Placing | Non
 
 def _proof(part: _Part, trajectory: Trajectory) -> Certificate:
     if not part.backwards or not part.parting:
-        return certify(trajectory, part.checker, parting=part.parting)
-    proof = certify(_backwards(trajectory), part.checker, parting=part.parting)
+        return certify(trajectory, part.checker, parting=part.parting, constraints=part.constraints)
+    proof = certify(_backwards(trajectory), part.checker, parting=part.parting, constraints=part.constraints)
     # both directions have the same configurations, so the proof applies to both
     return replace(proof, curve=curve_hash(trajectory), backwards=True, notes=(*proof.notes, BACKWARDS))
 

@@ -81,6 +81,7 @@ MOTION = _table(
         list_of(WORDS),
         "pairs that may touch at the start (at the end if `backwards`), and how they were proven to separate",
     ),
+    required("constraints", list_of(WORDS), "constraints of the tcp, each with its proven largest error"),
     FileKey("torques", list_of(TORQUE), "the largest torques, if torque is limited"),
 )
 

@@ -1,0 +1,194 @@
+#include "certificate/path_constraint.h"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+#include <numbers>
+
+#include "geometry/sincos.h"
+
+namespace pinproof {
+namespace {
+
+constexpr double kInfinity = std::numeric_limits<double>::infinity();
+
+// rad, and metres for each metre of reach: about 10^5 roundings of numbers of that size.
+constexpr double kRounding = 1e-11;
+
+// rad or m: up to this sum of joint values, their own rounding is within kRounding; beyond, it grows in proportion.
+constexpr double kTurning = 1e3;
+
+// A direction to a target that is nearer to the tcp than this (m) is undefined.
+constexpr double kNearest = 1e-9;
+
+double angle_between(const Vec3& a, const Vec3& b) { return std::atan2(norm(cross(a, b)), dot(a, b)); }
+
+// The signed distance of one coordinate from a range.
+double excess(double x, double low, double high) { return x > high ? x - high : x < low ? x - low : 0.0; }
+
+Vec3 excess_of_box(const PathConstraint& region, const Vec3& point) {
+    const Vec3 local =
+        transposed_times(region.base_from_box.rotation, point - region.base_from_box.translation);
+    return {excess(local.x, region.low.x, region.high.x), excess(local.y, region.low.y, region.high.y),
+            excess(local.z, region.low.z, region.high.z)};
+}
+
+// A unit vector perpendicular to a unit vector.
+Vec3 perpendicular_to(const Vec3& a) {
+    const Vec3 other = std::abs(a.x) < 0.6 ? Vec3{1.0, 0.0, 0.0} : Vec3{0.0, 1.0, 0.0};
+    const Vec3 n = cross(a, other);
+    return (1.0 / norm(n)) * n;
+}
+
+}  // namespace
+
+ConstrainedTcp::ConstrainedTcp(Chain chain, std::vector<PathConstraint> constraints)
+    : chain_(std::move(chain)), constraints_(std::move(constraints)), axes_(chain_.joints.size()) {
+    double reach = norm(chain_.tool.translation);
+    for (const Joint& joint : chain_.joints) reach += norm(joint.before.translation);
+    for (const PathConstraint& each : constraints_)
+        reach = std::max({reach, norm(each.point), norm(each.base_from_box.translation)});
+    reach_ = std::max(reach, 1.0);
+    rounding_ = kRounding * reach_;
+}
+
+void ConstrainedTcp::place(const double* q) {
+    Transform pose;
+    double travel = 0.0, turning = 0.0;
+    for (std::size_t k = 0; k < chain_.joints.size(); ++k) {
+        const Joint& joint = chain_.joints[k];
+        pose = pose * joint.before;
+        axes_[k] = {pose.translation, pose.rotation.column(2)};
+        const double value = joint.value(q);
+        turning += std::abs(value);
+        if (joint.prismatic) travel += std::abs(value);
+        if (joint.prismatic) {
+            pose.translation += value * pose.rotation.column(2);
+        } else {
+            const auto [sine, cosine] = sincos_of_any(value);
+            rotate_about_z(pose.rotation, sine, cosine);
+        }
+    }
+    tcp_ = pose * chain_.tool;
+    rounding_ = kRounding * (reach_ + travel) * std::max(turning / kTurning, 1.0);
+}
+
+double ConstrainedTcp::error(std::size_t i) const {
+    const PathConstraint& constraint = constraints_[i];
+    switch (constraint.kind) {
+        case ConstraintKind::kDirection:
+            return angle_between(tcp_.rotation * constraint.axis, constraint.point);
+        case ConstraintKind::kRegion:
+            return norm(excess_of_box(constraint, tcp_ * constraint.point));
+        case ConstraintKind::kTarget:
+        default: {
+            const Vec3 view = constraint.point - tcp_.translation;
+            return norm(view) < kNearest ? std::numbers::pi : angle_between(tcp_.rotation * constraint.axis, view);
+        }
+    }
+}
+
+// The velocity of a point that joint k carries, per unit of the joint's own rate.
+Vec3 ConstrainedTcp::velocity(std::size_t k, const Vec3& point) const {
+    const Axis& axis = axes_[k];
+    return chain_.joints[k].prismatic ? axis.direction : cross(axis.direction, point - axis.origin);
+}
+
+ConstrainedTcp::Bound ConstrainedTcp::bound(std::size_t i, const double* control, std::size_t points,
+                                            const double* middle, const double* delta, const double* extra) const {
+    const PathConstraint& constraint = constraints_[i];
+    const std::size_t count = chain_.joints.size(), n = chain_.dof;
+    const bool direction = constraint.kind == ConstraintKind::kDirection;
+    const bool target = constraint.kind == ConstraintKind::kTarget;
+    const bool region = constraint.kind == ConstraintKind::kRegion;
+    const Vec3 moved = direction ? tcp_.rotation * constraint.axis
+                                 : region ? tcp_ * constraint.point : constraint.point;
+    // Relative to the tcp, the target moves by the inverse of each joint.
+    const double sign = target ? -1.0 : 1.0;
+    const auto rate_of = [&](std::size_t k) {
+        if (!direction) return sign * velocity(k, moved);
+        return chain_.joints[k].prismatic ? Vec3{} : cross(axes_[k].direction, moved);
+    };
+
+    double remainder = 0.0, tolerated = 0.0, turned = 0.0;
+    for (std::size_t step = 0; step < count; ++step) {
+        const std::size_t k = target ? count - 1 - step : step;
+        const Joint& joint = chain_.joints[k];
+        if (direction && joint.prismatic) continue;
+        const JointSwing swing = swing_of(joint.prismatic, joint.multiplier, delta[joint.index], extra[joint.index]);
+        const double radius = norm(rate_of(k));
+        remainder += radius * (swing.bend + turned * swing.chord);
+        tolerated += radius * swing.share * extra[joint.index];
+        if (!joint.prismatic) turned += swing.chord;
+    }
+
+    const Vec3 axis = direction ? constraint.point : tcp_.rotation * constraint.axis;
+    const Vec3 start = target ? moved - tcp_.translation : moved;
+    double largest = 0.0, furthest = 0.0, shortest = kInfinity;
+    for (std::size_t r = 0; r < points; ++r) {
+        Vec3 change;
+        for (std::size_t k = 0; k < count; ++k) {
+            const Joint& joint = chain_.joints[k];
+            const double by = joint.multiplier * (control[r * n + joint.index] - middle[joint.index]);
+            if (by != 0.0) change += by * rate_of(k);
+        }
+        const Vec3 image = start + change;
+        furthest = std::max(furthest, norm(change));
+        if (region) {
+            largest = std::max(largest, norm(excess_of_box(constraint, image)));
+        } else {
+            largest = std::max(largest, angle_between(image, axis));
+            shortest = std::min(shortest, dot(image, axis));
+        }
+    }
+    const double rest = remainder + tolerated + rounding_;
+    if (region) return {largest + rest, furthest + remainder};
+    if (!(rest < shortest)) return {kInfinity, target ? kInfinity : furthest + remainder};
+    return {largest + std::asin(rest / shortest) + rounding_, (furthest + remainder) / shortest};
+}
+
+void ConstrainedTcp::append_equations(std::size_t i, double wanted,
+                                      std::vector<ConstraintEquation>& equations) const {
+    const PathConstraint& constraint = constraints_[i];
+    const double error = this->error(i);
+    if (!(error > wanted)) return;
+    const auto append = [&](double right, auto rate) {
+        ConstraintEquation equation{std::vector<double>(chain_.dof, 0.0), right};
+        for (std::size_t k = 0; k < chain_.joints.size(); ++k)
+            equation.row[chain_.joints[k].index] += chain_.joints[k].multiplier * rate(k);
+        equations.push_back(std::move(equation));
+    };
+    if (constraint.kind == ConstraintKind::kRegion) {
+        const Vec3 point = tcp_ * constraint.point, off = excess_of_box(constraint, point);
+        for (int axis = 0; axis < 3; ++axis) {
+            if (off[axis] == 0.0) continue;
+            const Vec3 side = constraint.base_from_box.rotation.column(axis);
+            append(-off[axis] * (1.0 - wanted / error),
+                   [&](std::size_t k) { return dot(side, velocity(k, point)); });
+        }
+        return;
+    }
+    // Rotate the axis of the tcp towards the other direction: about `normal` by the excess, about `other` by nothing.
+    const bool target = constraint.kind == ConstraintKind::kTarget;
+    const Vec3 axis = tcp_.rotation * constraint.axis;
+    const Vec3 view = target ? constraint.point - tcp_.translation : constraint.point;
+    const double length = norm(view);
+    if (length < kNearest) return;
+    const Vec3 towards = (1.0 / length) * view;
+    Vec3 normal = cross(axis, towards);
+    const double sine = norm(normal);
+    normal = sine > 1e-12 ? (1.0 / sine) * normal : perpendicular_to(axis);
+    const Vec3 other = cross(normal, axis);
+    const auto about = [&](const Vec3& b) {
+        return [&, b](std::size_t k) {
+            double rate = chain_.joints[k].prismatic ? 0.0 : dot(b, axes_[k].direction);
+            // The view rotates by -towards x v / length while the tcp moves with the velocity v.
+            if (target) rate += dot(b, cross(towards, velocity(k, tcp_.translation))) / length;
+            return rate;
+        };
+    };
+    append(error - wanted, about(normal));
+    append(0.0, about(other));
+}
+
+}  // namespace pinproof

@@ -1,0 +1,416 @@
+"""Constraints of the tcp along a motion: keep the tool upright, stay in a region, look at a point.
+
+Each constraint is the condition ``error(arm, q) <= tolerance`` at every configuration of a curve. :func:`certify`
+proves it between samples too, and the planners of :mod:`pinproof.planning` plan motions that satisfy it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import PathConstraint as CompiledConstraint
+from pinproof.errors import InputError
+from pinproof.model import Arm
+from pinproof.spatial import SE3, finite, frozen, matrix, rigid
+
+__all__ = [
+    "ConstraintProof",
+    "ConstraintViolation",
+    "LookAt",
+    "PathConstraint",
+    "UndecidedConstraint",
+    "Upright",
+    "Within",
+    "amount",
+    "check_constraints",
+    "exact_text",
+]
+
+Array = npt.NDArray[np.float64]
+Vector = tuple[float, float, float]
+
+SMALLEST = 1e-6
+"""rad or m: the smallest tolerance; rounding errors and the steps of a controller are not far below it."""
+
+ZERO = 1e-9
+"""Length below which a vector has no direction."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Upright:
+    """An axis of the tcp stays within an angle of a direction of the base, such as the axis of an open part.
+
+    Parameters
+    ----------
+    tolerance
+        rad: the largest angle between the two, from 1e-6 to below pi/2.
+    axis_in_tcp
+        The axis in the tcp frame; it is normalised. :meth:`keeping` takes the axis that points up at a configuration.
+    up
+        The direction in the base frame; it is normalised.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is out of its range, or a vector is zero or not finite.
+    """
+
+    tolerance: float
+    axis_in_tcp: Vector = (0.0, 0.0, 1.0)
+    up: Vector = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "tolerance", _angle("Upright.tolerance", self.tolerance))
+        object.__setattr__(self, "axis_in_tcp", _unit("Upright.axis_in_tcp", self.axis_in_tcp))
+        object.__setattr__(self, "up", _unit("Upright.up", self.up))
+
+    @classmethod
+    def keeping(cls, arm: Arm, q: npt.ArrayLike, *, tolerance: float, up: Sequence[float] = (0.0, 0.0, 1.0)) -> Upright:
+        """The constraint with the axis of the tcp that points along ``up`` at q (n,): what is upright stays upright."""
+        axis = arm.forward_kinematics(q).rotation.T @ np.array(_unit("up", up))
+        return cls(tolerance=tolerance, axis_in_tcp=_vector(axis), up=_vector(up))
+
+    @property
+    def name(self) -> str:
+        """The name in messages and files."""
+        return "upright"
+
+    @property
+    def unit(self) -> str:
+        """The unit of the error and the tolerance."""
+        return "rad"
+
+    def error(self, arm: Arm, q: npt.ArrayLike) -> float:
+        """The angle (rad) at q (n,), by Pinocchio's forward kinematics."""
+        return _angle_between(arm.forward_kinematics(q).rotation @ self.axis_in_tcp, np.array(self.up))
+
+    def compiled(self) -> Any:
+        """The constraint in the compiled core."""
+        return CompiledConstraint.direction(np.array(self.axis_in_tcp), np.array(self.up), self.tolerance)
+
+    def __str__(self) -> str:
+        return f"upright within {math.degrees(self.tolerance):.6g} deg (tcp axis {_shown(self.axis_in_tcp)})"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Within:
+    """A point of the tcp stays within a distance of a box, a plane or a line.
+
+    :meth:`box`, :meth:`plane` and :meth:`line` create it. The region is a box whose sides may be 0 or infinite: a plane
+    has no height, a line neither height nor depth.
+
+    Parameters
+    ----------
+    tolerance
+        Metres: the largest distance of the point from the region, 1e-6 or more.
+    base_from_region
+        The frame of the region.
+    low, high
+        The corners (m) of the region in its frame; -inf and inf for a side without an end.
+    point_in_tcp
+        The point (m) in the tcp frame.
+    shape
+        The name of the region in messages.
+
+    Raises
+    ------
+    InputError
+        If the tolerance is out of its range, a number is not finite, or ``low`` exceeds ``high``.
+    """
+
+    tolerance: float
+    base_from_region: SE3
+    low: Vector
+    high: Vector
+    point_in_tcp: Vector = (0.0, 0.0, 0.0)
+    shape: str = "region"
+
+    def __post_init__(self) -> None:
+        tolerance = float(finite("Within.tolerance", [self.tolerance], (1,))[0])
+        if not tolerance >= SMALLEST:
+            raise InputError(f"Within.tolerance = {tolerance} m; it must be at least {SMALLEST:g} m")
+        low, high = (np.array(side, dtype=float) for side in (self.low, self.high))
+        if low.shape != (3,) or high.shape != (3,) or not (low <= high).all():
+            raise InputError(f"Within: low {self.low} and high {self.high} must be 3 numbers (m), low at most high")
+        object.__setattr__(self, "tolerance", tolerance)
+        object.__setattr__(self, "base_from_region", frozen(rigid("Within.base_from_region", self.base_from_region)))
+        object.__setattr__(self, "low", _vector(low))
+        object.__setattr__(self, "high", _vector(high))
+        object.__setattr__(self, "point_in_tcp", _vector(finite("Within.point_in_tcp", self.point_in_tcp, (3,))))
+
+    @classmethod
+    def box(
+        cls, base_from_box: SE3, size: Sequence[float], *, tolerance: float, point_in_tcp: Sequence[float] = (0, 0, 0)
+    ) -> Within:
+        """A box with full sides ``size`` (m), centred at its frame."""
+        half = finite("size of the box", size, (3,)) / 2
+        if (half < 0).any():
+            raise InputError(f"size of the box {tuple(size)}: the sides must be 0 or more")
+        return cls(
+            tolerance=tolerance, base_from_region=base_from_box, low=_vector(-half), high=_vector(half),
+            point_in_tcp=_vector(point_in_tcp), shape="box",
+        )  # fmt: skip
+
+    @classmethod
+    def plane(
+        cls,
+        point: Sequence[float],
+        normal: Sequence[float],
+        *,
+        tolerance: float,
+        point_in_tcp: Sequence[float] = (0, 0, 0),
+    ) -> Within:
+        """The plane through a point (m) of the base frame with a normal."""
+        return cls(
+            tolerance=tolerance, base_from_region=_frame_at(point, "normal of the plane", normal),
+            low=(-np.inf, -np.inf, 0.0), high=(np.inf, np.inf, 0.0), point_in_tcp=_vector(point_in_tcp), shape="plane",
+        )  # fmt: skip
+
+    @classmethod
+    def line(
+        cls,
+        point: Sequence[float],
+        direction: Sequence[float],
+        *,
+        tolerance: float,
+        point_in_tcp: Sequence[float] = (0, 0, 0),
+    ) -> Within:
+        """The line through a point (m) of the base frame along a direction."""
+        return cls(
+            tolerance=tolerance, base_from_region=_frame_at(point, "direction of the line", direction),
+            low=(0.0, 0.0, -np.inf), high=(0.0, 0.0, np.inf), point_in_tcp=_vector(point_in_tcp), shape="line",
+        )  # fmt: skip
+
+    @property
+    def name(self) -> str:
+        """The name in messages and files."""
+        return "within"
+
+    @property
+    def unit(self) -> str:
+        """The unit of the error and the tolerance."""
+        return "m"
+
+    def error(self, arm: Arm, q: npt.ArrayLike) -> float:
+        """The distance (m) of the point from the region at q (n,), by Pinocchio's forward kinematics."""
+        point = arm.forward_kinematics(q).act(np.array(self.point_in_tcp))
+        local = self.base_from_region.actInv(point)
+        return float(np.linalg.norm(local - np.clip(local, self.low, self.high)))
+
+    def compiled(self) -> Any:
+        """The constraint in the compiled core."""
+        return CompiledConstraint.region(
+            np.array(self.point_in_tcp),
+            np.ascontiguousarray(matrix(self.base_from_region)),
+            np.array(self.low),
+            np.array(self.high),
+            self.tolerance,
+        )
+
+    def __str__(self) -> str:
+        return f"within {self.tolerance * 1e3:.6g} mm of a {self.shape}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class LookAt:
+    """An axis of the tcp points at a point of the base frame, such as the axis of a camera.
+
+    Parameters
+    ----------
+    point
+        The point (m) in the base frame.
+    tolerance
+        rad: the largest angle between the axis and the direction from the tcp to the point, from 1e-6 to below pi/2.
+    axis_in_tcp
+        The axis in the tcp frame; it is normalised.
+
+    Raises
+    ------
+    InputError
+        As :class:`Upright`.
+    """
+
+    point: Vector
+    tolerance: float
+    axis_in_tcp: Vector = (0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "point", _vector(finite("LookAt.point", self.point, (3,))))
+        object.__setattr__(self, "tolerance", _angle("LookAt.tolerance", self.tolerance))
+        object.__setattr__(self, "axis_in_tcp", _unit("LookAt.axis_in_tcp", self.axis_in_tcp))
+
+    @property
+    def name(self) -> str:
+        """The name in messages and files."""
+        return "look_at"
+
+    @property
+    def unit(self) -> str:
+        """The unit of the error and the tolerance."""
+        return "rad"
+
+    def error(self, arm: Arm, q: npt.ArrayLike) -> float:
+        """The angle (rad) at q (n,), by Pinocchio's forward kinematics; pi if the tcp is at the point."""
+        placement = arm.forward_kinematics(q)
+        view = np.array(self.point) - placement.translation
+        return _angle_between(placement.rotation @ self.axis_in_tcp, view) if np.linalg.norm(view) > ZERO else math.pi
+
+    def compiled(self) -> Any:
+        """The constraint in the compiled core."""
+        return CompiledConstraint.target(np.array(self.axis_in_tcp), np.array(self.point), self.tolerance)
+
+    def __str__(self) -> str:
+        return f"look at {_shown(self.point)} within {math.degrees(self.tolerance):.6g} deg"
+
+
+PathConstraint = Upright | Within | LookAt
+"""A constraint of the tcp along a motion."""
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintProof:
+    """What is known of one constraint over a curve.
+
+    Parameters
+    ----------
+    constraint
+        The constraint.
+    largest
+        Proven upper bound (rad or m) of the error over the whole curve, at most the tolerance; NaN if the constraint is
+        not proven.
+    observed
+        The largest error (rad or m) that was computed on the curve: a lower bound of the true largest error.
+    intervals
+        Number of intervals that were checked.
+    evidence
+        (K, 2) if recorded: start and end of each interval of the parameter on which it was proven.
+    """
+
+    constraint: PathConstraint
+    largest: float
+    observed: float
+    intervals: int
+    evidence: Array | None = None
+
+    def __str__(self) -> str:
+        if math.isnan(self.largest):
+            return f"{self.constraint}: not proven, at least {amount(self.constraint, self.observed)} is reached"
+        return f"{self.constraint}: at most {amount(self.constraint, self.largest)} proven"
+
+
+@dataclass(frozen=True, eq=False)
+class ConstraintViolation:
+    """The first violation of a constraint on a curve.
+
+    Parameters
+    ----------
+    constraint
+        The constraint.
+    time
+        The curve's parameter: seconds on a trajectory, waypoint index on a path.
+    q
+        (n,) the configuration there.
+    error
+        The error (rad or m) there, above the tolerance.
+    satisfied_until
+        The parameter up to which the constraint is proven.
+    """
+
+    constraint: PathConstraint
+    time: float
+    q: Array
+    error: float
+    satisfied_until: float
+
+
+@dataclass(frozen=True, eq=False)
+class UndecidedConstraint:
+    """A span [start, end] of the parameter in which a constraint is neither proven nor violated; error (rad or m)."""
+
+    start: float
+    end: float
+    constraint: PathConstraint
+    error: float
+
+
+def check_constraints(constraints: Sequence[PathConstraint]) -> tuple[PathConstraint, ...]:
+    """Return the constraints as a tuple.
+
+    Raises
+    ------
+    InputError
+        If one of them is not a constraint.
+    """
+    if isinstance(constraints, (Upright, Within, LookAt)):
+        raise InputError("constraints must be a sequence of constraints; write constraints=[...]")
+    for each in constraints:
+        if not isinstance(each, (Upright, Within, LookAt)):
+            raise InputError(f"constraints must be Upright, Within or LookAt, not {type(each).__name__}")
+    return tuple(constraints)
+
+
+def exact_text(constraint: PathConstraint) -> str:
+    """The constraint as text, exact to the last bit; equal texts mean equal constraints."""
+    if isinstance(constraint, Within):
+        place = matrix(constraint.base_from_region).tolist()
+        numbers = (constraint.tolerance, place, constraint.low, constraint.high, constraint.point_in_tcp)
+        return f"within {numbers!r}"
+    return repr(constraint)
+
+
+def amount(constraint: PathConstraint, error: float) -> str:
+    """An error of a constraint as text: degrees or millimetres, rounded up."""
+    if constraint.unit == "rad":
+        return f"{_rounded_up(math.degrees(error), 2)} deg"
+    return f"{_rounded_up(error * 1e3, 3)} mm"
+
+
+def _rounded_up(value: float, digits: int) -> str:
+    scale = 10.0**digits
+    return f"{math.ceil(value * scale * (1 - 1e-12)) / scale:.{digits}f}" if math.isfinite(value) else str(value)
+
+
+def _angle(name: str, value: float) -> float:
+    angle = float(finite(name, [value], (1,))[0])
+    if not SMALLEST <= angle < math.pi / 2:
+        raise InputError(
+            f"{name} = {angle:g} rad ({math.degrees(angle):g} deg); it must be from {SMALLEST:g} rad to below 90 deg, "
+            "in radians"
+        )
+    return angle
+
+
+def _unit(name: str, value: Sequence[float] | Array) -> Vector:
+    vector = finite(name, value, (3,))
+    largest = float(np.abs(vector).max())
+    if largest < ZERO:
+        raise InputError(f"{name} is zero; it must be a direction")
+    vector = vector / largest  # so that no square overflows
+    return _vector(vector / np.linalg.norm(vector))
+
+
+def _vector(value: npt.ArrayLike) -> Vector:
+    x, y, z = np.asarray(value, dtype=float).tolist()
+    return (x, y, z)
+
+
+def _angle_between(a: Array, b: Array) -> float:
+    return float(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+def _frame_at(point: Sequence[float], name: str, direction: Sequence[float]) -> SE3:
+    """A frame at a point whose z axis has a direction."""
+    z = np.array(_unit(name, direction))
+    x = np.cross(z, np.eye(3)[int(np.abs(z).argmin())])
+    x /= np.linalg.norm(x)
+    return SE3(np.column_stack([x, np.cross(z, x), z]), finite("point", point, (3,)))
+
+
+def _shown(vector: Vector) -> str:
+    return "(" + ", ".join(f"{x + 0.0:.4g}" for x in np.round(vector, 3)) + ")"

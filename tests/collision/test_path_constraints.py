@@ -1,0 +1,225 @@
+"""Constraints of the tcp: errors, the bound between samples, verdicts of certificates, and misuse."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import pinproof as pp
+from pinproof._core import constraint_bound
+from pinproof.collision.path_constraints import PathConstraint
+from pinproof.model.robot import load_robot_from_text
+from pinproof.motion import CubicPath
+
+FREE, COLLIDING, VIOLATED = pp.CertificateStatus.FREE, pp.CertificateStatus.COLLIDING, pp.CertificateStatus.VIOLATED
+
+START = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0])
+
+
+def _crane() -> pp.Arm:
+    """A revolute, a prismatic and a revolute joint, and a prismatic one that follows the first prismatic one."""
+    limit = '<limit lower="-3" upper="3" velocity="1" effort="1"/>'
+    text = '<link name="l0"/>'
+    rows = (
+        ("revolute", "0 0 0.3", "0 0 1", ""),
+        ("prismatic", "0.4 0 0", "1 0 0", ""),
+        ("revolute", "0.3 0 0.2", "0 0.6 0.8", ""),
+        ("prismatic", "0.2 0 0", "0 0 1", '<mimic joint="j1" multiplier="-0.5"/>'),
+    )
+    for k, (kind, xyz, axis, extra) in enumerate(rows):
+        text += f'<link name="l{k + 1}"/><joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/>'
+        text += f'<origin xyz="{xyz}" rpy="0.2 0.1 0"/><axis xyz="{axis}"/>{limit}{extra}</joint>'
+    return load_robot_from_text(f'<robot name="crane">{text}</robot>').arm(tcp="l4")
+
+
+ARMS = {name: pp.load_robot(name).arm() for name in ("ur5", "panda", "stanford", "scara")} | {"crane": _crane()}
+
+
+def random_constraint(arm: pp.Arm, q: np.ndarray, rng: np.random.Generator, tolerance: float) -> PathConstraint:
+    """A constraint that q (n,) satisfies, of any kind."""
+    placement = arm.forward_kinematics(q)
+    point, kind = rng.normal(scale=0.1, size=3), rng.integers(5)
+    at = placement.act(point)
+    if kind == 0:
+        return pp.Upright.keeping(arm, q, tolerance=tolerance, up=rng.normal(size=3))
+    if kind == 1:
+        axis = rng.normal(size=3)
+        target = placement.act(axis / np.linalg.norm(axis) * rng.uniform(0.2, 2.0))
+        return pp.LookAt(point=target, tolerance=tolerance, axis_in_tcp=axis)
+    if kind == 2:
+        return pp.Within.plane(at, rng.normal(size=3), tolerance=tolerance, point_in_tcp=point)
+    if kind == 3:
+        return pp.Within.line(at, rng.normal(size=3), tolerance=tolerance, point_in_tcp=point)
+    frame = pp.pose(at, rng.normal(size=3))
+    return pp.Within.box(frame, rng.uniform(0.0, 0.3, size=3), tolerance=tolerance, point_in_tcp=point)
+
+
+def random_curve(arm: pp.Arm, rng: np.random.Generator, size: float) -> pp.JointPath | CubicPath:
+    low, high = arm.limits.sampling_range()
+    q = rng.uniform(low, high) + size * rng.normal(size=(rng.integers(2, 5), arm.dof)) * np.where(arm.angular, 1, 0.3)
+    return pp.JointPath(q, arm.joint_names) if rng.random() < 0.5 else CubicPath.through(q, arm.joint_names)
+
+
+@given(name=st.sampled_from(sorted(ARMS)), seed=st.integers(0, 10**6), size=st.floats(1e-3, 1.5))
+@settings(deadline=None)
+def test_no_error_on_a_piece_exceeds_its_bound(name: str, seed: int, size: float) -> None:
+    """Anywhere on a cubic piece, with deviations of the joints within their tolerance."""
+    arm, rng = ARMS[name], np.random.default_rng(seed)
+    low, high = arm.limits.sampling_range()
+    q = rng.uniform(low, high)
+    piece = q + size * rng.uniform(-1, 1, size=(4, arm.dof)) * rng.uniform(size=arm.dof)
+    extra = rng.uniform(size=arm.dof) * rng.choice([0.0, 0.01, 0.2])
+    constraint = random_constraint(arm, rng.uniform(low, high), rng, 0.5)
+    error, bound = constraint_bound(arm.chain, constraint.compiled(), q, piece, np.abs(piece - q).max(axis=0), extra)
+    assert error == pytest.approx(constraint.error(arm, q), abs=1e-9)
+    u = rng.uniform(size=(40, 1))
+    basis = np.hstack([(1 - u) ** 3, 3 * u * (1 - u) ** 2, 3 * u**2 * (1 - u), u**3])
+    for on_curve in basis @ piece:
+        assert constraint.error(arm, on_curve + extra * rng.choice([-1.0, 1.0], size=arm.dof)) <= bound
+
+
+def test_the_bound_is_tight_for_small_steps() -> None:
+    """The part of first order is exact, so that the excess decreases with the square of the step."""
+    arm, rng = ARMS["ur5"], np.random.default_rng(0)
+    constraint = pp.Upright(tolerance=0.5, axis_in_tcp=(0.1, 0, -1))
+    step = rng.normal(size=arm.dof)
+    excess = []
+    for size in (1e-2, 1e-3):
+        piece = np.array([START - size * step, START + size * step])
+        bound = constraint_bound(
+            arm.chain, constraint.compiled(), START, piece, np.abs(piece - START).max(axis=0), np.zeros(6)
+        )[1]
+        excess.append(bound - max(constraint.error(arm, q) for q in piece))
+    assert 0 < excess[1] < 0.02 * excess[0]
+
+
+@pytest.mark.parametrize("name", sorted(ARMS))
+def test_verdicts_agree_with_dense_samples(name: str) -> None:
+    arm, rng = ARMS[name], np.random.default_rng(7)
+    checker = pp.CollisionChecker(arm)
+    checker = checker.allowing(
+        *((a, b) for a in checker.obstacles_and_links for b in checker.obstacles_and_links if a < b)
+    )
+    verdicts = []
+    for _ in range(60):
+        size = 10 ** rng.uniform(-2, 0)
+        curve = random_curve(arm, rng, size)
+        constraint = random_constraint(arm, curve.start, rng, float(np.clip(size * rng.uniform(0.1, 2), 1e-3, 1.5)))
+        certificate = pp.certify(curve, checker, constraints=[constraint])
+        at = np.linspace(*curve.domain, 100)
+        errors = np.array([constraint.error(arm, q) for q in curve(at)])
+        verdicts.append(certificate.status)
+        if certificate.status is FREE:
+            assert errors.max() <= certificate.constraints[0].largest <= constraint.tolerance
+            assert certificate.constraints[0].observed <= certificate.constraints[0].largest
+        else:
+            found = certificate.violation
+            assert certificate.status is VIOLATED
+            assert constraint.error(arm, found.q) > constraint.tolerance
+            np.testing.assert_allclose(curve(found.time), found.q, atol=1e-9)
+            assert found.satisfied_until <= found.time
+            assert (errors[at < found.satisfied_until] <= constraint.tolerance).all()
+    assert verdicts.count(FREE) > 5
+    assert verdicts.count(VIOLATED) > 5
+
+
+def test_a_tilt_between_two_upright_waypoints_is_found() -> None:
+    """The ends satisfy the constraint; in the middle of the straight edge the tool tilts."""
+    arm = ARMS["panda"]
+    start, end = (
+        pp.Clik().solve(arm, pp.pose((x, y, 0.3), (np.pi, 0, 0)), arm.home, rng=0).or_raise().q
+        for x, y in ((0.35, -0.3), (0.6, 0.3))
+    )
+    upright = pp.Upright(tolerance=math.radians(1.0), axis_in_tcp=(0, 0, -1))
+    assert max(upright.error(arm, start), upright.error(arm, end)) < 1e-5
+    certificate = pp.certify(
+        pp.JointPath([start, end], arm.joint_names), pp.CollisionChecker(arm), constraints=[upright]
+    )
+    assert certificate.status is VIOLATED
+    assert not certificate.free
+    assert np.isnan(certificate.clearance)
+    assert 0 < certificate.violation.satisfied_until <= certificate.violation.time < 0.5
+    with pytest.raises(pp.errors.NotProvenFree, match="upright"):
+        certificate.or_raise()
+
+
+def test_a_contact_is_reported_before_a_violation() -> None:
+    arm = ARMS["ur5"]
+    path = pp.JointPath([START, START + np.array([0, 0, 0, 1.0, 0, 0])], arm.joint_names)
+    ball = pp.Obstacle("ball", pp.Sphere(0.1), pp.pose(arm.forward_kinematics(path.end).translation))
+    checker = pp.CollisionChecker(arm, pp.Scene([ball]))
+    certificate = pp.certify(path, checker, constraints=[pp.Upright.keeping(arm, START, tolerance=0.1)])
+    assert certificate.status is COLLIDING
+    assert certificate.violation is not None
+    assert "upright" in certificate.message
+
+
+def test_a_joint_tolerance_widens_the_bound_of_a_constraint() -> None:
+    arm = ARMS["ur5"]
+    path = pp.JointPath([START, START + np.array([0.5, 0, 0, 0, 0, 0])], arm.joint_names)  # about the vertical
+    upright, checker = pp.Upright.keeping(arm, START, tolerance=0.05), pp.CollisionChecker(arm)
+    exact = pp.certify(path, checker, constraints=[upright]).constraints[0].largest
+    wide = pp.certify(path, checker, constraints=[upright], joint_tolerance=0.005).constraints[0].largest
+    too_wide = pp.certify(path, checker, constraints=[upright], joint_tolerance=0.02)
+    assert exact < 1e-3
+    assert 4 * 0.005 < wide < 0.05  # four horizontal axes
+    assert too_wide.status is pp.CertificateStatus.UNDECIDED
+    assert too_wide.undecided_constraint.constraint is upright
+
+
+def test_a_certificate_matches_with_the_constraints_that_it_proves() -> None:
+    arm = ARMS["ur5"]
+    path = pp.JointPath([START], arm.joint_names)
+    upright, other = (pp.Upright.keeping(arm, START, tolerance=tolerance) for tolerance in (0.1, 0.2))
+    plane = pp.Within.plane(arm.forward_kinematics(START).translation, (0, 0, 1), tolerance=1e-3)
+    again = pp.Within.plane(arm.forward_kinematics(START).translation, (0, 0, 1), tolerance=1e-3)
+    certificate = pp.certify(path, pp.CollisionChecker(arm), constraints=[upright, plane])
+    assert certificate.free
+    assert certificate.matches(path, arm, pp.Scene(), constraints=[again])
+    assert certificate.matches(path, arm, pp.Scene())
+    assert not certificate.matches(path, arm, pp.Scene(), constraints=[other])
+    assert not pp.certify(path, pp.CollisionChecker(arm)).matches(path, arm, pp.Scene(), constraints=[upright])
+
+
+def test_a_motion_file_records_its_constraints(tmp_path) -> None:
+    arm, file = ARMS["ur5"], tmp_path / "motion.json"
+    checker = pp.CollisionChecker(arm)
+    trajectory = pp.time_parametrise(
+        pp.JointPath([START, START + np.array([0.5, 0, 0, 0, 0, 0])], arm.joint_names), arm.limits
+    )
+    upright = pp.Upright.keeping(arm, START, tolerance=0.1)
+    trajectory.save(file, certificate=pp.certify(trajectory, checker, constraints=[upright]))
+    read = pp.Trajectory.load(file)
+    assert any("Upright" in note for note in pp.certify(read, checker).notes)
+    assert not any("Upright" in note for note in pp.certify(read, checker, constraints=[upright]).notes)
+
+
+@pytest.mark.parametrize(
+    ("create", "words"),
+    [
+        (lambda: pp.Upright(tolerance=5), "286.479 deg"),
+        (lambda: pp.Upright(tolerance=0.0), "tolerance"),
+        (lambda: pp.Upright(tolerance=float("nan")), "tolerance"),
+        (lambda: pp.Upright(tolerance=0.1, axis_in_tcp=(0, 0, 0)), "axis_in_tcp"),
+        (lambda: pp.Upright(tolerance=0.1, up=(0, 1)), "up"),
+        (lambda: pp.LookAt(point=(0, 0, float("inf")), tolerance=0.1), "point"),
+        (lambda: pp.Within.plane((0, 0, 0), (0, 0, 0), tolerance=0.1), "normal"),
+        (lambda: pp.Within.line((0, 0, 0), (1, 0, 0), tolerance=-0.1), "tolerance"),
+        (lambda: pp.Within.box(pp.pose(), (1, -1, 1), tolerance=0.1), "size"),
+        (lambda: pp.Within(tolerance=0.1, base_from_region=pp.pose(), low=(1, 0, 0), high=(0, 0, 0)), "low"),
+    ],
+)
+def test_invalid_constraints_are_refused(create, words: str) -> None:
+    with pytest.raises(pp.InputError, match=words):
+        create()
+
+
+@pytest.mark.parametrize("constraints", [pp.Upright(tolerance=0.1), ["upright"], [None]])
+def test_what_is_no_constraint_is_refused(constraints) -> None:
+    arm = ARMS["ur5"]
+    with pytest.raises(pp.InputError, match="constraints"):
+        pp.certify(pp.JointPath([START], arm.joint_names), pp.CollisionChecker(arm), constraints=constraints)

@@ -1,0 +1,123 @@
+"""Plans along constraints of the tcp: certified, kept between samples, smooth, and refused where they cannot hold."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof._core import Manifold
+from pinproof.planning.constrained import manifold_of
+
+START, GOAL = np.array([-1.0, -1.2, 1.6, -1.97, -1.57, 0.0]), np.array([1.0, -1.2, 1.6, -1.97, -1.57, 0.5])
+TILT = np.array([0, 0, 0, 0.3, 0, 0])
+TABLE = pp.Obstacle("table", pp.Box(1.4, 1.6, 0.05), pp.pose((0.6, 0.0, -0.1)))
+POST = pp.Obstacle("post", pp.Box(0.1, 0.1, 1.2), pp.pose((0.6, 0.0, 0.3)))
+
+
+@pytest.fixture(scope="module")
+def checker(ur5: pp.Arm) -> pp.CollisionChecker:
+    return pp.CollisionChecker(ur5, pp.Scene([TABLE, POST]), margin=0.002)
+
+
+def sampled_error(constraint: pp.Upright | pp.Within | pp.LookAt, arm: pp.Arm, curve: pp.Trajectory) -> float:
+    """The largest error at samples between which no joint moves by more than 0.002 rad, by Pinocchio."""
+    rough = curve(np.linspace(*curve.domain, 2000))
+    count = int(np.abs(np.diff(rough, axis=0)).max(axis=1).sum() / 0.002) + 2
+    return max(constraint.error(arm, q) for q in curve(np.linspace(*curve.domain, 2 * count)))
+
+
+@pytest.mark.parametrize("degrees", [5.0, 1.0, 0.1])
+def test_an_upright_motion_is_certified_and_never_leaves_the_cone(
+    ur5: pp.Arm, checker: pp.CollisionChecker, degrees: float
+) -> None:
+    upright = pp.Upright.keeping(ur5, START, tolerance=math.radians(degrees))
+    plan = pp.RrtConnect().plan(checker, START, GOAL, constraints=[upright], rng=1).or_raise()
+    assert plan.certificate.constraints[0].largest <= upright.tolerance
+    np.testing.assert_array_equal(plan.path.q[[0, -1]], [START, GOAL])
+    simple = pp.simplify(plan.path, checker, constraints=[upright], certificate=plan.certificate)
+    trajectory = pp.time_parametrise(simple.path, ur5.limits)
+    certificate = pp.certify(trajectory, checker, constraints=[upright])
+    assert certificate.free
+    assert simple.stops == 0
+    assert simple.length_after < simple.length_before
+    assert sampled_error(upright, ur5, trajectory) <= certificate.constraints[0].largest <= upright.tolerance
+
+
+@pytest.mark.slow
+def test_several_constraints_hold_together_on_a_redundant_arm(panda: pp.Arm) -> None:
+    """A line of 0.8 m, within 1 mm, with the tool upright."""
+    first, last = (
+        pp.Clik().solve(panda, pp.pose((0.45, y, 0.4), (np.pi, 0, turn)), panda.home, rng=0).or_raise().q
+        for y, turn in ((-0.4, 0.0), (0.4, 1.0))
+    )
+    line = pp.Within.line((0.45, 0.0, 0.4), (0, 1, 0), tolerance=1e-3)
+    upright = pp.Upright(tolerance=math.radians(2), axis_in_tcp=(0, 0, -1))
+    checker = pp.CollisionChecker(panda, pp.Scene([TABLE]))
+    plan = pp.RrtConnect().plan(checker, first, last, constraints=[line, upright], rng=0).or_raise()
+    simple = pp.simplify(plan.path, checker, constraints=[line, upright])
+    trajectory = pp.time_parametrise(simple.path, panda.limits)
+    certificate = pp.certify(trajectory, checker, constraints=[line, upright]).or_raise()
+    for proof in certificate.constraints:
+        assert sampled_error(proof.constraint, panda, trajectory) <= proof.largest <= proof.constraint.tolerance
+
+
+def test_the_same_seed_gives_the_same_constrained_path(ur5: pp.Arm, checker: pp.CollisionChecker) -> None:
+    upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
+    first, second = (
+        pp.RrtConnect().limited_to(2000).plan(checker, START, GOAL, constraints=[upright], rng=3).or_raise()
+        for _ in range(2)
+    )
+    np.testing.assert_array_equal(first.path.q, second.path.q)
+
+
+@pytest.mark.parametrize(("start", "goal", "status"), [
+    (START + TILT, GOAL, pp.PlanStatus.START_INVALID),
+    (START, GOAL + TILT, pp.PlanStatus.GOAL_INVALID),
+])  # fmt: skip
+def test_an_end_that_violates_a_constraint_is_reported_with_its_excess(
+    ur5: pp.Arm, checker: pp.CollisionChecker, start: np.ndarray, goal: np.ndarray, status: pp.PlanStatus
+) -> None:
+    upright = pp.Upright.keeping(ur5, START, tolerance=0.1)
+    plan = pp.RrtConnect().plan(checker, start, goal, constraints=[upright])
+    assert plan.status is status
+    excess = math.degrees(upright.error(ur5, start if status is pp.PlanStatus.START_INVALID else goal) - 0.1)
+    assert f"{math.ceil(excess * 100) / 100:.2f} deg too much" in plan.message
+
+
+def test_a_goal_on_the_other_side_of_an_impossible_region_is_not_found(ur5: pp.Arm) -> None:
+    """Upright and in a plane behind a wall: the search ends with its budget, and without a path."""
+    wall = pp.Obstacle("wall", pp.Box(3.0, 0.05, 3.0), pp.pose((0.0, 0.0, 0.5)))
+    checker = pp.CollisionChecker(ur5, pp.Scene([wall])).allowing(
+        *(("wall", name) for name in ("base_link", "shoulder_link", "upper_arm_link"))
+    )
+    upright = pp.Upright.keeping(ur5, START, tolerance=0.05)
+    plan = pp.RrtConnect().limited_to(200).plan(checker, START, GOAL, constraints=[upright])
+    assert plan.status is pp.PlanStatus.OUT_OF_BUDGET
+    assert plan.path is None
+
+
+def test_ompl_refuses_constraints(ur5: pp.Arm, checker: pp.CollisionChecker) -> None:
+    pytest.importorskip("ompl")
+    with pytest.raises(pp.InputError, match="rrt_connect"):
+        pp.OmplPlanner().plan(checker, START, GOAL, constraints=[pp.Upright(tolerance=0.1)])
+
+
+def test_projection_ends_inside_the_tolerance_and_the_limits(panda: pp.Arm) -> None:
+    rng = np.random.default_rng(0)
+    low, high = panda.limits.lower, panda.limits.upper
+    upright = pp.Upright(tolerance=0.02, axis_in_tcp=(0, 0, -1))
+    plane = pp.Within.plane((0, 0, 0.4), (0, 0, 1), tolerance=1e-4)
+    manifold: Manifold = manifold_of(panda, [upright, plane])
+    solved = 0
+    for _ in range(200):
+        q = manifold.project(rng.uniform(low, high), 0.5)
+        if q is None:
+            continue
+        solved += 1
+        assert ((q >= low) & (q <= high)).all()
+        assert upright.error(panda, q) <= 0.01 + 1e-9
+        assert plane.error(panda, q) <= 5e-5 + 1e-9
+    assert solved > 150

@@ -1,0 +1,224 @@
+"""Time-optimal moves between states (position, velocity, acceleration), and motions that consist of them.
+
+Each joint moves from state to state in the shortest common time of all joints, within the limits of velocity,
+acceleration and jerk. The moves are computed by ruckig (L. Berscheid, T. Kroeger, "Jerk-limited real-time trajectory
+generation with arbitrary target states", RSS 2021): its profiles are cubic in phases of constant jerk, or parabolic
+without a jerk limit.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable
+from typing import Any, Protocol
+
+import numpy as np
+
+from pinproof.motion.curve import Array
+from pinproof.motion.limits import Bounds
+from pinproof.motion.trajectory import Trajectory
+from pinproof.motion.trajectory_files import NANO, seconds
+
+__all__ = ["Move", "MoveSequence", "State", "Steering", "rest_to_rest_times"]
+
+State = tuple[list[float], list[float], list[float]]
+"""Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""
+
+JERK_SLACK = 1e-4
+"""Share of the jerk limits that is left for the rounding of times to nanoseconds and of positions, which a quintic
+between two points amplifies by 60 / h^3."""
+
+STATE_SLACK = 1e-9
+"""Share by which a state at a limit may exceed it by rounding."""
+
+SHORTEST_STEP = 5e-5
+"""Shortest time (s) between two points of a trajectory. Phases that end closer to each other share a point."""
+
+
+class _Source(Protocol):
+    """A motion that can be evaluated: a trajectory of ruckig or :class:`_Timed`."""
+
+    duration: float
+
+    def at_time(self, time: float) -> State:
+        """The state at a time (s) from 0 to the duration."""
+
+
+class _Timed:
+    """A trajectory of this package as the source of a move."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.duration, self.trajectory = trajectory.duration, trajectory
+
+    def at_time(self, time: float) -> State:
+        t = min(max(time, 0.0), self.duration)
+        rates = (self.trajectory(t), self.trajectory.velocity(t), self.trajectory.acceleration(t))
+        return rates[0].tolist(), rates[1].tolist(), rates[2].tolist()
+
+
+class Move:
+    """The part from ``start`` to ``end`` (s) of a source."""
+
+    __slots__ = ("end", "source", "start")
+
+    def __init__(self, source: Any, start: float = 0.0, end: float | None = None) -> None:
+        self.source: _Source = source
+        self.start = start
+        self.end: float = source.duration if end is None else end
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+        return self.end - self.start
+
+    def state(self, time: float) -> State:
+        """The state after ``time`` (s)."""
+        return self.source.at_time(min(self.start + max(time, 0.0), self.end))
+
+    def points(self, step: float) -> list[list[float]]:
+        """Positions at equal times, at most ``step`` (s) apart, after the start up to and including the end."""
+        count = max(math.ceil(self.duration / step), 1)
+        share = self.duration / count
+        return [self.state(share * i)[0] for i in range(1, count + 1)]
+
+    def phase_ends(self) -> Array:
+        """The times (s) after the start, within the move, at which a phase of a joint ends."""
+        if isinstance(self.source, _Timed):
+            ends = self.source.trajectory.times
+        else:
+            ends = np.concatenate([_phase_ends(profile) for profile in self.source.profiles[0]])  # type: ignore[attr-defined]
+        ends = ends[(ends > self.start) & (ends < self.end)]
+        return np.asarray(ends - self.start)
+
+
+def _phase_ends(profile: Any) -> Array:
+    """The ends of the phases of a joint, which may begin with phases that bring it into its limits."""
+    phases = [*profile.brake.t, *profile.t, *profile.accel.t]
+    return np.cumsum(phases)
+
+
+class Steering:
+    """Moves between states within limits.
+
+    Parameters
+    ----------
+    bounds
+        The limits; without a jerk limit, the acceleration of the moves jumps.
+    share
+        The share of the acceleration and jerk limits that moves use.
+    """
+
+    def __init__(self, bounds: Bounds, share: float = 1.0) -> None:
+        from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory as Profiles
+
+        n = len(bounds.velocity)
+        self._ruckig, self._input, self._new, self._n = Ruckig(n), InputParameter(n), Profiles, n
+        self._good, self._error = (Result.Working, Result.Finished), RuckigError
+        self._smooth = bounds.jerk is not None
+        self._input.max_velocity = (bounds.velocity * (1.0 + STATE_SLACK)).tolist()
+        self._input.max_acceleration = (bounds.acceleration * share * (1.0 + STATE_SLACK)).tolist()
+        jerk = np.full(n, np.inf) if bounds.jerk is None else bounds.jerk * share * (1.0 - JERK_SLACK)
+        self._input.max_jerk = jerk.tolist()
+        self._lower, self._upper = bounds.lower.tolist(), bounds.upper.tolist()
+        self._rest = [0.0] * n
+
+    def rest(self, q: Iterable[float]) -> State:
+        """The state at a configuration, at rest."""
+        return [float(each) for each in q], self._rest, self._rest
+
+    def move(self, first: State, last: State) -> Move | None:
+        """The fastest move from one state to another; None if there is none within the limits of the rates."""
+        given = self._input
+        given.current_position, given.current_velocity, given.current_acceleration = first
+        given.target_position, given.target_velocity, given.target_acceleration = last
+        if not self._smooth:  # the acceleration may jump, and states of the input have any
+            given.current_acceleration = given.target_acceleration = self._rest
+        profiles = self._new(self._n)
+        try:
+            result = self._ruckig.calculate(given, profiles)
+        except self._error:  # a state beyond the limits
+            return None
+        return Move(profiles) if result in self._good else None
+
+    def inside(self, move: Move) -> bool:
+        """Whether a complete move stays within the position limits."""
+        extremes = move.source.position_extrema  # type: ignore[attr-defined]
+        return all(
+            each.min >= low and each.max <= high
+            for each, low, high in zip(extremes, self._lower, self._upper, strict=True)
+        )
+
+
+class MoveSequence:
+    """Moves, each of which begins at the state in which the previous one ends."""
+
+    def __init__(self, moves: Iterable[Move]) -> None:
+        self.moves = tuple(moves)
+        self.times = [0.0]
+        for move in self.moves:
+            self.times.append(self.times[-1] + move.duration)
+        self.duration = self.times[-1]
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> MoveSequence:
+        """The sequence that consists of a trajectory."""
+        return cls([Move(_Timed(trajectory))])
+
+    def state(self, time: float) -> State:
+        """The state at a time (s) from 0 to the duration."""
+        k = min(max(bisect_right(self.times, time) - 1, 0), len(self.moves) - 1)
+        return self.moves[k].state(time - self.times[k])
+
+    def replaced(self, start: float, end: float, moves: Iterable[Move]) -> MoveSequence:
+        """The sequence with other moves from ``start`` to ``end`` (s), which connect the states there."""
+        before, after = [], []
+        for move, first, last in zip(self.moves, self.times[:-1], self.times[1:], strict=True):
+            if first < start:
+                before.append(Move(move.source, move.start, min(move.end, move.start + start - first)))
+            if last > end:
+                after.append(Move(move.source, max(move.start, move.start + end - first), move.end))
+        return MoveSequence([*before, *moves, *after])
+
+    def trajectory(self, joint_names: tuple[str, ...], note: str, *, smooth: bool) -> Trajectory:
+        """The motion as a trajectory with points at the ends of all phases, quintic if ``smooth``.
+
+        Between two ends of phases, the motion is a polynomial of the trajectory's degree. Times are rounded to
+        nanoseconds, and the states are those at the rounded times, so that the trajectory is the same motion up to
+        phases shorter than :data:`SHORTEST_STEP`.
+        """
+        ends = [start + move.phase_ends() for move, start in zip(self.moves, self.times[:-1], strict=True)]
+        inner = np.sort(np.concatenate([*ends, np.array(self.times[1:-1])]))
+        last = math.ceil(self.duration * NANO)
+        shortest = round(SHORTEST_STEP * NANO)
+        clock = [0]
+        for time in np.rint(inner * NANO).astype(np.int64).tolist():
+            if time - clock[-1] >= shortest and last - time >= shortest:
+                clock.append(time)
+        clock.append(max(last, 1))
+        times = seconds(np.array(clock))
+        states = np.array([self.state(min(time, self.duration)) for time in times.tolist()])
+        return Trajectory(
+            times, states[:, 0], states[:, 1], joint_names, note, accelerations=states[:, 2] if smooth else None
+        )
+
+
+def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:
+    """The shortest times (s) in which single joints move by ``distance`` (..., n) from rest to rest.
+
+    The largest of a row is a lower bound of the duration of every motion between its ends. (L. Biagiotti, C. Melchiorri,
+    "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.4, with zero speeds at both ends.)
+    """
+    d, v, a = np.abs(distance), bounds.velocity, bounds.acceleration
+    if bounds.jerk is None:
+        return np.where(d * a < v * v, 2.0 * np.sqrt(d / a), d / v + v / a)
+    j = bounds.jerk
+    # To a speed u and back to rest: 2 (u / a + a / j) if the acceleration limit is reached, else 4 sqrt(u / j). The
+    # distance on the way is u times half of this.
+    reached = v * j > a * a
+    ramps = np.where(reached, v / a + a / j, 2.0 * np.sqrt(v / j))
+    cruising = 2.0 * ramps + (d - v * ramps) / v
+    speed = 0.5 * a * (np.sqrt((a / j) ** 2 + 4.0 * d / a) - a / j)
+    with_limit, without = 2.0 * (speed / a + a / j), 4.0 * np.cbrt(d / (2.0 * j))
+    slower = np.where(speed * j >= a * a, with_limit, without)
+    return np.where(d >= v * ramps, cruising, slower)

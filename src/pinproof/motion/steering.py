@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
 from pinproof.motion.curve import Array
-from pinproof.motion.limits import Bounds
+from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
 
@@ -25,12 +25,15 @@ __all__ = ["Move", "MoveSequence", "State", "Steering", "rest_to_rest_times"]
 State = tuple[list[float], list[float], list[float]]
 """Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""
 
+STATE_SHARE = 1.0 - 1e-11
+"""Share of the rates of a state that is used: the rates at the limits differ from them by rounding."""
+
 JERK_SLACK = 1e-4
 """Share of the jerk limits that is left for the rounding of times to nanoseconds and of positions, which a quintic
 between two points amplifies by 60 / h^3."""
 
-STATE_SLACK = 1e-9
-"""Share by which a state at a limit may exceed it by rounding."""
+RATE_SLACK = 1e-6
+"""Share of the velocity and acceleration limits that is left for rounding. A state that exceeds the rest is clipped."""
 
 SHORTEST_STEP = 5e-5
 """Shortest time (s) between two points of a trajectory. Phases that end closer to each other share a point."""
@@ -48,13 +51,30 @@ class _Source(Protocol):
 class _Timed:
     """A trajectory of this package as the source of a move."""
 
-    def __init__(self, trajectory: Trajectory) -> None:
-        self.duration, self.trajectory = trajectory.duration, trajectory
+    def __init__(self, trajectory: Trajectory, bounds: Bounds) -> None:
+        self.duration, self.times = trajectory.duration, trajectory.times
+        rates = np.stack([np.full_like(bounds.velocity, np.inf), bounds.velocity, bounds.acceleration])
+        self._most = rates * (1.0 - 2.0 * RATE_SLACK)
+        self._begins = self.times[:-1].tolist()
+        points = trajectory.bezier()[1]
+        degree = points.shape[1] - 1
+        # Coefficients of powers of u in [0, 1]: the r-th differences of the control points, times C(degree, r).
+        powers = [math.comb(degree, r) * np.diff(points, r, axis=1)[:, 0] for r in range(degree + 1)]
+        self._powers = np.stack(powers, axis=1)
+        self._widths = np.diff(trajectory.bezier()[0])
+        self._exponents = np.arange(degree + 1)
 
     def at_time(self, time: float) -> State:
-        t = min(max(time, 0.0), self.duration)
-        rates = (self.trajectory(t), self.trajectory.velocity(t), self.trajectory.acceleration(t))
-        return rates[0].tolist(), rates[1].tolist(), rates[2].tolist()
+        k = min(max(bisect_right(self._begins, time) - 1, 0), len(self._widths) - 1)
+        width = float(self._widths[k])
+        u = min(max((time - self._begins[k]) / width, 0.0), 1.0)
+        r = self._exponents
+        power = u ** np.maximum(r, 0)
+        speed = r * u ** np.maximum(r - 1, 0) / width
+        acceleration = r * (r - 1) * u ** np.maximum(r - 2, 0) / width**2
+        state = np.stack([power, speed, acceleration]) @ self._powers[k]
+        q, v, a = state.clip(-self._most, self._most).tolist()
+        return q, v, a
 
 
 class Move:
@@ -85,7 +105,7 @@ class Move:
     def phase_ends(self) -> Array:
         """The times (s) after the start, within the move, at which a phase of a joint ends."""
         if isinstance(self.source, _Timed):
-            ends = self.source.trajectory.times
+            ends = self.source.times
         else:
             ends = np.concatenate([_phase_ends(profile) for profile in self.source.profiles[0]])  # type: ignore[attr-defined]
         ends = ends[(ends > self.start) & (ends < self.end)]
@@ -110,34 +130,54 @@ class Steering:
     """
 
     def __init__(self, bounds: Bounds, share: float = 1.0) -> None:
-        from ruckig import InputParameter, Result, Ruckig, RuckigError, Trajectory as Profiles
+        from ruckig import InputParameter, Result, Ruckig, RuckigError
+        from ruckig import Trajectory as Profiles
 
         n = len(bounds.velocity)
         self._ruckig, self._input, self._new, self._n = Ruckig(n), InputParameter(n), Profiles, n
         self._good, self._error = (Result.Working, Result.Finished), RuckigError
         self._smooth = bounds.jerk is not None
-        self._input.max_velocity = (bounds.velocity * (1.0 + STATE_SLACK)).tolist()
-        self._input.max_acceleration = (bounds.acceleration * share * (1.0 + STATE_SLACK)).tolist()
         jerk = np.full(n, np.inf) if bounds.jerk is None else bounds.jerk * share * (1.0 - JERK_SLACK)
-        self._input.max_jerk = jerk.tolist()
+        self._limits = {
+            "max_velocity": bounds.velocity * (1.0 - RATE_SLACK),
+            "max_acceleration": bounds.acceleration * share * (1.0 - RATE_SLACK),
+            "max_jerk": jerk,
+        }
+        self._set_limits()
         self._lower, self._upper = bounds.lower.tolist(), bounds.upper.tolist()
         self._rest = [0.0] * n
+
+    def _set_limits(self) -> None:
+        for key, limit in self._limits.items():
+            setattr(self._input, key, limit.tolist())
 
     def rest(self, q: Iterable[float]) -> State:
         """The state at a configuration, at rest."""
         return [float(each) for each in q], self._rest, self._rest
 
+    def straight(self, first: Sequence[float], last: Sequence[float]) -> Move | None:
+        """The fastest move from rest to rest on the straight line between two different configurations."""
+        distance = np.abs(np.subtract(last, first))
+        moving = distance > 0.0
+        for key, limit in self._limits.items():  # in proportion to the distances, every joint has the same profile
+            along = limit.copy()
+            along[moving] = distance[moving] * (limit[moving] / distance[moving]).min()
+            setattr(self._input, key, along.tolist())
+        move = self.move(self.rest(first), self.rest(last))
+        self._set_limits()
+        return move
+
     def move(self, first: State, last: State) -> Move | None:
         """The fastest move from one state to another; None if there is none within the limits of the rates."""
         given = self._input
-        given.current_position, given.current_velocity, given.current_acceleration = first
-        given.target_position, given.target_velocity, given.target_acceleration = last
+        given.current_position, given.current_velocity, given.current_acceleration = _shrunk(first)
+        given.target_position, given.target_velocity, given.target_acceleration = _shrunk(last)
         if not self._smooth:  # the acceleration may jump, and states of the input have any
             given.current_acceleration = given.target_acceleration = self._rest
         profiles = self._new(self._n)
         try:
             result = self._ruckig.calculate(given, profiles)
-        except self._error:  # a state beyond the limits
+        except self._error:  # a state that is beyond the limits, or cannot be left within them
             return None
         return Move(profiles) if result in self._good else None
 
@@ -145,9 +185,15 @@ class Steering:
         """Whether a complete move stays within the position limits."""
         extremes = move.source.position_extrema  # type: ignore[attr-defined]
         return all(
-            each.min >= low and each.max <= high
+            each.min >= low - POSITION_TOLERANCE and each.max <= high + POSITION_TOLERANCE
             for each, low, high in zip(extremes, self._lower, self._upper, strict=True)
         )
+
+
+def _shrunk(state: State) -> State:
+    """A state whose rates are inside the limits if they exceed them by rounding, which ruckig refuses."""
+    q, velocity, acceleration = state
+    return q, [STATE_SHARE * rate for rate in velocity], [STATE_SHARE * rate for rate in acceleration]
 
 
 class MoveSequence:
@@ -161,9 +207,9 @@ class MoveSequence:
         self.duration = self.times[-1]
 
     @classmethod
-    def of(cls, trajectory: Trajectory) -> MoveSequence:
+    def of(cls, trajectory: Trajectory, bounds: Bounds) -> MoveSequence:
         """The sequence that consists of a trajectory."""
-        return cls([Move(_Timed(trajectory))])
+        return cls([Move(_Timed(trajectory, bounds))])
 
     def state(self, time: float) -> State:
         """The state at a time (s) from 0 to the duration."""
@@ -180,8 +226,12 @@ class MoveSequence:
                 after.append(Move(move.source, max(move.start, move.start + end - first), move.end))
         return MoveSequence([*before, *moves, *after])
 
-    def trajectory(self, joint_names: tuple[str, ...], note: str, *, smooth: bool) -> Trajectory:
-        """The motion as a trajectory with points at the ends of all phases, quintic if ``smooth``.
+    def trajectory(
+        self, joint_names: tuple[str, ...], note: str, start: Array, end: Array, *, smooth: bool
+    ) -> Trajectory:
+        """The motion, at rest at ``start`` and ``end``, as a trajectory with points at the ends of all phases.
+
+        It is quintic if ``smooth``, else cubic.
 
         Between two ends of phases, the motion is a polynomial of the trajectory's degree. Times are rounded to
         nanoseconds, and the states are those at the rounded times, so that the trajectory is the same motion up to
@@ -198,6 +248,8 @@ class MoveSequence:
         clock.append(max(last, 1))
         times = seconds(np.array(clock))
         states = np.array([self.state(min(time, self.duration)) for time in times.tolist()])
+        states[[0, -1]] = 0.0
+        states[0, 0], states[-1, 0] = start, end  # without the rounding of the moves
         return Trajectory(
             times, states[:, 0], states[:, 1], joint_names, note, accelerations=states[:, 2] if smooth else None
         )
@@ -206,8 +258,8 @@ class MoveSequence:
 def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:
     """The shortest times (s) in which single joints move by ``distance`` (..., n) from rest to rest.
 
-    The largest of a row is a lower bound of the duration of every motion between its ends. (L. Biagiotti, C. Melchiorri,
-    "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.4, with zero speeds at both ends.)
+    The largest of a row is a lower bound of the duration of every motion between its ends. (L. Biagiotti, C.
+    Melchiorri, "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.4, for rest at both ends.)
     """
     d, v, a = np.abs(distance), bounds.velocity, bounds.acceleration
     if bounds.jerk is None:

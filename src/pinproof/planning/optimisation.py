@@ -11,13 +11,17 @@ shortcuts", ICRA 2010. Jerk-limited moves and modified states are additions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
+from operator import mul
 from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.collision.certify import is_proven_free
 from pinproof.errors import InputError
@@ -25,8 +29,7 @@ from pinproof.motion import Curve, JointPath, MotionLimits, Trajectory, time_par
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.steering import Move, MoveSequence, State, Steering, rest_to_rest_times
 from pinproof.planning.edges import Edges
-from pinproof.planning.rrt_connect import RrtConnect
-from pinproof.planning.simplification import shortcut
+from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import finite
 
 __all__ = ["BUDGET", "OptimiseResult", "optimise"]
@@ -42,7 +45,7 @@ RESOLUTION = 0.06
 SAMPLE_TIME = 0.06
 """Seconds between two samples of a motion, in which acceleration bends it by few millimetres."""
 
-MIN_GAIN = 1e-3
+MIN_GAIN = 2e-3
 """A replacement is accepted if it saves this share of the duration, or seconds of a motion shorter than one second."""
 
 CLOSE_ENOUGH = 1e-3
@@ -54,16 +57,20 @@ GOALS = 12
 DISTINCT = 0.15
 """Goals that differ by at most this (rad or m) in each joint count as one: their motions are similar."""
 
-PLANS = 3
-"""Number of paths to different goals that are compared, with the given one."""
+PLANS, PER_PLAN = 5, 50
+"""Number of further paths that are compared with the given one, at most one for so many evaluations."""
 
-PLAN_SAMPLES = 2000
-"""Random samples of each further path after which it is not searched for any more."""
+PLAN_STEP, PLAN_SAMPLES, PLAN_CHECKS, PLAN_DRAWS = 0.7, 2000, 5000, 64
+"""Length of an edge (rad or m), numbers of random samples and of collision checks of the search for each further path,
+after which it ends, and number of random samples that are drawn at a time."""
 
-SLOWER = (1.0, 0.7, 0.45)
-"""Shares of the acceleration and jerk limits that are tried for a move if further limits apply, such as torques."""
+SHORTCUTS = 0.85
+"""Share of the replacements of a motion that are shortcuts; the others pass a modified state."""
 
-CONNECT, DETOUR = 0.35, 0.35
+INSIDE = 0.9999
+"""Share of the limits of velocity and acceleration within which a modified state remains."""
+
+CONNECT, DETOUR = 0.45, 0.25
 """Shares of the budget for shortening the first motions, and for detours from the direct motion to a goal; the rest is
 for the best motion."""
 
@@ -82,7 +89,7 @@ class OptimiseResult:
     certificate
         Its certificate. It is FREE, unless not even the given path could be certified.
     goal
-        The index of the goal at which the motion ends; 0 if no goals were given.
+        The index of the goal at which the motion ends; None if it is the end of the path and not one of the goals.
     duration_before
         Duration (s) of the given path with time-optimal timing.
     lower_bound
@@ -95,7 +102,7 @@ class OptimiseResult:
 
     trajectory: Trajectory
     certificate: Certificate
-    goal: int
+    goal: int | None
     duration_before: float
     lower_bound: float
     evaluations: int
@@ -133,7 +140,7 @@ def optimise(
         result is a cubic, with one a quintic.
     goals
         (n,) or (g, n) configurations, at any of which the motion may end, such as all IK solutions of the goal pose.
-        By default, the end of the path. Goals that are not free are ignored.
+        By default, the end of the path, which is always a goal. Goals that are not free are ignored.
     rng
         Seed or Generator of the random replacements.
     budget
@@ -157,25 +164,24 @@ def optimise(
     before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
     search = _Search(checker, bounds, path, before, ends, np.random.default_rng(rng), int(budget))
-    if before.duration > 0.0 or len(ends) > 1:
+    if budget > 0 and search.worthwhile:
         search.run()
-    for motion, goal in reversed(search.proven):
-        trajectory = _timed(motion, bounds, path.joint_names)
+    for motion, reached in reversed(search.proven):
+        trajectory = _timed(search.trajectory(motion, reached), bounds)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
         certificate = certify(trajectory, checker)
         if certificate.free:
             break
     else:
-        trajectory, certificate, goal = before, certify(before, checker), _nearest(ends, path.end)
-    index = 0 if goals is None else _nearest(np.atleast_2d(np.asarray(goals, dtype=float)), ends[goal])
+        trajectory, certificate = before, certify(before, checker)
+    given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
+    index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
     message = (
         f"duration reduced from {before.duration:.3g} s to {trajectory.duration:.3g} s, lower bound without obstacles "
         f"{lower_bound:.3g} s; {certificate.message}"
     )
-    return OptimiseResult(
-        trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message
-    )
+    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message)
 
 
 def _goals(goals: npt.ArrayLike | None, end: Array, bounds: Bounds, checker: CollisionChecker) -> Array:
@@ -193,9 +199,8 @@ def _nearest(rows: Array, q: Array) -> int:
     return int(np.abs(rows - q).max(axis=1).argmin())
 
 
-def _timed(motion: MoveSequence, bounds: Bounds, names: tuple[str, ...]) -> Trajectory | None:
-    """The motion as a trajectory within all limits, or None if there is none."""
-    trajectory = motion.trajectory(names, bounds.note, smooth=bounds.jerk is not None)
+def _timed(trajectory: Trajectory, bounds: Bounds) -> Trajectory | None:
+    """The motion within all limits, if necessary slower; None if this is not possible."""
     for _ in range(SLOW_ROUNDS):
         excess = bounds.excess(trajectory)
         if not bounds.too_fast(excess).any():
@@ -203,7 +208,9 @@ def _timed(motion: MoveSequence, bounds: Bounds, names: tuple[str, ...]) -> Traj
         trajectory = trajectory.slowed(float(excess.max()) * (1.0 + 1e-9))
     else:
         return None
-    low, high = trajectory.range()
+    control = trajectory.bezier()[1]
+    outside = (control.min(axis=(0, 1)) < bounds.lower) | (control.max(axis=(0, 1)) > bounds.upper)
+    low, high = trajectory.range() if outside.any() else (bounds.lower, bounds.upper)  # inside if the hull is inside
     inside = (low >= bounds.lower - POSITION_TOLERANCE) & (high <= bounds.upper + POSITION_TOLERANCE)
     return trajectory if inside.all() else None
 
@@ -233,26 +240,37 @@ class _Search:
         self._goals, self._start, self._before = goals, np.asarray(path.start), before
         self._edges = Edges(checker, RESOLUTION, np.array([path.start, path.end]))
         self._steering = Steering(bounds)
-        self._scale = np.ones(len(path.start))  # rad or m
         self._left, self.evaluations = budget, 0
-        self._best, self._goal = MoveSequence.of(before), _nearest(goals, path.end)
+        self._best, self._goal = self._given()
         self.proven: list[tuple[MoveSequence, int]] = []
         self._bound_of = rest_to_rest_times(goals - path.start, bounds).max(axis=1)
+        self._enough = float(self._bound_of.min()) * (1.0 + CLOSE_ENOUGH)
+        self._per_velocity = (1.0 / bounds.velocity).tolist()
         self._step = SAMPLE_TIME
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether the given motion is longer than the lower bound."""
+        return self._best.duration > self._enough
 
     def run(self) -> None:
         """Search until the budget is used up or the motion is as short as its lower bound."""
         budget = self._left
         self._try_direct_moves()
-        if not self._near_bound():
+        if self._best.duration > self._enough:
             self._shorten_first_motions(int(CONNECT * budget))
             self._prove()
             self._try_detours(int(DETOUR * budget))
             self._prove()
-        self._improve(self._left // 2)
+        self._best = self._improve(self._best, self._left // 2)
         self._prove()
-        self._improve(self._left)
+        self._best = self._improve(self._best, self._left)
         self._prove()
+
+    def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
+        """A motion to a goal as a trajectory."""
+        names, bounds = self._path.joint_names, self._bounds
+        return motion.trajectory(names, bounds.note, self._start, self._goals[goal], smooth=bounds.jerk is not None)
 
     # -- phases ---------------------------------------------------------------------------------------------------
 
@@ -267,30 +285,58 @@ class _Search:
 
     def _shorten_first_motions(self, budget: int) -> None:
         """Shorten the given motion, and motions along further paths; the shortest becomes the best one."""
-        first = (self._best, self._goal)
-        found = []
-        paths = self._plans()
-        for number, (motion, goal) in enumerate([first, *paths]):
-            share = budget // (len(paths) + 1)
-            found.append((self._shortened(motion, share if number else budget - share * len(paths)), goal))
-        self._best, self._goal = min(found, key=lambda each: each[0].duration)
+        stopping = self._stopping(self._path.q) if isinstance(self._path, JointPath) else None
+        found = [(stopping or self._best, self._goal), *self._plans(min(PLANS, budget // PER_PLAN))]
+        rounds = max(math.ceil(math.log2(len(found))), 1)
+        for _ in range(rounds):  # the better half continues
+            share = budget // (rounds * len(found))
+            found = [(self._improve(motion, share), goal) for motion, goal in found]
+            found = sorted(found, key=lambda each: each[0].duration)[: (len(found) + 1) // 2]
+        self._best, self._goal = min([*found, (self._best, self._goal)], key=lambda each: each[0].duration)
 
-    def _plans(self) -> list[tuple[MoveSequence, int]]:
-        """Motions along paths to other goals whose bounds are below the duration so far."""
+    def _plans(self, count: int) -> list[tuple[MoveSequence, int]]:
+        """Motions along further paths, if possible to different goals whose bounds are below the duration so far."""
         used, found = {self._goal}, []
-        while len(found) + 1 < PLANS:
-            left = [goal for goal in self._promising(GOALS) if goal not in used]
-            if not left:
+        for _ in range(count):
+            promising = self._promising(GOALS)
+            plan = self._plan([goal for goal in promising if goal not in used] or promising) if promising else None
+            if plan is None:
                 break
-            planner = RrtConnect(max_samples=PLAN_SAMPLES, time_limit=np.inf)
-            plan = planner.plan(self._checker, self._start, self._goals[left], rng=self._rng)
-            if plan.path is None or plan.goal is None or plan.checker not in (None, self._checker):
-                break
-            used.add(left[plan.goal])
-            path = shortcut(plan.path, self._checker, rng=self._rng)
+            path, goal = plan
+            used.add(goal)
             if (motion := self._stopping(path)) is not None:
-                found.append((motion, left[plan.goal]))
+                found.append((motion, goal))
         return found
+
+    def _plan(self, goals: list[int]) -> tuple[Array, int] | None:
+        """A path (m, n) to one of the goals, with edges that are free at their samples."""
+        ends = np.ascontiguousarray(self._goals[goals])
+        search = RrtSearch(
+            self._edges.core,
+            np.ascontiguousarray(self._start),
+            ends,
+            sampling_box(self._checker.arm, np.vstack([self._start, ends])),
+            step=PLAN_STEP,
+            max_nodes=PLAN_SAMPLES,
+            max_samples=PLAN_SAMPLES,
+        )
+        event = search.grow(PLAN_CHECKS + self._edges.samples)
+        while event is RrtSearch.Event.NEEDS_DRAWS:
+            search.add_draws(self._rng.random((PLAN_DRAWS, len(self._start) + 2)))
+            event = search.grow(PLAN_CHECKS + self._edges.samples)
+        if event is not RrtSearch.Event.MET:
+            return None
+        forward, backward = search.branch(0, search.meeting(0))[::-1], search.branch(1, search.meeting(1))
+        q = np.concatenate([search.configurations(0, forward), search.configurations(1, backward[1:])])
+        kept, first = [0], 0
+        while first < len(q) - 1:  # connect each kept waypoint to the farthest one that a free edge reaches
+            first = next(
+                last
+                for last in range(len(q) - 1, first, -1)
+                if last == first + 1 or self._edges.samples_free(q[first], q[last])
+            )
+            kept.append(first)
+        return q[kept], goals[backward[-1]]
 
     def _try_detours(self, budget: int) -> None:
         """Moves to a goal through one state beside the direct move."""
@@ -310,69 +356,56 @@ class _Search:
                 goals.remove(goal)
                 continue
             time = self._rng.uniform(0.1, 0.9) * direct.duration
-            state = self._modified(direct.state(time), 0.5 * self._rng.random(), 1.0)
+            state = self._modified(direct.state(time), True, 0.5 * self._rng.random())
             moves = self._through(direct, 0.0, state, direct.duration, self._best.duration)
             if moves is not None:
                 self._best, self._goal = MoveSequence(moves), goal
 
-    def _improve(self, budget: int) -> None:
-        """Shortcuts and modified states of the best motion."""
+    def _improve(self, motion: MoveSequence, budget: int) -> MoveSequence:
+        """Replace random parts of a motion by shortcuts and by moves through modified states."""
         until = self._left - budget
-        turn = 0
-        while self._left > until and not self._near_bound():
-            turn += 1
-            if turn % 3 == 0:
-                self._best = self._with_shortcut(self._best)
+        while self._left > until and motion.duration > self._enough:
+            start, end = self._window(motion)
+            if end <= start:
                 continue
-            duration = self._best.duration
-            start, time, end = np.sort(self._rng.uniform(-0.5 * duration, 1.5 * duration, 3)).tolist()
-            start, end = max(start, 0.0), min(end, duration)
-            if not start < time < end:
-                continue
-            share = self._rng.random(len(self._start)) < 0.5
-            state = self._modified(self._best.state(time), 0.3 * self._rng.random() ** 2, share)
-            moves = self._through(self._best, start, state, end, end - start)
+            moves: list[Move] | None
+            if self._rng.random() < SHORTCUTS:
+                move = self._move(motion.state(start), motion.state(end))
+                moves = None if move is None or not self._accepts([move], end - start) else [move]
+            else:
+                state = motion.state(float(self._rng.uniform(start, end)))
+                share = self._rng.random(len(self._start)) < 0.5
+                state = self._modified(state, self._rng.random() < 0.5, 0.3 * self._rng.random() ** 2 * share)
+                moves = self._through(motion, start, state, end, end - start)
             if moves is not None:
-                self._best = self._best.replaced(start, end, moves)
-
-    # -- replacements ---------------------------------------------------------------------------------------------
-
-    def _shortened(self, motion: MoveSequence, budget: int) -> MoveSequence:
-        until = self._left - budget
-        while self._left > until:
-            motion = self._with_shortcut(motion)
+                motion = motion.replaced(start, end, moves)
         return motion
 
-    def _with_shortcut(self, motion: MoveSequence) -> MoveSequence:
-        """The motion with the fastest move between two times, if it is accepted."""
+    def _window(self, motion: MoveSequence) -> tuple[float, float]:
+        """The times between which a part of the motion is to be replaced, most often around a slow part."""
         duration = motion.duration
-        kind = self._rng.random()
-        if kind < 1 / 3:
+        if self._rng.random() < 0.3:
             start, end = np.sort(self._rng.uniform(0.0, duration, 2)).tolist()
-        elif kind < 2 / 3:
-            length = self._rng.uniform(0.3, 1.0) * duration
-            start = 0.0 if self._rng.random() < 0.5 else duration - length
-            end = start + length
-        else:
-            length, middle = self._rng.uniform(0.1, 0.5) * duration, self._rng.uniform(0.0, duration)
-            start, end = max(middle - length / 2, 0.0), min(middle + length / 2, duration)
-        move = self._move(motion.state(start), motion.state(end))
-        if move is None or not self._accepts([move], end - start):
-            return motion
-        return motion.replaced(start, end, [move])
+            return start, end
+        times = self._rng.uniform(0.0, duration, 2).tolist()
+        speeds = [max(map(abs, map(mul, motion.state(time)[1], self._per_velocity))) for time in times]
+        middle = times[int(speeds[1] < speeds[0])]
+        before, after = (self._rng.uniform(0.05, 0.4, 2) * duration).tolist()
+        return max(middle - before, 0.0), min(middle + after, duration)
 
-    def _modified(self, state: State, size: float, share: npt.ArrayLike) -> State:
-        """A state near another one, inside the limits."""
+    def _modified(self, state: State, moves: bool, size: float | npt.NDArray[np.floating]) -> State:
+        """A state near another one, inside the limits; if not ``moves``, with the same position."""
         bounds = self._bounds
-        n = len(self._start)
-        noise = size * np.asarray(share) * self._rng.standard_normal((3, n))
+        noise = size * self._rng.standard_normal((3, len(self._start)))
+        noise[0] *= moves
         q = np.array(state[0]) + noise[0]
         velocity = np.array(state[1]) + noise[1] * bounds.velocity
         acceleration = np.array(state[2]) + noise[2] * bounds.acceleration
+        fastest, hardest = INSIDE * bounds.velocity, INSIDE * bounds.acceleration
         return (
             q.clip(bounds.lower, bounds.upper).tolist(),
-            velocity.clip(-bounds.velocity, bounds.velocity).tolist(),
-            (0.99 * acceleration.clip(-bounds.acceleration, bounds.acceleration)).tolist(),
+            velocity.clip(-fastest, fastest).tolist(),
+            acceleration.clip(-hardest, hardest).tolist(),
         )
 
     def _through(
@@ -387,10 +420,9 @@ class _Search:
             return None
         return [first, second]
 
-    def _stopping(self, path: JointPath) -> MoveSequence | None:
+    def _stopping(self, path: Array) -> MoveSequence | None:
         """The motion along the edges of a path that stops at each waypoint."""
-        states = [self._steering.rest(q) for q in path.q]
-        moves = [self._move(first, last) for first, last in zip(states[:-1], states[1:], strict=True)]
+        moves = [self._steering.straight(first, last) for first, last in pairwise(path.tolist()) if first != last]
         kept = [move for move in moves if move is not None]
         return MoveSequence(kept) if kept and len(kept) == len(moves) else None
 
@@ -425,19 +457,17 @@ class _Search:
                 chosen.append(goal)
         return chosen
 
-    def _near_bound(self) -> bool:
-        return self._best.duration <= self._bound_of.min() * (1.0 + CLOSE_ENOUGH)
-
     def _prove(self) -> None:
         """Prove the best motion, or return to the last proven one and take samples closer to each other."""
         if self.proven and self.proven[-1][0] is self._best:
             return
-        trajectory = self._best.trajectory(self._path.joint_names, "", smooth=self._bounds.jerk is not None)
-        if is_proven_free(trajectory, self._checker):
+        if is_proven_free(self.trajectory(self._best, self._goal), self._checker):
             self.proven.append((self._best, self._goal))
             return
         self._step /= 2.0
         self._edges.refine()
-        self._best, self._goal = (
-            self.proven[-1] if self.proven else (MoveSequence.of(self._before), _nearest(self._goals, self._path.end))
-        )
+        self._best, self._goal = self.proven[-1] if self.proven else self._given()
+
+    def _given(self) -> tuple[MoveSequence, int]:
+        """The given path with its time-optimal timing, and the index of its end."""
+        return MoveSequence.of(self._before, self._bounds), _nearest(self._goals, np.asarray(self._path.end))

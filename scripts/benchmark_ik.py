@@ -14,8 +14,10 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
+from ik_steps import step_sizes, write_step_plot
 from ik_success import DocsIkTable, success_markdown, success_rates
 
+from pinproof import load_robot
 from pinproof.benchmarks import ik_benchmark, ik_markdown, write_ik_table
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
@@ -46,6 +48,9 @@ def main() -> None:
         table = DocsIkTable(**values, success=success_rates(**common) if options.docs else ())
     if options.docs or options.render:
         write_ik_table(table, FOLDER, appendix=success_markdown(table.success))
+        steps = step_sizes(load_robot(DOCS_ROBOTS[0]).arm())
+        if steps is not None:
+            write_step_plot(steps, DOCS_ROBOTS[0], FOLDER / "ik_steps.png")
     else:
         print(ik_markdown(table))
 

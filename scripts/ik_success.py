@@ -11,8 +11,7 @@ import numpy.typing as npt
 
 from pinproof.benchmarks import IkTable
 from pinproof.benchmarks.ik_methods import OWN_METHODS, Part, select_methods
-from pinproof.benchmarks.ik_problems import check_answers, random_targets
-from pinproof.benchmarks.ik_run import WARM_UP, load_arm, timed_batch
+from pinproof.benchmarks.ik_run import WARM_UP, check_answers, load_arm, random_targets, timed_batch
 from pinproof.benchmarks.ik_table import percent
 from pinproof.benchmarks.tables import NotApplicableError, markdown_table, wrapped
 from pinproof.description import catalogue_names

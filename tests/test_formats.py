@@ -32,6 +32,7 @@ from pinproof.verifier.parts import Body, Curve, Joint
 
 from .fuzz import samples
 from .fuzz.mutations import worse_tree
+from .motion.test_motion_program import program
 from .pages import ROOT
 
 PAGES = ROOT / "docs" / "formats"
@@ -50,6 +51,7 @@ READERS: dict[str, Callable[[Path], object]] = {
     "dh": pp.DhTable.load,
     "limits": JointLimits.load,
     "motion": pp.Trajectory.load,
+    "program": pp.motion.MotionProgram.load,
 }
 
 EVERY_WAY = {
@@ -183,6 +185,7 @@ EVERYTHING: dict[str, Any] = {
             ],
         },
     },
+    "program": json.loads(program(quintic=True).to_json()),
 }  # fmt: skip
 """For each format that is read a file in which nearly every key occurs."""
 
@@ -217,10 +220,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def file_of(name: str, folder: Path) -> Path:
+    return folder / f"{name}.{'json' if name == 'program' else 'yaml'}"
+
+
 def refused(name: str, tree: Any, folder: Path) -> str | None:
     """The reason for which the reader refuses a file; None if it accepts it."""
-    file = folder / f"{name}.yaml"
-    file.write_text(samples.yaml_text(tree), encoding="utf-8")
+    file = file_of(name, folder)
+    file.write_text(json.dumps(tree) if file.suffix == ".json" else samples.yaml_text(tree), encoding="utf-8")
     try:
         READERS[name](file)
     except pp.PinproofError as error:
@@ -340,7 +347,7 @@ def test_reader_and_schema_refuse_a_mapping_without_a_required_key(name: str, fo
 
 BEYOND_A_SCHEMA = re.compile(
     # not finite; ragged; the names of two things are equal; a key is not a text
-    r"finite|inf|nan\b|inhomogeneous|a second|already named|named .* twice|is not a name|joint None must be"
+    r"finite|inf|nan\b|inhomogeneous|a second|already named|named .* twice|is not a name|joint \S+ must be a name"
     # related numbers
     r"|no hull|Mesh\.triangles|PointCloud\.resolution|must lie below|not a rigid|quaternion of length"
     r"|axis of the fingers"
@@ -349,6 +356,11 @@ BEYOND_A_SCHEMA = re.compile(
     # texts and units
     r"|is not a valid name|is not a valid robot name|full rotations|is too long"
     r"|coordinates are limited|number of seconds|must be an integer"
+    # the parts of a program
+    r"|differs from the motion|its hash is another|the certificate .* does not exist|the time of the last point"
+    r"|the start of the segment|times must increase|joint_names contains|do not meet|at the connection"
+    r"|sec must be from 0 to|the end of the segments|at the end of a segment|two events|starts at"
+    r"|the arm does not rest|accelerations are required"
     # the number of picks, the files
     r"|pattern\.grid has|there is no (file|folder)|only if the robot is|a cup and fingers|the cup has the radius"
 )
@@ -367,7 +379,8 @@ def test_reader_and_schema_agree_on_changed_files(name: str, folder: Path, data:
     tree = data.draw(worse_tree(EVERYTHING[name], most=1))
     reason = refused(name, tree, folder)
     try:
-        tree = read_yaml(folder / f"{name}.yaml", (), FileError)
+        file = file_of(name, folder)
+        tree = json.loads(file.read_text()) if file.suffix == ".json" else read_yaml(file, (), FileError)
     except FileError:
         assert reason is not None
         return
@@ -410,6 +423,7 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     motion = pp.time_parametrise(pp.JointPath([arm.home, arm.home + 0.1], arm.joint_names), arm.limits)
     certificate = pp.certify(motion, checker, record=True).or_raise()
     motion.save(folder / "motion.json", certificate=certificate)
+    program().save(folder / "program.json")
     certificate.save(folder / "proof.json")
     scene.save(folder / "written_scene.yaml")
     Attachments(tuple(checker.attached), (("tool", "table"),), {"rail": 0.5}, pp.pose((0, 0, 1))).save(
@@ -420,7 +434,7 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     for name in FORMATS:
         if name in ("picks", "limits"):
             continue  # pinproof does not write them
-        file = folder / (f"{name}.json" if name in ("motion", "proof", "report") else f"written_{name}.yaml")
+        file = folder / (f"{name}.json" if name in ("motion", "program", "proof", "report") else f"written_{name}.yaml")
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))
         errors = jsonschema.Draft202012Validator(closed(pp.file_schema(name))).iter_errors(tree)
         assert [(error.json_path, error.message) for error in errors] == [], name

@@ -12,11 +12,10 @@ from ik_success import DocsIkTable, SuccessRow, success_markdown, success_rates
 
 import pinproof as pp
 from pinproof.benchmarks import IkTable, ik_benchmark, ik_markdown, write_ik_table
-from pinproof.benchmarks.ik_methods import OWN_METHODS, IkMethod, Part, PreparedMethod
+from pinproof.benchmarks.ik_methods import OWN_METHODS, PARTS, IkMethod, Part, PreparedMethod
 from pinproof.benchmarks.ik_peers import PEERS
-from pinproof.benchmarks.ik_problems import random_targets, smooth_targets, with_reduced_ranges
-from pinproof.benchmarks.ik_run import measure
-from pinproof.benchmarks.ik_table import COLUMNS, PARTS, IkRow
+from pinproof.benchmarks.ik_run import measure, random_targets, smooth_targets, with_reduced_ranges
+from pinproof.benchmarks.ik_table import COLUMNS, IkRow
 from pinproof.errors import FileError, InputError
 
 POINTS = 20
@@ -103,7 +102,7 @@ def test_markdown_shows_every_row_and_column(table: IkTable) -> None:
     shown = [name for name in COLUMNS if name != "relative time" or any(row.ratio for row in table.rows)]
     assert all(f" {name} |" in text for name in shown)
     lines = text.splitlines()
-    assert sum(line.startswith("| CLIK |") for line in lines) == len(PARTS)
+    assert sum(line.startswith("| Clik |") for line in lines) == len(PARTS)
     prose = " ".join(text.split())
     assert f"99.9th percentile of {POINTS} calls" in prose
 
@@ -124,7 +123,7 @@ def test_without_peers_only_own_methods_run() -> None:
 @pytest.mark.slow
 def test_plots_are_png_files(table: IkTable, tmp_path: Path) -> None:
     written = write_ik_table(table, tmp_path)
-    assert [path.name for path in written] == ["ik.json", "ik.md", "ik_latency.png", "ik_steps.png"]
+    assert [path.name for path in written] == ["ik.json", "ik.md", "ik_latency.png"]
     for path in written[2:]:
         assert path.read_bytes().startswith(PNG)
     assert json.loads(written[0].read_text())["settings"]["points"] == POINTS
@@ -213,7 +212,7 @@ def test_the_table_of_the_documentation_has_success_rates(
     docs = DocsIkTable(**vars(table), success=success)
     docs.save(tmp_path / "ik.json")
     assert DocsIkTable.load(tmp_path / "ik.json") == docs
-    assert "| panda | CLIK | 100 % | 0 |" in success_markdown(success)
+    assert "| panda | Clik | 100 % | 0 |" in success_markdown(success)
     assert success_markdown(()) == ""
 
 

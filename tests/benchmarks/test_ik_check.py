@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
-from pinproof.benchmarks.ik_problems import check_answers, random_targets, with_reduced_ranges
+from pinproof.benchmarks.ik_run import check_answers, random_targets, with_reduced_ranges
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import pytest
 from ik_success import DocsIkTable, success_markdown
 
 from pinproof.benchmarks import ik_markdown
-from pinproof.benchmarks.ik_table import PARTS
+from pinproof.benchmarks.ik_methods import PARTS
 
 from ..pages import ROOT, run_page
 

@@ -7,7 +7,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.benchmarks.ik_methods import PERIOD
-from pinproof.benchmarks.ik_problems import random_targets, smooth_targets, with_reduced_ranges
+from pinproof.benchmarks.ik_run import random_targets, smooth_targets, with_reduced_ranges
 
 ROBOTS = ("ur5", "panda", "kinova", "scara")
 

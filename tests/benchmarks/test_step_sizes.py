@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ik_steps import METHODS, step_sizes
 
 import pinproof as pp
-from pinproof.benchmarks.step_sizes import METHODS, step_sizes
 
 
 @pytest.fixture(scope="module")

@@ -288,7 +288,7 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a path without waypoints": lambda: _core.shortcut(edges(), np.zeros((0, 2)), np.zeros((0, 2))),
     "negative draws of a shortcut": lambda: _core.shortcut(edges(), np.eye(2), np.full((3, 2), -0.5)),
     "speeds with too few ceilings": lambda: _core.fastest_speeds(
-        np.ones((2, 2, 3)), np.ones((2, 2, 3)), np.ones(2), np.ones(2), np.ones((2, 3)), 0.0, 0.0
+        *(np.ones((2, 2, 3)) for _ in range(4)), np.ones(2), np.ones(2), 0.0, 0.0
     ),
     "an array of float32": lambda: _core.Workspace(world()).judge(np.zeros(2, dtype=np.float32)),
 }

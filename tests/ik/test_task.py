@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -118,3 +120,32 @@ def test_spin_about_an_axis_of_the_target_is_free(ur5, axis):
     assert tcp.translation == pytest.approx(target.translation, abs=1e-6)
     assert tcp.rotation[:, axis] == pytest.approx(target.rotation[:, axis], abs=1.1e-6)
     assert found.orientation_error <= 1e-6
+
+
+@pytest.mark.parametrize(
+    ("task", "expected", "absent"),
+    [
+        ("pose", "task position", ""),
+        ("position", "move the target", "task position|rad "),
+        ("orientation", "rotate", "m,"),
+    ],
+)
+def test_the_advice_of_a_failed_search_fits_the_task(task: str, expected: str, absent: str) -> None:
+    arm = pp.load_robot("scara").arm()
+    target = pp.pose((9.0, 0.0, 0.0), (1.0, 1.0, 0.0))
+    single = pp.Clik(restarts=3).solve(arm, target, task=task)
+    batch = pp.Clik(restarts=3).solve_batch(arm, [target], task=task)
+    assert not single.ok
+    assert single.message == batch.messages[0]
+    assert expected in single.message
+    assert not absent or not re.search(absent, single.message)
+
+
+def test_a_small_residual_asks_for_more_attempts() -> None:
+    arm = pp.load_robot("ur5").arm()
+    target = arm.forward_kinematics(arm.home)
+    close = arm.home + 0.05
+    found = pp.Clik(restarts=0, max_iterations=1).solve(arm, target, close)
+    assert not found.ok
+    assert "restarts" in found.message
+    assert "out of reach" not in found.message

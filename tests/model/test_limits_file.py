@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import pinproof as pp
+from pinproof.errors import FileError
 
 TEXT = """
 default_velocity_scaling_factor: 0.1
@@ -83,7 +84,7 @@ def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
     text = "joint_limits:\n  {}: {{has_velocity_limits: true, max_velocity: 0.1}}\n"
     limits = panda.arm(limits=pp.JointLimits.load(written(tmp_path, text.format(finger)))).limits
     np.testing.assert_array_equal(limits.velocity, panda.arm().limits.velocity)
-    with pytest.raises(pp.UnknownNameError, match=r"'panda_joint9'.*panda_joint1"):
+    with pytest.raises(FileError, match=r"'panda_joint9'.*panda_joint1"):
         panda.arm(limits=pp.JointLimits.load(written(tmp_path, text.format("panda_joint9"))))
 
 
@@ -93,8 +94,11 @@ def test_joints_outside_the_arm_are_let_be_and_unknown_ones_refused(tmp_path):
         ("joints: {}", "unknown key 'joints'.*joint_limits"),
         ("joint_limits: []", "key joint_limits"),
         ("joint_limits:\n  j: 3", "'j' must be a name with a mapping"),
-        ("joint_limits:\n  j: {max_velocty: 3}", "line 2, joint j: unknown key 'max_velocty'"),
-        ("joint_limits:\n  j: {max_velocity: 3}", "line 2, joint j: max_velocity requires has_velocity_limits"),
+        ("joint_limits:\n  j: {max_velocty: 3}", "line 2, column 3, joint j: unknown key 'max_velocty'"),
+        (
+            "joint_limits:\n  j: {max_velocity: 3}",
+            "line 2, column 3, joint j: max_velocity requires has_velocity_limits",
+        ),
         ("joint_limits:\n  j: {has_velocity_limits: 1, max_velocity: 3}", "true or false, not 1"),
         ("joint_limits:\n  j: {has_velocity_limits: true}", "max_velocity must be a finite number, not None"),
         ("joint_limits:\n  j: {has_velocity_limits: true, max_velocity: .inf}", "finite number, not inf"),

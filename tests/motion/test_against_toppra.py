@@ -77,8 +77,8 @@ def test_the_core_finds_toppras_speeds():
     sides = [np.stack([values[:-1], values[1:]], axis=1) for values in (slope, curvature)]  # C2: both sides are equal
     ceiling = ((limits.velocity / np.abs(slope).clip(1e-9)).min(axis=1)) ** 2
     ceiling[[0, -1]] = 0.0
-    acceleration = np.tile(limits.acceleration, (len(s) - 1, 1))
-    x, stuck = fastest_speeds(*sides, np.diff(s), ceiling, acceleration, 0.0, 0.0)
+    acceleration = np.broadcast_to(limits.acceleration, sides[0].shape).copy()
+    x, stuck = fastest_speeds(*sides, np.zeros_like(acceleration), acceleration, np.diff(s), ceiling, 0.0, 0.0)
     assert stuck is None
     np.testing.assert_allclose(np.sqrt(x), theirs, rtol=2e-3, atol=1e-3)  # toppra shortens each step by 1e-4
 

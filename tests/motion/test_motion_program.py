@@ -165,7 +165,7 @@ def other_schema(data) -> None:
         (unknown_event, "grip, release"),
         (no_certificate, "does not exist"),
         (no_points, "points"),
-        (text_time, "integers"),
+        (text_time, "an integer"),
         (other_schema, "pinproof/program/1"),
     ],
 )

@@ -164,7 +164,7 @@ def test_timing_that_exceeds_limits_is_slowed_down(monkeypatch):
 
 @pytest.mark.parametrize("lie", [np.nan, 0.0])
 def test_a_solver_that_fails_is_a_timing_error(monkeypatch, lie):
-    def fails(_slope, _curvature, _step, ceiling, *_):
+    def fails(_alpha, _beta, _gamma, _bound, _step, ceiling, *_):
         return np.full(len(ceiling), lie), None if lie == 0.0 else 3
 
     monkeypatch.setattr(speeds, "fastest_speeds", fails)

@@ -10,7 +10,7 @@ import pytest
 
 import pinproof as pp
 from pinproof.description import robots_folder
-from pinproof.errors import PicksError, UnknownNameError
+from pinproof.errors import FileError, PicksError
 from pinproof.picks import open_picks
 from pinproof.picks.input.pick import NamedFrame, PlaceTarget
 
@@ -54,8 +54,34 @@ def test_xacro_arguments_and_package_folders_are_read(tmp_path):
     stated = ("robot: arm.urdf.xacro", "package_dirs: [ros]", "xacro_args: {length: 0.75}")
     arm = pp.read_picks(picks_file(tmp_path, *stated)).load_arm()
     np.testing.assert_allclose(arm.forward_kinematics([0.0]).translation, [0.75, 0, 0], atol=1e-15)
-    with pytest.raises(UnknownNameError, match=r"'lenght'.*length"):
-        pp.read_picks(picks_file(tmp_path, *stated[:2], "xacro_args: {lenght: 0.75}")).load_arm()
+    path = picks_file(tmp_path, *stated[:2], "xacro_args: {length: 0.75, lenght: 0.75}")
+    with pytest.raises(PicksError, match=r"'lenght'.*length") as caught:
+        pp.read_picks(path).load_arm()
+    assert (caught.value.path, caught.value.place) == (str(path), "line 3, column 28, key xacro_args, lenght")
+
+
+@pytest.mark.parametrize(
+    ("lines", "place", "reason"),
+    [
+        (["robot: ur55"], "line 1, column 1, key robot", "'ur55'.*valid: ur5"),
+        (["robot: ur5", "tcp: tol0"], "line 2, column 1, key tcp", "'tol0'.*valid: tool0"),
+        (["robot: ur5", "held: {finger: 0.1}"], "line 2, column 8, key held, finger", "'finger'"),
+    ],
+)
+def test_a_name_that_the_robot_lacks_is_refused_with_its_position(tmp_path, lines, place, reason):
+    path = picks_file(tmp_path, *lines)
+    with pytest.raises(PicksError, match=reason) as caught:
+        pp.read_picks(path).load_arm()
+    assert (caught.value.path, caught.value.place) == (str(path), place)
+
+
+def test_a_limits_file_with_an_unknown_joint_is_refused_with_its_line(tmp_path):
+    limits = tmp_path / "limits.yaml"
+    limits.write_text(LIMITS.replace("joint_1", "joint_9"))
+    picks = pp.read_picks(picks_file(tmp_path, "robot: generic_6dof", "limits: limits.yaml"))
+    with pytest.raises(FileError, match=r"'joint_9'; valid: .*joint_1") as caught:
+        picks.load_arm()
+    assert (caught.value.path, caught.value.place) == (str(limits), "line 2, column 3, joint joint_9")
 
 
 @pytest.mark.parametrize(
@@ -74,7 +100,7 @@ def test_a_bad_value_is_refused_with_its_line_and_key(tmp_path, line, reason):
     path = picks_file(tmp_path, "robot: ur5", "margin: 0", line)
     with pytest.raises(PicksError, match=reason) as caught:
         pp.read_picks(path)
-    assert (caught.value.path, caught.value.place) == (str(path), f"line 3, key {line.partition(':')[0]}")
+    assert (caught.value.path, caught.value.place) == (str(path), f"line 3, column 1, key {line.partition(':')[0]}")
 
 
 def placed_cell() -> tuple[pp.Arm, pp.Scene, pp.Picks]:

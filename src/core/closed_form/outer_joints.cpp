@@ -373,18 +373,24 @@ void refine(const Equations& e, Pair& pair) {
     }
 }
 
-// The errors where both equations contain both unknowns, also if one hardly does, from the inverse of their Jacobian; up to four roots may
-// coincide, which an error d moves by d^(1/4).
+// The errors where both equations contain both unknowns, also if one hardly does, from the inverse of their Jacobian. Up
+// to four roots may coincide, which an error d moves by d^(1/4).
+//
+// The Jacobian of the true root differs from that of the computed one by their distance r, which matters where a column
+// is smaller than r: both unknowns may be double roots at once.
 void estimate_errors(const Equations& e, const ErrorBound& error, Pair& pair) {
     const Derivatives by(e, pair.x, pair.y);
     const double det = std::abs(by.determinant());
     const double of_x = std::abs(by.b) + std::abs(by.d), of_y = std::abs(by.a) + std::abs(by.c);
-    const auto amplified = [det](double factor, double d) {
-        const double least = std::sqrt(d) * std::sqrt(std::sqrt(d));  // d^(3/4)
-        return std::min(1.0, factor * d / std::max(det, least));
+    const auto estimate = [&](double d, double& x, double& y) {
+        const double root = std::sqrt(d), size = of_x + of_y + root;
+        const double per_cofactor = d / std::max(det, size * root * std::sqrt(root));  // d^(3/4)
+        const double r = std::min(1.0, size * per_cofactor);
+        x = std::min(r, (of_x + r) * per_cofactor);
+        y = std::min(r, (of_y + r) * per_cofactor);
     };
-    pair.x_error = {amplified(of_x, error.rounding), amplified(of_x, error.tolerance)};
-    pair.y_error = {amplified(of_y, error.rounding), amplified(of_y, error.tolerance)};
+    estimate(error.rounding, pair.x_error.rounding, pair.y_error.rounding);
+    estimate(error.tolerance, pair.x_error.tolerance, pair.y_error.tolerance);
 }
 
 // The state of b for given c and a, and the result; nothing is added if b cannot bring the curves together.

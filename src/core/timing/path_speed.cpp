@@ -34,18 +34,18 @@ Interval permitted(const SpeedProblem& problem, std::size_t i, double x, const R
     const double twice = 2.0 * problem.step[i];
     Interval u{(next.least - x) / twice, (next.most - x) / twice, -1.0 / twice, -1.0 / twice};
     for (std::size_t side = 0; side < 2; ++side)
-        for (std::size_t j = 0; j < problem.dof; ++j) {
-            // |p u + r x| <= a at this node; at the next one x has grown by 2 h u.
-            const std::size_t entry = (2 * i + side) * problem.dof + j;
-            const double r = problem.curvature[entry];
-            const double p = problem.slope[entry] + static_cast<double>(side) * twice * r;
-            const double a = problem.acceleration[i * problem.dof + j];
-            if (std::abs(p) * kFar <= a) {  // This joint does not restrict any practical u.
+        for (std::size_t j = 0; j < problem.rows; ++j) {
+            // |p u + r x + g| <= a at this node; at the next one x has grown by 2 h u.
+            const std::size_t entry = (2 * i + side) * problem.rows + j;
+            const double r = problem.beta[entry], g = problem.gamma[entry], a = problem.bound[entry];
+            const double p = problem.alpha[entry] + static_cast<double>(side) * twice * r;
+            if (std::abs(p) * kFar <= a) {  // This limit does not restrict any practical u.
                 // The interval is empty by an amount proportional to the excess of x.
-                if (std::abs(r) * x > a) return {std::abs(r) * x, a, std::abs(r), 0.0};
+                const double value = r * x + g;
+                if (std::abs(value) > a) return {std::abs(value), a, std::copysign(r, r * value), 0.0};
                 continue;
             }
-            const double middle = -r * x / p, half = a / std::abs(p);
+            const double middle = -(r * x + g) / p, half = a / std::abs(p);
             if (middle + half < u.high) {
                 u.high = middle + half;
                 u.high_slope = -r / p;

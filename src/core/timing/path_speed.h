@@ -17,16 +17,15 @@
 
 namespace pinproof {
 
-// The steps between the nodes of a grid over the parameter s of a path, and the limits on them.
+// The steps between the nodes of a grid over the parameter s of a path, and the limits on them. At both ends of a step,
+// |alpha u + beta x + gamma| <= bound for each row; the ends of two steps that meet may differ.
 struct SpeedProblem {
-    std::size_t dof;
-    std::span<const double> slope,
-        curvature;  // (N, 2, dof) dq/ds and d2q/ds2 at both ends of each step; they may differ where two steps meet
-    std::span<const double> step;  // (N) lengths of the steps, above 0
+    std::size_t rows;
+    std::span<const double> alpha, beta, gamma, bound;  // (N, 2, rows)
+    std::span<const double> step;                       // (N) lengths of the steps, above 0
     std::span<const double>
         ceiling;  // (N + 1) largest x at the nodes, for the limits of speed; 0 where the motion must stop
-    std::span<const double> acceleration;  // (N, dof) limits of acceleration on the steps
-    double start, end;                     // x at the first node and at the last one
+    double start, end;  // x at the first node and at the last one
 
     std::size_t steps() const { return step.size(); }
 };

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal
@@ -11,23 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.ik import (
-    AnalyticIk,
-    Clik,
-    DampedLeastSquares,
-    Fabrik,
-    IkResult,
-    IterativeIk,
-    PseudoInverse,
-    Tracker,
-    track,
-)
+from pinproof.ik import AnalyticIk, Fabrik, IkResult, IterativeIk, Tracker, track
+from pinproof.ik.methods import IK_METHODS
 from pinproof.ik.task import GoalName
 from pinproof.model import Arm
 from pinproof.spatial import SE3, rigid
 
 __all__ = [
     "OWN_METHODS",
+    "PARTS",
     "PERIOD",
     "RESTARTS",
     "TOLERANCE",
@@ -60,13 +52,25 @@ class Part:
     task: Literal["position", "pose"]
     restarts: bool
 
+    def __str__(self) -> str:
+        if self.problem == "trajectory":
+            return "smooth trajectory, each call starts from the last answer"
+        task = {"position": "position only", "pose": "full poses"}[self.task]
+        return f"random targets, {task}, {'with restarts' if self.restarts else 'one seed'}"
+
+
+PARTS: tuple[Part, ...] = (
+    Part("random", "position", False),
+    Part("random", "position", True),
+    Part("random", "pose", False),
+    Part("random", "pose", True),
+    Part("trajectory", "pose", True),
+)
+"""The parts of the table, in its order."""
+
 
 def _as_se3(pose: Array) -> SE3:
     return rigid("target", pose)
-
-
-def _no_reset(_: Array) -> None:
-    """Do nothing: most methods are stateless."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,7 @@ class PreparedMethod:
     read: Callable[[Any], Array]
     convert_target: Callable[[Array], Any] = _as_se3
     solve_batch: Callable[[Array, Array], Array] | None = None
-    reset: Callable[[Array], None] = _no_reset
+    reset: Callable[[Array], None] | None = None
 
 
 @dataclass(frozen=True)
@@ -161,11 +165,11 @@ def _iterative(solver: Callable[..., IterativeIk], arm: Arm, part: Part) -> Prep
     )
 
 
-def _analytic(arm: Arm, part: Part) -> PreparedMethod | None:
+def _closed_form(solver: Callable[[], AnalyticIk], arm: Arm, part: Part) -> PreparedMethod | None:
     """All branches for up to six joints; for seven joints and along the trajectory, the branch nearest to q0."""
     if part.task != "pose":
         return None
-    ik = AnalyticIk()
+    ik = solver()
     ik.solve_all(arm, arm.forward_kinematics(arm.home))  # raises if the arm has no closed form
     if arm.dof > 6 or part.problem == "trajectory":
         return PreparedMethod(solve=lambda target, q0: ik.solve(arm, target, q0), read=_reader(arm))
@@ -202,17 +206,26 @@ def _tracking(arm: Arm, part: Part) -> PreparedMethod | None:
     )
 
 
-_POLISHED = partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
+TEXTBOOK = {
+    "pseudo_inverse": (1.20, 0.85),
+    "damped_least_squares": (1.45, 0.95),
+    "fabrik": (0.40, 0.98),
+    "analytic": (0.002, 1.0),
+}
+"""The textbook's figures by method: position only, one seed, 10,000 points."""
 
-OWN_METHODS: tuple[IkMethod, ...] = (
-    IkMethod("pseudo_inverse", "pseudo-inverse", partial(_iterative, PseudoInverse), textbook=(1.20, 0.85)),
-    IkMethod(
-        "damped_least_squares", "damped least squares", partial(_iterative, DampedLeastSquares), textbook=(1.45, 0.95)
-    ),
-    IkMethod("clik", "CLIK", partial(_iterative, Clik)),
-    IkMethod("fabrik", "FABRIK", partial(_iterative, Fabrik), tolerance=FABRIK_TOLERANCE, textbook=(0.40, 0.98)),
-    IkMethod("fabrik_polished", "FABRIK, polished", partial(_iterative, _POLISHED)),
-    IkMethod("analytic", "analytic", _analytic, textbook=(0.002, 1.0)),
-    IkMethod("tracking", "tracking", _tracking),
-)
-"""The methods of this package. The textbook's figures are for position only, one seed, 10,000 points."""
+
+def _own_methods() -> Iterator[IkMethod]:
+    for key, solver in IK_METHODS.items():
+        tolerance = FABRIK_TOLERANCE if solver is Fabrik else TOLERANCE
+        if issubclass(solver, IterativeIk):
+            yield IkMethod(key, solver.__name__, partial(_iterative, solver), tolerance, TEXTBOOK.get(key))
+        else:
+            yield IkMethod(key, solver.__name__, partial(_closed_form, solver), tolerance, TEXTBOOK.get(key))
+    polished = partial(Fabrik, polish=True, position_tolerance=TOLERANCE, orientation_tolerance=TOLERANCE)
+    yield IkMethod("fabrik_polished", "Fabrik, polished", partial(_iterative, polished))
+    yield IkMethod("tracking", "Tracker", _tracking)
+
+
+OWN_METHODS: tuple[IkMethod, ...] = tuple(_own_methods())
+"""The methods of this package: those of :data:`pinproof.ik.methods.IK_METHODS`, and two variants of use."""

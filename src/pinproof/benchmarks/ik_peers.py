@@ -1,34 +1,36 @@
 """Other libraries in the IK benchmark, called as their documentation recommends; the extra ``peers`` installs them.
 
-They are imported only when they are used. They receive the chain and the limits of the run as a plain URDF, or as joint
-axes and the offsets between them: no meshes, grippers or mimic joints. Their answers are checked like ours; branches of
-closed forms without limits are first shifted by full rotations into the limits, and dropped if that is not possible,
-which is not timed.
+They are imported only when they are used. They receive the chain and the limits of the run as the URDF of its DH table,
+or as joint axes and the offsets between them: no meshes, grippers or mimic joints. Their answers are checked like ours;
+branches of closed forms without limits are first shifted by full rotations into the limits, and dropped if that is not
+possible, which is not timed.
 """
 
 from __future__ import annotations
 
-import math
 import tempfile
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
+from xml.etree.ElementTree import fromstring, tostring
 
 import numpy as np
 import numpy.typing as npt
 
 from pinproof.benchmarks.ik_methods import RESTARTS, TOLERANCE, IkMethod, Part, PreparedMethod
 from pinproof.benchmarks.tables import NotApplicableError
+from pinproof.conversion import dh_to_urdf, urdf_to_dh
+from pinproof.description.dh import row_transform
+from pinproof.description.dh_urdf import TCP as TIP
 from pinproof.model import Arm
 from pinproof.model.robot import load_robot_from_text
-from pinproof.spatial import xyz_rpy
 
-__all__ = ["PEERS", "TIP", "ScrewAxes", "chain_urdf", "joint_names", "screw_axes"]
+__all__ = ["PEERS", "TIP", "ScrewAxes", "chain_urdf", "screw_axes"]
 
 Array = npt.NDArray[np.float64]
 
-BASE, TIP = "chain_base", "chain_tip"
+BASE = "base_link"
 
 SAME_AXIS = 1e-6
 """Metres and rad within which axes count as intersecting or parallel: URDF files state pi/2 as 1.5708."""
@@ -107,48 +109,12 @@ def screw_axes(arm: Arm) -> ScrewAxes:
     return ScrewAxes(directions, points, np.array(arm.forward_kinematics(zero).homogeneous))
 
 
-def joint_names(arm: Arm) -> list[str]:
-    """Return the joint names of :func:`chain_urdf` in the order of q."""
-    return [f"chain_joint_{k + 1}" for k in range(arm.dof)]
-
-
 def chain_urdf(arm: Arm) -> str:
-    """Return a URDF of the chain from :data:`BASE` to :data:`TIP` with the limits of the arm.
-
-    Raises
-    ------
-    NotApplicableError
-        If the chain has mimic joints.
-    """
-    axes, names = screw_axes(arm), joint_names(arm)
-    links = [BASE, *(f"chain_link_{k + 1}" for k in range(arm.dof)), TIP]
-    lines = ['<robot name="chain">', *(f'  <link name="{link}"/>' for link in links)]
-    for k, name in enumerate(names):
-        lower, upper, velocity = (float(each[k]) for each in (arm.limits.lower, arm.limits.upper, arm.limits.velocity))
-        bounded = math.isfinite(upper - lower)
-        kind = "prismatic" if not arm.angular[k] else "revolute" if bounded else "continuous"
-        bounds = f'lower="{lower!r}" upper="{upper!r}" ' if bounded else ""
-        speed = velocity if math.isfinite(velocity) else 1.0
-        lines += [
-            f'  <joint name="{name}" type="{kind}">',
-            f'    <parent link="{links[k]}"/><child link="{links[k + 1]}"/>',
-            f'    <origin xyz="{_numbers(axes.offsets[k])}"/><axis xyz="{_numbers(axes.directions[k])}"/>',
-            f'    <limit {bounds}velocity="{speed!r}" effort="1"/>',
-            "  </joint>",
-        ]
-    rpy = xyz_rpy(axes.base_from_tcp)[3:]
-    lines += [
-        '  <joint name="chain_tool" type="fixed">',
-        f'    <parent link="{links[-2]}"/><child link="{TIP}"/>',
-        f'    <origin xyz="{_numbers(axes.offsets[-1])}" rpy="{_numbers(rpy)}"/>',
-        "  </joint>",
-        "</robot>",
-    ]
-    return "\n".join(lines)
-
-
-def _numbers(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
+    """Return a URDF of the chain from :data:`BASE` to :data:`TIP`: joints and limits of the arm, without bodies."""
+    robot = fromstring(dh_to_urdf(urdf_to_dh(arm)))
+    for link in robot.findall("link"):
+        link[:] = []
+    return tostring(robot, encoding="unicode")
 
 
 # -- the libraries -----------------------------------------------------------------------------------------------------
@@ -219,16 +185,12 @@ def _toolbox(arm: Arm, part: Part) -> PreparedMethod:
     """The Robotics Toolbox (Corke, Haviland): Levenberg-Marquardt in C++, with restarts."""
     from roboticstoolbox import ET, ETS
 
-    axes = screw_axes(arm)
-    parts, last = [], np.eye(4)
-    for k in range(arm.dof):
-        own = _frame_along(axes.directions[k], axes.points[k])
-        parts.append(ET.SE3(np.linalg.inv(last) @ own))
-        make = ET.Rz if arm.angular[k] else ET.tz
-        lower, upper = arm.limits.sampling_range()
-        parts.append(make(jindex=k, qlim=[lower[k], upper[k]]))
-        last = own
-    ets = ETS([*parts, ET.SE3(np.linalg.inv(last) @ axes.base_from_tcp)])
+    table, (lower, upper) = urdf_to_dh(arm), arm.limits.sampling_range()
+    ets = [ET.SE3(table.base)]
+    for k, row in enumerate(table.rows):
+        joint = ET.Rz if arm.angular[k] else ET.tz
+        ets += [joint(jindex=k, qlim=[lower[k], upper[k]]), ET.SE3(row_transform(row, table.convention, 0.0))]
+    chain = ETS([*ets, ET.SE3(table.tool)])
     mask = np.array([1.0, 1, 1, 0, 0, 0]) if part.task == "position" else None
     # Its tolerance applies to half the squared error.
     settings = {
@@ -238,7 +200,7 @@ def _toolbox(arm: Arm, part: Part) -> PreparedMethod:
         "mask": mask,
     }
     return PreparedMethod(
-        solve=lambda pose, q0: ets.ik_LM(pose, q0, **settings),
+        solve=lambda pose, q0: chain.ik_LM(pose, q0, **settings),
         read=lambda found: found.q[None] if found.success else np.empty((0, arm.dof)),
         convert_target=lambda pose: pose,
     )
@@ -277,9 +239,8 @@ def _pink(arm: Arm, part: Part) -> PreparedMethod | None:
 
     return PreparedMethod(
         solve=solve,
-        read=lambda found: (
-            arm.limits.clip(found[0])[None] if found[1] else np.empty((0, arm.dof))
-        ),  # removes rounding errors
+        # Clipping removes rounding errors.
+        read=lambda found: arm.limits.clip(found[0])[None] if found[1] else np.empty((0, arm.dof)),
     )
 
 
@@ -290,7 +251,7 @@ def _roboplan(arm: Arm, part: Part) -> PreparedMethod | None:
 
     if part.task != "pose":
         return None
-    scene, names = Scene("chain", loadUrdfSceneDescriptionFromXml(chain_urdf(arm))), joint_names(arm)
+    scene, names = Scene("chain", loadUrdfSceneDescriptionFromXml(chain_urdf(arm))), list(arm.joint_names)
     options = SimpleIkOptions(
         max_iters=MAX_ITERATIONS,
         max_time=TIME_LIMIT,
@@ -348,15 +309,6 @@ def _inside(arm: Arm, branches: Array) -> Array:
     """Shift the branches (k, n) by full rotations into the limits; drop those that stay outside."""
     branches = arm.limits.lower + np.mod(branches - arm.limits.lower, 2 * np.pi)
     return branches[((arm.limits.lower <= branches) & (branches <= arm.limits.upper)).all(axis=1)]
-
-
-def _frame_along(direction: Array, point: Array) -> Array:
-    """(4, 4) a frame at a point with its z axis along a direction."""
-    across = np.cross(direction, np.eye(3)[np.abs(direction).argmin()])
-    across /= np.linalg.norm(across)
-    frame = np.eye(4)
-    frame[:3] = np.column_stack([across, np.cross(direction, across), direction, point])
-    return frame
 
 
 PEERS: tuple[IkMethod, ...] = tuple(

@@ -1,49 +1,24 @@
-"""The table of the IK benchmark: its parts and rows, its Markdown page and its plots."""
+"""The table of the IK benchmark: its rows, its Markdown page and its plot."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from pinproof.benchmarks.ik_methods import TOLERANCE, Part
-from pinproof.benchmarks.step_sizes import step_sizes, write_step_plot
+from pinproof.benchmarks.ik_methods import PARTS, TOLERANCE, Part
 from pinproof.benchmarks.tables import (
     BenchmarkTable,
     log_panel,
     markdown_table,
     new_figure,
     provenance_text,
+    save_figure,
     wrapped,
 )
-from pinproof.model import load_robot
 
-__all__ = ["COLUMNS", "PARTS", "IkRow", "IkTable", "ik_markdown", "percent", "write_ik_table"]
-
-PARTS: tuple[Part, ...] = (
-    Part("random", "position", False),
-    Part("random", "position", True),
-    Part("random", "pose", False),
-    Part("random", "pose", True),
-    Part("trajectory", "pose", True),
-)
-"""The parts of the table, in its order."""
-
-COLUMNS = (
-    "method",
-    "mean",
-    "median",
-    "p99.9",
-    "batch mean",
-    "success",
-    "max position error",
-    "max rotation error",
-    "false positives",
-    "largest step",
-    "textbook mean",
-    "textbook success",
-    "relative time",
-)
+__all__ = ["COLUMNS", "IkRow", "IkTable", "ik_markdown", "percent", "write_ik_table"]
 
 MARKERS = "osD^vP*X<>ph"
 
@@ -103,7 +78,7 @@ class IkRow:
 
     @property
     def robot_and_part(self) -> tuple[str, str, str, bool]:
-        """The robot, the problem, the task and whether restarts are allowed."""
+        """The robot and its part of the table, which identify the targets of the row."""
         return self.robot, self.problem, self.task, self.restarts
 
 
@@ -136,20 +111,12 @@ class IkTable(BenchmarkTable):
 
 
 def write_ik_table(table: IkTable, folder: str | Path, *, appendix: str = "") -> list[Path]:
-    """Write ``ik.json``, ``ik.md``, ``ik_latency.png``, and ``ik_steps.png`` for the first robot that allows this plot.
+    """Write ``ik.json``, ``ik.md`` and ``ik_latency.png`` to an existing folder; return the files written.
 
-    ``appendix`` is added to the Markdown page. Returns the files written. The folder must exist.
+    ``appendix`` is added to the Markdown page.
     """
     written = table.write(folder, "ik", "# Inverse kinematics benchmark\n\n" + ik_markdown(table) + appendix)
-    written.append(Path(folder) / "ik_latency.png")
-    _write_latency_plot(table, written[-1])
-    for robot in table.robots:
-        steps = step_sizes(load_robot(robot).arm())
-        if steps is not None:
-            written.append(Path(folder) / "ik_steps.png")
-            write_step_plot(steps, robot, written[-1])
-            break
-    return written
+    return [*written, save_figure(_latency_plot(table), Path(folder) / "ik_latency.png")]
 
 
 # -- Markdown ----------------------------------------------------------------------------------------------------------
@@ -161,9 +128,10 @@ def ik_markdown(table: IkTable) -> str:
     for robot in table.robots:
         lines += [f"## {robot}", "", *_limits(table, robot), ""]
         for part in PARTS:
-            cells = [_cells(row, table.settings["points"]) for row in table.part(robot, part)]
-            if cells:
-                lines += [f"### {robot}: {_part_title(part)}", "", *markdown_table(COLUMNS, cells), ""]
+            rows = table.part(robot, part)
+            if rows:
+                cells = [[_name(row, table), *(cell(row) for cell in COLUMNS.values())] for row in rows]
+                lines += [f"### {robot}: {part}", "", *markdown_table(("method", *COLUMNS), cells), ""]
         reasons = table.left_out.get(robot, {})
         if reasons:
             lines += ["Left out:", "", *(f"- {name}: {reason}" for name, reason in reasons.items()), ""]
@@ -197,43 +165,15 @@ def _introduction(table: IkTable) -> list[str]:
 
 
 def _limits(table: IkTable, robot: str) -> list[str]:
+    def bound(value: float | None) -> str:
+        return "unbounded" if value is None else f"{value:.4g}"
+
     chain = table.settings["chains"][robot]
     ranges = [
-        f"{name} {_bound(low)} to {_bound(high)}"
+        f"{name} {bound(low)} to {bound(high)}"
         for name, low, high in zip(chain["joints"], chain["lower"], chain["upper"], strict=True)
     ]
     return wrapped(f"TCP: {chain['tcp']}. Limits (rad, m): {', '.join(ranges)}.")
-
-
-def _part_title(part: Part) -> str:
-    if part.problem == "trajectory":
-        return "smooth trajectory, each call starts from the last answer"
-    task = {"position": "position only", "pose": "full poses"}[part.task]
-    return f"random targets, {task}, {'with restarts' if part.restarts else 'one seed'}"
-
-
-def _cells(row: IkRow, points: int) -> list[str]:
-    label = row.label if row.tolerance == TOLERANCE else f"{row.label} (within {row.tolerance:g})"
-    samples = "" if row.samples == points else f" ({row.samples:,} targets)"
-    return [
-        label + samples,
-        _milliseconds(row.mean_ms),
-        _milliseconds(row.median_ms),
-        _milliseconds(row.p999_ms),
-        _milliseconds(row.batch_ms),
-        percent(row.success),
-        "" if row.position_error is None else f"{row.position_error:.1e} m",
-        "" if row.rotation_error is None else f"{row.rotation_error:.1e} rad",
-        str(row.false_positives),
-        "" if row.largest_step is None else f"{row.largest_step:.3g}",
-        "" if row.textbook_ms is None else f"{row.textbook_ms:g}",
-        "" if row.textbook_success is None else f"{100 * row.textbook_success:g} %",
-        "" if row.ratio is None else f"{row.ratio:.3g}",
-    ]
-
-
-def _milliseconds(value: float | None) -> str:
-    return "" if value is None else f"{value:.3g}" if value < 100 else f"{value:.0f}"
 
 
 def percent(value: float) -> str:
@@ -241,35 +181,61 @@ def percent(value: float) -> str:
     return "100 %" if value == 1.0 else f"{min(100 * value, 99.999):.3f}".rstrip("0").rstrip(".") + " %"
 
 
-def _bound(value: float | None) -> str:
-    return "unbounded" if value is None else f"{value:.4g}"
+def _name(row: IkRow, table: IkTable) -> str:
+    label = row.label if row.tolerance == TOLERANCE else f"{row.label} (within {row.tolerance:g})"
+    return label if row.samples == table.settings["points"] else f"{label} ({row.samples:,} targets)"
+
+
+def _formatted(field: str, text: Callable[[Any], str]) -> Callable[[IkRow], str]:
+    """The text of a field of a row; empty for None."""
+    return lambda row: "" if getattr(row, field) is None else text(getattr(row, field))
+
+
+def _milliseconds(value: float) -> str:
+    return f"{value:.3g}" if value < 100 else f"{value:.0f}"
+
+
+COLUMNS: dict[str, Callable[[IkRow], str]] = {
+    "mean": _formatted("mean_ms", _milliseconds),
+    "median": _formatted("median_ms", _milliseconds),
+    "p99.9": _formatted("p999_ms", _milliseconds),
+    "batch mean": _formatted("batch_ms", _milliseconds),
+    "success": _formatted("success", percent),
+    "max position error": _formatted("position_error", "{:.1e} m".format),
+    "max rotation error": _formatted("rotation_error", "{:.1e} rad".format),
+    "false positives": _formatted("false_positives", str),
+    "largest step": _formatted("largest_step", "{:.3g}".format),
+    "textbook mean": _formatted("textbook_ms", "{:g}".format),
+    "textbook success": _formatted("textbook_success", lambda share: f"{100 * share:g} %"),
+    "relative time": _formatted("ratio", "{:.3g}".format),
+}
+"""The columns after the method: their titles, and the text of a row."""
 
 
 # -- plot --------------------------------------------------------------------------------------------------------------
 
 
-def _write_latency_plot(table: IkTable, path: Path) -> None:
-    """Write success against mean time as PNG: one row of panels per robot; filled: single calls, hollow: batches.
+def _latency_plot(table: IkTable) -> Any:
+    """Success against mean time: one row of panels per robot; filled: single calls, hollow: batches.
 
     Crosses are the figures of the textbook; a dotted line connects them with our figures of the same method.
     """
-    methods = list(dict.fromkeys((row.method, row.label) for row in table.rows))
-    styles = {key: (f"C{k % 10}", MARKERS[k % len(MARKERS)]) for k, (key, _) in enumerate(methods)}
+    styles: dict[str, tuple[str, str]] = {}
     figure, panels = new_figure(len(table.robots), len(PARTS), width=3.4, height=3.0)
     for robot, line in zip(table.robots, panels, strict=True):
         for part, panel in zip(PARTS, line, strict=True):
             restarts = "" if part.problem == "trajectory" else ", restarts" if part.restarts else ", one seed"
             log_panel(panel, f"{robot}: {part.problem}, {part.task}{restarts}", "mean time, ms", "solved, %")
             for row in table.part(robot, part):
-                _plot_row(panel, row, *styles[row.method])
+                k = len(styles)
+                _plot_row(panel, row, *styles.setdefault(row.label, (f"C{k % 10}", MARKERS[k % len(MARKERS)])))
     first = panels[0][0]
-    for key, label in methods:
-        colour, marker = styles[key]
+    for label, (colour, marker) in styles.items():
         first.plot([], [], marker, color=colour, label=label)
     first.plot([], [], "x", color="grey", label="textbook")
     first.plot([], [], "o", color="grey", fillstyle="none", label="hollow: batch")
     figure.legend(loc="outside lower center", ncols=6, fontsize=8)
-    figure.savefig(path, dpi=110, format="png")
+    return figure
 
 
 def _plot_row(panel: Any, row: IkRow, colour: str, marker: str) -> None:

@@ -22,7 +22,7 @@ from pinproof.benchmarks.plan_problems import (
     select_sets,
 )
 from pinproof.benchmarks.plan_table import PlanRow, PlanTable, ProblemRow
-from pinproof.benchmarks.tables import installed_version, leave_out, provenance
+from pinproof.benchmarks.tables import leave_out, peer_versions, provenance
 from pinproof.collision import CollisionChecker
 from pinproof.collision.audit import STEP, audit
 from pinproof.errors import InputError
@@ -158,9 +158,7 @@ def plan_benchmark(
         "audit_step": STEP,
         "time_limit_s": TIME_LIMIT,
         "remarks": sorted(run.remarks),
-        "peer_versions": {
-            m.distribution: installed_version(m.distribution) for m in run.methods if m.distribution is not None
-        },
+        "peer_versions": peer_versions(method.distribution for method in run.methods),
     }
     return PlanTable(settings, origin, tuple(run.problems), tuple(run.rows), run.left_out)
 

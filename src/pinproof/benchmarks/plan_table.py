@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from pinproof.benchmarks.tables import (
     markdown_table,
     new_figure,
     provenance_text,
+    save_figure,
     wrapped,
 )
 
@@ -32,20 +33,6 @@ __all__ = [
     "plan_markdown",
     "write_plan_table",
 ]
-
-COLUMNS = (
-    "method",
-    "solved",
-    "certified",
-    "unsafe",
-    "total",
-    *STEPS,
-    "length",
-    "length ratio",
-    "duration, s",
-    "clearance, mm",
-    "rejected edges",
-)
 
 STYLES = ("C0-", "C1--", "C1-", "C3-", "C2-", "C4-")
 """Lines of the methods in the plot."""
@@ -118,30 +105,21 @@ class Spread:
     p95: float
     largest: float
 
-    @classmethod
-    def of(cls, values: Sequence[float]) -> Spread | None:
-        """Return the spread of the values; None without any."""
-        return cls(*np.quantile(values, (0.5, 0.95, 1.0)).tolist()) if len(values) else None
+    def __str__(self) -> str:
+        return " / ".join(_milliseconds(value) for value in (self.median, self.p95, self.largest))
+
+
+def _spread(values: Sequence[float]) -> Spread | None:
+    return Spread(*np.quantile(values, (0.5, 0.95, 1.0)).tolist()) if len(values) else None
 
 
 @dataclass(frozen=True)
 class PlanFigures:
     """The figures of a method over a group of problems whose start and goal are free.
 
-    Parameters
-    ----------
-    label
-        The method.
-    problems, solved, certified, unsafe
-        Numbers of problems, motions, certified motions (None for a method without certificates), motions with faults.
-    ms
-        Step, or ``"total"``, to the spread of its milliseconds over the motions.
-    length, duration, clearance
-        Medians of length (rad, m) and duration (s), and the smallest proven clearance (m).
-    length_ratio
-        For another library: the median of our lengths over the median of its lengths, on problems that both solved.
-    rejected_edges
-        Number of edges that failed the proof.
+    ``ms`` maps each step and ``"total"`` to the spread of its times in ms. Length (rad, m) and duration (s) are medians
+    over the motions, and the clearance (m) is the smallest. The length ratio, for another library, is the median of our
+    lengths over the median of its lengths, on problems that both solved. None marks what a method does not have.
     """
 
     label: str
@@ -151,9 +129,9 @@ class PlanFigures:
     unsafe: int
     ms: dict[str, Spread]
     length: float | None
+    length_ratio: float | None
     duration: float | None
     clearance: float | None
-    length_ratio: float | None
     rejected_edges: int | None
 
 
@@ -203,39 +181,37 @@ class PlanTable(BenchmarkTable):
         rows = [row for row in group if row.method == method]
         if not rows:
             return None
-        solved = [row for row in rows if row.solved]
-        ms = {step: Spread.of([row.ms[step] for row in solved if step in row.ms]) for step in STEPS}
-        ms["total"] = Spread.of([row.total for row in solved])
-        certified = [row.certified for row in rows if row.certified is not None]
-        rejected = [row.rejected_edges for row in rows if row.rejected_edges is not None]
+
+        def known(field: str) -> list[Any]:
+            return [value for row in rows if (value := getattr(row, field)) is not None]
+
+        times = {step: [row.ms[step] for row in rows if row.solved and step in row.ms] for step in STEPS}
+        times["total"] = [row.total for row in rows if row.solved]
         return PlanFigures(
             label=rows[0].label,
             problems=len(rows),
-            solved=len(solved),
-            certified=sum(certified) if certified else None,
+            solved=sum(row.solved for row in rows),
+            certified=sum(known("certified")) if known("certified") else None,
             unsafe=sum(bool(row.faults) for row in rows),
-            ms={step: spread for step, spread in ms.items() if spread is not None},
-            length=_median([row.length for row in solved]),
-            duration=_median([row.duration for row in solved]),
-            clearance=min((row.clearance for row in solved if row.clearance is not None), default=None),
+            ms={step: spread for step, values in times.items() if (spread := _spread(values)) is not None},
+            length=_median(known("length")),
             length_ratio=None if method == OURS else _length_ratio(group, method),
-            rejected_edges=sum(rejected) if rejected else None,
+            duration=_median(known("duration")),
+            clearance=min(known("clearance"), default=None),
+            rejected_edges=sum(known("rejected_edges")) if known("rejected_edges") else None,
         )
 
 
 def _length_ratio(rows: Sequence[PlanRow], method: str) -> float | None:
-    lengths = {
-        key: {row.name: row.length for row in rows if row.method == key and row.length is not None}
-        for key in (OURS, method)
-    }
-    both = set(lengths[OURS]) & set(lengths[method])
-    ours, theirs = (_median([lengths[key][name] for name in both]) for key in (OURS, method))
-    return ours / theirs if ours is not None and theirs else None
+    ours, theirs = (
+        {row.name: row.length for row in rows if row.method == key and row.length is not None} for key in (OURS, method)
+    )
+    both = ours.keys() & theirs.keys()
+    return float(np.median([ours[k] for k in both]) / np.median([theirs[k] for k in both])) if both else None
 
 
-def _median(values: Sequence[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
+def _median(values: Sequence[float]) -> float | None:
+    return float(np.median(values)) if values else None
 
 
 # -- Markdown and plot -------------------------------------------------------------------------------------------------
@@ -247,10 +223,7 @@ def write_plan_table(table: PlanTable, folder: str | Path) -> list[Path]:
     Returns the files written. The folder must exist.
     """
     written = table.write(folder, "planning", "# Planning benchmark\n\n" + plan_markdown(table))
-    if table.rows:
-        written.append(Path(folder) / "planning.png")
-        _write_time_plot(table, written[-1])
-    return written
+    return [*written, save_figure(_time_plot(table), Path(folder) / "planning.png")] if table.rows else written
 
 
 def plan_markdown(table: PlanTable) -> str:
@@ -262,22 +235,32 @@ def plan_markdown(table: PlanTable) -> str:
         lines += ["### all sets" if len(sets) > 1 else f"### {sets[0]}", "", *_figures(table, collection), ""]
         for name in sets if len(sets) > 1 else ():
             lines += [f"### {name}", "", *_scene(collection, name), *_figures(table, collection, name), ""]
-    lines += _start_and_goal_faults(table)
-    for method in table.methods:
-        rows = [row for row in table.rows if row.method == method]
-        failed = (f"{row.name}: {row.message}" for row in rows if not row.solved or row.certified is False)
-        lines += bullet_section(f"Not solved or not certified: {rows[0].label}", failed)
-    for method in table.methods:
-        rows = [row for row in table.rows if row.method == method]
-        unsafe = (f"{row.name}: {'; '.join(row.faults)}" for row in rows if row.faults)
-        lines += bullet_section(f"Unsafe: {rows[0].label}", unsafe)
-    lines += bullet_section("Left out", (f"{name}: {reason}" for name, reason in table.left_out.items()))
+    for title, entries in _lists(table):
+        lines += bullet_section(title, (f"{name}: {'; '.join(texts)}" for name, texts in entries.items() if texts))
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _lists(table: PlanTable) -> Iterator[tuple[str, Mapping[str, Sequence[str]]]]:
+    """The titles of the lists at the end of the page, and their entries."""
+    problems = table.problems
+    yield "Problems without a free start and goal", {p.name: p.mesh_faults for p in problems}
+    by_hull = {p.name: p.hull_faults for p in problems if not p.mesh_faults}
+    yield "Starts and goals in collision by the convex hulls only", by_hull
+    yield "Adapted to the robot", {p.name: p.notes for p in problems}
+    remarks = (remark.partition(": ") for remark in table.settings["remarks"])
+    yield "Meshes that are not closed", {link: [text] for link, _, text in remarks}
+    by_method = [[row for row in table.rows if row.method == method] for method in table.methods]
+    for rows in by_method:
+        failed = {row.name: [row.message] for row in rows if not row.solved or row.certified is False}
+        yield f"Not solved or not certified: {rows[0].label}", failed
+    for rows in by_method:
+        yield f"Unsafe: {rows[0].label}", {row.name: row.faults for row in rows}
+    yield "Left out", {name: [reason] for name, reason in table.left_out.items()}
 
 
 def _introduction(table: PlanTable) -> list[str]:
     settings = table.settings
-    setup = Spread.of([problem.setup_ms for problem in table.problems])
+    setup = _median([problem.setup_ms for problem in table.problems])
     repeats = settings["repeats"]
     runs = "solved once" if repeats == 1 else f"solved {repeats} times, of which the fastest run counts"
     problems = (
@@ -285,7 +268,7 @@ def _introduction(table: PlanTable) -> list[str]:
         f"is {settings['time_limit_s']:g} s. Times are in ms, as median / 95th percentile / maximum over the solved "
         "problems, in one process and one thread. The first problem of each set is solved once before the measurement, "
         "so that times do not include compilation. Times do not include building the collision checker"
-        f"{'' if setup is None else f' (median {_milliseconds(setup.median)} ms)'}."
+        f"{'' if setup is None else f' (median {_milliseconds(setup)} ms)'}."
     )
     check = (
         "A motion is unsafe if the independent check finds a collision, a violated limit, or a wrong start or goal. "
@@ -334,49 +317,40 @@ def _scene(collection: str, name: str) -> list[str]:
 
 def _figures(table: PlanTable, collection: str, set_name: str | None = None) -> list[str]:
     figures = (table.figures(method, collection, set_name) for method in table.methods)
-    cells = [_cells(each) for each in figures if each is not None]
-    return markdown_table(COLUMNS, cells) if cells else ["No problem has a free start and goal."]
-
-
-def _cells(figures: PlanFigures) -> list[str]:
-    return [
-        figures.label,
-        f"{figures.solved} of {figures.problems}",
-        "" if figures.certified is None else str(figures.certified),
-        str(figures.unsafe),
-        *(_spread(figures.ms.get(step)) for step in ("total", *STEPS)),
-        "" if figures.length is None else f"{figures.length:.2f}",
-        "" if figures.length_ratio is None else f"{figures.length_ratio:.3f}",
-        "" if figures.duration is None else f"{figures.duration:.2f}",
-        "" if figures.clearance is None else f"{1e3 * figures.clearance:.2g}",
-        "" if figures.rejected_edges is None else str(figures.rejected_edges),
-    ]
-
-
-def _start_and_goal_faults(table: PlanTable) -> list[str]:
-    mesh = (f"{p.name}: {'; '.join(p.mesh_faults)}" for p in table.problems if p.mesh_faults)
-    hull = (f"{p.name}: {'; '.join(p.hull_faults)}" for p in table.problems if p.hull_faults and not p.mesh_faults)
-    notes = (f"{p.name}: {'; '.join(p.notes)}" for p in table.problems if p.notes)
-    return (
-        bullet_section("Problems without a free start and goal", mesh)
-        + bullet_section("Starts and goals in collision by the convex hulls only", hull)
-        + bullet_section("Adapted to the robot", notes)
-        + bullet_section("Meshes that are not closed", table.settings["remarks"])
-    )
-
-
-def _spread(spread: Spread | None) -> str:
-    if spread is None:
-        return ""
-    return " / ".join(_milliseconds(value) for value in (spread.median, spread.p95, spread.largest))
+    cells = [[cell(each) for cell in COLUMNS.values()] for each in figures if each is not None]
+    return markdown_table(tuple(COLUMNS), cells) if cells else ["No problem has a free start and goal."]
 
 
 def _milliseconds(value: float) -> str:
     return f"{value:.2g}" if value < 10 else f"{value:.0f}"
 
 
-def _write_time_plot(table: PlanTable, path: Path) -> None:
-    """Write the share of problems with a safe motion against the total time as PNG, one panel per collection.
+def _text(field: str, text: str, scale: float = 1.0) -> Callable[[PlanFigures], str]:
+    """The text of a figure; empty for None."""
+    return lambda figures: "" if (value := getattr(figures, field)) is None else text.format(scale * value)
+
+
+def _time(step: str) -> Callable[[PlanFigures], str]:
+    return lambda figures: str(figures.ms.get(step, ""))
+
+
+COLUMNS: dict[str, Callable[[PlanFigures], str]] = {
+    "method": lambda figures: figures.label,
+    "solved": lambda figures: f"{figures.solved} of {figures.problems}",
+    "certified": _text("certified", "{:.0f}"),
+    "unsafe": _text("unsafe", "{:.0f}"),
+    **{step: _time(step) for step in ("total", *STEPS)},
+    "length": _text("length", "{:.2f}"),
+    "length ratio": _text("length_ratio", "{:.3f}"),
+    "duration, s": _text("duration", "{:.2f}"),
+    "clearance, mm": _text("clearance", "{:.2g}", 1e3),
+    "rejected edges": _text("rejected_edges", "{:.0f}"),
+}
+"""The columns: their titles, and the text of the figures of a method."""
+
+
+def _time_plot(table: PlanTable) -> Any:
+    """The share of problems with a safe motion against the total time, one panel per collection.
 
     The curve of a method ends below 100 % if problems were not solved or motions are unsafe.
     """
@@ -385,16 +359,14 @@ def _write_time_plot(table: PlanTable, path: Path) -> None:
     for panel in panels.flat[len(table.collections) :]:
         panel.set_axis_off()
     for panel, collection in zip(panels.flat, table.collections, strict=False):
-        largest = 0
-        for style, method in zip(STYLES, table.methods, strict=False):
-            rows = [row for row in table.rows if (row.collection, row.method) == (collection, method)]
-            if not rows:
-                continue
-            largest = max(largest, len(rows))
-            times = np.sort([row.total for row in rows if row.safe])
-            share = 100 * np.arange(1, len(times) + 1) / len(rows)
-            label = f"{rows[0].label} ({sum(bool(row.faults) for row in rows)} unsafe)"
-            panel.step(times, share, style, where="post", label=label, linewidth=1.6)
-        log_panel(panel, f"{collection}: {largest} problems", "total time, ms", "safe motions, % of problems")
+        by_method = {m: [r for r in table.rows if (r.collection, r.method) == (collection, m)] for m in table.methods}
+        for style, rows in zip(STYLES, by_method.values(), strict=False):
+            if rows:
+                times = np.sort([row.total for row in rows if row.safe])
+                share = 100 * np.arange(1, len(times) + 1) / len(rows)
+                label = f"{rows[0].label} ({sum(bool(row.faults) for row in rows)} unsafe)"
+                panel.step(times, share, style, where="post", label=label, linewidth=1.6)
+        title = f"{collection}: {max(map(len, by_method.values()))} problems"
+        log_panel(panel, title, "total time, ms", "safe motions, % of problems")
         panel.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.17))
-    figure.savefig(path, dpi=110, format="png")
+    return figure

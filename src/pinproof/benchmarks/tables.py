@@ -27,8 +27,10 @@ __all__ = [
     "log_panel",
     "markdown_table",
     "new_figure",
+    "peer_versions",
     "provenance",
     "provenance_text",
+    "save_figure",
     "wrapped",
 ]
 
@@ -168,6 +170,11 @@ def installed_version(distribution: str) -> str | None:
         return None
 
 
+def peer_versions(distributions: Iterable[str | None]) -> dict[str, str | None]:
+    """Return the installed versions of the distributions of other libraries; None, for our methods, is left out."""
+    return {name: installed_version(name) for name in distributions if name is not None}
+
+
 def _cpu() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -239,6 +246,12 @@ def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple
     figure = Figure(figsize=(width * columns, height * rows), layout="constrained")
     FigureCanvasAgg(figure)
     return figure, figure.subplots(rows, columns, squeeze=False)
+
+
+def save_figure(figure: Any, path: Path) -> Path:
+    """Write a figure as PNG; return its path."""
+    figure.savefig(path, dpi=110, format="png")
+    return path
 
 
 def log_panel(panel: Any, title: str, x_label: str, y_label: str, *, percent: bool = True) -> None:

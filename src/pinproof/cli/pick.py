@@ -74,6 +74,7 @@ class CellOptions(RobotFileOptions):
         shared = source.shared
         if self.robot is not None:
             shared = replace(shared, robot=self.robot, srdf=None, package_dirs=(), xacro_args={}, limits=None)
+        stated_here = {"robot": self.robot, "tcp": self.tcp, **{f"xacro_args.{name}": name for name in self.xacro_args}}
         arm = replace(
             shared,
             srdf=self.srdf or shared.srdf,
@@ -81,6 +82,7 @@ class CellOptions(RobotFileOptions):
             xacro_args={**shared.xacro_args, **self.xacro_args},
             limits=self.limits or shared.limits,
             tcp=self.tcp or shared.tcp,
+            places={key: place for key, place in shared.places.items() if not stated_here.get(key)},
         ).load_arm()
         scene_file = self.scene or shared.scene
         scene = pp.Scene() if scene_file is None else pp.Scene.load(scene_file)

@@ -15,6 +15,7 @@ from pinproof.common.file_keys import (
     list_of,
     mapping_to,
     numbers,
+    required,
 )
 from pinproof.verifier import FORMAT, VERSION
 
@@ -31,13 +32,12 @@ CLAIM = KeyTable(
     "claim",
     "What the proof states.",
     (
-        FileKey("status", {"const": "FREE"}, "the status of the certificate", required=True),
-        FileKey(
+        required("status", {"const": "FREE"}, "the status of the certificate"),
+        required(
             "clearance",
             {"type": ["number", "null"]},
             "any two checked bodies are at least this far apart; null without pairs",
             "m",
-            required=True,
         ),
     ),
 )
@@ -46,16 +46,15 @@ SETTINGS = KeyTable(
     "settings",
     "The distances and tolerances that the proof includes.",
     (
-        FileKey("margin", LENGTH, "required distance between any two owners", "m", required=True),
-        FileKey(
+        required("margin", LENGTH, "required distance between any two owners", "m"),
+        required(
             "margins",
             list_of({"type": "array", "prefixItems": [TEXT, TEXT, LENGTH], "minItems": 3, "maxItems": 3}),
             "distances of single pairs: owner, owner, metres",
             "m",
-            required=True,
         ),
-        FileKey("joint_tolerance", list_of(LENGTH), "deviation of each joint of the curve", "rad or m", required=True),
-        FileKey("obstacle_tolerance", LENGTH, "deviation of obstacles", "m", required=True),
+        required("joint_tolerance", list_of(LENGTH), "deviation of each joint of the curve", "rad or m"),
+        required("obstacle_tolerance", LENGTH, "deviation of obstacles", "m"),
     ),
 )
 
@@ -65,7 +64,7 @@ HASHES = KeyTable(
     (
         FileKey("model", HASH, "of the kinematics of the URDF as text"),
         FileKey("scene", HASH, "of the obstacles"),
-        FileKey("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`", required=True),
+        required("curve", HASH, "of the curve, see below; a `Certificate` has the same under `curve`"),
         FileKey("setup", HASH, "of the arm, the scene and the attached bodies"),
     ),
     more=True,
@@ -87,19 +86,15 @@ CURVE = KeyTable(
     "curve",
     "The motion as a piecewise polynomial in Bernstein form. A single configuration is one piece of no width.",
     (
-        FileKey("joint_names", list_of(TEXT, 1), "the n joints", required=True),
-        FileKey(
-            "knots",
-            list_of(PLAIN_NUMBER, 2),
-            "k + 1 strictly increasing parameters, for a timed motion in seconds",
-            required=True,
+        required("joint_names", list_of(TEXT, 1), "the n joints"),
+        required(
+            "knots", list_of(PLAIN_NUMBER, 2), "k + 1 strictly increasing parameters, for a timed motion in seconds"
         ),
-        FileKey(
+        required(
             "control",
             list_of(list_of(list_of(PLAIN_NUMBER, 1), 1), 1),
             "(k, degree + 1, n) control points of each piece",
             "rad or m",
-            required=True,
         ),
     ),
 )
@@ -109,16 +104,14 @@ PROOF_JOINT = KeyTable(
     "A joint that moves with the arm. Its value is multiplier * q[leader] + offset, so a mimic follower has the leader "
     "of the joint that it follows.",
     (
-        FileKey("name", TEXT, "name of the joint", required=True),
-        FileKey("type", {"enum": ["revolute", "prismatic"]}, "type of the joint", required=True),
-        FileKey("axis", VECTOR, "unit vector in the frame of the joint", required=True),
-        FileKey("placement", PLACEMENT, "parent_from_joint at the value 0", "m", required=True),
-        FileKey(
-            "parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root", required=True
-        ),
-        FileKey("leader", INDEX, "index of the joint of the curve that determines the value", required=True),
-        FileKey("multiplier", PLAIN_NUMBER, "factor of the value of the leader", required=True),
-        FileKey("offset", PLAIN_NUMBER, "value at q[leader] = 0", "rad or m", required=True),
+        required("name", TEXT, "name of the joint"),
+        required("type", {"enum": ["revolute", "prismatic"]}, "type of the joint"),
+        required("axis", VECTOR, "unit vector in the frame of the joint"),
+        required("placement", PLACEMENT, "parent_from_joint at the value 0", "m"),
+        required("parent", JOINT, "index of the parent joint, which is earlier in the list; -1 for the root"),
+        required("leader", INDEX, "index of the joint of the curve that determines the value"),
+        required("multiplier", PLAIN_NUMBER, "factor of the value of the leader"),
+        required("offset", PLAIN_NUMBER, "value at q[leader] = 0", "rad or m"),
     ),
 )
 
@@ -128,10 +121,10 @@ SHAPE = KeyTable(
     "and hulls (points), spheres (one point), capsules (two points), cylinders (two discs), cones (a disc and a "
     "point), ellipsoids.",
     (
-        FileKey("points", list_of(VECTOR, 1), "(V, 3) the points", "m", required=True),
-        FileKey("disc_radii", list_of(LENGTH, 1), "(V,) radius of the disc of each point", "m", required=True),
-        FileKey("radius", LENGTH, "radius of the ball", "m", required=True),
-        FileKey("semi_axes", numbers(3, LENGTH), "semi-axes of the ellipsoid", "m", required=True),
+        required("points", list_of(VECTOR, 1), "(V, 3) the points", "m"),
+        required("disc_radii", list_of(LENGTH, 1), "(V,) radius of the disc of each point", "m"),
+        required("radius", LENGTH, "radius of the ball", "m"),
+        required("semi_axes", numbers(3, LENGTH), "semi-axes of the ellipsoid", "m"),
     ),
 )
 
@@ -140,22 +133,21 @@ PROOF_BODY = KeyTable(
     "A convex body. All bodies of a geometry on one level represent it: one hull, or several closer ones. A pair may "
     "be proven on any level.",
     (
-        FileKey("name", TEXT, "unique in the file", required=True),
-        FileKey("owner", TEXT, "the link, attached object or obstacle that it is part of", required=True),
-        FileKey("kind", {"enum": ["link", "attached", "obstacle"]}, "kind of the owner", required=True),
-        FileKey("geometry", TEXT, "the geometry that it represents, with the other bodies of this name", required=True),
-        FileKey("level", INDEX, "level of detail, 0 to 2", required=True),
+        required("name", TEXT, "unique in the file"),
+        required("owner", TEXT, "the link, attached object or obstacle that it is part of"),
+        required("kind", {"enum": ["link", "attached", "obstacle"]}, "kind of the owner"),
+        required("geometry", TEXT, "the geometry that it represents, with the other bodies of this name"),
+        required("level", INDEX, "level of detail, 0 to 2"),
         FileKey("source", TEXT, "kind and file of the geometry; not checked"),
         FileKey("mesh_sha256", HASH, "hash of the mesh file; not checked"),
-        FileKey("joint", JOINT, "index of the joint that moves it; -1 for the root", required=True),
-        FileKey("placement", PLACEMENT, "joint_from_body", "m", required=True),
-        FileKey(
+        required("joint", JOINT, "index of the joint that moves it; -1 for the root"),
+        required("placement", PLACEMENT, "joint_from_body", "m"),
+        required(
             "shape",
             any_of(SHAPE, {"const": "half_space"}, {"type": "null"}),
             "a convex shape; `half_space`: everything below the body's z = 0; null: a body that is in no pair",
-            required=True,
         ),
-        FileKey("sha256", HASH, "hash of the numbers of the body, see below", required=True),
+        required("sha256", HASH, "hash of the numbers of the body, see below"),
     ),
 )
 
@@ -163,13 +155,12 @@ PAIR = KeyTable(
     "pair",
     "The evidence for one pair of bodies: on each interval a direction along which they are apart.",
     (
-        FileKey("bodies", list_of(INDEX, 2, 2), "indices of the two bodies, an obstacle second", required=True),
-        FileKey("intervals", list_of(INDEX), "indices of intervals, which together cover the curve", required=True),
-        FileKey(
+        required("bodies", list_of(INDEX, 2, 2), "indices of the two bodies, an obstacle second"),
+        required("intervals", list_of(INDEX), "indices of intervals, which together cover the curve"),
+        required(
             "directions",
             list_of(VECTOR),
             "a unit vector for each interval, in the frame of the root link, from the first body to the second",
-            required=True,
         ),
     ),
 )
@@ -179,29 +170,19 @@ PROOF = KeyTable(
     "A proof that a motion is collision-free. A placement is three rows of four numbers: rotation and translation. "
     "Indices begin at 0.",
     (
-        FileKey("format", {"const": FORMAT}, "name of the format", required=True),
-        FileKey("version", {"const": VERSION}, "version of the format", required=True),
+        required("format", {"const": FORMAT}, "name of the format"),
+        required("version", {"const": VERSION}, "version of the format"),
         FileKey("made_by", {"type": "string"}, "name and version of the program; not checked"),
-        FileKey("claim", CLAIM, "what the proof states", required=True),
-        FileKey("settings", SETTINGS, "distances and tolerances", required=True),
-        FileKey("hashes", HASHES, "hashes of the inputs", required=True),
+        required("claim", CLAIM, "what the proof states"),
+        required("settings", SETTINGS, "distances and tolerances"),
+        required("hashes", HASHES, "hashes of the inputs"),
         FileKey("robot", ROBOT, "the robot, for readers"),
-        FileKey("curve", CURVE, "the motion", required=True),
-        FileKey("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent", required=True),
-        FileKey("bodies", list_of(PROOF_BODY), "the bodies", required=True),
+        required("curve", CURVE, "the motion"),
+        required("joints", list_of(PROOF_JOINT), "the joints that move, each after its parent"),
+        required("bodies", list_of(PROOF_BODY), "the bodies"),
         FileKey("notes", list_of({"type": "string"}), "assumptions of the certificate"),
-        FileKey(
-            "excluded",
-            list_of(list_of(TEXT, 3, 3)),
-            "pairs that the proof does not cover: owner, owner, reason",
-            required=True,
-        ),
-        FileKey(
-            "intervals",
-            list_of(numbers(2, PLAIN_NUMBER)),
-            "start and end, in the parameter of the curve",
-            required=True,
-        ),
-        FileKey("pairs", list_of(PAIR), "the evidence", required=True),
+        required("excluded", list_of(list_of(TEXT, 3, 3)), "pairs that the proof does not cover: owner, owner, reason"),
+        required("intervals", list_of(numbers(2, PLAIN_NUMBER)), "start and end, in the parameter of the curve"),
+        required("pairs", list_of(PAIR), "the evidence"),
     ),
 )

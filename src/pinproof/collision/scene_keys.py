@@ -16,6 +16,7 @@ from pinproof.common.file_keys import (
     list_of,
     mapping_to,
     numbers,
+    required,
 )
 
 __all__ = ["ATTACHED", "BODY", "OBSTACLE", "ONE_ORIENTATION", "POSE", "POSE_KEYS", "SCENE", "SHAPES", "VECTOR"]
@@ -42,7 +43,7 @@ POSE = KeyTable("pose", "A position and an orientation.", POSE_KEYS, ONE_ORIENTA
 
 
 def _sizes(title: str, text: str, **sizes: str) -> KeyTable:
-    return KeyTable(title, text, tuple(FileKey(k, SIZE, words, "m", required=True) for k, words in sizes.items()))
+    return KeyTable(title, text, tuple(required(k, SIZE, words, "m") for k, words in sizes.items()))
 
 
 MESH = KeyTable(
@@ -118,11 +119,7 @@ SHAPES: dict[str, FileKey] = {
             KeyTable(
                 "convex_hull",
                 "The convex hull of points.",
-                (
-                    FileKey(
-                        "points", list_of(POINT, 4), "the points, which are not all in one plane", "m", required=True
-                    ),
-                ),
+                (required("points", list_of(POINT, 4), "the points, which are not all in one plane", "m"),),
             ),
             "the convex hull of points",
         ),
@@ -132,13 +129,12 @@ SHAPES: dict[str, FileKey] = {
                 "point_cloud",
                 "The points of a sensor.",
                 (
-                    FileKey("points", list_of(POINT, 1), "the points", "m", required=True),
-                    FileKey(
+                    required("points", list_of(POINT, 1), "the points", "m"),
+                    required(
                         "resolution",
                         SIZE,
                         "side of the cells of the grid; each cell that contains a point is solid",
                         "m",
-                        required=True,
                     ),
                 ),
             ),
@@ -150,15 +146,14 @@ SHAPES: dict[str, FileKey] = {
                 "height_map",
                 "Ground over a rectangle about the origin.",
                 (
-                    FileKey(
+                    required(
                         "heights",
                         list_of(list_of(COORDINATE, 2), 2),
                         "rows of z at the points of a regular grid; row 0 is at y = -y / 2, column 0 at x = -x / 2",
                         "m",
-                        required=True,
                     ),
-                    FileKey("x", SIZE, "full side of the rectangle along x", "m", required=True),
-                    FileKey("y", SIZE, "full side of the rectangle along y", "m", required=True),
+                    required("x", SIZE, "full side of the rectangle along x", "m"),
+                    required("y", SIZE, "full side of the rectangle along y", "m"),
                     FileKey(
                         "bottom", NUMBER, f"z of the underside; by default {BELOW_LOWEST} m below the lowest point", "m"
                     ),
@@ -186,7 +181,7 @@ _BODY_KEYS = (
 OBSTACLE = KeyTable(
     "obstacle",
     "A body: a name, exactly one shape, a pose and a colour.",
-    (FileKey("name", TEXT, "unique in its list", required=True), *_BODY_KEYS),
+    (required("name", TEXT, "unique in its list"), *_BODY_KEYS),
     _RULES,
 )
 
@@ -207,7 +202,7 @@ SCENE = KeyTable(
     "A scene file of pinproof: obstacles, and contacts that are allowed. Poses are in the frame of the robot's root "
     "link.",
     (
-        FileKey("obstacles", list_of(OBSTACLE), "the obstacles; `[]` for an empty scene", required=True),
+        required("obstacles", list_of(OBSTACLE), "the obstacles; `[]` for an empty scene"),
         _pairs("pairs of a robot link and an obstacle that may touch"),
         FileKey(
             "disabled_pairs",
@@ -226,7 +221,7 @@ ATTACHED = KeyTable(
     "attached",
     "Bodies that the arm carries at its tcp, for the option `--attached`. Poses are tcp_from_body.",
     (
-        FileKey("attached", list_of(OBSTACLE), "bodies that move with the tcp", required=True),
+        required("attached", list_of(OBSTACLE), "bodies that move with the tcp"),
         _pairs("pairs of bodies (links, attached bodies, obstacles) that may touch"),
         FileKey("held", mapping_to(NUMBER), "values of joints outside the arm, by name", "rad or m", {}),
         FileKey("tip", POSE, "tcp_from_tip: the point of the tool that reaches a target", "", {}),

@@ -7,7 +7,9 @@ value of a key is a JSON Schema in which further tables may occur.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
 
@@ -24,12 +26,15 @@ __all__ = [
     "Definition",
     "FileKey",
     "KeyTable",
+    "Schema",
     "any_of",
     "default_of",
+    "fault_in",
     "json_schema",
     "list_of",
     "mapping_to",
     "numbers",
+    "required",
 ]
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -85,6 +90,11 @@ class FileKey:
         if self.default is not None:
             value["default"] = self.default
         return value
+
+
+def required(name: str, value: Any, text: str, unit: str = "") -> FileKey:
+    """A key that must be stated."""
+    return FileKey(name, value, text, unit, required=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,6 +183,97 @@ def default_of(owner: type, name: str) -> Any:
     """The default of a field of a dataclass as a value of JSON; None if it has none."""
     found = next(each.default for each in fields(owner) if each.name == name)
     return None if found is MISSING else list(found) if isinstance(found, tuple) else found
+
+
+def fault_in(schema: KeyTable | Schema, value: Any, place: str = "") -> tuple[str, str] | None:
+    """Find the first difference of a value of a JSON file from its schema.
+
+    Parameters
+    ----------
+    schema
+        A table, or a schema of the types of JSON with ranges, items, ``const`` and ``enum``.
+    value
+        The value.
+    place
+        The position of the value in its file.
+
+    Returns
+    -------
+    tuple of str, or None
+        The position, such as ``points[3].positions``, and the reason; None if there is no difference.
+    """
+    if isinstance(schema, KeyTable):
+        return _fault_in_mapping(schema, value, place)
+    if "const" in schema or "enum" in schema:
+        valid = [schema["const"]] if "const" in schema else schema["enum"]
+        return None if value in valid else (place, f"is {_short(value)}; valid: {', '.join(map(str, valid))}")
+    kinds = schema.get("type", ())
+    kinds = (kinds,) if isinstance(kinds, str) else kinds
+    if kinds and not any(_IS_KIND[kind](value) for kind in kinds):
+        return place, f"is {_short(value)}; it must be {' or '.join(_KIND_WORDS[kind] for kind in kinds)}"
+    if isinstance(value, list):
+        return _fault_in_list(schema, value, place)
+    if isinstance(value, dict):
+        if odd := [key for key in value if not isinstance(key, str)]:  # YAML
+            return place, f"{odd[0]!r} is not a name"
+        items = ((f"{place}.{key}".lstrip("."), part) for key, part in value.items())
+        inner = schema.get("additionalProperties", {})
+        return next((fault for where, part in items if (fault := fault_in(inner, part, where))), None)
+    if isinstance(value, (int, float)) and value < schema.get("minimum", -math.inf):
+        return place, f"is {_short(value)}; it must be at least {schema['minimum']}"
+    if isinstance(value, (int, float)) and value >= schema.get("exclusiveMaximum", math.inf):
+        return place, f"is {_short(value)}; it must be below {schema['exclusiveMaximum']}"
+    return None
+
+
+def _fault_in_mapping(table: KeyTable, value: Any, place: str) -> tuple[str, str] | None:
+    if not isinstance(value, dict):
+        return place, f"is {_short(value)}, not a mapping with the keys {', '.join(table.names)}"
+    if missing := [key for key in table.required if key not in value]:
+        return place, f"lacks {', '.join(missing)}"
+    if unknown := sorted(str(key) for key in value if key not in table.names):
+        return place, f"has unknown keys {', '.join(unknown)}; valid: {', '.join(table.names)}"
+    for key in table.keys:
+        if key.name in value and (fault := fault_in(key.value, value[key.name], f"{place}.{key.name}".lstrip("."))):
+            return fault
+    return None
+
+
+def _fault_in_list(schema: Schema, value: list[Any], place: str) -> tuple[str, str] | None:
+    least, most = schema.get("minItems", 0), schema.get("maxItems", len(value))
+    if not least <= len(value) <= most:
+        return place, f"has {len(value)} items; it must have {least if len(value) < least else most}"
+    items = ((f"{place}[{index}]", part) for index, part in enumerate(value))
+    inner = schema.get("items", {})
+    return next((fault for where, part in items if (fault := fault_in(inner, part, where))), None)
+
+
+_IS_KIND: Mapping[str, Callable[[Any], bool]] = {
+    "string": lambda value: isinstance(value, str),
+    # an integer above the largest double is still less than infinity
+    "number": lambda value: (
+        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    ),
+    "integer": lambda value: isinstance(value, int) and not isinstance(value, bool),
+    "boolean": lambda value: isinstance(value, bool),
+    "array": lambda value: isinstance(value, list),
+    "object": lambda value: isinstance(value, dict),
+    "null": lambda value: value is None,
+}
+_KIND_WORDS = {
+    "string": "text",
+    "number": "a finite number",
+    "integer": "an integer",
+    "boolean": "true or false",
+    "array": "a list",
+    "object": "a mapping",
+    "null": "null",
+}
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def json_schema(table: KeyTable) -> dict[str, Any]:

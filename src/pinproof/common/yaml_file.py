@@ -89,14 +89,17 @@ def read_yaml(
 
 
 class LinedMapping(dict[Any, Any]):
-    """A YAML mapping with the number of the line where it starts, and those of its keys."""
+    """A YAML mapping with the number of the line where it starts, and the positions of its keys."""
 
     line: int
-    lines: Mapping[Any, int] = MappingProxyType({})
+    positions: Mapping[Any, tuple[int, int]] = MappingProxyType({})
 
-    def place(self, key: object) -> str:
-        """Return the position of a key for messages: ``line 3, key robot``."""
-        return f"line {self.lines[key]}, key {key}" if key in self.lines else f"key {key}"
+    def place(self, key: object, kind: str = "key") -> str:
+        """Return the position of a key for messages: ``line 3, column 1, key robot``."""
+        if key not in self.positions:
+            return f"{kind} {key}"
+        line, column = self.positions[key]
+        return f"line {line}, column {column}, {kind} {key}"
 
 
 def require_list(error: type[FileError], path: Path, key: str, stated: object) -> list[Any]:
@@ -173,7 +176,7 @@ class _LinedLoader(Composer, _Parser, SafeConstructor, Resolver):  # type: ignor
 def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
     mapping = LinedMapping()
     mapping.line = node.start_mark.line + 1
-    mapping.lines = lines = {}
+    mapping.positions = positions = {}
     yield mapping
     for key_node, value_node in node.value:
         if key_node.tag == "tag:yaml.org,2002:merge":
@@ -183,7 +186,7 @@ def _lined(loader: _LinedLoader, node: yaml.MappingNode) -> Any:
             raise ConstructorError(None, None, "a list or a mapping cannot be a key", key_node.start_mark)
         if key in mapping:
             raise ConstructorError(None, None, f"duplicate key {key!r}", key_node.start_mark)
-        lines[key] = key_node.start_mark.line + 1
+        positions[key] = key_node.start_mark.line + 1, key_node.start_mark.column + 1
         mapping[key] = loader.construct_object(value_node, deep=True)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pinproof.common.file_keys import ANGLE, NUMBER, TEXT, FileKey, KeyTable, any_of, list_of, numbers
+from pinproof.common.file_keys import ANGLE, NUMBER, TEXT, FileKey, KeyTable, any_of, list_of, numbers, required
 
 __all__ = ["CONVENTIONS", "DEFAULT_EFFORT", "JOINT_TYPES", "LARGEST", "ROW", "TABLE", "TRANSFORM"]
 
@@ -32,11 +32,7 @@ TRANSFORM = KeyTable(
         FileKey("quat_xyzw", numbers(4), "a quaternion, scalar last, instead of `rpy`; it is normalised"),
         FileKey("matrix", list_of(numbers(4), 4, 4), "four rows of four numbers, instead of the other keys"),
     ),
-    {
-        "not": {"required": ["rpy", "quat_xyzw"]},
-        "if": {"required": ["matrix"]},
-        "then": {"maxProperties": 1},
-    },
+    {"not": {"required": ["rpy", "quat_xyzw"]}, "if": {"required": ["matrix"]}, "then": {"maxProperties": 1}},
 )
 
 ROW = KeyTable(
@@ -44,7 +40,7 @@ ROW = KeyTable(
     "One joint and the link that it moves. The joint variable q is added to `theta` (revolute, continuous) or to `d` "
     "(prismatic).",
     (
-        FileKey("name", {**TEXT, "pattern": r"^\S(.*\S)?$"}, "name of the joint, unique in the table", required=True),
+        required("name", {**TEXT, "pattern": r"^\S(.*\S)?$"}, "name of the joint, unique in the table"),
         FileKey(
             "type",
             {"enum": list(JOINT_TYPES)},
@@ -52,16 +48,10 @@ ROW = KeyTable(
             "",
             "revolute",
         ),
-        FileKey(
-            "theta",
-            ANGLE,
-            "angle about z; for a revolute or continuous joint the offset added to q",
-            "rad",
-            required=True,
-        ),
-        FileKey("d", VALUE, "distance along z; for a prismatic joint the offset added to q", "m", required=True),
-        FileKey("a", VALUE, "distance along x", "m", required=True),
-        FileKey("alpha", ANGLE, "angle about x", "rad", required=True),
+        required("theta", ANGLE, "angle about z; for a revolute or continuous joint the offset added to q", "rad"),
+        required("d", VALUE, "distance along z; for a prismatic joint the offset added to q", "m"),
+        required("a", VALUE, "distance along x", "m"),
+        required("alpha", ANGLE, "angle about x", "rad"),
         FileKey(
             "lower",
             any_of(VALUE, {"type": "null"}),
@@ -108,15 +98,14 @@ TABLE = KeyTable(
     "A serial arm as a Denavit-Hartenberg table: frame dh_(i-1) is transformed to frame dh_i by row i.",
     (
         FileKey("name", {**TEXT, "pattern": r"\S"}, "name of the robot; by default the name of the file"),
-        FileKey(
+        required(
             "convention",
             {"enum": list(CONVENTIONS)},
             "`standard`: Rz(theta) Tz(d) Tx(a) Rx(alpha); `modified` (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d), where "
             "row i holds a and alpha of link i - 1",
-            required=True,
         ),
         FileKey("base", TRANSFORM, "base_from_dh_0: the pose of frame dh_0 in the base frame", "", {}),
         FileKey("tool", TRANSFORM, "dh_n_from_tool: the pose of the tool in the last frame", "", {}),
-        FileKey("rows", list_of(ROW, 1), "the joints, base first", required=True),
+        required("rows", list_of(ROW, 1), "the joints, base first"),
     ),
 )

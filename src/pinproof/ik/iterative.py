@@ -160,8 +160,9 @@ class IterativeIk(ABC):
             If the target is not rigid, q0 has the wrong shape, the task or goal is unknown, or rng is invalid.
         """
         matrix, start = rigid_matrix("target", target), _start(arm, q0)
-        search, engine = self._search(arm, matrix, start, rng, task, goal, on_step)
-        return self._solve(arm, search, engine, accept)
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        search, engine = self._search(arm, matrix, start, rng, resolved, goal, on_step)
+        return self._solve(arm, search, engine, accept, resolved)
 
     def solve_batch(
         self,
@@ -201,8 +202,8 @@ class IterativeIk(ABC):
         if accept is not None or solver is None:
 
             def one(index: int) -> IkResult:
-                search, engine = self._search(arm, many[index], starts[index], rng, task, goal, None)
-                return self._solve(arm, search, engine, accept)
+                search, engine = self._search(arm, many[index], starts[index], rng, resolved, goal, None)
+                return self._solve(arm, search, engine, accept, resolved)
 
             with ThreadPoolExecutor(threads) as pool:
                 name = "pinocchio" if solver is None else "compiled"
@@ -214,7 +215,9 @@ class IterativeIk(ABC):
             many, starts, seeds_of(arm, rng).compiled, null_space and null_space.compiled, self.restarts + 1, threads
         )
         codes = np.where(ok, STATUSES.index(IkStatus.FOUND), STATUSES.index(IkStatus.NOT_FOUND)).astype(np.int8)
-        return IkBatch(q, codes, position, orientation, iterations, attempts - 1, "compiled", arm)
+        return IkBatch(
+            q, codes, position, orientation, iterations, attempts - 1, "compiled", arm, counted=resolved.counted
+        )
 
     def solve_many(
         self,
@@ -246,7 +249,8 @@ class IterativeIk(ABC):
         require_integer("count", count, 1)
         require_integer("attempts", attempts, 1)
         start = _start(arm, q0)
-        search, engine = self._search(arm, rigid_matrix("target", target), start, rng, task, None, None)
+        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
+        search, engine = self._search(arm, rigid_matrix("target", target), start, rng, resolved, None, None)
         kept: list[Candidate] = []
         tried = iterations = refusals = 0
         while tried < attempts and len(kept) < count:
@@ -275,19 +279,18 @@ class IterativeIk(ABC):
         target: Array,
         start: Array,
         rng: Rng,
-        task: TaskLike,
+        task: Task,
         goal: GoalName | IkGoal | None,
         on_step: OnStep | None,
     ) -> tuple[Search, str]:
         """The attempts for a target (4, 4), and the name of the engine that makes them."""
-        resolved = make_task(task, self.position_tolerance, self.orientation_tolerance)
-        self.check(arm, resolved, goal)
+        self.check(arm, task, goal)
         seeds, null_space = seeds_of(arm, rng), make_goal(goal, arm, start)
-        solver = self._compiled(arm, resolved, on_step)
+        solver = self._compiled(arm, task, on_step)
         if solver is not None:
             return CompiledSearch(solver, seeds.compiled, null_space and null_space.compiled, target, start), "compiled"
         search = PinocchioSearch(
-            arm, resolved, seeds, null_space, target, start, rule=self.step_rule,
+            arm, task, seeds, null_space, target, start, rule=self.step_rule,
             max_iterations=self.max_iterations, max_step=self.max_step, stall=self.stall, on_step=on_step,
         )  # fmt: skip
         return search, "pinocchio"
@@ -314,7 +317,7 @@ class IterativeIk(ABC):
         kept[self, task] = solver
         return solver
 
-    def _solve(self, arm: Arm, search: Search, engine: str, accept: Accept | None) -> IkResult:
+    def _solve(self, arm: Arm, search: Search, engine: str, accept: Accept | None, task: Task) -> IkResult:
         count, refusals = self.restarts + 1, 0
         first: IkResult | None = None  # the first that accept rejected
         while True:
@@ -329,7 +332,7 @@ class IterativeIk(ABC):
                 continue
             if first is None:
                 errors = found.position_error, found.orientation_error
-                message = not_found(arm, found.q, errors, found.iterations, found.attempts)
+                message = not_found(arm, task.counted, found.q, errors, found.iterations, found.attempts)
                 return _result(IkStatus.NOT_FOUND, found, engine, message)
             return replace(
                 first,

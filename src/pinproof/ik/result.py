@@ -34,9 +34,14 @@ __all__ = [
 ]
 
 Errors = tuple[float, float]
+Counted = tuple[bool, bool]
 
 AT_LIMIT = 1e-6
 """A joint within this distance of a limit (rad or m) is reported as being at the limit."""
+
+SMALL_RESIDUAL = (1e-2, 1e-1)
+"""Residuals (m, rad) below which a failed search may have ended close to a solution; farther away, the target is
+probably out of reach."""
 
 
 def found(errors: Errors, iterations: int, attempt: int) -> str:
@@ -44,20 +49,37 @@ def found(errors: Errors, iterations: int, attempt: int) -> str:
     return f"found: error {_errors(errors)} after {_count(iterations, 'step')} and {_count(attempt, 'restart')}"
 
 
-def not_found(arm: Arm, q: npt.NDArray[np.float64], errors: Errors, iterations: int, attempts: int) -> str:
-    """The message if no attempt reached the target; q (n,) is the configuration with the smallest residual."""
+def not_found(
+    arm: Arm, counted: Counted, q: npt.NDArray[np.float64], errors: Errors, iterations: int, attempts: int
+) -> str:
+    """The message if no attempt reached the target; q (n,) is the configuration with the smallest residual.
+
+    ``counted`` states whether the task selects any coordinates of the position, and of the orientation.
+    """
     at_limit = [
         f"joint {name} is at its {'lower' if value - low <= AT_LIMIT else 'upper'} limit"
         for name, value, low, high in zip(arm.joint_names, q, arm.limits.lower, arm.limits.upper, strict=True)
         if min(value - low, high - value) <= AT_LIMIT
     ]
     limits = "".join(f"; {text}" for text in at_limit)
+    residual = [error if counts else 0.0 for error, counts in zip(errors, counted, strict=True)]
+    remedy = f"{_remedy(arm, residual, counted)}{far_hint(residual[0], arm.robot.size)}"
     return (
-        f"not reached: residual {_errors(errors)} after {_count(attempts, 'attempt')} ({_count(iterations, 'step')})"
-        f"{limits}. The target is probably out of reach: move the target or the base, check the tcp frame ({arm.tcp} "
-        f"in {arm.base}), or use task='position'. If the residual is small, increase restarts or the tolerances"
-        f"{far_hint(errors[0], arm.robot.size)}"
+        f"not reached: residual {_errors(errors, counted)} after {_count(attempts, 'attempt')} "
+        f"({_count(iterations, 'step')}){limits}. {remedy}"
     )
+
+
+def _remedy(arm: Arm, residual: Sequence[float], counted: Counted) -> str:
+    """What to change, for the task and the residual (m, rad) of a failed search."""
+    if all(error < limit for error, limit in zip(residual, SMALL_RESIDUAL, strict=True)):
+        return "The residual is small: try another seed, more restarts or larger tolerances"
+    frame = f"check the tcp frame ({arm.tcp} in {arm.base})"
+    if not all(counted):
+        what = "move the target or the base" if counted[0] else "rotate the target"
+        return f"The target is probably out of reach: {what}, or {frame}"
+    what = f"move the target or the base, {frame}, or leave the orientation free (task position)"
+    return f"The target is probably out of reach: {what}"
 
 
 def refused(refusals: int, attempts: int) -> str:
@@ -78,10 +100,11 @@ def sampled(solutions: int, attempts: int, refusals: int) -> str:
     )
 
 
-def _errors(errors: Errors) -> str:
-    """Distance and angle, the distance in m from 1 m and in mm below."""
+def _errors(errors: Errors, counted: Counted = (True, True)) -> str:
+    """Distance and angle, those of them that count; the distance in m from 1 m and in mm below."""
     distance = f"{errors[0]:.3g} m" if errors[0] >= 1.0 else f"{1000.0 * errors[0]:.3g} mm"
-    return f"{distance}, {errors[1]:.3g} rad"
+    texts = (distance, f"{errors[1]:.3g} rad")
+    return ", ".join(text for text, counts in zip(texts, counted, strict=True) if counts)
 
 
 def _count(number: int, noun: str) -> str:
@@ -224,6 +247,8 @@ class IkBatch:
         The arm, which provides the joint names of :attr:`messages`.
     words
         N messages; by default they are composed from the other fields.
+    counted
+        Whether the task selects any coordinates of the position, and of the orientation.
     """
 
     q: Array
@@ -235,6 +260,7 @@ class IkBatch:
     engine: str
     arm: Arm
     words: tuple[str, ...] | None = None
+    counted: Counted = (True, True)
 
     def __post_init__(self) -> None:
         for name in ("q", "codes", "position_error", "orientation_error", "iterations", "restarts"):
@@ -300,7 +326,7 @@ class IkBatch:
         iterations, restarts = int(self.iterations[index]), int(self.restarts[index])
         if STATUSES[int(self.codes[index])] is IkStatus.FOUND:
             return found(errors, iterations, restarts)
-        return not_found(self.arm, self.q[index], errors, iterations, restarts + 1)
+        return not_found(self.arm, self.counted, self.q[index], errors, iterations, restarts + 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -116,11 +116,17 @@ class Task:
         return np.asarray((errors[:, 0] <= self.bounds[0]) & (errors[:, 1] <= self.bounds[1]))
 
     @cached_property
+    def counted(self) -> tuple[bool, bool]:
+        """Whether the task selects any coordinates of the position, and of the orientation."""
+        return bool(self.mask[:3].any()), bool(self.mask[3:].any())
+
+    @cached_property
     def bounds(self) -> tuple[float, float]:
         """The largest errors (m, rad) of a solution; infinite if the task selects no position or no orientation."""
+        position, orientation = self.counted
         return (
-            self.position_tolerance if self.mask[:3].any() else math.inf,
-            self.orientation_tolerance if self.mask[3:].any() else math.inf,
+            self.position_tolerance if position else math.inf,
+            self.orientation_tolerance if orientation else math.inf,
         )
 
 

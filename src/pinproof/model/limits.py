@@ -288,8 +288,8 @@ class LimitsFile:
         In rad or m per second, per second squared and cubed.
     effort
         In N m or N.
-    joints
-        All joints in the file.
+    places
+        The position in the file by joint, for messages; all joints in the file.
     """
 
     path: Path
@@ -298,7 +298,7 @@ class LimitsFile:
     acceleration: Mapping[str, float] = field(default_factory=dict)
     jerk: Mapping[str, float] = field(default_factory=dict)
     effort: Mapping[str, float] = field(default_factory=dict)
-    joints: tuple[str, ...] = ()
+    places: Mapping[str, str] = field(default_factory=dict)
 
     def over(self, limits: JointLimits, joint_names: Sequence[str], known: Sequence[str]) -> JointLimits:
         """Replace limits of an arm by those of the file.
@@ -312,12 +312,12 @@ class LimitsFile:
 
         Raises
         ------
-        UnknownNameError
+        FileError
             If the file contains a joint that is not in ``known``.
         """
-        for name in self.joints:
+        for name, place in self.places.items():
             if name not in known:
-                raise UnknownNameError("joint", name, known, f"limits file {self.path}")
+                raise FileError(self.path, str(UnknownNameError("joint", name, known)), place)
         lower, upper, velocity = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy()
         acceleration = limits.acceleration.copy()
         jerk = np.full(len(limits), np.nan) if limits.jerk is None else limits.jerk.copy()
@@ -365,22 +365,22 @@ def _read_limits(path: str | Path) -> LimitsFile:
     content = read_yaml(path, FILE.names, FileError)
     refuse_unknown(FileError, path, "key", content, FILE.names, "")
     joints = content.get("joint_limits")
-    if not isinstance(joints, dict) or not joints:
+    if not isinstance(joints, LinedMapping) or not joints:
         raise FileError(path, "must be a mapping of joint names to limits", "key joint_limits")
     found: dict[str, dict[str, list[float]]] = {kind: {} for kind in KINDS}
     for name, stated in joints.items():
         if not isinstance(name, str) or not isinstance(stated, LinedMapping):
             raise FileError(path, f"joint {name!r} must be a name with a mapping of limits", "key joint_limits")
-        where = f"line {stated.line}"
-        refuse_unknown(FileError, path, "key", stated, LIMITS.names, f"{where}, joint {name}")
+        place = joints.place(name, "joint")
+        refuse_unknown(FileError, path, "key", stated, LIMITS.names, place)
         for kind, keys in KINDS.items():
-            values = _stated(path, f"{where}, joint {name}", stated, kind, keys)
+            values = _stated(path, place, stated, kind, keys)
             if values is not None:
                 found[kind][name] = values
     acceleration = {name: value for name, (value,) in found["acceleration"].items()}
     for name, (value,) in found["deceleration"].items():
         if name not in acceleration:
-            raise FileError(path, "has a deceleration limit but no acceleration limit", f"joint {name}")
+            raise FileError(path, "has a deceleration limit but no acceleration limit", joints.place(name, "joint"))
         acceleration[name] = min(acceleration[name], value)
     return LimitsFile(
         path,
@@ -389,7 +389,7 @@ def _read_limits(path: str | Path) -> LimitsFile:
         acceleration,
         {name: value for name, (value,) in found["jerk"].items()},
         {name: value for name, (value,) in found["effort"].items()},
-        tuple(joints),
+        {name: joints.place(name, "joint") for name in joints},
     )
 
 

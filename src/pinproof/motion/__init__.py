@@ -6,6 +6,7 @@ from pinproof.motion.curve import Curve
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramSegment
 from pinproof.motion.motion_record import MotionRecord
+from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.motion.timing import MotionLimits, time_parametrise
 from pinproof.motion.trajectory import Trajectory
 
@@ -19,6 +20,7 @@ __all__ = [
     "MotionRecord",
     "ProgramEvent",
     "ProgramSegment",
+    "RateConstraint",
     "Trajectory",
     "time_parametrise",
 ]

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.motion import bezier
+from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.motion.trajectory import Trajectory
 
 __all__ = ["POSITION_TOLERANCE", "RATE_TOLERANCE", "Bounds", "MotionLimits"]
@@ -49,6 +50,7 @@ class Bounds:
     lower: Array
     upper: Array
     note: str
+    constraints: tuple[RateConstraint, ...] = ()
 
     @classmethod
     def of(
@@ -88,7 +90,7 @@ class Bounds:
             bezier.largest(trajectory.bezier(order)[1] / limit, np.ones_like(limit)).max(axis=1) ** (1.0 / order)
             for order, limit in enumerate(limits, start=1)
         ]
-        slower: Array = np.max(shares, axis=0)
+        slower: Array = np.max([*shares, *(each.excess(trajectory) for each in self.constraints)], axis=0)
         return slower
 
     @staticmethod

@@ -1,13 +1,26 @@
-"""The keys of motion files: trajectory_msgs/JointTrajectory, and the metadata that pinproof adds."""
+"""The keys of motion files (trajectory_msgs/JointTrajectory with metadata of pinproof) and of motion programs."""
 
 from __future__ import annotations
 
 from typing import Any
 
-from pinproof.common.file_keys import INTEGER, PLAIN_NUMBER, FileKey, KeyTable, any_of, list_of, mapping_to
+from pinproof.common.file_keys import INTEGER, PLAIN_NUMBER, FileKey, KeyTable, any_of, list_of, mapping_to, required
 from pinproof.common.yaml_file import YAML_SUFFIXES
 
-__all__ = ["INTERPOLANTS", "META", "MOTION", "POINT", "READ", "RECORD", "UNITS", "WRITTEN"]
+__all__ = [
+    "EVENT_KINDS",
+    "INTERPOLANTS",
+    "META",
+    "MOTION",
+    "POINT",
+    "PROGRAM",
+    "PROGRAM_SCHEMA",
+    "PROGRAM_UNITS",
+    "READ",
+    "RECORD",
+    "UNITS",
+    "WRITTEN",
+]
 
 INTERPOLANTS = {"cubic": "cubic Hermite between points", "quintic": "quintic Hermite between points"}
 """The names of the interpolants in the metadata of a file."""
@@ -32,8 +45,8 @@ def _time(seconds: str, nanoseconds: str, of: str) -> KeyTable:
         f"time_of_{of}",
         f"A time as in {of.upper().replace('ROS', 'ROS ')}.",
         (
-            FileKey(seconds, COUNT, "whole seconds", "s", required=True),
-            FileKey(nanoseconds, {**COUNT, "exclusiveMaximum": 10**9}, "nanoseconds", "ns", required=True),
+            required(seconds, COUNT, "whole seconds", "s"),
+            required(nanoseconds, {**COUNT, "exclusiveMaximum": 10**9}, "nanoseconds", "ns"),
         ),
     )
 
@@ -42,8 +55,8 @@ POINT = KeyTable(
     "point",
     "The state of all joints at one time. Either all points have accelerations, or none has.",
     (
-        FileKey("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m", required=True),
-        FileKey("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s", required=True),
+        required("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m"),
+        required("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s"),
         FileKey(
             "accelerations",
             list_of(PLAIN_NUMBER),
@@ -51,12 +64,11 @@ POINT = KeyTable(
             "rad/s² or m/s²",
         ),
         FileKey("effort", list_of(PLAIN_NUMBER, 0, 0), "not supported; must be empty"),
-        FileKey(
+        required(
             "time_from_start",
             any_of({**PLAIN_NUMBER, "minimum": 0}, _time("sec", "nanosec", "ros2"), _time("secs", "nsecs", "ros1")),
             "time from the start of the motion; 0 for the first point, then strictly increasing",
             "s",
-            required=True,
         ),
     ),
 )
@@ -65,31 +77,23 @@ RECORD = KeyTable(
     "record",
     "The setup with which a part of the motion was certified. A record is not a proof.",
     (
-        FileKey("name", NAME, "name of the part, such as `transit`; `motion` if there is only one", required=True),
-        FileKey("start", PLAIN_NUMBER, "start of the part from the start of the motion", "s", required=True),
-        FileKey("end", PLAIN_NUMBER, "end of the part", "s", required=True),
-        FileKey("status", NAME, "status of the certificate: `FREE`, `COLLIDING` or `UNDECIDED`", required=True),
-        FileKey(
+        required("name", NAME, "name of the part, such as `transit`; `motion` if there is only one"),
+        required("start", PLAIN_NUMBER, "start of the part from the start of the motion", "s"),
+        required("end", PLAIN_NUMBER, "end of the part", "s"),
+        required("status", NAME, "status of the certificate: `FREE`, `COLLIDING` or `UNDECIDED`"),
+        required(
             "clearance",
             {"type": ["number", "null"]},
             "proven clearance; null if none was proven or no obstacle exists",
             "m",
-            required=True,
         ),
-        FileKey("margin", PLAIN_NUMBER, "required distance between any two bodies", "m", required=True),
-        FileKey("pairs", INTEGER, "number of pairs of bodies that were checked", required=True),
-        FileKey("curve", NAME, "hash of the certified curve", required=True),
-        FileKey("setup", NAME, "hash of the arm, the scene and the attached bodies", required=True),
-        FileKey(
-            "attached",
-            mapping_to(NAME),
-            "the bodies attached to the tcp: a hash of shape and pose by name",
-            required=True,
-        ),
-        FileKey(
-            "held", mapping_to(PLAIN_NUMBER), "values of joints outside the arm, by name", "rad or m", required=True
-        ),
-        FileKey("obstacles", list_of(NAME), "names of the obstacles of the scene", required=True),
+        required("margin", PLAIN_NUMBER, "required distance between any two bodies", "m"),
+        required("pairs", INTEGER, "number of pairs of bodies that were checked"),
+        required("curve", NAME, "hash of the certified curve"),
+        required("setup", NAME, "hash of the arm, the scene and the attached bodies"),
+        required("attached", mapping_to(NAME), "the bodies attached to the tcp: a hash of shape and pose by name"),
+        required("held", mapping_to(PLAIN_NUMBER), "values of joints outside the arm, by name", "rad or m"),
+        required("obstacles", list_of(NAME), "names of the obstacles of the scene"),
     ),
 )
 
@@ -97,18 +101,16 @@ META = KeyTable(
     "metadata",
     "What a message does not state. The values are checked, because another interpolation is another motion.",
     (
-        FileKey("version", {"const": 1}, "version of this format", required=True),
-        FileKey(
+        required("version", {"const": 1}, "version of this format"),
+        required(
             "interpolant",
             {"enum": list(INTERPOLANTS.values())},
             "the curve between points; quintic with accelerations, otherwise cubic",
-            required=True,
         ),
-        FileKey(
+        required(
             "units",
             {"enum": [{k: v for k, v in UNITS.items() if k != "accelerations"}, UNITS]},
             "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in UNITS.items()),
-            required=True,
         ),
         FileKey("limits_note", NAME, "where the limits of the timing come from", "", ""),
         FileKey("certified", list_of(RECORD), "how the motion was certified", "", []),
@@ -120,8 +122,99 @@ MOTION = KeyTable(
     "A timed motion: a message trajectory_msgs/JointTrajectory, with metadata of pinproof.",
     (
         FileKey("header", {}, "header of the message; ignored"),
-        FileKey("joint_names", list_of(NAME, 1), "names of the joints", required=True),
-        FileKey("points", list_of(POINT, 1), "the points in the order of time", required=True),
+        required("joint_names", list_of(NAME, 1), "names of the joints"),
+        required("points", list_of(POINT, 1), "the points in the order of time"),
         FileKey("pinproof", META, "metadata; a message of another program has none"),
+    ),
+)
+
+PROGRAM_SCHEMA = "pinproof/program/1"
+"""The version of the format of programs, raised by breaking changes."""
+
+PROGRAM_UNITS = {**{key: unit for key, unit in UNITS.items() if key != "time_from_start"}, "time": "s and ns"}
+"""The units that a program states."""
+
+EVENT_KINDS = ("grip", "release")
+
+TIME = _time("sec", "nanosec", "ros2")
+
+PROGRAM_POINT = KeyTable(
+    "program_point",
+    "The state of all joints at one time.",
+    (
+        FileKey("time", TIME, "time from the start of the program; strictly increasing", required=True),
+        FileKey("positions", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad or m", required=True),
+        FileKey("velocities", list_of(PLAIN_NUMBER, 1), "one for each joint", "rad/s or m/s", required=True),
+        FileKey(
+            "accelerations",
+            list_of(PLAIN_NUMBER, 1),
+            "one for each joint; required in quintic programs, refused in cubic ones",
+            "rad/s² or m/s²",
+        ),
+    ),
+)
+
+SEGMENT = KeyTable(
+    "segment",
+    "A motion between two events or certificates. The arm rests at both ends.",
+    (
+        FileKey("name", NAME, "name, such as `transit`", required=True),
+        FileKey("certificate", NAME, "hash that names the certificate under `certificates`", required=True),
+        FileKey(
+            "start",
+            TIME,
+            "time of the first point: the end of the previous segment and of the dwell time after it",
+            required=True,
+        ),
+        FileKey("end", TIME, "time of the last point", required=True),
+        FileKey("points", list_of(PROGRAM_POINT, 1), "the points in the order of time", required=True),
+    ),
+)
+
+EVENT = KeyTable(
+    "event",
+    "What happens while the arm rests at the end of a segment.",
+    (
+        FileKey("kind", {"enum": list(EVENT_KINDS)}, "what the gripper does", required=True),
+        FileKey("time", TIME, "time of the event from the start of the program", required=True),
+        FileKey("dwell", TIME, "how long the arm then rests", required=True),
+        FileKey("object", NAME, "object that is gripped or released; empty if the pick states none", required=True),
+        FileKey(
+            "joints",
+            mapping_to(PLAIN_NUMBER),
+            "values of the gripper joints after the event, by name; empty for a gripper that is not a joint",
+            "rad or m",
+            required=True,
+        ),
+    ),
+)
+
+PROGRAM = KeyTable(
+    "program",
+    "A motion program: certified segments with events, on one clock.",
+    (
+        FileKey("schema", {"const": PROGRAM_SCHEMA}, "name and version of this format", required=True),
+        FileKey("name", NAME, "name of the program, such as that of its pick", required=True),
+        FileKey("robot", NAME, "the robot; empty if it is not known", required=True),
+        FileKey("tcp", NAME, "the tcp frame; empty if it is not known", required=True),
+        FileKey("member", NAME, "how the grasp differs from the nominal one; empty if it does not", required=True),
+        FileKey(
+            "units",
+            {"enum": [PROGRAM_UNITS]},
+            "the units of the points: " + ", ".join(f"`{key}`: {unit}" for key, unit in PROGRAM_UNITS.items()),
+            required=True,
+        ),
+        FileKey("interpolant", {"enum": list(INTERPOLANTS.values())}, "the curve between points", required=True),
+        FileKey("limits_note", NAME, "where the limits of the timing come from", required=True),
+        FileKey("joint_names", list_of(NAME, 1), "names of the joints", required=True),
+        FileKey("duration", TIME, "time of the end of the program, with all dwell times", required=True),
+        FileKey("events", list_of(EVENT), "the events in the order of time", required=True),
+        FileKey(
+            "certificates",
+            mapping_to(RECORD),
+            "the records of the certificates by their hash (SHA-256, hexadecimal)",
+            required=True,
+        ),
+        FileKey("segments", list_of(SEGMENT, 1), "the motions in order", required=True),
     ),
 )

@@ -9,28 +9,24 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import read_text, write_text_whole
 from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion.curve import Array, ends_meet
-from pinproof.motion.motion_keys import INTERPOLANTS
-from pinproof.motion.motion_record import MotionRecord, read_records
+from pinproof.motion.motion_keys import EVENT_KINDS, INTERPOLANTS, PROGRAM, PROGRAM_SCHEMA, PROGRAM_UNITS
+from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import NANO, whole_nanoseconds
+from pinproof.motion.trajectory_files import NANO, Reader, whole_nanoseconds
 
-__all__ = ["SCHEMA", "EventKind", "MotionProgram", "ProgramEvent", "ProgramSegment", "certificate_id"]
-
-SCHEMA = "pinproof/program/1"
-"""The version of the file format, raised by breaking changes."""
+__all__ = ["EventKind", "MotionProgram", "ProgramEvent", "ProgramSegment", "certificate_id"]
 
 EventKind = Literal["grip", "release"]
 
@@ -193,18 +189,20 @@ class MotionProgram:
             one that was certified.
         """
         source = Path(path)
+        reader = Reader(source)
+        data = reader.json(read_text(source, TrajectoryError))
+        if isinstance(data, dict) and data.get("schema", PROGRAM_SCHEMA) != PROGRAM_SCHEMA:
+            reader.fail(f"is {data['schema']!r}; this version reads {PROGRAM_SCHEMA!r}", "schema")
+        reader.agrees(PROGRAM, data)
         try:
-            data = json.loads(read_text(source, TrajectoryError), parse_constant=_not_finite)
-            program = _from_dict(data)
-        except TrajectoryError:
-            raise
-        except KeyError as error:
-            raise TrajectoryError(source, f"lacks the key {error}") from error
-        except (TypeError, ValueError, RecursionError, OverflowError) as error:
-            raise TrajectoryError(source, f"is not a motion program: {error}") from error
-        if program.changed and not allow_changes:
-            names = ", ".join(program.changed)
-            raise TrajectoryError(source, f"differs from the motion that was certified: {names}; certify it again")
+            program = _from_dict(reader, data)
+            with np.errstate(over="ignore", invalid="ignore"):  # numbers near the largest double; never certified
+                changed = program.changed
+        except InputError as error:
+            reader.fail(str(error))
+        if changed and not allow_changes:
+            names = ", ".join(changed)
+            reader.fail(f"differs from the motion that was certified: {names}; certify it again")
         return program
 
     def save(self, path: str | Path) -> None:
@@ -221,12 +219,12 @@ class MotionProgram:
         """The text of the file, with one point per line."""
         first = self.segments[0].trajectory
         head = {
-            "schema": SCHEMA,
+            "schema": PROGRAM_SCHEMA,
             "name": self.name,
             "robot": self.robot,
             "tcp": self.tcp,
             "member": self.member,
-            "units": {"time": "s and ns", "positions": "rad or m", "velocities": "rad/s or m/s"},
+            "units": PROGRAM_UNITS,
             "interpolant": INTERPOLANTS[first.interpolant],
             "limits_note": first.limits_note,
             "joint_names": list(self.joint_names),
@@ -254,8 +252,8 @@ class MotionProgram:
     def _check_events(self) -> None:
         ends = {_clock(segment.end) for segment in self.segments}
         for event in self.events:
-            if event.kind not in get_args(EventKind):
-                raise InputError(f"event {event.kind!r} is unknown; valid: {', '.join(get_args(EventKind))}")
+            if event.kind not in EVENT_KINDS:
+                raise InputError(f"event {event.kind!r} is unknown; valid: {', '.join(EVENT_KINDS)}")
             if event.dwell < 0:
                 raise InputError(f"event {event.kind!r} has a dwell time of {event.dwell} s; it must be 0 or more")
             if _clock(event.time) not in ends:
@@ -317,50 +315,55 @@ def _segment_json(segment: ProgramSegment) -> str:
     return f'  {json.dumps(head)[:-1]}, "points": [\n    {lines}\n  ]}}'
 
 
-def _from_dict(data: Any) -> MotionProgram:
-    if not isinstance(data, dict) or data.get("schema") != SCHEMA:
-        found = data.get("schema") if isinstance(data, dict) else None
-        raise InputError(f"its schema is {found!r}, not {SCHEMA!r}")
-    names, note = tuple(data["joint_names"]), str(data["limits_note"])
+def _from_dict(reader: Reader, data: Mapping[str, Any]) -> MotionProgram:
+    names, note = tuple(data["joint_names"]), data["limits_note"]
     quintic = data["interpolant"] == INTERPOLANTS["quintic"]
-    if not quintic and data["interpolant"] != INTERPOLANTS["cubic"]:
-        raise InputError(f"its interpolant is {data['interpolant']!r}; valid: {', '.join(INTERPOLANTS.values())}")
-    segments = tuple(_segment(each, names, note, quintic) for each in data["segments"])
-    for stated, segment in zip(data["segments"], segments, strict=True):
-        if _read_time(stated["end"]) != _clock(segment.end):
-            raise InputError(f"segment {segment.name!r} states another end than that of its points")
-    events = tuple(_event(each) for each in data["events"])
-    stated_records = data["certificates"]
-    records = dict(zip(stated_records, read_records(list(stated_records.values())), strict=True))
+    segments = []
+    for number, stated in enumerate(data["segments"]):
+        place = f"segments[{number}]"
+        segments.append(_segment(reader, place, stated, names, note, quintic=quintic))
+        if _read_time(reader, f"{place}.end", stated["end"]) != _clock(segments[-1].end):
+            reader.fail("is not the time of the last point", f"{place}.end")
+    events = [_event(reader, f"events[{number}]", stated) for number, stated in enumerate(data["events"])]
+    records = {name: MotionRecord(**stated) for name, stated in data["certificates"].items()}
     program = MotionProgram(
-        str(data["name"]), segments, events, records, str(data["robot"]), str(data["tcp"]), str(data["member"])
+        data["name"], tuple(segments), tuple(events), records, data["robot"], data["tcp"], data["member"]
     )
-    if _read_time(data["duration"]) != _clock(program.duration):
-        raise InputError("its duration is not that of its segments and events")
+    if _read_time(reader, "duration", data["duration"]) != _clock(program.duration):
+        reader.fail("is not the end of the segments and events", "duration")
     return program
 
 
-def _segment(stated: Mapping[str, Any], names: Sequence[str], note: str, quintic: bool) -> ProgramSegment:
-    start, points = _read_time(stated["start"]), stated["points"]
-    kinds = ("positions", "velocities", *(("accelerations",) if quintic else ()))
-    columns: list[npt.ArrayLike] = [[point[kind] for point in points] for kind in kinds]
-    times = np.array([_read_time(point["time"]) - start for point in points]) / NANO
-    curvature = columns[2] if quintic else None
-    motion = Trajectory(times, columns[0], columns[1], names, note, accelerations=curvature)
-    return ProgramSegment(str(stated["name"]), start / NANO, motion, str(stated["certificate"]))
+def _segment(
+    reader: Reader, place: str, stated: Mapping[str, Any], names: tuple[str, ...], note: str, *, quintic: bool
+) -> ProgramSegment:
+    """A segment; the times of its points become times from its start."""
+    start = _read_time(reader, f"{place}.start", stated["start"])
+    kinds = ("positions", "velocities", "accelerations") if quintic else ("positions", "velocities")
+    columns: dict[str, list[list[float]]] = {kind: [] for kind in kinds}
+    clock = []
+    for number, point in enumerate(stated["points"]):
+        where = f"{place}.points[{number}]"
+        if ("accelerations" in point) is not quintic:
+            reader.fail("accelerations are required in a quintic program and refused in a cubic one", where)
+        clock.append(_read_time(reader, f"{where}.time", point["time"]) - start)
+        for kind, column in columns.items():
+            column.append(reader.numbers(point[kind], len(names), f"{where}.{kind}"))
+    if clock[0] != 0:
+        reader.fail("is not the start of the segment", f"{place}.points[0].time")
+    curvature = columns["accelerations"] if quintic else None
+    try:
+        q, velocities = columns["positions"], columns["velocities"]
+        motion = Trajectory(np.array(clock) / NANO, q, velocities, names, note, accelerations=curvature)
+    except InputError as error:
+        reader.fail(str(error), place)
+    return ProgramSegment(stated["name"], start / NANO, motion, stated["certificate"])
 
 
-def _event(stated: Mapping[str, Any]) -> ProgramEvent:
-    joints = {str(name): float(value) for name, value in stated["joints"].items()}
-    time, dwell = _read_time(stated["time"]) / NANO, _read_time(stated["dwell"]) / NANO
-    return ProgramEvent(cast(EventKind, stated["kind"]), time, dwell, str(stated["object"]), joints)
+def _event(reader: Reader, place: str, stated: Mapping[str, Any]) -> ProgramEvent:
+    time, dwell = (_read_time(reader, f"{place}.{key}", stated[key]) / NANO for key in ("time", "dwell"))
+    return ProgramEvent(stated["kind"], time, dwell, stated["object"], stated["joints"])
 
 
-def _read_time(stated: Mapping[str, int]) -> int:
-    if type(stated["sec"]) is not int or type(stated["nanosec"]) is not int:
-        raise InputError(f"a time is {stated!r}; it must have integers sec and nanosec")
-    return stated["sec"] * NANO + stated["nanosec"]
-
-
-def _not_finite(token: str) -> None:
-    raise InputError(f"it contains {token}; all numbers must be finite")
+def _read_time(reader: Reader, place: str, stated: Mapping[str, int]) -> int:
+    return reader.nanoseconds(stated["sec"], stated["nanosec"], place)

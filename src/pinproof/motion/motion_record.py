@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol
 
 from pinproof.errors import InputError
-from pinproof.motion.motion_keys import RECORD
 
-__all__ = ["Certified", "MotionRecord", "read_records", "records_of"]
+__all__ = ["Certified", "MotionRecord", "records_of"]
 
 
 @dataclass(frozen=True)
@@ -85,54 +83,6 @@ class Certified(Protocol):
 
     def motion_record(self, name: str = "motion", start: float = 0.0, end: float = 0.0) -> MotionRecord:
         """The record of the setup."""
-
-
-def read_records(stated: object) -> tuple[MotionRecord, ...]:
-    """The records of a motion file.
-
-    Raises
-    ------
-    InputError
-        If ``stated`` is not a list of records, or a value is missing, unknown or of the wrong type.
-    """
-    if not isinstance(stated, list):
-        raise InputError(f"certified must be a list of records, not {type(stated).__name__}")
-    return tuple(_record(number, each) for number, each in enumerate(stated))
-
-
-def _record(number: int, stated: object) -> MotionRecord:
-    where = f"certified[{number}]"
-    if not isinstance(stated, dict):
-        raise InputError(f"{where} must be an object, not {type(stated).__name__}")
-    if missing := [key for key in RECORD.required if key not in stated]:
-        raise InputError(f"{where} lacks {', '.join(missing)}")
-    if unknown := sorted(str(key) for key in stated if key not in RECORD.names):
-        raise InputError(f"{where} has unknown keys {', '.join(unknown)}; valid: {', '.join(RECORD.names)}")
-    for key, kind in (("name", str), ("status", str), ("curve", str), ("setup", str), ("pairs", int)):
-        if type(stated[key]) is not kind:
-            raise InputError(f"{where}.{key} is {stated[key]!r}; it must be {'text' if kind is str else 'an integer'}")
-    for key in ("start", "end", "margin"):
-        _number(f"{where}.{key}", stated[key])
-    if stated["clearance"] is not None:
-        _number(f"{where}.clearance", stated["clearance"])
-    for key in ("attached", "held"):
-        if not isinstance(stated[key], dict):
-            raise InputError(f"{where}.{key} must be an object, not {type(stated[key]).__name__}")
-    for name, value in stated["held"].items():
-        _number(f"{where}.held.{name}", value)
-    texts = [*stated["attached"], *stated["attached"].values(), *stated["held"]]
-    if not isinstance(stated["obstacles"], list):
-        raise InputError(f"{where}.obstacles must be a list, not {type(stated['obstacles']).__name__}")
-    for text in (*texts, *stated["obstacles"]):
-        if not isinstance(text, str):
-            raise InputError(f"{where}: {text!r} is not a name")
-    return MotionRecord(**stated)
-
-
-def _number(where: str, stated: object) -> None:
-    # an integer above the largest double is still less than infinity
-    if isinstance(stated, bool) or not isinstance(stated, (int, float)) or not abs(stated) <= sys.float_info.max:
-        raise InputError(f"{where} is {stated!r}; it must be a finite number")
 
 
 def records_of(certificate: Certified, curve: str, duration: float) -> tuple[MotionRecord, ...]:

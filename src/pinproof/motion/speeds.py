@@ -16,6 +16,7 @@ from pinproof.motion.curve import Array, Curve
 from pinproof.motion.joint_path import JointPath
 from pinproof.motion.limits import Bounds
 from pinproof.motion.profile import Profile, connectable_speeds, double_s, ramps, trapezoid
+from pinproof.motion.rate_constraints import constraint_rows
 
 __all__ = ["ON_LINE_TOLERANCE", "Grid", "PreparedPath", "TimedProfile", "fastest_profile"]
 
@@ -32,6 +33,9 @@ MAX_INITIAL_STEPS = 64
 
 MIN_STEPS = 8
 """Minimum number of steps on all bent pieces together. A single step that begins and ends at rest would not move."""
+
+CONSTRAINED_STEPS = 16
+"""Minimum number of steps of a piece if there are constraints, which may vary along the piece."""
 
 SPEED_CHANGE_FACTOR = 8.0
 """Factor between the deviation of the timed curve at a varying speed and that at a constant speed."""
@@ -90,6 +94,9 @@ class PreparedPath:
         line = control[:, :1] * (1.0 - share) + control[:, -1:] * share
         near = ON_LINE_TOLERANCE * np.maximum(1.0, np.abs(control).max(axis=(0, 1)))
         self.straight: npt.NDArray[np.bool_] = (np.abs(control - line) <= near).all(axis=(1, 2))
+        self.constrained = bool(bounds.constraints)
+        if self.constrained:  # which may vary along a line
+            self.straight[:] = False
         self.stops = np.zeros(len(knots), dtype=bool)
         if isinstance(curve, JointPath):
             self.stops[1:-1] = True
@@ -133,7 +140,8 @@ class PreparedPath:
         deviation = SPEED_CHANGE_FACTOR * fourth * np.diff(self.knots) ** 4 / 384.0
         count = np.ceil((deviation / tolerance) ** 0.25).clip(2, MAX_INITIAL_STEPS).astype(int)
         bent = int(np.count_nonzero(~self.straight))
-        count = np.where(self.straight, 1, np.maximum(count, math.ceil(MIN_STEPS / max(bent, 1))))
+        least = CONSTRAINED_STEPS if self.constrained else math.ceil(MIN_STEPS / max(bent, 1))
+        count = np.where(self.straight, 1, np.maximum(count, least))
         return _subdivide(self.knots, count), np.repeat(np.arange(len(count)), count)
 
 
@@ -337,7 +345,8 @@ class _Phases:
             fastest = self._limited_by_jerk(path, grid, fastest, velocity, acceleration, jerk)
         stop = np.isin(s, path.knots[path.stops])
         ceiling = _squared_ceiling(fastest, stop, ends)
-        x, stuck = fastest_speeds(slope, grid.curvature, step, ceiling, soft, ceiling[0], ceiling[-1])
+        limits = _rows(path, grid, bounds, soft)
+        x, stuck = fastest_speeds(*limits, step, ceiling, ceiling[0], ceiling[-1])
         if stuck is not None:
             raise _timing_error(stuck, len(step), ends)
         speed = np.sqrt(x)
@@ -360,9 +369,9 @@ class _Phases:
         if jerk is not None:
             self.exact = ~bent & (begin == 0.0) & (end == 0.0)
             rows = np.flatnonzero(self.exact)
-            limits = [_least(limit, slope[:, 0])[rows] for limit in (velocity, acceleration, jerk)]
+            along = [_least(limit, slope[:, 0])[rows] for limit in (velocity, acceleration, jerk)]
             if len(rows):
-                self._double_s(rows, step[rows], *limits)
+                self._double_s(rows, step[rows], *along)
 
     def _limited_by_jerk(
         self, path: PreparedPath, grid: Grid, fastest: Array, velocity: Array, acceleration: Array, jerk: Array
@@ -447,6 +456,22 @@ class _Phases:
             a[keep],
             j[keep],
         )
+
+
+def _rows(path: PreparedPath, grid: Grid, bounds: Bounds, acceleration: Array) -> tuple[Array, ...]:
+    """alpha, beta, gamma and bound (N, 2, m) of the limits |alpha s'' + beta s'^2 + gamma| <= bound on the steps."""
+    slope, curvature = grid.slope, grid.curvature
+    limit = np.broadcast_to(acceleration[:, None], slope.shape)
+    parts = [[slope], [curvature], [np.zeros_like(slope)], [limit]]
+    if bounds.constraints:
+        q = np.stack([path.at(grid.s[:-1], 0, grid.piece), path.at(grid.s[1:], 0, grid.piece)], axis=1)
+        flat = [values.reshape(-1, values.shape[-1]) for values in (q, slope, curvature)]
+        square = grid.slowdown[:, None, None] ** 2
+        one = np.ones_like(square)
+        scales = (square, square, one, one)
+        for part, row, scale in zip(parts, constraint_rows(bounds.constraints, *flat), scales, strict=True):
+            part.append(row.reshape(len(q), 2, -1) * scale)
+    return tuple(np.concatenate(part, axis=2) for part in parts)
 
 
 def _coarse(step: Array, speed: Array) -> npt.NDArray[np.bool_]:

@@ -9,6 +9,7 @@ hold.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
@@ -22,6 +23,7 @@ from pinproof.motion import bezier
 from pinproof.motion.curve import Array, Curve
 from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds, MotionLimits
 from pinproof.motion.profile import SHORTEST_EDGE, SHORTEST_PHASE
+from pinproof.motion.rate_constraints import RateConstraint, checked_constraints, constraint_rows
 from pinproof.motion.speeds import Grid, PreparedPath, TimedProfile, fastest_profile
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import LONGEST, NANO, seconds
@@ -84,6 +86,7 @@ def time_parametrise(
     jerk: npt.ArrayLike | Literal["limits"] | None = None,
     start_velocity: npt.ArrayLike | None = None,
     end_velocity: npt.ArrayLike | None = None,
+    constraints: Sequence[RateConstraint] = (),
 ) -> Trajectory:
     """Time a path as fast as the limits permit, without changing its geometry.
 
@@ -108,6 +111,8 @@ def time_parametrise(
     start_velocity, end_velocity
         (n,) in rad/s or m/s, along the tangent of the path and forward; zero by default. By default, the
         joint_trajectory_controller of ros2_control refuses motions that do not end at rest.
+    constraints
+        Further limits, such as torques or tool speeds, see :class:`~pinproof.motion.RateConstraint`.
 
     Raises
     ------
@@ -115,7 +120,8 @@ def time_parametrise(
         If the limits have a wrong shape, are unknown (NaN) or are not positive and finite (the message names the
         joint), or if a velocity is not along the path.
     TimingError
-        If the path leaves the joint limits, or no timing within the limits was found.
+        If the path leaves the joint limits, a constraint is violated at standstill (the message names it and the
+        configuration), or no timing within the limits was found.
 
     Notes
     -----
@@ -124,12 +130,14 @@ def time_parametrise(
     """
     if not callable(getattr(curve, "bezier", None)) or isinstance(curve, Trajectory):
         raise InputError(f"time_parametrise requires a path, such as a JointPath, not a {type(curve).__name__}")
-    bounds = Bounds.of(limits, curve.joint_names, jerk)
+    bounds = replace(Bounds.of(limits, curve.joint_names, jerk), constraints=checked_constraints(constraints))
     ends = [
         np.zeros(len(curve.joint_names)) if velocity is None else finite(name, velocity, (len(curve.joint_names),))
         for name, velocity in (("start_velocity", start_velocity), ("end_velocity", end_velocity))
     ]
     if not np.ptp(curve.bezier()[1], axis=(0, 1)).any():
+        still = np.zeros((1, len(curve.start)))
+        constraint_rows(bounds.constraints, curve.start[None], still, still)
         if ends[0].any() or ends[1].any():
             raise InputError("the path has length 0; start_velocity and end_velocity must be zero")
         rest = np.zeros((1, len(curve.start)))

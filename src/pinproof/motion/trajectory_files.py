@@ -21,12 +21,12 @@ from typing import Any, NoReturn, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.file_keys import KeyTable
+from pinproof.common.file_keys import KeyTable, Schema, fault_in, list_of
 from pinproof.common.files import read_text, unknown_suffix
 from pinproof.common.yaml_file import YAML_SUFFIXES, read_yaml
-from pinproof.errors import InputError, TrajectoryError
-from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, UNITS, WRITTEN
-from pinproof.motion.motion_record import MotionRecord, read_records
+from pinproof.errors import TrajectoryError
+from pinproof.motion.motion_keys import INTERPOLANTS, META, MOTION, POINT, READ, RECORD, UNITS, WRITTEN
+from pinproof.motion.motion_record import MotionRecord
 
 __all__ = [
     "LONGEST",
@@ -134,6 +134,25 @@ class Reader:
         if unknown := sorted(str(key) for key in data if key not in table.names):
             self.fail(f"has unknown keys {', '.join(unknown)}; valid: {', '.join(table.names)}", place)
 
+    def agrees(self, schema: KeyTable | Schema, value: Any, place: str = "") -> None:
+        """Check the keys and types of a part of the file."""
+        if fault := fault_in(schema, value, place):
+            self.fail(fault[1], fault[0])
+
+    def json(self, text: str) -> Any:
+        """Parse JSON; numbers that are not finite and duplicate keys are refused."""
+
+        def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+            keys = [key for key, _ in pairs]
+            if twice := next((key for key in keys if keys.count(key) > 1), None):  # JSON would keep the last
+                self.fail(f"gives the key {twice!r} twice")
+            return dict(pairs)
+
+        try:
+            return json.loads(text, parse_constant=self.not_finite, object_pairs_hook=object_of)
+        except (ValueError, RecursionError) as error:
+            self.fail(f"is not valid JSON: {error}")
+
     def number(self, cell: str, place: str) -> float:
         """Convert a text to a number."""
         try:
@@ -202,10 +221,9 @@ class Reader:
         return note
 
     def _certified(self, meta: Any, place: str) -> tuple[MotionRecord, ...]:
-        try:
-            return () if meta is None else read_records(meta.get("certified", []))
-        except InputError as error:
-            self.fail(str(error), place)
+        stated = [] if meta is None else meta.get("certified", [])
+        self.agrees(list_of(RECORD), stated, f"{place}.certified" if place == "pinproof" else f"{place}, certified")
+        return tuple(MotionRecord(**each) for each in stated)
 
 
 def to_json(record: Record) -> str:
@@ -223,18 +241,7 @@ def to_json(record: Record) -> str:
 
 def from_json(reader: Reader, text: str) -> Record:
     """Read the output of :func:`to_json`, or a message without the key ``pinproof``."""
-
-    def object_of(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        keys = [key for key, _ in pairs]
-        if twice := next((key for key in keys if keys.count(key) > 1), None):  # JSON would keep the last
-            reader.fail(f"gives the key {twice!r} twice")
-        return dict(pairs)
-
-    try:
-        data = json.loads(text, parse_constant=reader.not_finite, object_pairs_hook=object_of)
-    except (ValueError, RecursionError) as error:
-        reader.fail(f"is not valid JSON: {error}")
-    return _from_message(reader, data)
+    return _from_message(reader, reader.json(text))
 
 
 def from_yaml(reader: Reader, _text: str) -> Record:

@@ -100,6 +100,40 @@ def test_limited_wrists_are_solved_at_special_angles(name):
     assert_claims_hold(arm, special_configurations(arm, 800, seed=12))
 
 
+@pytest.mark.parametrize(
+    "q",
+    [
+        [
+            2.145058310565056,
+            3.141592653589793,
+            3.141592678694418,
+            -1.079137891799557,
+            3.1415926537864363,
+            -2.872578212599749,
+        ],
+        [
+            -0.8909227772814243,
+            3.1415926535067356,
+            3.141592653589793,
+            -2.664570781074295,
+            3.1415925725387774,
+            -2.2994096173802,
+        ],
+        [
+            -2.5990038175565724,
+            3.1415926634558433,
+            3.1415926489721433,
+            2.843213068196471,
+            3.141592653589793,
+            -1.8478153303145,
+        ],
+    ],
+)
+def test_two_double_roots_at_once_are_not_called_complete(q):
+    """The arm points straight up: shoulder and elbow are double roots, and the wrist depends on both."""
+    assert_claims_hold(arm_named("kinova"), np.array([q]))
+
+
 @pytest.mark.parametrize("name", ["panda", "iiwa14"])
 def test_completeness_is_never_claimed_for_seven_joints(name):
     arm = arm_named(name)

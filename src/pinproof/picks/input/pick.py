@@ -14,7 +14,7 @@ import numpy.typing as npt
 from pinproof.collision import Obstacle, Scene
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.description import Urdf
-from pinproof.errors import InputError, UnknownNameError
+from pinproof.errors import InputError, PicksError, UnknownNameError
 from pinproof.model import Arm, JointLimits, load_robot
 from pinproof.picks.input.settings import GripLimits
 from pinproof.spatial import SE3, finite, frozen, pose, rigid
@@ -543,6 +543,9 @@ class Picks:
         xacro file, and a file of joint limits.
     source
         The file they were read from.
+    places
+        Positions in that file of the keys that name something of the robot, such as ``"tcp"`` and ``"held.finger"``,
+        for messages.
     """
 
     picks: tuple[Pick, ...]
@@ -566,6 +569,7 @@ class Picks:
     xacro_args: Mapping[str, str] = field(default_factory=dict)
     limits: Path | None = None
     source: Path | None = None
+    places: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return outline(f"Picks({self._headline})", map(repr, self.picks), total=len(self.picks))
@@ -613,14 +617,23 @@ class Picks:
         InputError
             If the file states no robot; also for the reasons of :func:`pinproof.load_robot` and
             :meth:`pinproof.Robot.arm`.
+        PicksError
+            If a name in the file does not exist: a robot, a xacro argument, a tcp or a held joint.
         """
         if self.robot is None:
             raise InputError(f"{self.source or 'picks'}: states no robot; add 'robot: ur5' or the path of a robot file")
-        robot = load_robot(
-            self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
-        )
-        limits = None if self.limits is None else JointLimits.load(self.limits)
-        return robot.arm(self.tcp, limits=limits, held=self.held)
+        try:
+            robot = load_robot(
+                self.robot, srdf=self.srdf, package_dirs=self.package_dirs, xacro_args=self.xacro_args or None
+            )
+            limits = None if self.limits is None else JointLimits.load(self.limits)
+            return robot.arm(self.tcp, limits=limits, held=self.held)
+        except UnknownNameError as error:
+            keys = {"robot": "robot", "frame": "tcp"}
+            key = keys.get(error.kind) or f"{'held' if error.kind == 'joint' else 'xacro_args'}.{error.name}"
+            if self.source is None or key not in self.places:
+                raise
+            raise PicksError(self.source, str(error), self.places[key]) from error
 
     def transformed(self, root_from_picks: SE3 | npt.ArrayLike) -> Picks:
         """Return the picks, stated in the frame of a cell, in the frame of a robot that is placed in it.

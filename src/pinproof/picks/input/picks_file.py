@@ -93,6 +93,7 @@ def open_picks(path: str | Path) -> PickSource:
         scene=path.parent / scene if (scene := _text(path, content, "scene")) else None,
         home=_shared(path, content, "home", {}, _home),
         source=path,
+        places=_places(content),
     )
     return (
         PickTable(path.parent / stated, shared=shared, defaults=defaults)
@@ -123,6 +124,16 @@ def _shared(path: Path, content: LinedMapping, key: str, default: object, read: 
         return read(stated)
     except InputError as error:
         raise PicksError(path, str(error), content.place(key)) from error
+
+
+def _places(content: LinedMapping) -> dict[str, str]:
+    """The positions of the names that are looked up when the robot is loaded."""
+    found = {key: content.place(key) for key in ("robot", "tcp") if key in content}
+    for key in ("xacro_args", "held"):
+        inner = content.get(key)
+        if isinstance(inner, LinedMapping):
+            found.update({f"{key}.{name}": inner.place(name, f"key {key},") for name in inner})
+    return found
 
 
 def _defaults(stated: object, path: Path) -> dict[str, Any]:
@@ -214,7 +225,9 @@ def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle,
         own_colours = isinstance(body.shape, Mesh) and body.shape.path is not None
         bodies.append(body if body.rgba or own_colours else replace(body, rgba=TOOL_GREY))
         if any(bodies[-1].name == other.name for other in bodies[:-1]):
-            raise PicksError(path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key {key}")
+            raise PicksError(
+                path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key {key}, #{number}"
+            )
     return tuple(bodies)
 
 

@@ -15,6 +15,7 @@ from pinproof.common.file_keys import (
     list_of,
     mapping_to,
     numbers,
+    required,
 )
 from pinproof.picks.input.pick import (
     LONGEST_MOVE,
@@ -96,7 +97,7 @@ SPIN_RANGE = KeyTable(
     "spin_range",
     "A range of rotations about the approach direction.",
     (
-        FileKey("range", numbers(2), "first and last rotation", "rad", required=True),
+        required("range", numbers(2), "first and last rotation", "rad"),
         FileKey("steps", {**INTEGER, "minimum": 1, "maximum": MOST_STEPS}, "number of steps between them", "", STEPS),
     ),
 )
@@ -150,15 +151,15 @@ GRID = KeyTable(
     "grid",
     "The grid of a pattern, along the axes of the pick's frame.",
     (
-        FileKey("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z", required=True),
-        FileKey("step", VECTOR, "distance of neighbours along x, y, z", "m", required=True),
+        required("counts", list_of({**INTEGER, "minimum": 1}, 3, 3), "number of picks along x, y, z"),
+        required("step", VECTOR, "distance of neighbours along x, y, z", "m"),
     ),
 )
 
 PATTERN = KeyTable(
     "pattern",
     "Copies of a pick; they are named `part[0,0]`, `part[0,1]`, ..., or with three indices if there are layers.",
-    (FileKey("grid", GRID, "a regular grid", required=True),),
+    (required("grid", GRID, "a regular grid"),),
 )
 
 _PICK_KEYS = (
@@ -204,7 +205,7 @@ PICK = KeyTable(
     "One grasp, or a family of them. `xyz` and an orientation (`rpy` or `quat_xyzw`) are required, here or in "
     "`defaults`; an `object` is required for `support` and `place`.",
     (
-        FileKey("name", TEXT, "unique in the file", required=True),
+        required("name", TEXT, "unique in the file"),
         *_PICK_KEYS,
         FileKey("pattern", PATTERN, "copies of this pick on a grid"),
     ),
@@ -227,8 +228,8 @@ HELD = KeyTable(
     "open_and_grip",
     "Two values of a finger joint of the robot.",
     (
-        FileKey("open", NUMBER, "before the grasp and after the release", "rad or m", required=True),
-        FileKey("grip", NUMBER, "from the grasp to the release", "rad or m", required=True),
+        required("open", NUMBER, "before the grasp and after the release", "rad or m"),
+        required("grip", NUMBER, "from the grasp to the release", "rad or m"),
     ),
 )
 
@@ -236,8 +237,8 @@ FINGERS = KeyTable(
     "fingers",
     "Two fingers of a parallel gripper that are not part of the robot.",
     (
-        FileKey("opening", POSITIVE, "distance between their faces before the grasp", "m", required=True),
-        FileKey("grip", POSITIVE, "distance between their faces on the object", "m", required=True),
+        required("opening", POSITIVE, "distance between their faces before the grasp", "m"),
+        required("grip", POSITIVE, "distance between their faces on the object", "m"),
         FileKey(
             "axis",
             VECTOR,
@@ -245,9 +246,7 @@ FINGERS = KeyTable(
             "",
             default_of(GripperFingers, "axis"),
         ),
-        FileKey(
-            "bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body", required=True
-        ),
+        required("bodies", list_of(OBSTACLE, 2, 2), "the two fingers, fully closed; poses are tcp_from_body"),
     ),
 )
 
@@ -256,7 +255,7 @@ CUP = KeyTable(
     "cup",
     "The face of a suction cup: a disc centred at the tip, which faces along the z axis of the tip.",
     (
-        FileKey("radius", NUMBER, "radius of the face, above 0", "m", required=True),
+        required("radius", NUMBER, "radius of the face, above 0", "m"),
         FileKey(
             "gap",
             NUMBER,
@@ -357,14 +356,13 @@ PICKS = KeyTable(
         FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
         FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
         FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
-        FileKey(
+        required(
             "picks",
             any_of(
                 list_of(PICK, 1),
                 {"title": "name of a table (`.csv`)", "type": "string", "pattern": r"[^/.]\.[cC][sS][vV]$"},
             ),
             "the picks, or a table of them in a CSV file",
-            required=True,
         ),
     ),
 )

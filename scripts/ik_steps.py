@@ -1,4 +1,4 @@
-"""Step lengths of the IK methods near a singularity, which show why steps are damped."""
+"""Step lengths of the IK methods near a singularity, which show in docs/ik.md why steps are damped."""
 
 from __future__ import annotations
 
@@ -9,12 +9,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.benchmarks.tables import log_panel, new_figure
+from pinproof.benchmarks.tables import log_panel, new_figure, save_figure
 from pinproof.ik import Clik, DampedLeastSquares, IkStep, IterativeIk, PseudoInverse
 from pinproof.model import Arm
 from pinproof.spatial import SE3, pose
-
-__all__ = ["METHODS", "StepSizes", "step_sizes", "write_step_plot"]
 
 Array = npt.NDArray[np.float64]
 
@@ -65,8 +63,8 @@ def step_sizes(arm: Arm) -> StepSizes | None:
     return None
 
 
-def write_step_plot(steps: StepSizes, title: str, path: str | Path) -> None:
-    """Write step lengths against the smallest singular value as PNG."""
+def write_step_plot(steps: StepSizes, title: str, path: Path) -> Path:
+    """Write step lengths against the smallest singular value as PNG; return its path."""
     figure, ((panel,),) = new_figure(1, 1, width=6.4, height=4.4)
     for (name, lengths), style in zip(steps.steps.items(), ("k:", "C0-", "C1-", "C2-"), strict=True):
         panel.plot(steps.smallest, lengths, style, label=name)
@@ -75,7 +73,7 @@ def write_step_plot(steps: StepSizes, title: str, path: str | Path) -> None:
     panel.set_yscale("log")
     panel.invert_xaxis()
     panel.legend()
-    figure.savefig(path, dpi=110, format="png")
+    return save_figure(figure, path)
 
 
 def _towards(arm: Arm, joint: int, singular: float) -> StepSizes:

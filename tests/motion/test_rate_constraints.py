@@ -1,0 +1,117 @@
+"""Timing with limits beside those of the joints."""
+
+import numpy as np
+import pytest
+
+from pinproof import InputError
+from pinproof.errors import TimingError
+from pinproof.motion import BlendedPath, CubicPath, JointPath, RateConstraint, bezier, time_parametrise
+
+from .timing_problems import RELATIVE, assert_on_path, assert_within, limits_of, names
+
+U = np.linspace(0, 1, 7)[:, None]
+WAVE = CubicPath.through(np.hstack([np.sin(4 * U), np.cos(3 * U), U]), names(3), U[:, 0])
+CORNER = BlendedPath.rounded(JointPath([[0, 0, 0], [1, 0, 0.5], [1, 1, 0]], names(3)), [0, 0.2, 0])
+WIDE = limits_of([50, 50, 50], [500, 500, 500])
+
+
+class Linear:
+    """|matrix @ q''| <= bound without weight; with it, |matrix @ q'' + weight * q| <= bound."""
+
+    name = "force"
+
+    def __init__(self, matrix, bound, weight=0.0):
+        self.matrix, self.bound, self.weight = np.atleast_2d(matrix), np.asarray(bound, float), weight
+
+    def coefficients(self, q, slope, curvature):
+        rows = [values @ self.matrix.T for values in (slope, curvature, self.weight * q)]
+        return (*rows, np.broadcast_to(self.bound, rows[0].shape))
+
+    def excess(self, trajectory):
+        force = trajectory.bezier(2)[1] @ self.matrix.T
+        if not self.weight:
+            return np.sqrt(np.maximum(bezier.largest(force) / self.bound, 0)).max(axis=1)
+        hold = np.abs(trajectory.bezier()[1] @ self.matrix.T * self.weight).max(axis=1)
+        return np.sqrt(np.abs(force).max(axis=1) / np.maximum(self.bound - hold, 1e-12)).max(axis=1)
+
+
+class ToolSpeed:
+    """The speed of a planar point whose velocity is the first two joints'."""
+
+    name = "tool speed"
+
+    def __init__(self, limit):
+        self.limit = limit
+
+    def coefficients(self, q, slope, curvature):
+        square = (slope[:, :2] ** 2).sum(axis=1, keepdims=True)
+        return 0 * square, square, 0 * square, np.full_like(square, self.limit**2)
+
+    def excess(self, trajectory):
+        speed = np.linalg.norm(trajectory.bezier(1)[1][..., :2], axis=2)
+        return speed.max(axis=1) / self.limit
+
+
+@pytest.mark.parametrize("path", [WAVE, CORNER, JointPath([[0, 0, 0], [1, 1, 0], [1, 0, 2]], names(3))])
+def test_joint_accelerations_as_a_constraint_give_the_same_motion(path):
+    limits = limits_of([2, 2, 2], [3, 4, 5])
+    alone = time_parametrise(path, limits)
+    constrained = time_parametrise(
+        path, limits_of([2, 2, 2], [500, 500, 500]), constraints=[Linear(np.eye(3), limits.acceleration)]
+    )
+    assert_within(constrained, limits)
+    assert_on_path(constrained, path, 1e-5)
+    assert constrained.duration == pytest.approx(alone.duration, rel=0.02)
+
+
+@pytest.mark.parametrize("jerk", [None, 200.0])
+@pytest.mark.parametrize("path", [WAVE, CORNER])
+def test_a_tool_speed_is_held_everywhere_and_reached(path, jerk):
+    trajectory = time_parametrise(path, WIDE, jerk=jerk, constraints=[ToolSpeed(0.25)])
+    speed = np.linalg.norm(trajectory.velocity(np.linspace(0, trajectory.duration, 10_001))[:, :2], axis=1)
+    assert 0.24 < speed.max() <= 0.25 * RELATIVE
+    assert_within(trajectory, WIDE, jerk)
+
+
+@pytest.mark.parametrize("jerk", [None, 500.0])
+def test_a_force_with_a_share_at_standstill_is_held(jerk):
+    force = Linear([[1.0, 0.5, 0.2]], [3.0], weight=1.0)
+    trajectory = time_parametrise(WAVE, WIDE, jerk=jerk, constraints=[force])
+    t = np.linspace(0, trajectory.duration, 10_001)
+    size = np.abs((trajectory.acceleration(t) + trajectory(t)) @ force.matrix.T)
+    assert 2.0 < size.max() <= 3.0 * RELATIVE
+
+
+def test_a_constraint_that_is_violated_at_standstill_is_named_with_its_place():
+    for path in (WAVE, JointPath([[1.0, 2, 3]], names(3))):
+        with pytest.raises(TimingError, match=r"'force' is violated at standstill at q = \[") as caught:
+            time_parametrise(path, WIDE, constraints=[Linear([[1.0, 1, 1]], [1.2], weight=1.0)])
+        assert "limit is 1.2" in str(caught.value)
+
+
+class Wrong(ToolSpeed):
+    def __init__(self, change):
+        super().__init__(1.0)
+        self.change = change
+
+    def coefficients(self, q, slope, curvature):
+        return self.change(super().coefficients(q, slope, curvature))
+
+
+@pytest.mark.parametrize(
+    ("constraints", "message"),
+    [
+        (ToolSpeed(1.0), "sequence"),
+        ([3], "not a int"),
+        ([Wrong(lambda rows: rows[:3])], "'tool speed' must be four arrays"),
+        ([Wrong(lambda rows: (*rows[:3], rows[3][:-1]))], "'tool speed' must be four arrays"),
+        ([Wrong(lambda rows: (*rows[:3], np.nan * rows[3]))], "'tool speed' hold a number that is not finite"),
+    ],
+)
+def test_objects_that_are_no_constraints_are_refused(constraints, message):
+    with pytest.raises(InputError, match=message):
+        time_parametrise(WAVE, WIDE, constraints=constraints)
+
+
+def test_the_examples_follow_the_protocol():
+    assert isinstance(ToolSpeed(1.0), RateConstraint)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import MoveSequence, Steering, rest_to_rest_times
+from pinproof.motion.steering import MoveSequence, Steering, rest, rest_to_rest_times
 
 NAMES = ("a", "b", "c")
 V, A, J = np.array([2.0, 1.0, 3.0]), np.array([15.0, 4.0, 9.0]), np.array([500.0, 60.0, 90.0])
@@ -30,7 +30,7 @@ def test_rest_to_rest_times_agree_with_ruckig(jerk: bool) -> None:
     steering = Steering(bounds)
     for size in (1e-4, 1e-2, 0.3, 4.0):
         distance = rng.uniform(0.1, 1.0, 3) * size
-        move = steering.move(steering.rest(np.zeros(3)), steering.rest(distance))
+        move = steering.move(rest(np.zeros(3)), rest(distance))
         assert move is not None
         assert move.duration == pytest.approx(rest_to_rest_times(distance, bounds).max(), rel=1e-4)
 
@@ -40,7 +40,7 @@ def test_a_sequence_becomes_a_trajectory_with_the_same_motion(jerk: bool) -> Non
     bounds, rng = bounds_with(jerk), np.random.default_rng(2)
     steering = Steering(bounds)
     middle = [random_state(rng) for _ in range(3)]
-    states = [steering.rest(np.zeros(3)), *middle, steering.rest(np.ones(3))]
+    states = [rest(np.zeros(3)), *middle, rest(np.ones(3))]
     moves = [steering.move(first, last) for first, last in pairwise(states)]
     sequence = MoveSequence([move for move in moves if move is not None])
     assert len(sequence.moves) == 4
@@ -61,10 +61,10 @@ def test_a_straight_move_is_straight() -> None:
     end = np.array([1.0, -0.3, 0.2])
     move = steering.straight(np.zeros(3), end)
     assert move is not None
-    q = np.array(move.points(0.01))
+    q = np.array([state[0] for state in move.states(0.01)])
     assert np.abs(q - q[:, :1] * end).max() < 1e-9
 
 
 def test_a_state_beyond_the_limits_is_not_reached() -> None:
     steering = Steering(bounds_with())
-    assert steering.move(steering.rest(np.ones(3)), ([0.0] * 3, [2.5, 0.0, 0.0], [0.0] * 3)) is None
+    assert steering.move(rest(np.ones(3)), ([0.0] * 3, [2.5, 0.0, 0.0], [0.0] * 3)) is None

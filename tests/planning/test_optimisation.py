@@ -129,3 +129,34 @@ def test_wrong_settings_are_refused(
     checker, path = around_the_wall
     with pytest.raises(pp.InputError, match=words):
         optimise(path, checker, **settings)
+
+
+class SpeedLimit:
+    """The Euclidean speed in joint space is at most 0.7."""
+
+    name = "speed"
+    most = 0.7
+
+    def coefficients(self, q, slope, curvature):
+        speed = np.linalg.norm(slope, axis=1, keepdims=True)
+        zeros = np.zeros_like(speed)
+        return zeros, speed**2, zeros, np.full_like(speed, self.most**2)
+
+    def excess(self, trajectory: pp.Trajectory) -> np.ndarray:
+        control = trajectory.bezier(1)[1]
+        return np.linalg.norm(control, axis=2).max(axis=1) / self.most
+
+
+def test_a_constraint_is_kept(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    limits, constraint = limits_of(checker.arm), SpeedLimit()
+    free = optimise(path, checker, limits=limits, jerk=500.0, budget=300)
+    kept = optimise(path, checker, limits=limits, jerk=500.0, budget=300, constraints=[constraint])
+    speeds = [
+        np.linalg.norm(each.trajectory.velocity(np.linspace(0, each.duration, 10_000)), axis=1).max()
+        for each in (free, kept)
+    ]
+    assert speeds[0] > 0.8
+    assert speeds[1] <= constraint.most * (1 + RATE_TOLERANCE)
+    assert kept.certificate.free
+    assert kept.duration <= kept.duration_before

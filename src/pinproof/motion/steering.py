@@ -20,7 +20,7 @@ from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
 
-__all__ = ["Move", "MoveSequence", "State", "Steering", "rest_to_rest_times"]
+__all__ = ["Move", "MoveSequence", "State", "Steering", "rest", "rest_to_rest_times"]
 
 State = tuple[list[float], list[float], list[float]]
 """Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""
@@ -37,6 +37,13 @@ RATE_SLACK = 1e-6
 
 SHORTEST_STEP = 5e-5
 """Shortest time (s) between two points of a trajectory. Phases that end closer to each other share a point."""
+
+
+def rest(q: Iterable[float]) -> State:
+    """The state at a configuration, at rest."""
+    positions = [float(each) for each in q]
+    zeros = [0.0] * len(positions)
+    return positions, zeros, zeros
 
 
 class _Source(Protocol):
@@ -96,11 +103,11 @@ class Move:
         """The state after ``time`` (s)."""
         return self.source.at_time(min(self.start + max(time, 0.0), self.end))
 
-    def points(self, step: float) -> list[list[float]]:
-        """Positions at equal times, at most ``step`` (s) apart, after the start up to and including the end."""
+    def states(self, step: float) -> list[State]:
+        """The states at equal times, at most ``step`` (s) apart, after the start up to and including the end."""
         count = max(math.ceil(self.duration / step), 1)
         share = self.duration / count
-        return [self.state(share * i)[0] for i in range(1, count + 1)]
+        return [self.state(share * i) for i in range(1, count + 1)]
 
     def phase_ends(self) -> Array:
         """The times (s) after the start, within the move, at which a phase of a joint ends."""
@@ -145,15 +152,10 @@ class Steering:
         }
         self._set_limits()
         self._lower, self._upper = bounds.lower.tolist(), bounds.upper.tolist()
-        self._rest = [0.0] * n
 
     def _set_limits(self) -> None:
         for key, limit in self._limits.items():
             setattr(self._input, key, limit.tolist())
-
-    def rest(self, q: Iterable[float]) -> State:
-        """The state at a configuration, at rest."""
-        return [float(each) for each in q], self._rest, self._rest
 
     def straight(self, first: Sequence[float], last: Sequence[float]) -> Move | None:
         """The fastest move from rest to rest on the straight line between two different configurations."""
@@ -163,7 +165,7 @@ class Steering:
             along = limit.copy()
             along[moving] = distance[moving] * (limit[moving] / distance[moving]).min()
             setattr(self._input, key, along.tolist())
-        move = self.move(self.rest(first), self.rest(last))
+        move = self.move(rest(first), rest(last))
         self._set_limits()
         return move
 
@@ -173,7 +175,7 @@ class Steering:
         given.current_position, given.current_velocity, given.current_acceleration = _shrunk(first)
         given.target_position, given.target_velocity, given.target_acceleration = _shrunk(last)
         if not self._smooth:  # the acceleration may jump, and states of the input have any
-            given.current_acceleration = given.target_acceleration = self._rest
+            given.current_acceleration = given.target_acceleration = [0.0] * self._n
         profiles = self._new(self._n)
         try:
             result = self._ruckig.calculate(given, profiles)

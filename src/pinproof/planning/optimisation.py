@@ -24,10 +24,11 @@ import numpy.typing as npt
 from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.collision.certify import is_proven_free
-from pinproof.errors import InputError
+from pinproof.errors import InputError, TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
-from pinproof.motion.steering import Move, MoveSequence, State, Steering, rest_to_rest_times
+from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
+from pinproof.motion.steering import Move, MoveSequence, State, Steering, rest, rest_to_rest_times
 from pinproof.planning.edges import Edges
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import finite
@@ -69,6 +70,9 @@ SHORTCUTS = 0.85
 
 INSIDE = 0.9999
 """Share of the limits of velocity and acceleration within which a modified state remains."""
+
+SLOWER = (1.0, 0.7, 0.45)
+"""Shares of the acceleration and jerk limits that are tried for a move if there are constraints, such as torques."""
 
 CONNECT, DETOUR = 0.45, 0.25
 """Shares of the budget for shortening the first motions, and for detours from the direct motion to a goal; the rest is
@@ -121,6 +125,7 @@ def optimise(
     limits: MotionLimits | None = None,
     jerk: npt.ArrayLike | Literal["limits"] | None = None,
     goals: npt.ArrayLike | None = None,
+    constraints: Sequence[RateConstraint] = (),
     rng: int | np.random.Generator = 0,
     budget: int = BUDGET,
 ) -> OptimiseResult:
@@ -141,6 +146,8 @@ def optimise(
     goals
         (n,) or (g, n) configurations, at any of which the motion may end, such as all IK solutions of the goal pose.
         By default, the end of the path, which is always a goal. Goals that are not free are ignored.
+    constraints
+        Further limits on the motion, such as torques, as for :func:`~pinproof.time_parametrise`.
     rng
         Seed or Generator of the random replacements.
     budget
@@ -159,15 +166,16 @@ def optimise(
         raise InputError(f"the path has the joints {path.joint_names}, the arm {arm.joint_names}")
     if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
         raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
+    further = checked_constraints(constraints)
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
     ends = _goals(goals, path.end, bounds, checker)
-    before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk)
+    before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, constraints=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
-    search = _Search(checker, bounds, path, before, ends, np.random.default_rng(rng), int(budget))
+    search = _Search(checker, bounds, further, path, before, ends, np.random.default_rng(rng), int(budget))
     if budget > 0 and search.worthwhile:
         search.run()
     for motion, reached in reversed(search.proven):
-        trajectory = _timed(search.trajectory(motion, reached), bounds)
+        trajectory = _timed(search.trajectory(motion, reached), bounds, further)
         if trajectory is None or trajectory.duration >= before.duration:
             continue
         certificate = certify(trajectory, checker)
@@ -199,10 +207,10 @@ def _nearest(rows: Array, q: Array) -> int:
     return int(np.abs(rows - q).max(axis=1).argmin())
 
 
-def _timed(trajectory: Trajectory, bounds: Bounds) -> Trajectory | None:
+def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Trajectory | None:
     """The motion within all limits, if necessary slower; None if this is not possible."""
     for _ in range(SLOW_ROUNDS):
-        excess = bounds.excess(trajectory)
+        excess = np.max([bounds.excess(trajectory), *(each.excess(trajectory) for each in constraints)], axis=0)
         if not bounds.too_fast(excess).any():
             break
         trajectory = trajectory.slowed(float(excess.max()) * (1.0 + 1e-9))
@@ -230,6 +238,7 @@ class _Search:
         self,
         checker: CollisionChecker,
         bounds: Bounds,
+        constraints: Sequence[RateConstraint],
         path: Curve,
         before: Trajectory,
         goals: Array,
@@ -239,7 +248,8 @@ class _Search:
         self._checker, self._bounds, self._path, self._rng = checker, bounds, path, rng
         self._goals, self._start, self._before = goals, np.asarray(path.start), before
         self._edges = Edges(checker, RESOLUTION, np.array([path.start, path.end]))
-        self._steering = Steering(bounds)
+        self._constraints = constraints
+        self._levels = [Steering(bounds, share) for share in (SLOWER if constraints else SLOWER[:1])]
         self._left, self.evaluations = budget, 0
         self._best, self._goal = self._given()
         self.proven: list[tuple[MoveSequence, int]] = []
@@ -277,15 +287,15 @@ class _Search:
     def _try_direct_moves(self) -> None:
         """The fastest move to a goal, without obstacles the optimum; the goals in the order of their bounds."""
         for goal in self._promising(GOALS):
-            move = self._move(self._steering.rest(self._start), self._steering.rest(self._goals[goal]))
-            if move is not None and self._accepts([move], self._best.duration):
-                self._best, self._goal = MoveSequence([move]), goal
+            moves = self._connect([rest(self._start), rest(self._goals[goal])], self._best.duration)
+            if moves is not None:
+                self._best, self._goal = MoveSequence(moves), goal
                 self._prove()
                 return
 
     def _shorten_first_motions(self, budget: int) -> None:
         """Shorten the given motion, and motions along further paths; the shortest becomes the best one."""
-        stopping = self._stopping(self._path.q) if isinstance(self._path, JointPath) else None
+        stopping = self._stopping(self._path.q) if isinstance(self._path, JointPath) and not self._constraints else None
         found = [(stopping or self._best, self._goal), *self._plans(min(PLANS, budget // PER_PLAN))]
         rounds = max(math.ceil(math.log2(len(found))), 1)
         for _ in range(rounds):  # the better half continues
@@ -349,7 +359,7 @@ class _Search:
                 goals.remove(goal)
                 continue
             if goal not in directs:
-                move = self._move(self._steering.rest(self._start), self._steering.rest(self._goals[goal]))
+                move = self._levels[0].move(rest(self._start), rest(self._goals[goal]))
                 directs[goal] = None if move is None else MoveSequence([move])
             direct = directs[goal]
             if direct is None:
@@ -357,7 +367,7 @@ class _Search:
                 continue
             time = self._rng.uniform(0.1, 0.9) * direct.duration
             state = self._modified(direct.state(time), True, 0.5 * self._rng.random())
-            moves = self._through(direct, 0.0, state, direct.duration, self._best.duration)
+            moves = self._connect([rest(self._start), state, rest(self._goals[goal])], self._best.duration)
             if moves is not None:
                 self._best, self._goal = MoveSequence(moves), goal
 
@@ -368,15 +378,13 @@ class _Search:
             start, end = self._window(motion)
             if end <= start:
                 continue
-            moves: list[Move] | None
-            if self._rng.random() < SHORTCUTS:
-                move = self._move(motion.state(start), motion.state(end))
-                moves = None if move is None or not self._accepts([move], end - start) else [move]
-            else:
+            states = [motion.state(start), motion.state(end)]
+            if self._rng.random() >= SHORTCUTS:
                 state = motion.state(float(self._rng.uniform(start, end)))
                 share = self._rng.random(len(self._start)) < 0.5
-                state = self._modified(state, self._rng.random() < 0.5, 0.3 * self._rng.random() ** 2 * share)
-                moves = self._through(motion, start, state, end, end - start)
+                size = 0.3 * self._rng.random() ** 2 * share
+                states.insert(1, self._modified(state, self._rng.random() < 0.5, size))
+            moves = self._connect(states, end - start)
             if moves is not None:
                 motion = motion.replaced(start, end, moves)
         return motion
@@ -408,38 +416,53 @@ class _Search:
             acceleration.clip(-hardest, hardest).tolist(),
         )
 
-    def _through(
-        self, motion: MoveSequence, start: float, state: State, end: float, duration: float
-    ) -> list[Move] | None:
-        """The fastest moves through a state from and to the states at two times, if they are accepted."""
-        first = self._move(motion.state(start), state)
-        if first is None or first.duration >= self._limit(duration):
-            return None
-        second = self._move(state, motion.state(end))
-        if second is None or not self._accepts([first, second], duration):
-            return None
-        return [first, second]
-
     def _stopping(self, path: Array) -> MoveSequence | None:
-        """The motion along the edges of a path that stops at each waypoint."""
-        moves = [self._steering.straight(first, last) for first, last in pairwise(path.tolist()) if first != last]
+        """The motion along the edges of a path (m, n) that stops at each waypoint; None if there is none."""
+        if self._constraints:
+            try:
+                return MoveSequence.of(self._time_path(path), self._bounds)
+            except TimingError:
+                return None
+        moves = [self._levels[0].straight(first, last) for first, last in pairwise(path.tolist()) if first != last]
         kept = [move for move in moves if move is not None]
         return MoveSequence(kept) if kept and len(kept) == len(moves) else None
 
-    def _move(self, first: State, last: State) -> Move | None:
-        self._left, self.evaluations = self._left - 1, self.evaluations + 1
-        return self._steering.move(first, last)
+    def _time_path(self, path: Array) -> Trajectory:
+        bounds = self._bounds
+        return time_parametrise(
+            JointPath(path, self._path.joint_names), bounds, jerk=bounds.jerk, constraints=self._constraints
+        )
 
-    def _accepts(self, moves: Sequence[Move], duration: float) -> bool:
-        """Whether moves are shorter than a duration, inside the limits, and free at their samples."""
-        if sum(move.duration for move in moves) >= self._limit(duration):
-            return False
-        if not all(self._steering.inside(move) for move in moves):
-            return False
-        points = [moves[0].state(0.0)[0]]
-        for move in moves:
-            points += move.points(self._step)
-        return bool(self._edges.core.points_free(np.array(points)))
+    def _connect(self, states: Sequence[State], duration: float) -> list[Move] | None:
+        """The fastest moves from state to state, if they are shorter than a duration, allowed, and free at samples."""
+        for steering in self._levels:
+            moves, left = [], self._limit(duration)
+            for first, last in pairwise(states):
+                self._left, self.evaluations = self._left - 1, self.evaluations + 1
+                move = steering.move(first, last)
+                if move is None or move.duration >= left:
+                    return None
+                moves.append(move)
+                left -= move.duration
+            if all(steering.inside(move) for move in moves) and self._allowed(moves):
+                points = [states[0][0]]
+                for move in moves:
+                    points += [state[0] for state in move.states(self._step)]
+                return moves if self._edges.core.points_free(np.array(points)) else None
+        return None
+
+    def _allowed(self, moves: Sequence[Move]) -> bool:
+        """Whether samples of the moves satisfy the constraints."""
+        if not self._constraints:
+            return True
+        q, velocity, acceleration = np.array([state for move in moves for state in move.states(self._step)]).swapaxes(
+            0, 1
+        )
+        for constraint in self._constraints:  # with the time as the path parameter, s' = 1 and s'' = 0
+            _, beta, gamma, bound = constraint.coefficients(q, velocity, acceleration)
+            if (np.abs(beta + gamma) > bound).any():
+                return False
+        return True
 
     @staticmethod
     def _limit(duration: float) -> float:

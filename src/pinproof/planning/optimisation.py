@@ -210,7 +210,10 @@ def _nearest(rows: Array, q: Array) -> int:
 def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Trajectory | None:
     """The motion within all limits, if necessary slower; None if this is not possible."""
     for _ in range(SLOW_ROUNDS):
-        excess = np.max([bounds.excess(trajectory), *(each.excess(trajectory) for each in constraints)], axis=0)
+        try:
+            excess = np.max([bounds.excess(trajectory), *(each.excess(trajectory) for each in constraints)], axis=0)
+        except TimingError:  # a constraint is violated even at rest
+            return None
         if not bounds.too_fast(excess).any():
             break
         trajectory = trajectory.slowed(float(excess.max()) * (1.0 + 1e-9))
@@ -459,7 +462,10 @@ class _Search:
             0, 1
         )
         for constraint in self._constraints:  # with the time as the path parameter, s' = 1 and s'' = 0
-            _, beta, gamma, bound = constraint.coefficients(q, velocity, acceleration)
+            try:
+                _, beta, gamma, bound = constraint.coefficients(q, velocity, acceleration)
+            except TimingError:  # violated even at rest
+                return False
             if (np.abs(beta + gamma) > bound).any():
                 return False
         return True

@@ -21,6 +21,7 @@ _HOME = {  # package: the names that the top level exports
     "pinproof.model": (
         "Arm",
         "JointLimits",
+        "Payload",
         "Robot",
         "load_robot",
     ),
@@ -147,7 +148,13 @@ if TYPE_CHECKING:
         TrackResult as TrackResult,
         track as track,
     )
-    from pinproof.model import Arm as Arm, JointLimits as JointLimits, Robot as Robot, load_robot as load_robot
+    from pinproof.model import (
+        Arm as Arm,
+        JointLimits as JointLimits,
+        Payload as Payload,
+        Robot as Robot,
+        load_robot as load_robot,
+    )
     from pinproof.motion import JointPath as JointPath, Trajectory as Trajectory, time_parametrise as time_parametrise
     from pinproof.picks import (
         Campaign as Campaign,

@@ -38,6 +38,7 @@ from pinproof.model.chain import (
     periodic,
     reduced_model,
 )
+from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics
 from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_axes
 from pinproof.model.limits import JointLimits, LimitsFile
 from pinproof.spatial import finite, frozen
@@ -152,6 +153,11 @@ class Arm:
         return self._model.copy()
 
     @property
+    def tcp_id(self) -> int:
+        """The index of the tcp frame in :attr:`model`."""
+        return self._tcp_id
+
+    @property
     def dof(self) -> int:
         """The number n of joints in q."""
         return len(self.joint_names)
@@ -227,6 +233,60 @@ class Arm:
         local = pin.getFrameJacobian(self._model, data, self._tcp_id, pin.ReferenceFrame.LOCAL)
         # For a model with one joint Pinocchio returns (6,), not (6, 1).
         return self.root_from_base.actInv(placement), local.reshape(6, -1) @ self.scale
+
+    def torques(
+        self,
+        q: npt.ArrayLike,
+        v: npt.ArrayLike | None = None,
+        a: npt.ArrayLike | None = None,
+        *,
+        payload: Payload | Sequence[Payload] | None = None,
+        gravity: npt.ArrayLike = GRAVITY,
+    ) -> Array:
+        """Compute the torques (n,) that move the arm, by inverse dynamics: M(q) a + C(q, v) v + g(q).
+
+        The inertias are those of the URDF. The other joints of the robot are held; mimic followers add their torque,
+        times their multiplier, to that of the joint that they follow. Friction and rotor inertia are not modelled.
+
+        Parameters
+        ----------
+        q, v, a
+            (n,) configuration, velocity and acceleration; the latter two are 0 by default.
+        payload
+            A body, or several, that the arm carries in addition to its own links.
+        gravity
+            (3,) acceleration of free fall in m/s^2, in the root link.
+
+        Returns
+        -------
+        (n,) in N m, or in N for a prismatic joint.
+
+        Raises
+        ------
+        InputError
+            If the description states no mass of the links behind a joint, or a payload is fixed to a link that the arm
+            does not move.
+        """
+        rates = [np.zeros(self.dof) if x is None else self.configuration(x, name) for name, x in (("v", v), ("a", a))]
+        return inverse_dynamics(self, self.configuration(q), rates[0], rates[1], checked_payloads(payload), gravity)
+
+    def torques_batch(
+        self,
+        Q: npt.ArrayLike,
+        V: npt.ArrayLike | None = None,
+        A: npt.ArrayLike | None = None,
+        *,
+        payload: Payload | Sequence[Payload] | None = None,
+        gravity: npt.ArrayLike = GRAVITY,
+    ) -> Array:
+        """Compute the torques (N, n) at N configurations, by the compiled core; see :meth:`torques`.
+
+        It equals :meth:`torques`, which uses Pinocchio, up to rounding.
+        """
+        q = finite("Q", Q, (None, self.dof))
+        rates = [np.zeros_like(q) if x is None else finite(name, x, q.shape) for name, x in (("V", V), ("A", A))]
+        of_motion, of_gravity = dynamic_tree(self, checked_payloads(payload), gravity).torques(q, *rates)
+        return np.asarray(of_motion + of_gravity)
 
     def singularity(self, q: npt.ArrayLike) -> Singularity:
         """Compute the singular values of the tcp Jacobian at q (n,) and the direction of the smallest one."""
@@ -584,7 +644,7 @@ def _joint(arm: Arm, name: str) -> JointInfo:
             velocity=_known(limits.velocity[i]),
             acceleration=_known(limits.acceleration[i]),
             mimic=mimic,
-            effort=None if limits.effort is None else _known(limits.effort[i]),
+            effort=None if limits.torque is None else _known(limits.torque[i]),
         )
     role: Role = "follower" if name in arm.followers else "fixed" if joint.type == "fixed" else "held"
     held_at = arm.held.get(name) if role == "held" else None

@@ -9,13 +9,14 @@ import numpy as np
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.collision.certificate import curve_hash
 from pinproof.errors import InputError, TimingError
-from pinproof.motion import CubicPath, JointPath, MotionProgram, Trajectory, time_parametrise
+from pinproof.motion import CubicPath, JointPath, MotionProgram, RateConstraint, Trajectory, time_parametrise
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
 from pinproof.picks.judging.place import Placing
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
+from pinproof.planning import optimise
 
 __all__ = ["Timed", "recertify", "time_motion"]
 
@@ -52,7 +53,6 @@ def time_motion(
     task: Task, attempt: Attempt, path: JointPath, placing: Placing | None
 ) -> tuple[StageResult, Timed | None]:
     """Time and certify all parts of a motion."""
-    limits = task.arm.limits
     motions: list[PickMotion] = []
     trajectories: list[Trajectory] = []
     grasp_time, release_time = 0.0, None
@@ -61,13 +61,12 @@ def time_motion(
         for part in _parts(task, attempt, path, placing):
             now = part.name
             rates = [rate_limits(task, member, name, part.checker) for name in part.stages]
-            timed = [
-                time_parametrise(curve, limits, constraints=rate)
-                for curve, rate in zip(part.curves, rates, strict=True)
-            ]
+            shortest = [_timed(task, part, *each) for each in zip(part.curves, rates, strict=True)]
+            timed = [trajectory for trajectory, _ in shortest]
             trajectory = Trajectory.join(*timed)
             peaks = peaks_of(rates[0], trajectory)
-            certificate = _proof(part, trajectory)
+            known = shortest[0][1] if len(shortest) == 1 else None
+            certificate = known or _proof(part, trajectory)
             if not certificate.free:
                 return StageResult(Stage.TIMING, False, f"{part.name}: {certificate.message}"), None
             if part.passing is not None:
@@ -101,6 +100,17 @@ def time_motion(
         message += f"; largest torque {peak.torque:.3g} of {peak.joint}, {100 * share:.0f} % of its limit, in {name}"
         figures["torque_share"] = share
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
+
+
+def _timed(
+    task: Task, part: _Part, curve: JointPath | CubicPath, constraints: list[RateConstraint]
+) -> tuple[Trajectory, Certificate | None]:
+    """The timed curve. A path of the planner may be replaced by a shorter motion, which has a certificate."""
+    limits, budget = task.arm.limits, task.cell.budget.motion
+    if budget == 0 or not isinstance(curve, JointPath):
+        return time_parametrise(curve, limits, constraints=constraints), None
+    result = optimise(curve, part.checker, limits=limits, constraints=constraints, budget=budget)
+    return result.trajectory, result.certificate
 
 
 def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:

@@ -48,7 +48,7 @@ def test_a_sequence_becomes_a_trajectory_with_the_same_motion(jerk: bool) -> Non
     assert between is not None
     cut = sequence.replaced(0.2, 0.5, [between])
     for each in (sequence, cut):
-        trajectory = each.trajectory(NAMES, "", np.zeros(3), np.ones(3), smooth=jerk)
+        trajectory = each.trajectory(NAMES, "", states[0], states[-1], smooth=jerk)
         times = np.linspace(0.0, each.duration, 2000)
         found = np.array([each.state(t)[0] for t in times.tolist()])
         assert np.abs(trajectory(times) - found).max() < 1e-6

@@ -92,6 +92,12 @@ def plan(
             "jerk limit."
         ),
     ] = None,
+    optimise: Annotated[
+        int,
+        typer.Option(
+            help="Evaluations to make the motion as short as the limits allow; 0: only time the shortened path.", min=0
+        ),
+    ] = 600,
     *,
     rates: RateOptions,
     chain: ChainOptions,
@@ -121,8 +127,10 @@ def plan(
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
         path = simplified.path
-        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk), constraints=constraints)
-        certificate = pp.certify(trajectory, checker)
+        shortest = pp.optimise(
+            path, checker, limits=arm.limits, jerk=_jerk(jerk), constraints=constraints, rng=seed, budget=optimise
+        )
+        trajectory, certificate = shortest.trajectory, shortest.certificate
     torques = rates.peaks(arm, trajectory)
     written = []
     if output is not None:
@@ -132,13 +140,21 @@ def plan(
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
         written.append(html)
     if as_json:
-        figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}
+        figures = {
+            "stops": simplified.stops,
+            "length": path.length,
+            "duration_of_path": shortest.duration_before,
+            "duration": trajectory.duration,
+            "lower_bound": shortest.lower_bound,
+        }
         peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
         print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
     else:
         stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
         print_line(
-            f"length {path.length:.3g} rad, {stops}, duration {trajectory.duration:.2f} s ({trajectory.limits_note})"
+            f"path of length {path.length:.3g} rad, {stops}, {shortest.duration_before:.2f} s; optimised motion "
+            f"{trajectory.duration:.2f} s, lower bound without obstacles {shortest.lower_bound:.2f} s "
+            f"({trajectory.limits_note})"
         )
         if torques:
             print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")

@@ -229,9 +229,9 @@ class MoveSequence:
         return MoveSequence([*before, *moves, *after])
 
     def trajectory(
-        self, joint_names: tuple[str, ...], note: str, start: Array, end: Array, *, smooth: bool
+        self, joint_names: tuple[str, ...], note: str, start: State, end: State, *, smooth: bool
     ) -> Trajectory:
-        """The motion, at rest at ``start`` and ``end``, as a trajectory with points at the ends of all phases.
+        """The motion from one state to another, as a trajectory with points at the ends of all phases.
 
         It is quintic if ``smooth``, else cubic.
 
@@ -250,8 +250,7 @@ class MoveSequence:
         clock.append(max(last, 1))
         times = seconds(np.array(clock))
         states = np.array([self.state(min(time, self.duration)) for time in times.tolist()])
-        states[[0, -1]] = 0.0
-        states[0, 0], states[-1, 0] = start, end  # without the rounding of the moves
+        states[0], states[-1] = start, end  # without the rounding of the moves
         return Trajectory(
             times, states[:, 0], states[:, 1], joint_names, note, accelerations=states[:, 2] if smooth else None
         )

@@ -78,6 +78,12 @@ CONNECT, DETOUR = 0.45, 0.25
 """Shares of the budget for shortening the first motions, and for detours from the direct motion to a goal; the rest is
 for the best motion."""
 
+MOVING_SHARE = 0.999
+"""Share of the acceleration limits of motions that do not end at rest, which cannot be slowed down afterwards."""
+
+END_SHARES = (0.2, 0.4, 0.6, 0.8)
+"""Fractions of a motion that are replaced to change the state at its end."""
+
 SLOW_ROUNDS = 8
 """Number of attempts to satisfy all limits by slowing down the complete motion, usually by less than 0.1 %."""
 
@@ -192,6 +198,50 @@ def optimise(
     return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message)
 
 
+def with_moving_ends(
+    trajectory: Trajectory,
+    checker: CollisionChecker,
+    *,
+    limits: MotionLimits,
+    start_velocity: Array,
+    end_velocity: Array,
+    longest: float,
+    constraints: Sequence[RateConstraint] = (),
+) -> Trajectory | None:
+    """A motion without a jerk limit, with velocities (n,) at its ends instead of rest, proven free.
+
+    Parts of the motion at its ends are replaced by the fastest moves to the new states.
+
+    Returns
+    -------
+    The motion, or None if none was found that takes at most ``longest`` seconds.
+    """
+    bounds = Bounds.of(limits, trajectory.joint_names)
+    goal, rng = trajectory.end[None], np.random.default_rng(0)
+    search = _Search(checker, bounds, constraints, trajectory, trajectory, goal, rng, 0, share=MOVING_SHARE)
+    start, end = (
+        (q.tolist(), velocity.tolist(), [0.0] * len(q))
+        for q, velocity in ((trajectory.start, start_velocity), (trajectory.end, end_velocity))
+    )
+    motion = search.with_ends(start, end, longest)
+    if motion is None:
+        return None
+    timed = motion.trajectory(trajectory.joint_names, trajectory.limits_note, start, end, smooth=False)
+    # A motion that had to be slowed down would have other velocities at its ends.
+    if timed.duration > longest or _excess(timed, bounds, constraints) > 1.0 or not is_proven_free(timed, checker):
+        return None
+    return timed
+
+
+def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
+    """The factor by which a motion must be slowed down; infinite if no factor suffices, 1 if it need not be."""
+    try:
+        excess = np.max([bounds.excess(trajectory), *(each.excess(trajectory) for each in constraints)], axis=0)
+    except TimingError:  # a constraint is violated even at rest
+        return math.inf
+    return max(float(excess.max()), 1.0) if bounds.too_fast(excess).any() else 1.0
+
+
 def _goals(goals: npt.ArrayLike | None, end: Array, bounds: Bounds, checker: CollisionChecker) -> Array:
     """(g, n) the free goals inside the limits, or the end of the path."""
     if goals is None:
@@ -210,13 +260,12 @@ def _nearest(rows: Array, q: Array) -> int:
 def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Trajectory | None:
     """The motion within all limits, if necessary slower; None if this is not possible."""
     for _ in range(SLOW_ROUNDS):
-        try:
-            excess = np.max([bounds.excess(trajectory), *(each.excess(trajectory) for each in constraints)], axis=0)
-        except TimingError:  # a constraint is violated even at rest
-            return None
-        if not bounds.too_fast(excess).any():
+        excess = _excess(trajectory, bounds, constraints)
+        if excess == 1.0:
             break
-        trajectory = trajectory.slowed(float(excess.max()) * (1.0 + 1e-9))
+        if not math.isfinite(excess):
+            return None
+        trajectory = trajectory.slowed(excess * (1.0 + 1e-9))
     else:
         return None
     control = trajectory.bezier()[1]
@@ -247,12 +296,14 @@ class _Search:
         goals: Array,
         rng: np.random.Generator,
         budget: int,
+        *,
+        share: float = 1.0,
     ) -> None:
         self._checker, self._bounds, self._path, self._rng = checker, bounds, path, rng
         self._goals, self._start, self._before = goals, np.asarray(path.start), before
         self._edges = Edges(checker, RESOLUTION, np.array([path.start, path.end]))
         self._constraints = constraints
-        self._levels = [Steering(bounds, share) for share in (SLOWER if constraints else SLOWER[:1])]
+        self._levels = [Steering(bounds, share * each) for each in (SLOWER if constraints else SLOWER[:1])]
         self._left, self.evaluations = budget, 0
         self._best, self._goal = self._given()
         self.proven: list[tuple[MoveSequence, int]] = []
@@ -280,10 +331,29 @@ class _Search:
         self._best = self._improve(self._best, self._left)
         self._prove()
 
+    def with_ends(self, start: State, end: State, longest: float) -> MoveSequence | None:
+        """The motion with other states at its ends; None if none was found of at most this duration."""
+        if (moves := self._connect([start, end], longest)) is not None:
+            return MoveSequence(moves)
+        motion: MoveSequence | None = self._best
+        for first, state in ((True, start), (False, end)):
+            if motion is None or not any(state[1]):
+                continue
+            total, best, spare = motion.duration, None, longest - motion.duration
+            for share in END_SHARES:
+                low, high = (0.0, share * total) if first else ((1.0 - share) * total, total)
+                states = [state, motion.state(high)] if first else [motion.state(low), state]
+                moves = self._connect(states, high - low + spare)
+                if moves is not None and (best is None or motion.replaced(low, high, moves).duration < best.duration):
+                    best = motion.replaced(low, high, moves)
+            motion = best
+        return motion
+
     def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
         """A motion to a goal as a trajectory."""
         names, bounds = self._path.joint_names, self._bounds
-        return motion.trajectory(names, bounds.note, self._start, self._goals[goal], smooth=bounds.jerk is not None)
+        ends = rest(self._start), rest(self._goals[goal])
+        return motion.trajectory(names, bounds.note, *ends, smooth=bounds.jerk is not None)
 
     # -- phases ---------------------------------------------------------------------------------------------------
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from pinproof import core_import
+
 _HOME = {  # package: the names that the top level exports
     "pinproof.errors": (
         "FileError",
@@ -182,6 +184,9 @@ if TYPE_CHECKING:
     )
     from pinproof.spatial import pose as pose, xyz_rpy as xyz_rpy
     from pinproof.viewer import show as show, write_html as write_html, write_png as write_png
+
+
+core_import.install()
 
 
 def __getattr__(name: str) -> Any:

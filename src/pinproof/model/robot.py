@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import ReadOnlyDict
 from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
@@ -347,6 +347,14 @@ class Arm:
     def __repr__(self) -> str:
         return f"Arm({self.robot.name!r}, {self.base} -> {self.tcp}, {self.dof} joints: {', '.join(self.joint_names)})"
 
+    def _repr_html_(self) -> str:
+        columns = ("joint", "lower", "upper", "velocity", "acceleration", "home")
+        limits = self.limits
+        cells = (self.joint_names, limits.lower, limits.upper, limits.velocity, limits.acceleration, self.home)
+        table = html_table(columns, list(zip(*cells, strict=True)))
+        held = (f"{name} is held at {value:g}" for name, value in self.held.items())
+        return html_block(f"Arm of {self.robot.name}, {self.base} -> {self.tcp} (rad or m)", table, html_list(held))
+
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_threads"}
 
@@ -416,10 +424,22 @@ class Robot:
         return self._model.copy()
 
     def __repr__(self) -> str:
-        moving = [joint.name for joint in self.urdf.joints.values() if joint.type != "fixed"]
+        names = ", ".join(joint.name for joint in self._moving)
+        return outline(f"Robot({self.name!r}, {self._headline})", (f"joints: {names}", *self.notes))
+
+    def _repr_html_(self) -> str:
+        rows = [(each.name, each.type, each.parent, each.child) for each in self._moving]
+        table = html_table(("joint", "type", "parent", "child"), rows)
+        return html_block(f"Robot {self.name}, {self._headline}", table, html_list(self.notes))
+
+    @property
+    def _moving(self) -> list[UrdfJoint]:
+        return [joint for joint in self.urdf.joints.values() if joint.type != "fixed"]
+
+    @property
+    def _headline(self) -> str:
         tcp = "" if self.default_tcp is None else f", tcp {self.default_tcp}"
-        head = f"Robot({self.name!r}, {len(self.urdf.links)} links, {len(moving)} moving joints{tcp})"
-        return outline(head, (f"joints: {', '.join(moving)}", *self.notes))
+        return f"{len(self.urdf.links)} links, {len(self._moving)} moving joints{tcp}"
 
     @property
     def size(self) -> float:

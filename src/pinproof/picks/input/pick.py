@@ -20,7 +20,7 @@ from pinproof.model import Arm, JointLimits, Payload, load_robot
 from pinproof.model.dynamics import checked_payloads
 from pinproof.motion import ToolLimits
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, finite, frozen, pose, rigid
+from pinproof.spatial import SE3, finite, frozen, pose, rigid, xyz_rpy
 
 __all__ = [
     "GraspSpin",
@@ -482,6 +482,15 @@ class Pick:
         what = "" if carried is None else f", object {carried}{'' if self.place is None else ', placed'}"
         lines = f"approach {self.approach * 1e3:g} mm, retreat {self.retreat * 1e3:g} mm"
         return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
+
+    def _repr_html_(self) -> str:
+        poses: list[tuple[str, Pick | PlaceTarget]] = [("grasp", self)]
+        poses += [] if self.place is None else [("place", self.place)]
+        rows = [(kind, *xyz_rpy(each.pose), each.frame or "root", each.approach, each.retreat) for kind, each in poses]
+        columns = ("pose", "x", "y", "z", "roll", "pitch", "yaw", "frame", "approach", "retreat")
+        carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
+        carries = "" if carried is None else f", object {carried}"
+        return html_block(f"Pick {self.name}{carries} (m, rad)", html_table(columns, rows))
 
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` at the start of the approach."""

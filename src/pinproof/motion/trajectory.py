@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -21,6 +21,10 @@ from pinproof.motion.motion_record import Certified, MotionRecord, records_of
 from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
 from pinproof.spatial import finite
 from pinproof.verifier import curve_digest
+
+if TYPE_CHECKING:  # these modules import this one
+    from pinproof.motion.limits import MotionLimits
+    from pinproof.motion.rate_constraints import RateConstraint
 
 __all__ = ["Trajectory"]
 
@@ -400,6 +404,34 @@ class Trajectory:
     @cached_property
     def _jerk_control(self) -> Array:
         return read_only(bezier.derivative(self._knots, self._derivatives[2]))
+
+    def plot(
+        self,
+        limits: MotionLimits | None = None,
+        *,
+        jerk: npt.ArrayLike | None = None,
+        constraints: Sequence[RateConstraint] = (),
+    ) -> Any:
+        """Draw position, velocity, acceleration and jerk of each joint over time, with limits as dashed lines.
+
+        Parameters
+        ----------
+        limits, jerk, constraints
+            The limits that are drawn, as for :func:`~pinproof.time_parametrise`. A constraint, such as
+            :class:`~pinproof.motion.TorqueLimits`, adds a panel.
+
+        Returns
+        -------
+        A :class:`matplotlib.figure.Figure`; ``figure.savefig("motion.png")`` writes it.
+
+        Raises
+        ------
+        InputError
+            If a limit has a wrong shape or is not positive.
+        """
+        from pinproof.motion.plot import plot_trajectory
+
+        return plot_trajectory(self, limits, jerk=jerk, constraints=constraints)
 
     def __reduce__(self) -> tuple[Callable[..., Trajectory], tuple[Any, ...]]:
         # default pickling would restore writable arrays

@@ -24,6 +24,7 @@ import numpy.typing as npt
 from pinproof._core import RrtSearch
 from pinproof.collision import Certificate, CollisionChecker, certify
 from pinproof.collision.certify import is_proven_free
+from pinproof.common.display import outline
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
@@ -122,6 +123,9 @@ class OptimiseResult:
     def duration(self) -> float:
         """Seconds from start to end."""
         return self.trajectory.duration
+
+    def __repr__(self) -> str:
+        return outline(f"OptimiseResult({self.message})", (repr(self.trajectory), f"{self.evaluations} evaluations"))
 
 
 def optimise(

@@ -10,10 +10,9 @@ import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.motion import bezier
-from pinproof.motion.limits import Bounds, MotionLimits
-from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
+from pinproof.spatial import finite
 
-__all__ = ["plot_trajectory"]
+__all__ = ["DrawnConstraint", "DrawnLimits", "plot_trajectory"]
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +28,29 @@ LEGEND_ROWS = 14
 """Largest number of joints that the legend names."""
 
 
+class DrawnLimits(Protocol):
+    """Limits such as ``arm.limits``; ``lower`` and ``upper`` are drawn if they exist."""
+
+    @property
+    def velocity(self) -> Array:
+        """(n,) velocity limits."""
+
+    @property
+    def acceleration(self) -> Array:
+        """(n,) acceleration limits."""
+
+
+class DrawnConstraint(Protocol):
+    """A :class:`~pinproof.motion.RateConstraint`."""
+
+    @property
+    def name(self) -> str:
+        """The title of the panel."""
+
+    def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
+        """(N, m) alpha, beta, gamma and the bound."""
+
+
 class _Motion(Protocol):
     @property
     def joint_names(self) -> tuple[str, ...]: ...
@@ -38,22 +60,19 @@ class _Motion(Protocol):
 
 def plot_trajectory(
     trajectory: _Motion,
-    limits: MotionLimits | None = None,
+    limits: DrawnLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
-    constraints: Sequence[RateConstraint] = (),
+    constraints: Sequence[DrawnConstraint] = (),
 ) -> Any:
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
     from matplotlib.figure import Figure
 
     names = trajectory.joint_names
-    bounds = None if limits is None else Bounds.of(limits, names, jerk)
-    if bounds is None and jerk is not None:
-        raise InputError("jerk without limits: give the velocity and acceleration limits too, such as arm.limits")
-    further = checked_constraints(constraints)
+    lines = _lines(limits, jerk, len(names))
     times, values = _sampled(trajectory)
-    panels = [*zip(TITLES, values, _lines(bounds, len(names)), strict=True)]
-    for constraint in further:
+    panels = [*zip(TITLES, values, lines, strict=True)]
+    for constraint in constraints:
         _, beta, gamma, bound = constraint.coefficients(values[0], values[1], values[2])
         panels.append((constraint.name, beta + gamma, (-bound.min(axis=0), bound.min(axis=0))))
     width, height = PANEL_SIZE
@@ -84,11 +103,20 @@ def _sampled(trajectory: _Motion) -> tuple[Array, list[Array]]:
     return times, [bezier.on_pieces(trajectory.bezier(order)[1], piece, u) for order in range(4)]
 
 
-def _lines(bounds: Bounds | None, n: int) -> list[tuple[Array, Array]]:
+def _lines(limits: DrawnLimits | None, jerk: npt.ArrayLike | None, n: int) -> list[tuple[Array, Array]]:
     """The lower and the upper limit (n,) of each panel; infinite where there is none."""
     none = np.full(n, np.inf)
-    if bounds is None:
-        return [(-none, none)] * 4
-    jerk = none if bounds.jerk is None else bounds.jerk
-    rates = [(-limit, limit) for limit in (bounds.velocity, bounds.acceleration, jerk)]
-    return [(bounds.lower, bounds.upper), *rates]
+    lower, upper = getattr(limits, "lower", None), getattr(limits, "upper", None)
+    rates = [
+        none if limits is None else _rates(each, getattr(limits, each), n) for each in ("velocity", "acceleration")
+    ]
+    rates.append(none if jerk is None else _rates("jerk", np.broadcast_to(jerk, n) if np.ndim(jerk) == 0 else jerk, n))
+    positions = (-none if lower is None else np.asarray(lower), none if upper is None else np.asarray(upper))
+    return [positions, *((-rate, rate) for rate in rates)]
+
+
+def _rates(name: str, value: npt.ArrayLike, n: int) -> Array:
+    rates = finite(name, value, (n,))
+    if (rates <= 0.0).any():
+        raise InputError(f"{name} must be above 0; it is {rates}")
+    return rates

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,13 +18,10 @@ from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
 from pinproof.motion.motion_record import Certified, MotionRecord, records_of
+from pinproof.motion.plot import DrawnConstraint, DrawnLimits, plot_trajectory
 from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
 from pinproof.spatial import finite
 from pinproof.verifier import curve_digest
-
-if TYPE_CHECKING:  # these modules import this one
-    from pinproof.motion.limits import MotionLimits
-    from pinproof.motion.rate_constraints import RateConstraint
 
 __all__ = ["Trajectory"]
 
@@ -407,10 +404,10 @@ class Trajectory:
 
     def plot(
         self,
-        limits: MotionLimits | None = None,
+        limits: DrawnLimits | None = None,
         *,
         jerk: npt.ArrayLike | None = None,
-        constraints: Sequence[RateConstraint] = (),
+        constraints: Sequence[DrawnConstraint] = (),
     ) -> Any:
         """Draw position, velocity, acceleration and jerk of each joint over time, with limits as dashed lines.
 
@@ -429,8 +426,6 @@ class Trajectory:
         InputError
             If a limit has a wrong shape or is not positive.
         """
-        from pinproof.motion.plot import plot_trajectory
-
         return plot_trajectory(self, limits, jerk=jerk, constraints=constraints)
 
     def __reduce__(self) -> tuple[Callable[..., Trajectory], tuple[Any, ...]]:

@@ -53,7 +53,7 @@ MIN_GAIN = 2e-3
 CLOSE_ENOUGH = 1e-3
 """The search ends when the motion is longer than the lower bound by this share at most."""
 
-GOALS = 12
+GOALS = 6
 """Number of goals that are considered, those with the lowest bounds of the duration."""
 
 DISTINCT = 0.15

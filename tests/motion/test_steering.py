@@ -53,7 +53,7 @@ def test_a_sequence_becomes_a_trajectory_with_the_same_motion(jerk: bool) -> Non
         found = np.array([each.state(t)[0] for t in times.tolist()])
         assert np.abs(trajectory(times) - found).max() < 1e-6
         assert (trajectory.max_velocity() <= V * (1 + 1e-6)).all()
-        assert bounds.excess(trajectory).max() < 1.01  # phases shorter than the shortest step share a point
+        assert bounds.excess(trajectory).max() < 1.001
 
 
 def test_a_straight_move_is_straight() -> None:

@@ -133,10 +133,10 @@ class Steering:
     bounds
         The limits; without a jerk limit, the acceleration of the moves jumps.
     share
-        The share of the acceleration and jerk limits that moves use.
+        The share of the acceleration and jerk limits that moves use, one number or (n,).
     """
 
-    def __init__(self, bounds: Bounds, share: float = 1.0) -> None:
+    def __init__(self, bounds: Bounds, share: float | Array = 1.0) -> None:
         from ruckig import InputParameter, Result, Ruckig, RuckigError
         from ruckig import Trajectory as Profiles
 
@@ -178,6 +178,8 @@ class Steering:
             given.current_acceleration = given.target_acceleration = [0.0] * self._n
         profiles = self._new(self._n)
         try:
+            # Otherwise a move may begin with a phase that exceeds the limits, in order to slow down.
+            self._ruckig.validate_input(given, check_current_state_within_limits=True)
             result = self._ruckig.calculate(given, profiles)
         except self._error:  # a state that is beyond the limits, or cannot be left within them
             return None
@@ -233,11 +235,10 @@ class MoveSequence:
     ) -> Trajectory:
         """The motion from one state to another, as a trajectory with points at the ends of all phases.
 
-        It is quintic if ``smooth``, else cubic.
-
-        Between two ends of phases, the motion is a polynomial of the trajectory's degree. Times are rounded to
-        nanoseconds, and the states are those at the rounded times, so that the trajectory is the same motion up to
-        phases shorter than :data:`SHORTEST_STEP`.
+        It is quintic if ``smooth``, else cubic. Between two ends of phases, the motion is a polynomial of this degree,
+        up to the rounding of times to nanoseconds, and phases shorter than :data:`SHORTEST_STEP`, which share a point.
+        There the jerk (the acceleration of a cubic) between two points is its mean, and the deviation that this causes
+        is removed by a polynomial over the whole motion.
         """
         ends = [start + move.phase_ends() for move, start in zip(self.moves, self.times[:-1], strict=True)]
         inner = np.sort(np.concatenate([*ends, np.array(self.times[1:-1])]))
@@ -251,9 +252,65 @@ class MoveSequence:
         times = seconds(np.array(clock))
         states = np.array([self.state(min(time, self.duration)) for time in times.tolist()])
         states[0], states[-1] = start, end  # without the rounding of the moves
-        return Trajectory(
-            times, states[:, 0], states[:, 1], joint_names, note, accelerations=states[:, 2] if smooth else None
-        )
+        middles = 0.5 * (times[1:] + times[:-1])
+        exact = np.array([self._is_timed(time) for time in middles.tolist()])
+        q, velocity, acceleration = states.swapaxes(0, 1)
+        if smooth:
+            _smooth_steps(times, q, velocity, acceleration, exact)
+        else:
+            _parabolic_steps(times, q, velocity, exact)
+        return Trajectory(times, q, velocity, joint_names, note, accelerations=acceleration if smooth else None)
+
+    def _is_timed(self, time: float) -> bool:
+        k = min(max(bisect_right(self.times, time) - 1, 0), len(self.moves) - 1)
+        return isinstance(self.moves[k].source, _Timed)
+
+
+def _smooth_steps(times: Array, q: Array, velocity: Array, acceleration: Array, exact: Any) -> None:
+    """Change positions and velocities (m, n) such that the jerk is constant in each step that is not ``exact`` (m-1,).
+
+    The accelerations are kept. The changes at the end are removed by the quintic with these values at the end, and with
+    zero acceleration there and zero position, velocity and acceleration at the start.
+    """
+    h = np.diff(times)[:, None]
+    before, after = acceleration[:-1], acceleration[1:]
+    rise = 0.5 * h * (before + after) - np.diff(velocity, axis=0)
+    way = h * velocity[:-1] + h * h * (2.0 * before + after) / 6.0 - np.diff(q, axis=0)
+    rise[exact], way[exact] = 0.0, 0.0
+    faster = _sums(rise)
+    farther = _sums(way + h * faster[:-1])
+    total = times[-1]
+    u = (times / total)[:, None]
+    for quintic, at_end in (((10.0, -15.0, 6.0), farther[-1].copy()), ((-4.0, 7.0, -3.0), total * faster[-1])):
+        c3, c4, c5 = quintic
+        farther -= at_end * (u**3 * (c3 + u * (c4 + u * c5)))
+        faster -= at_end / total * (u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+        acceleration -= at_end / total**2 * (u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)))
+    farther[-1], faster[-1] = 0.0, 0.0  # without rounding
+    q += farther
+    velocity += faster
+
+
+def _parabolic_steps(times: Array, q: Array, velocity: Array, exact: Any) -> None:
+    """Change positions (m, n) such that the acceleration is constant in each step that is not ``exact`` (m-1,).
+
+    The velocities are kept. The change at the end is removed by the cubic with this value there, and at rest otherwise.
+    """
+    h = np.diff(times)[:, None]
+    way = 0.5 * h * (velocity[:-1] + velocity[1:]) - np.diff(q, axis=0)
+    way[exact] = 0.0
+    farther = _sums(way)
+    total, at_end = times[-1], farther[-1].copy()
+    u = (times / total)[:, None]
+    farther -= at_end * (u * u * (3.0 - 2.0 * u))
+    farther[-1] = 0.0
+    q += farther
+    velocity -= at_end / total * (6.0 * u * (1.0 - u))
+
+
+def _sums(steps: Array) -> Array:
+    """(m, n) the sums of the steps (m-1, n) before each point."""
+    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
 
 
 def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:

@@ -72,8 +72,19 @@ SHORTCUTS = 0.85
 INSIDE = 0.9999
 """Share of the limits of velocity and acceleration within which a modified state remains."""
 
-SLOWER = (1.0, 0.7, 0.45)
-"""Shares of the acceleration and jerk limits that are tried for a move if there are constraints, such as torques."""
+SLOWER = (1.0, 0.8, 0.6)
+"""With constraints such as torques, shares of the accelerations at which a joint alone satisfies them, for the moves
+that are tried after those at full acceleration."""
+
+SLOWEST = 0.1
+"""Smallest share of the acceleration limit of a joint that is used with constraints."""
+
+CONSTRAINT_SHARE = 0.98
+"""Share of the bound of a constraint that samples may use, because the constraint holds between samples too."""
+
+CONSTRAINT_TIME = 0.015
+"""Seconds between two samples of a move at which constraints are checked: within this time, a usual jerk limit permits
+only a part of the change of acceleration."""
 
 CONNECT, DETOUR = 0.45, 0.25
 """Shares of the budget for shortening the first motions, and for detours from the direct motion to a goal; the rest is
@@ -279,6 +290,24 @@ def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateCon
     return trajectory if inside.all() else None
 
 
+def _shares_alone(q: Array, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Array:
+    """(n,) shares of the acceleration limits at which each joint, accelerated alone at q (N, n), keeps constraints."""
+    shares = np.ones(q.shape[1])
+    zeros = np.zeros_like(q)
+    for joint in range(q.shape[1]):
+        slope = zeros.copy()
+        slope[:, joint] = bounds.acceleration[joint]
+        for constraint in constraints:
+            try:
+                alpha, _, gamma, bound = constraint.coefficients(q, slope, zeros)
+            except TimingError:  # violated even at rest, here
+                continue
+            needed = np.abs(alpha) > 0.0
+            spare = np.divide(bound - np.abs(gamma), np.abs(alpha), out=np.full_like(alpha, np.inf), where=needed)
+            shares[joint] = min(shares[joint], float(spare.min(initial=np.inf)))
+    return shares.clip(SLOWEST, 1.0)
+
+
 class _Search:
     """The search for the shortest motion.
 
@@ -307,7 +336,10 @@ class _Search:
         self._goals, self._start, self._before = goals, np.asarray(path.start), before
         self._edges = Edges(checker, RESOLUTION, np.array([path.start, path.end]))
         self._constraints = constraints
-        self._levels = [Steering(bounds, share * each) for each in (SLOWER if constraints else SLOWER[:1])]
+        self._levels = [Steering(bounds, share)]
+        if constraints:
+            alone = _shares_alone(np.vstack([path.start, goals]), bounds, constraints)
+            self._levels += [Steering(bounds, share * each * alone) for each in SLOWER]
         self._left, self.evaluations = budget, 0
         self._best, self._goal = self._given()
         self.proven: list[tuple[MoveSequence, int]] = []
@@ -372,7 +404,7 @@ class _Search:
 
     def _shorten_first_motions(self, budget: int) -> None:
         """Shorten the given motion, and motions along further paths; the shortest becomes the best one."""
-        stopping = self._stopping(self._path.q) if isinstance(self._path, JointPath) and not self._constraints else None
+        stopping = self._stopping(self._path.q) if isinstance(self._path, JointPath) else None
         found = [(stopping or self._best, self._goal), *self._plans(min(PLANS, budget // PER_PLAN))]
         rounds = max(math.ceil(math.log2(len(found))), 1)
         for _ in range(rounds):  # the better half continues
@@ -495,20 +527,15 @@ class _Search:
 
     def _stopping(self, path: Array) -> MoveSequence | None:
         """The motion along the edges of a path (m, n) that stops at each waypoint; None if there is none."""
-        if self._constraints:
-            try:
-                return MoveSequence.of(self._time_path(path), self._bounds)
-            except TimingError:
-                return None
-        moves = [self._levels[0].straight(first, last) for first, last in pairwise(path.tolist()) if first != last]
-        kept = [move for move in moves if move is not None]
-        return MoveSequence(kept) if kept and len(kept) == len(moves) else None
-
-    def _time_path(self, path: Array) -> Trajectory:
-        bounds = self._bounds
-        return time_parametrise(
-            JointPath(path, self._path.joint_names), bounds, jerk=bounds.jerk, constraints=self._constraints
-        )
+        moves = []
+        for first, last in pairwise(path.tolist()):
+            if first != last:
+                tried = (steering.straight(first, last) for steering in self._levels)
+                move = next((move for move in tried if move is not None and self._allowed([move])), None)
+                if move is None:
+                    return None
+                moves.append(move)
+        return MoveSequence(moves) if moves else None
 
     def _connect(self, states: Sequence[State], duration: float) -> list[Move] | None:
         """The fastest moves from state to state, if they are shorter than a duration, allowed, and free at samples."""
@@ -532,15 +559,14 @@ class _Search:
         """Whether samples of the moves satisfy the constraints."""
         if not self._constraints:
             return True
-        q, velocity, acceleration = np.array([state for move in moves for state in move.states(self._step)]).swapaxes(
-            0, 1
-        )
+        states = [state for move in moves for state in move.states(CONSTRAINT_TIME)]
+        q, velocity, acceleration = np.array(states).swapaxes(0, 1)
         for constraint in self._constraints:  # with the time as the path parameter, s' = 1 and s'' = 0
             try:
                 _, beta, gamma, bound = constraint.coefficients(q, velocity, acceleration)
             except TimingError:  # violated even at rest
                 return False
-            if (np.abs(beta + gamma) > bound).any():
+            if (np.abs(beta + gamma) > CONSTRAINT_SHARE * bound).any():
                 return False
         return True
 

@@ -105,7 +105,7 @@ def test_wrong_usage_differs_from_a_negative_result(run: Run, words: tuple[str, 
 def test_torque_and_tool_speed_are_checked_between_samples(run: Run) -> None:
     code, out, _ = run("ur5", "motion.json", "--payload", "2 0 0 0.1")
     assert code == 0
-    assert re.search(r"largest torque: shoulder_lift_joint: \d+\.?\d*, \d+ % of its limit at", out)
+    assert re.search(r"largest torque: shoulder_lift_joint: \d+\.?\d* N m, \d+ % of its limit at", out)
     code, out, _ = run("ur5", "motion.json", "--payload", "60", "--tool-speed", "0.05", "--json")
     assert code == 1
     answer = json.loads(out)

@@ -46,6 +46,25 @@ def chain() -> Any:
     return _core.Chain(**CHAIN)
 
 
+def timed(**changes: Any) -> Any:
+    task: dict[str, Any] = {
+        "knots": np.arange(2.0),
+        "control": np.array([[[0.0, 0.0], [1.0, 1.0]]]),
+        "stops": None,
+        "velocity": np.ones(2),
+        "acceleration": np.ones(2),
+        "jerk": None,
+        "start_velocity": np.zeros(2),
+        "end_velocity": np.zeros(2),
+        "image_tolerance": 1e-5,
+        "rate_tolerance": 1e-9,
+        "longest": 1e6,
+        "rows": None,
+        "excess": None,
+    }
+    return _core.time_path(**{**task, **changes})
+
+
 def solver(**changes: Any) -> Any:
     settings: dict[str, Any] = {
         "lower": [-3.0] * DOF,
@@ -161,6 +180,9 @@ CLOSED: dict[str, Any] = {
     "border": 1e-9,
     "spread": 1e-6,
     "rounding": 1e-12,
+    "eliminated": True,
+    "true_directions": np.eye(3)[[2, 1, 2, 1, 2, 1]],
+    "true_points": np.zeros((DOF, 3)),
 }
 
 
@@ -261,6 +283,10 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "bounds of fewer joints": lambda: _core.box_step(np.zeros((6, 2)), np.zeros(6), 1e-6, [-1.0], [1.0] * 2),
     "a plan with directions in one row": lambda: closed_form(directions=np.zeros((1, 3 * DOF))),
     "a plan with points in one row": lambda: closed_form(points=np.zeros((1, 3 * DOF))),
+    "a plan with true directions in one row": lambda: closed_form(true_directions=np.zeros((1, 3 * DOF))),
+    "eigenvalues of a matrix of other size": lambda: _core.eigenvalues(np.eye(15)),
+    "a plan with true points in one row": lambda: closed_form(true_points=np.zeros((1, 3 * DOF))),
+    "an elimination with a prismatic joint": lambda: closed_form(prismatic=[True] + [False] * (DOF - 1)),
     "a plan with an index beyond the joints": lambda: closed_form(indices=[0, 1, 2, 3, 4, DOF]),
     "a plan with a triple beyond the joints": lambda: closed_form(first_of_triple=4),
     "a plan with a locked joint but six joints": lambda: closed_form(locked=2),
@@ -335,6 +361,21 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "speeds with too few ceilings": lambda: _core.fastest_speeds(
         *(np.ones((2, 2, 3)) for _ in range(4)), np.ones(2), np.ones(2), 0.0, 0.0
     ),
+    "a timed path without pieces": lambda: timed(knots=np.zeros(1), control=np.zeros((0, 2, 2))),
+    "a timed path with knots that do not increase": lambda: timed(knots=np.zeros(2)),
+    "a timed path with too few knots": lambda: timed(knots=np.zeros(1)),
+    "a timed path of too high a degree": lambda: timed(control=np.ones((1, 17, 2))),
+    "a timed path with NaN": lambda: timed(control=np.full((1, 2, 2), NAN)),
+    "a timed path of length 0": lambda: timed(control=np.ones((1, 2, 2))),
+    "a timed path with too few stops": lambda: timed(stops=np.ones(1)),
+    "a timed path with too few limits": lambda: timed(acceleration=np.ones(1)),
+    "a timed path with a limit of 0": lambda: timed(velocity=np.zeros(2)),
+    "a timed path with a jerk limit that is NaN": lambda: timed(jerk=np.full(2, NAN)),
+    "a timed path with constraints that are not verified": lambda: timed(rows=lambda *_: None),
+    "a timed path with constraints of wrong shapes": lambda: timed(
+        rows=lambda q, *_: (np.ones((len(q), 1)), *[np.ones((1, 1))] * 3), excess=lambda *_: np.ones(1)
+    ),
+    "corners of no waypoints": lambda: _core.corners(np.zeros((0, 2))),
     "an array of float32": lambda: _core.Workspace(world()).judge(np.zeros(2, dtype=np.float32)),
 }
 

@@ -315,8 +315,8 @@ class RateOptions:
                 continue
             if exceeded and isinstance(limit, pp.motion.TorqueLimits):
                 found += [
-                    f"{peak.joint} needs a torque of {peak.torque:.6g} at {peak.time:.3f} s; its limit is "
-                    f"{peak.limit:.6g} (N m or N)"
+                    f"{peak.joint} needs {peak.torque:.6g} {peak.unit} at {peak.time:.3f} s; its limit is "
+                    f"{peak.limit:.6g} {peak.unit}"
                     for peak in limit.peaks(trajectory)
                     if peak.share > 1.0
                 ]

@@ -38,12 +38,15 @@ class TorquePeak:
         The limit, infinite if none is known.
     time
         Time (s) at which a value within a relative 2e-4 of the bound occurs.
+    unit
+        ``"N m"``, or ``"N"`` for a prismatic joint.
     """
 
     joint: str
     torque: float
     limit: float
     time: float
+    unit: str = "N m"
 
     @property
     def share(self) -> float:
@@ -56,7 +59,7 @@ class TorquePeak:
 
     def __str__(self) -> str:
         limit = f", {100.0 * self.share:.0f} % of its limit" if np.isfinite(self.limit) else ""
-        return f"{self.joint}: {self.torque:.3g}{limit} at {self.time:.3g} s"
+        return f"{self.joint}: {self.torque:.3g} {self.unit}{limit} at {self.time:.3g} s"
 
 
 class TorqueLimits:
@@ -152,8 +155,8 @@ class TorqueLimits:
         bound, piece, fraction = self._tree.torque_peaks(*controls(trajectory))
         times = time_of(trajectory, piece, fraction)
         return tuple(
-            TorquePeak(name, float(torque), float(limit), float(time))
-            for name, torque, limit, time in zip(self.arm.joint_names, bound, self.limits, times, strict=True)
+            TorquePeak(name, float(bound[j]), float(self.limits[j]), float(times[j]), self._unit(j))
+            for j, name in enumerate(self.arm.joint_names)
         )
 
     def standstill(self, q: npt.ArrayLike) -> str:
@@ -170,12 +173,15 @@ class TorqueLimits:
         worst = float(share.max(initial=0.0))
         if worst > 1.0 or (strict and worst >= 1.0):
             i, j = np.unravel_index(share.argmax(), share.shape)
-            unit = "N m" if self.arm.angular[j] else "N"
+            unit = self._unit(int(j))
             needed = f"joint {self.arm.joint_names[j]!r} needs {abs(gravity[i, j]):.4g} {unit} to hold the arm at rest"
             raise TimingError(
                 f"{needed} at q = {np.round(q[i], 4).tolist()}; its torque limit is {self.limits[j]:.4g} {unit}"
                 f"{self._loaded()}"
             )
+
+    def _unit(self, joint: int) -> str:
+        return "N m" if self.arm.angular[joint] else "N"
 
     def _loaded(self) -> str:
         return f" (payload {sum(each.mass for each in self.payloads):.4g} kg)" if self.payloads else ""

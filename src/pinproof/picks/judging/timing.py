@@ -103,7 +103,8 @@ def time_motion(
     figures = {"duration": joined.duration, "clearance": clearance}
     if torques := [(peak.share, peak, motion.name) for motion in motions for peak in motion.torques]:
         share, peak, name = max(torques, key=lambda each: each[0])
-        message += f"; largest torque {peak.torque:.3g} of {peak.joint}, {100 * share:.0f} % of its limit, in {name}"
+        torque = f"{peak.torque:.3g} {peak.unit} of {peak.joint}, {100 * share:.0f} % of its limit"
+        message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
 

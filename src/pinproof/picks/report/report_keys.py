@@ -65,6 +65,7 @@ TORQUE = _table(
     required("torque", LENGTH, "upper bound of its magnitude, which holds between samples", "N m or N"),
     required("limit", OPTIONAL, "the limit; null if none is known", "N m or N"),
     required("time", PLAIN_NUMBER, "when it occurs, from the start of the part", "s"),
+    required("unit", {"enum": ["N m", "N"]}, "the unit of both, `N` for a prismatic joint"),
 )
 
 MOTION = _table(

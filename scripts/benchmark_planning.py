@@ -4,6 +4,7 @@
 python scripts/benchmark_planning.py                         our scenes; prints the table, as `pinproof bench plan` does
 python scripts/benchmark_planning.py --mbm FOLDER            also MotionBenchMaker problems
 python scripts/benchmark_planning.py --mbm FOLDER --docs     runs both and rewrites docs/benchmarks/planning.*
+python scripts/benchmark_planning.py --mbm FOLDER --motion --docs   durations of motions to the goal poses
 python scripts/benchmark_planning.py --render                rewrites the page and the plot from planning.json
 
 Exit code 1 if the independent check finds a fault in one of our motions.
@@ -15,7 +16,15 @@ import argparse
 import sys
 from pathlib import Path
 
-from pinproof.benchmarks import PlanTable, plan_benchmark, plan_markdown, write_plan_table
+from pinproof.benchmarks import (
+    MotionTable,
+    PlanTable,
+    motion_benchmark,
+    motion_markdown,
+    plan_benchmark,
+    plan_markdown,
+    write_plan_table,
+)
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
 
@@ -33,7 +42,10 @@ def main() -> None:
     parser.add_argument("--no-peers", action="store_true", help="leave out other planners")
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/planning.*")
     parser.add_argument("--render", action="store_true", help="rewrite the page and the plot from planning.json")
+    parser.add_argument("--motion", action="store_true", help="durations of motions to the goal poses of --mbm")
     options = parser.parse_args()
+    if options.motion:
+        sys.exit(_run_motion(parser, options))
     if options.render:
         table = PlanTable.load(FOLDER / "planning.json")
     else:
@@ -49,12 +61,38 @@ def main() -> None:
             on_progress=lambda text: print(text, file=sys.stderr),
         )
     if options.docs or options.render:
-        write_plan_table(table, FOLDER)
+        write_plan_table(table, FOLDER, sections=_motion_section())
     else:
         print(plan_markdown(table))
     for row in table.unsafe:
         print(f"unsafe motion: {row.name}: {'; '.join(row.faults)}", file=sys.stderr)
     sys.exit(1 if table.unsafe else 0)
+
+
+def _run_motion(parser: argparse.ArgumentParser, options: argparse.Namespace) -> int:
+    if options.mbm is None:
+        parser.error("--motion needs --mbm")
+    table = motion_benchmark(
+        options.mbm,
+        robot=options.robot,
+        sets=options.set,
+        problems=options.problems,
+        seed=options.seed,
+        on_progress=lambda text: print(text, file=sys.stderr),
+    )
+    if options.docs:
+        table.save(FOLDER / "motion.json")
+        write_plan_table(PlanTable.load(FOLDER / "planning.json"), FOLDER, sections=_motion_section())
+    else:
+        print(motion_markdown(table))
+    for row in table.unsafe:
+        print(f"unsafe motion: {row.name}: {'; '.join(row.faults)}", file=sys.stderr)
+    return 1 if table.unsafe else 0
+
+
+def _motion_section() -> str:
+    file = FOLDER / "motion.json"
+    return motion_markdown(MotionTable.load(file)) if file.exists() else ""
 
 
 if __name__ == "__main__":

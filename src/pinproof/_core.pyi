@@ -390,6 +390,82 @@ CONTACT: int = -1
 
 NOT_FINITE: int = -2
 
+class PathConstraint:
+    @staticmethod
+    def direction(
+        axis: NDArray[numpy.float64], direction: NDArray[numpy.float64], tolerance: float
+    ) -> PathConstraint: ...
+    @staticmethod
+    def region(
+        point: NDArray[numpy.float64],
+        base_from_box: NDArray[numpy.float64],
+        low: NDArray[numpy.float64],
+        high: NDArray[numpy.float64],
+        tolerance: float,
+    ) -> PathConstraint: ...
+    @staticmethod
+    def target(axis: NDArray[numpy.float64], point: NDArray[numpy.float64], tolerance: float) -> PathConstraint: ...
+
+class ConstraintSettings:
+    def __init__(
+        self,
+        *,
+        resolution: float,
+        max_intervals: int,
+        goal_share: float = 0.0,
+        look_ahead: int = 0,
+        record: bool = False,
+    ) -> None: ...
+
+class FoundViolation:
+    @property
+    def time(self) -> float: ...
+    @property
+    def error(self) -> float: ...
+    @property
+    def q(self) -> list[float]: ...
+
+class UndecidedConstraint:
+    @property
+    def start(self) -> float: ...
+    @property
+    def end(self) -> float: ...
+    @property
+    def error(self) -> float: ...
+
+class ConstraintState:
+    @property
+    def intervals(self) -> int: ...
+    @property
+    def observed(self) -> float: ...
+    @property
+    def proven(self) -> float: ...
+    @property
+    def violation(self) -> FoundViolation | None: ...
+    @property
+    def open(self) -> UndecidedConstraint | None: ...
+    @property
+    def satisfied(self) -> bool: ...
+    @property
+    def evidence(self) -> NDArray[Any]: ...
+
+def prove_constraint(
+    chain: Chain,
+    constraint: PathConstraint,
+    knots: NDArray[numpy.float64],
+    control: NDArray[numpy.float64],
+    settings: ConstraintSettings,
+    joint_tolerance: NDArray[numpy.float64],
+) -> ConstraintState: ...
+def constraint_bound(
+    chain: Chain,
+    constraint: PathConstraint,
+    q: NDArray[numpy.float64],
+    piece: NDArray[numpy.float64],
+    delta: NDArray[numpy.float64],
+    extra: NDArray[numpy.float64],
+) -> tuple[float, float]: ...
+
 class ProofSettings:
     def __init__(
         self,
@@ -503,9 +579,25 @@ class EdgeChecker:
     def set_steering(self, world: World, exact: object, blocked: bool) -> None: ...
     def set_resolution(self, resolution: float) -> None: ...
     def samples_free(self, a: NDArray[numpy.float64], b: NDArray[numpy.float64]) -> bool: ...
+    def points_free(self, points: NDArray[numpy.float64]) -> bool: ...
     def proven_free(self, a: NDArray[numpy.float64], b: NDArray[numpy.float64]) -> bool: ...
     @property
     def samples(self) -> int: ...
+
+class Manifold:
+    def __init__(
+        self,
+        chain: Chain,
+        constraints: Sequence[PathConstraint],
+        lower: NDArray[numpy.float64],
+        upper: NDArray[numpy.float64],
+    ) -> None: ...
+    def errors(self, q: NDArray[numpy.float64]) -> NDArray[Any]: ...
+    def project(self, q: NDArray[numpy.float64], share: float) -> NDArray[Any]: ...
+    def edge_proven(self, a: NDArray[numpy.float64], b: NDArray[numpy.float64]) -> bool: ...
+    def connect(
+        self, edges: EdgeChecker, a: NDArray[numpy.float64], b: NDArray[numpy.float64], step: float, most: float
+    ) -> NDArray[Any]: ...
 
 class RrtSearch:
     def __init__(
@@ -518,6 +610,7 @@ class RrtSearch:
         step: float,
         max_nodes: int,
         max_samples: int,
+        manifold: Manifold | None = None,
     ) -> None: ...
 
     class Event(enum.Enum):

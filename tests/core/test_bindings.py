@@ -379,6 +379,8 @@ REFUSED: dict[str, Callable[[], Any]] = {
         _core.World(geometry(robot_bodies=1, joints=[0, -1, -1]), np.array([[0, 2]]), np.zeros(1)), Judge(), False
     ),
     "an edge of one joint": lambda: edges().samples_free(np.zeros(1), np.zeros(2)),
+    "points of one joint": lambda: edges().points_free(np.zeros((3, 1))),
+    "no points of a motion": lambda: edges().points_free(np.zeros((0, 2))),
     "a search without goals": lambda: search(goals=np.zeros((0, 2))),
     "a search with steps of zero": lambda: search(step=0.0),
     "a search with steps that are NaN": lambda: search(step=NAN),

@@ -80,6 +80,14 @@ void bind_edges(nb::module_& module) {
             },
             nb::arg("a"), nb::arg("b"))
         .def(
+            "points_free",
+            [](EdgeChecker& self, const Matrix& points) {
+                require_rows("points", points, self.dof());
+                nb::gil_scoped_release release;
+                return self.points_free({points.data(), points.size()});
+            },
+            nb::arg("points"), "Whether points (N, n) of a motion and the samples of the edges between them are free.")
+        .def(
             "proven_free",
             [](EdgeChecker& self, const Vector& a, const Vector& b) {
                 require_size("a", a.shape(0), self.dof());

@@ -38,7 +38,29 @@ void EdgeChecker::set_steering(std::shared_ptr<const World> world, std::unique_p
 bool EdgeChecker::samples_free(const double* a, const double* b) {
     if (blocked_) return false;
     deferred_.clear();
-    if (!is_sample_free(b)) return false;
+    return is_sample_free(b) && inner_samples_free(a, b) && deferred_free();
+}
+
+bool EdgeChecker::points_free(std::span<const double> points) {
+    if (blocked_) return false;
+    deferred_.clear();
+    const std::size_t count = points.size() / dof();
+    const auto point = [&](std::size_t i) { return points.data() + i * dof(); };
+    std::size_t stride = 1;
+    while (stride < count) stride *= 2;
+    if (count > 0 && !is_sample_free(point(0))) return false;
+    for (stride /= 2; stride >= 1; stride /= 2)
+        for (std::size_t i = stride; i < count; i += 2 * stride)
+            if (!is_sample_free(point(i))) return false;
+    for (std::size_t i = 1; i < count; ++i) {
+        sampler_->place_at(point(i));  // motion() requires the bodies at the end of the edge.
+        if (!inner_samples_free(point(i - 1), point(i))) return false;
+    }
+    return deferred_free();
+}
+
+// The samples between a and b, with the bodies placed at b.
+bool EdgeChecker::inner_samples_free(const double* a, const double* b) {
     const double wanted = motion(a, b) / resolution_;
     const int steps = wanted < kMostSamples ? std::max(static_cast<int>(std::ceil(wanted)), 1) : kMostSamples;
     int stride = 1;
@@ -49,6 +71,11 @@ bool EdgeChecker::samples_free(const double* a, const double* b) {
             for (std::size_t j = 0; j < q_.size(); ++j) q_[j] = a[j] + (b[j] - a[j]) * share;
             if (!is_sample_free(q_.data())) return false;
         }
+    return true;
+}
+
+// Whether the samples that only the caller can judge are free.
+bool EdgeChecker::deferred_free() {
     ExactJudge& exact = steering_exact_ ? *steering_exact_ : *exact_;
     return std::ranges::none_of(
         deferred_, [&](const Deferred& sample) { return exact.any_contact(sample.q.data(), sample.pairs); });

@@ -8,6 +8,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "certificate/curve_proof.h"
@@ -30,6 +31,8 @@ public:
 
     // Whether the samples after a (dof) up to and including b are free.
     bool samples_free(const double* a, const double* b);
+    // Whether the points (count, dof) of a motion and the samples of the edges between them are free.
+    bool points_free(std::span<const double> points);
     // Whether the edge is proven free; the proof is attempted if its samples are free.
     bool proven_free(const double* a, const double* b);
     bool curve_proven_free(const CurveView& curve);
@@ -45,6 +48,8 @@ private:
     };
 
     bool is_sample_free(const double* q);
+    bool inner_samples_free(const double* a, const double* b);
+    bool deferred_free();
     double motion(const double* a, const double* b) const;
 
     std::shared_ptr<const World> world_;

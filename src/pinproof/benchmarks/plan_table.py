@@ -217,12 +217,13 @@ def _median(values: Sequence[float]) -> float | None:
 # -- Markdown and plot -------------------------------------------------------------------------------------------------
 
 
-def write_plan_table(table: PlanTable, folder: str | Path) -> list[Path]:
+def write_plan_table(table: PlanTable, folder: str | Path, *, sections: str = "") -> list[Path]:
     """Write ``planning.json``, ``planning.md`` and, if there are rows, ``planning.png``.
 
-    Returns the files written. The folder must exist.
+    ``sections`` are added at the end of the page. Returns the files written. The folder must exist.
     """
-    written = table.write(folder, "planning", "# Planning benchmark\n\n" + plan_markdown(table))
+    page = "# Planning benchmark\n\n" + plan_markdown(table) + (f"\n{sections}" if sections else "")
+    written = table.write(folder, "planning", page)
     return [*written, save_figure(_time_plot(table), Path(folder) / "planning.png")] if table.rows else written
 
 

@@ -10,6 +10,7 @@ import typer
 from pinproof.cli.complete import planner_names, robot_names
 from pinproof.cli.console import make_folder, print_json, print_line, progress_status
 from pinproof.cli.options import Json, Seed
+from pinproof.errors import InputError
 
 __all__ = ["bench_ik", "bench_plan"]
 
@@ -97,6 +98,12 @@ def bench_plan(
             autocompletion=planner_names,
         ),
     ] = None,
+    motion: Annotated[
+        bool,
+        typer.Option(
+            "--motion", help="Measure the durations of optimised motions to the goal poses of the problems of --mbm."
+        ),
+    ] = False,
     repeats: Annotated[int, typer.Option(help="Runs per problem; the fastest counts.", min=1)] = 1,
     peers: Peers = True,
     output: Folder = None,
@@ -116,6 +123,9 @@ def bench_plan(
 
     if output is not None:
         make_folder(output)
+    if motion:
+        _bench_motion(mbm, robot, sets or [], problems, output, seed, as_json)
+        return
     with progress_status("running the planning benchmark") as report:
         table = plan_benchmark(
             OWN_ROBOTS if robots is None else robots,
@@ -131,6 +141,28 @@ def bench_plan(
         )
     written = [] if output is None else write_plan_table(table, output)
     _print_table(table.to_dict(), plan_markdown(table), written, as_json)
+    if table.unsafe:
+        raise typer.Exit(1)
+
+
+def _bench_motion(
+    mbm: Path | None,
+    robot: str | None,
+    sets: list[str],
+    problems: int | None,
+    output: Path | None,
+    seed: int,
+    as_json: bool,
+) -> None:
+    from pinproof.benchmarks import motion_benchmark, motion_markdown
+
+    if mbm is None:
+        raise InputError("--motion needs problems with goal poses; give their folder with --mbm")
+    with progress_status("running the motion benchmark") as report:
+        table = motion_benchmark(mbm, robot=robot, sets=sets, problems=problems, seed=seed, on_progress=report)
+    page = motion_markdown(table)
+    written = [] if output is None else table.write(output, "motion", page)
+    _print_table(table.to_dict(), page, written, as_json)
     if table.unsafe:
         raise typer.Exit(1)
 

@@ -93,6 +93,12 @@ def plan(
             "jerk limit."
         ),
     ] = None,
+    optimise: Annotated[
+        int,
+        typer.Option(
+            help="Evaluations to make the motion as short as the limits allow; 0: only time the shortened path.", min=0
+        ),
+    ] = 600,
     *,
     constraint_options: ConstraintOptions,
     rates: RateOptions,
@@ -126,8 +132,13 @@ def plan(
             result.path, checker, rng=seed, blend=blend, constraints=kept, certificate=result.certificate
         )
         path = simplified.path
-        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk), constraints=rate_limits)
-        certificate = pp.certify(trajectory, checker, constraints=kept)
+        # The moves of the optimisation do not keep constraints of the tcp.
+        budget = 0 if kept else optimise
+        shortest = pp.optimise(
+            path, checker, limits=arm.limits, jerk=_jerk(jerk), constraints=rate_limits, rng=seed, budget=budget
+        )
+        trajectory = shortest.trajectory
+        certificate = pp.certify(trajectory, checker, constraints=kept) if kept else shortest.certificate
     torques = rates.peaks(arm, trajectory)
     written = []
     if output is not None:
@@ -137,13 +148,21 @@ def plan(
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
         written.append(html)
     if as_json:
-        figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}
+        figures = {
+            "stops": simplified.stops,
+            "length": path.length,
+            "duration_of_path": shortest.duration_before,
+            "duration": trajectory.duration,
+            "lower_bound": shortest.lower_bound,
+        }
         peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
         print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
     else:
         stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
         print_line(
-            f"length {path.length:.3g} rad, {stops}, duration {trajectory.duration:.2f} s ({trajectory.limits_note})"
+            f"path of length {path.length:.3g} rad, {stops}, {shortest.duration_before:.2f} s; optimised motion "
+            f"{trajectory.duration:.2f} s, lower bound without obstacles {shortest.lower_bound:.2f} s "
+            f"({trajectory.limits_note})"
         )
         if torques:
             print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")

@@ -78,7 +78,7 @@ def with_constraints(
     violation = min(violations, key=lambda each: each.time, default=None)
     span = min(undecided, key=lambda each: each.start, default=None)
     status, message = _verdict(certificate, curve, tuple(proofs), violation, span, max_intervals)
-    found = replace(
+    combined = replace(
         certificate,
         status=status,
         message=message,
@@ -86,7 +86,7 @@ def with_constraints(
         violation=violation,
         undecided_constraint=span,
     )
-    return found if status is CertificateStatus.FREE else _without_proof(found)
+    return combined if status is CertificateStatus.FREE else _without_proof(combined)
 
 
 def _worst(constraint: PathConstraint, arm: Arm, curve: Curve) -> float:

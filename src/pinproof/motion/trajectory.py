@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import pairwise
@@ -18,6 +18,7 @@ from pinproof.errors import InputError, TrajectoryError
 from pinproof.motion import bezier, trajectory_files
 from pinproof.motion.curve import MEET_TOLERANCE, Array, checked_joint_names, ends_meet, read_only
 from pinproof.motion.motion_record import Certified, MotionRecord, records_of
+from pinproof.motion.plot import DrawnConstraint, DrawnLimits, plot_trajectory
 from pinproof.motion.trajectory_files import LONGEST, seconds, whole_nanoseconds
 from pinproof.spatial import finite
 from pinproof.verifier import curve_digest
@@ -400,6 +401,32 @@ class Trajectory:
     @cached_property
     def _jerk_control(self) -> Array:
         return read_only(bezier.derivative(self._knots, self._derivatives[2]))
+
+    def plot(
+        self,
+        limits: DrawnLimits | None = None,
+        *,
+        jerk: npt.ArrayLike | None = None,
+        constraints: Sequence[DrawnConstraint] = (),
+    ) -> Any:
+        """Draw position, velocity, acceleration and jerk of each joint over time, with limits as dashed lines.
+
+        Parameters
+        ----------
+        limits, jerk, constraints
+            The limits that are drawn, as for :func:`~pinproof.time_parametrise`. A constraint, such as
+            :class:`~pinproof.motion.TorqueLimits`, adds a panel.
+
+        Returns
+        -------
+        A :class:`matplotlib.figure.Figure`; ``figure.savefig("motion.png")`` writes it.
+
+        Raises
+        ------
+        InputError
+            If a limit has a wrong shape or is not positive.
+        """
+        return plot_trajectory(self, limits, jerk=jerk, constraints=constraints)
 
     def __reduce__(self) -> tuple[Callable[..., Trajectory], tuple[Any, ...]]:
         # default pickling would restore writable arrays

@@ -3,6 +3,7 @@
 from pinproof.planning.blending import blend
 from pinproof.planning.cartesian import plan_linear, plan_poses
 from pinproof.planning.ompl_adapter import OmplPlanner, ompl_planners
+from pinproof.planning.optimisation import OptimiseResult, optimise
 from pinproof.planning.planners import DEFAULT_PLANNER, Planner, make_planner
 from pinproof.planning.result import (
     LinearPlanResult,
@@ -20,6 +21,7 @@ __all__ = [
     "LinearPlanResult",
     "LinearStatus",
     "OmplPlanner",
+    "OptimiseResult",
     "PlanProgress",
     "PlanResult",
     "PlanStatus",
@@ -30,6 +32,7 @@ __all__ = [
     "blend",
     "make_planner",
     "ompl_planners",
+    "optimise",
     "plan_linear",
     "plan_poses",
     "shortcut",

@@ -63,6 +63,9 @@ class PickBudget:
         Number of changed picks of each kind (moved, turned, shortened) that are judged to find suggestions; 0 for none.
     planner
         The planner of transits and transfers, a key of :data:`pinproof.planning.planners.PLANNERS`.
+    motion
+        Number of evaluations by which :func:`~pinproof.optimise` shortens each transit and each transfer; with 0, they
+        follow the planned paths.
 
     Raises
     ------
@@ -76,10 +79,11 @@ class PickBudget:
     nodes: int = 4000
     remedies: int = 12
     planner: str = DEFAULT_PLANNER
+    motion: int = 100
 
     def __post_init__(self) -> None:
-        for name in ("configurations", "compared", "quick_nodes", "nodes", "remedies"):
-            require_integer(f"PickBudget.{name}", getattr(self, name), 0 if name == "remedies" else 1)
+        for name in ("configurations", "compared", "quick_nodes", "nodes", "remedies", "motion"):
+            require_integer(f"PickBudget.{name}", getattr(self, name), 0 if name in ("remedies", "motion") else 1)
         make_planner(self.planner)
 
 

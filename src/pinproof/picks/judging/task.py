@@ -70,7 +70,7 @@ class Cell:
     @cached_property
     def for_trials(self) -> Cell:
         """The cell for judging changed picks: one complete motion is sufficient, and no suggestions are made."""
-        return replace(self, budget=replace(self.budget, compared=1, remedies=0), trial=True)
+        return replace(self, budget=replace(self.budget, compared=1, remedies=0, motion=0), trial=True)
 
     @cached_property
     def closed_hand(self) -> CollisionChecker:

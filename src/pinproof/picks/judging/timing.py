@@ -9,17 +9,31 @@ import numpy as np
 from pinproof.collision import Certificate, CollisionChecker, Upright, certify
 from pinproof.collision.certificate import curve_hash
 from pinproof.errors import InputError, TimingError
-from pinproof.motion import BlendedPath, CubicPath, JointPath, MotionProgram, Trajectory, time_parametrise
+from pinproof.motion import (
+    BlendedPath,
+    CubicPath,
+    JointPath,
+    MotionProgram,
+    RateConstraint,
+    Trajectory,
+    time_parametrise,
+)
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
 from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
 from pinproof.picks.judging.place import Placing
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
+from pinproof.planning import optimise
+from pinproof.planning.optimisation import with_moving_ends
 
 __all__ = ["Timed", "recertify", "time_motion"]
 
 BACKWARDS = "proven for the reversed motion, in which the object leaves its support"
+
+
+ENTRANCE_SPEEDS = (1.2, 0.7)
+"""Speeds at the beginning of the approach that are tried, as shares of its largest speed between two stops."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +67,6 @@ def time_motion(
     task: Task, attempt: Attempt, path: JointPath, placing: Placing | None
 ) -> tuple[StageResult, Timed | None]:
     """Time and certify all parts of a motion."""
-    limits = task.arm.limits
     motions: list[PickMotion] = []
     trajectories: list[Trajectory] = []
     grasp_time, release_time = 0.0, None
@@ -62,13 +75,13 @@ def time_motion(
         for part in _parts(task, attempt, path, placing):
             now = part.name
             rates = [rate_limits(task, member, name, part.checker) for name in part.stages]
-            timed = [
-                time_parametrise(curve, limits, constraints=rate)
-                for curve, rate in zip(part.curves, rates, strict=True)
-            ]
+            shortest = [_timed(task, part, *each) for each in zip(part.curves, rates, strict=True)]
+            timed = [trajectory for trajectory, _ in shortest]
+            if part.name == "pick" and attempt.approach is not None:
+                timed[:2] = _without_stop(task, part, timed, rates) or timed[:2]
             trajectory = Trajectory.join(*timed)
             peaks = peaks_of(rates[0], trajectory)
-            certificate = _proof(part, trajectory)
+            certificate = (shortest[0][1] if len(shortest) == 1 else None) or _proof(part, trajectory)
             if not certificate.free:
                 return StageResult(Stage.TIMING, False, f"{part.name}: {certificate.message}"), None
             if part.passing is not None:
@@ -103,6 +116,56 @@ def time_motion(
         message += f"; largest torque {torque}, in {name}"
         figures["torque_share"] = share
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
+
+
+def _timed(
+    task: Task, part: _Part, curve: JointPath | BlendedPath | CubicPath, constraints: list[RateConstraint]
+) -> tuple[Trajectory, Certificate | None]:
+    """The timed curve. A path of the planner may be replaced by a shorter motion, which has a certificate.
+
+    A path with constraints of the tcp is kept, because the moves of the optimisation leave them.
+    """
+    limits, budget = task.arm.limits, task.cell.budget.motion
+    if budget == 0 or part.constraints or not isinstance(curve, JointPath):
+        return time_parametrise(curve, limits, constraints=constraints), None
+    result = optimise(curve, part.checker, limits=limits, constraints=constraints, budget=budget)
+    return result.trajectory, result.certificate
+
+
+def _without_stop(
+    task: Task, part: _Part, timed: list[Trajectory], rates: list[list[RateConstraint]]
+) -> list[Trajectory] | None:
+    """The transit and the approach without the stop between them; None if this is not shorter.
+
+    The speed at the entrance is near the largest one of the line between two stops, or less.
+    """
+    limits, line = task.arm.limits, part.curves[1]
+    if task.cell.budget.motion == 0 or part.constraints or len(timed[1].q) == 1:
+        return None
+    points = line.bezier()[1]
+    tangent = points[0, 1] - points[0, 0]
+    if not tangent.any():
+        return None
+    peak = np.linalg.norm(timed[1].velocities, axis=1).max() / np.linalg.norm(tangent)
+    for share in ENTRANCE_SPEEDS:
+        try:
+            entering = time_parametrise(line, limits, start_velocity=share * peak * tangent, constraints=rates[1])
+        except (InputError, TimingError):  # too fast for the line or for a limit
+            continue
+        longest = timed[0].duration + timed[1].duration - entering.duration
+        velocity, rest = np.asarray(entering.velocities[0]), np.zeros(task.arm.dof)
+        arriving = with_moving_ends(
+            timed[0],
+            part.checker,
+            limits=limits,
+            start_velocity=rest,
+            end_velocity=velocity,
+            longest=longest,
+            constraints=rates[0],
+        )
+        if arriving is not None:
+            return [arriving, entering]
+    return None
 
 
 def recertify(task: Task, program: MotionProgram) -> tuple[Certificate, ...]:

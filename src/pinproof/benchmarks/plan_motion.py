@@ -1,0 +1,347 @@
+"""The motion benchmark: durations of certified motions from a start to the pose of the tool at a goal.
+
+Every IK solution of the pose is a goal. Each motion is checked independently of its certificate: for collisions by the
+original meshes, and for limits on a grid of times.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import process_time
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.benchmarks.plan_mbm import find_sets, read_problems
+from pinproof.benchmarks.plan_problems import PlanProblem, ProblemName, select_sets
+from pinproof.benchmarks.plan_run import motion_faults
+from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
+from pinproof.collision import CollisionChecker
+from pinproof.collision.audit import STEP
+from pinproof.errors import InputError, TimingError
+from pinproof.ik import Clik
+from pinproof.model import Arm, JointLimits, Payload
+from pinproof.motion import TorqueLimits, Trajectory
+from pinproof.motion.rate_constraints import RateConstraint
+from pinproof.planning import RrtConnect, optimise, shortcut
+from pinproof.spatial import SE3, matrix
+
+__all__ = ["MotionRow", "MotionTable", "motion_benchmark", "motion_markdown", "pose_goals"]
+
+Array = npt.NDArray[np.float64]
+
+ACCELERATION, JERK = 15.0, 500.0
+"""Limits of every joint in rad/s^2 and rad/s^3: those with which cuRobo publishes its durations."""
+
+LOAD, LOAD_MASS = "3 kg", 3.0
+"""The load at the tcp of the second run, in kg, and its name. Its torque limits are those of the robot description."""
+
+PUBLISHED = {"": 1.243, LOAD: 1.304}
+"""Median durations in s that cuRobo publishes for its own set of 2,600 problems, which contains other problems too."""
+
+IK_SEEDS = 200
+"""Number of configurations at which the search for IK solutions begins."""
+
+PROMISING = 1.3
+"""The path is planned to the goals at distances within this factor of the least, measured in time at full speed."""
+
+GRID = 10_000
+"""Number of times of each motion at which velocity, acceleration and jerk are compared with their limits."""
+
+LIMIT_ROUNDING = 1e-9
+"""Relative excess over a limit that is attributed to rounding."""
+
+STEPS = ("goals", "plan", "optimise")
+
+MS = 1e3
+
+
+@dataclass(frozen=True)
+class MotionRow(ProblemName):
+    """The motion for one problem.
+
+    Parameters
+    ----------
+    variant
+        The load; empty without one.
+    goals
+        Number of free IK solutions of the goal pose.
+    certified
+        Whether a motion was found and its certificate is FREE.
+    faults
+        What the independent check found wrong with the motion.
+    excess
+        Largest relative excess over a limit on the grid, negative if none is reached; None if not solved.
+    duration, before, lower_bound
+        Duration (s) of the motion, of the planned path with time-optimal timing, and of the fastest motion to one of
+        the goals without obstacles; None if not solved.
+    ms
+        Milliseconds of CPU time of each of :data:`STEPS`.
+    message
+        Why there is no motion, or no certificate.
+    """
+
+    variant: str
+    goals: int
+    certified: bool
+    faults: tuple[str, ...]
+    excess: float | None
+    duration: float | None
+    before: float | None
+    lower_bound: float | None
+    ms: dict[str, float]
+    message: str = ""
+
+    @property
+    def safe(self) -> bool:
+        """Whether there is a certified motion in which the independent check found nothing wrong."""
+        return self.certified and not self.faults
+
+    @property
+    def total(self) -> float:
+        """Milliseconds from the problem to the certified motion."""
+        return sum(self.ms.values())
+
+
+@dataclass(frozen=True)
+class MotionTable(BenchmarkTable):
+    """The results of a run."""
+
+    rows: tuple[MotionRow, ...]
+
+    topic: ClassVar[str] = "motions"
+    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"rows": MotionRow}
+
+    @property
+    def unsafe(self) -> list[MotionRow]:
+        """The motions in which the independent check found a fault."""
+        return [row for row in self.rows if row.faults]
+
+
+def pose_goals(checker: CollisionChecker, base_from_tcp: SE3, *, rng: int = 0) -> Array:
+    """(g, n) free IK solutions of a pose, by searches from random configurations."""
+    arm = checker.arm
+    lower, upper = arm.limits.sampling_range()
+    seeds = np.random.default_rng(rng).uniform(lower, upper, (IK_SEEDS, arm.dof))
+    found = Clik(restarts=0).solve_batch(arm, np.tile(matrix(base_from_tcp), (IK_SEEDS, 1, 1)), seeds, rng=rng)
+    q = np.asarray(found.q[found.ok])
+    return q[checker.is_free_batch(q)] if len(q) else q
+
+
+def motion_benchmark(
+    mbm: str | Path,
+    *,
+    robot: str | None = None,
+    sets: Sequence[str] = (),
+    problems: int | None = None,
+    seed: int = 0,
+    on_progress: Callable[[str], None] | None = None,
+) -> MotionTable:
+    """Run the motion benchmark.
+
+    Parameters
+    ----------
+    mbm, robot, sets, problems
+        The MotionBenchMaker problems, as for :func:`~pinproof.benchmarks.plan_benchmark`.
+    seed
+        Seed of the IK, the planner and the optimisation.
+    on_progress
+        Called with a description of the current step.
+
+    Raises
+    ------
+    FileError
+        If problems cannot be read.
+    UnknownNameError
+        If there is no set of a name.
+    """
+    origin, found = provenance(seed), {each.full_set: each for each in find_sets(mbm, robot)}
+    rows: list[MotionRow] = []
+    for name in select_sets(list(found), tuple(sets)):
+        if on_progress is not None:
+            on_progress(name)
+        for problem in read_problems(found[name], problems):
+            checker = CollisionChecker(problem.arm, problem.scene)
+            meshes = CollisionChecker(problem.arm, problem.scene, link_meshes="surface")
+            for variant, constraints in _variants(problem.arm).items():
+                if not rows:  # loads compiled code
+                    _solve(problem, checker, meshes, variant, constraints, seed)
+                rows.append(_solve(problem, checker, meshes, variant, constraints, seed))
+    settings = {
+        "sets": list(sets),
+        "problems": problems,
+        "acceleration": ACCELERATION,
+        "jerk": JERK,
+        "ik_seeds": IK_SEEDS,
+        "audit_step": STEP,
+        "grid": GRID,
+    }
+    return MotionTable(settings, origin, tuple(rows))
+
+
+def _variants(arm: Arm) -> dict[str, tuple[RateConstraint, ...]]:
+    """The loads of a run, and their constraints; only one without a load if the robot states no torque limits."""
+    none: dict[str, tuple[RateConstraint, ...]] = {"": ()}
+    try:
+        return {**none, LOAD: (TorqueLimits(arm, Payload(LOAD_MASS)),)}
+    except InputError:
+        return none
+
+
+def _solve(
+    problem: PlanProblem,
+    checker: CollisionChecker,
+    meshes: CollisionChecker,
+    variant: str,
+    constraints: Sequence[RateConstraint],
+    seed: int,
+) -> MotionRow:
+    clock, ms = _Clock(), dict[str, float]()
+    arm, start = problem.arm, problem.start
+    limits = replace(arm.limits, acceleration=np.full(arm.dof, ACCELERATION), acceleration_source="of the benchmark")
+    pose = arm.forward_kinematics(problem.goals[0])
+    clock.restart()
+    goals = pose_goals(checker, pose, rng=seed)
+    ms["goals"] = clock.lap()
+    if not len(goals):
+        return _failure(problem, variant, 0, ms, "no free IK solution of the goal pose was found")
+    distances = np.abs(goals - start) / limits.velocity
+    nearest = distances.max(axis=1) <= PROMISING * distances.max(axis=1).min()
+    plan = RrtConnect().plan(checker, start, goals[nearest], rng=seed)
+    if plan.path is None:
+        return _failure(problem, variant, len(goals), ms, plan.message)
+    used = plan.checker or checker
+    path = shortcut(plan.path, used, rng=seed)
+    ms["plan"] = clock.lap()
+    try:
+        result = optimise(path, used, limits=limits, jerk=JERK, goals=goals, constraints=constraints, rng=seed)
+    except TimingError as error:
+        return _failure(problem, variant, len(goals), ms, str(error))
+    ms["optimise"] = clock.lap()
+    at_goal = PlanProblem(
+        problem.collection, problem.set_name, problem.number, arm, problem.scene, start, goals, problem.notes
+    )
+    excess = limit_excess(result.trajectory, limits, JERK)
+    faults = motion_faults(result.trajectory, at_goal, meshes)
+    if excess > LIMIT_ROUNDING:
+        faults = (*faults, f"exceeds a limit by a factor of {1.0 + excess:.12g}")
+    free = result.certificate.free
+    return MotionRow(
+        problem.collection,
+        problem.set_name,
+        problem.number,
+        variant=variant,
+        goals=len(goals),
+        certified=free,
+        faults=faults,
+        excess=excess,
+        duration=round(result.duration, 6),
+        before=round(result.duration_before, 6),
+        lower_bound=round(result.lower_bound, 6),
+        ms={step: round(value, 4) for step, value in ms.items()},
+        message="" if free else result.certificate.message,
+    )
+
+
+def _failure(problem: PlanProblem, variant: str, goals: int, ms: dict[str, float], message: str) -> MotionRow:
+    names = (problem.collection, problem.set_name, problem.number)
+    return MotionRow(*names, variant, goals, False, (), None, None, None, None, ms, message)
+
+
+def limit_excess(trajectory: Trajectory, limits: JointLimits, jerk: float) -> float:
+    """The largest relative excess of velocity, acceleration and jerk on a grid of times; negative within the limits."""
+    times = np.linspace(0.0, trajectory.duration, GRID)
+    rates = (
+        trajectory.velocity(times) / limits.velocity,
+        trajectory.acceleration(times) / limits.acceleration,
+        trajectory.jerk(times) / jerk,
+    )
+    return max(float(np.abs(rate).max()) for rate in rates) - 1.0
+
+
+class _Clock:
+    """CPU time of this process in milliseconds since the last lap."""
+
+    def __init__(self) -> None:
+        self.restart()
+
+    def restart(self) -> None:
+        self._last = process_time()
+
+    def lap(self) -> float:
+        now = process_time()
+        passed, self._last = MS * (now - self._last), now
+        return passed
+
+
+# -- page ------------------------------------------------------------------------------------------------------------
+
+
+def motion_markdown(table: MotionTable) -> str:
+    """Return the table as Markdown, without a title."""
+    lines = [
+        "## Durations of motions to a pose",
+        "",
+        *wrapped(
+            "Motions from the start to the pose of the tool at the goal, with accelerations of at most "
+            f"{table.settings['acceleration']:g} rad/s^2, jerks of at most {table.settings['jerk']:g} rad/s^3 and the "
+            "velocities of the robot. All IK solutions found for the pose are goals. The lower bound is the duration "
+            "of the fastest motion to the best free goal without obstacles, and the ratio that of both durations. The "
+            "time is that from the problem to the certified trajectory, as CPU time of one core. A motion is unsafe if "
+            f"the check on the original meshes, with samples of at most {table.settings['audit_step']:g} rad, finds a "
+            f"contact, or if it exceeds a limit by more than a relative {LIMIT_ROUNDING:g} at one of "
+            f"{table.settings['grid']:,} times. cuRobo publishes a median of {PUBLISHED['']} s, and of "
+            f"{PUBLISHED[LOAD]} s with a load of 3 kg and torque limits, for its set of 2,600 problems."
+        ),
+        "",
+        provenance_text(table),
+        "",
+    ]
+    for variant in dict.fromkeys(row.variant for row in table.rows):
+        rows = [row for row in table.rows if row.variant == variant]
+        sets = list(dict.fromkeys(row.set_name for row in rows))
+        groups = {"all sets": rows, **{name: [row for row in rows if row.set_name == name] for name in sets}}
+        title = f"With a load of {variant} and torque limits" if variant else "Without a load"
+        lines += [f"### {title}", "", *markdown_table(COLUMNS, [_figures(*each) for each in groups.items()]), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+COLUMNS = (
+    "problems",
+    "certified",
+    "unsafe",
+    "duration, s: median / 98 %",
+    "before, s",
+    "lower bound, s",
+    "ratio",
+    "time, ms: median / 95 %",
+    "goals",
+    "plan",
+    "optimise",
+    "largest excess",
+)
+
+
+def _figures(name: str, rows: Sequence[MotionRow]) -> list[str]:
+    solved = [row for row in rows if row.duration is not None]
+    head = [name, f"{sum(row.certified for row in rows)} of {len(rows)}", str(sum(bool(row.faults) for row in rows))]
+    if not solved:
+        return head + [""] * (len(COLUMNS) - len(head))
+
+    def median(value: Callable[[MotionRow], float | None], share: float = 0.5) -> float:
+        return float(np.quantile(np.array([value(row) for row in solved], dtype=float), share))
+
+    steps = [f"{median(lambda row, step=step: row.ms[step]):.1f}" for step in STEPS]  # type: ignore[misc]
+    return [
+        *head,
+        f"{median(lambda row: row.duration):.3f} / {median(lambda row: row.duration, 0.98):.2f}",
+        f"{median(lambda row: row.before):.3f}",
+        f"{median(lambda row: row.lower_bound):.3f}",
+        f"{median(lambda row: (row.duration or 0.0) / (row.lower_bound or 1.0)):.3f}",
+        f"{median(lambda row: row.total):.1f} / {median(lambda row: row.total, 0.95):.1f}",
+        *steps,
+        f"{median(lambda row: row.excess, 1.0):.1g}",
+    ]

@@ -1,0 +1,122 @@
+"""Plots of a trajectory: position, velocity, acceleration and jerk of each joint over time, with their limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.errors import InputError
+from pinproof.motion import bezier
+from pinproof.spatial import finite
+
+__all__ = ["DrawnConstraint", "DrawnLimits", "plot_trajectory"]
+
+Array = npt.NDArray[np.float64]
+
+SAMPLES = 12
+"""Number of samples of each polynomial piece, so that jumps of acceleration and jerk remain vertical."""
+
+PANEL_SIZE = (9.0, 2.1)
+"""Width and height of a panel in inches."""
+
+TITLES = ("position\nrad or m", "velocity\nrad/s or m/s", "acceleration\nrad/s² or m/s²", "jerk\nrad/s³ or m/s³")
+
+LEGEND_ROWS = 14
+"""Largest number of joints that the legend names."""
+
+
+class DrawnLimits(Protocol):
+    """Limits such as ``arm.limits``; ``lower`` and ``upper`` are drawn if they exist."""
+
+    @property
+    def velocity(self) -> Array:
+        """(n,) velocity limits."""
+
+    @property
+    def acceleration(self) -> Array:
+        """(n,) acceleration limits."""
+
+
+class DrawnConstraint(Protocol):
+    """A :class:`~pinproof.motion.RateConstraint`."""
+
+    @property
+    def name(self) -> str:
+        """The title of the panel."""
+
+    def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
+        """(N, m) alpha, beta, gamma and the bound."""
+
+
+class _Motion(Protocol):
+    @property
+    def joint_names(self) -> tuple[str, ...]: ...
+
+    def bezier(self, order: int = 0) -> tuple[Array, Array]: ...
+
+
+def plot_trajectory(
+    trajectory: _Motion,
+    limits: DrawnLimits | None = None,
+    *,
+    jerk: npt.ArrayLike | None = None,
+    constraints: Sequence[DrawnConstraint] = (),
+) -> Any:
+    """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
+    from matplotlib.figure import Figure
+
+    names = trajectory.joint_names
+    lines = _lines(limits, jerk, len(names))
+    times, values = _sampled(trajectory)
+    panels = [*zip(TITLES, values, lines, strict=True)]
+    for constraint in constraints:
+        _, beta, gamma, bound = constraint.coefficients(values[0], values[1], values[2])
+        panels.append((constraint.name, beta + gamma, (-bound.min(axis=0), bound.min(axis=0))))
+    width, height = PANEL_SIZE
+    figure = Figure(figsize=(width, 0.6 + height * len(panels)), layout="constrained")
+    axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+    for panel, (title, columns, (lower, upper)) in zip(axes, panels, strict=True):
+        for k, column in enumerate(columns.T):
+            label = names[k] if columns.shape[1] == len(names) else f"component {k + 1}"
+            (line,) = panel.plot(times, column, linewidth=1.4, label=label)
+            for limit in (lower[k], upper[k]):
+                if np.isfinite(limit):
+                    panel.axhline(limit, color=line.get_color(), linestyle="--", linewidth=0.9, alpha=0.6)
+        panel.set_ylabel(title)
+        panel.grid(alpha=0.3)
+        panel.margins(x=0.0)
+    axes[-1].set_xlabel("time, s")
+    if len(names) <= LEGEND_ROWS:
+        axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize="small")
+    return figure
+
+
+def _sampled(trajectory: _Motion) -> tuple[Array, list[Array]]:
+    """(N,) times, and (N, n) positions and derivatives up to the jerk, with both values where one jumps."""
+    knots, control = trajectory.bezier()
+    pieces = len(control)
+    piece, u = np.repeat(np.arange(pieces), SAMPLES), np.tile(np.linspace(0.0, 1.0, SAMPLES), pieces)
+    times = knots[piece] + u * np.diff(knots)[piece]
+    return times, [bezier.on_pieces(trajectory.bezier(order)[1], piece, u) for order in range(4)]
+
+
+def _lines(limits: DrawnLimits | None, jerk: npt.ArrayLike | None, n: int) -> list[tuple[Array, Array]]:
+    """The lower and the upper limit (n,) of each panel; infinite where there is none."""
+    none = np.full(n, np.inf)
+    lower, upper = getattr(limits, "lower", None), getattr(limits, "upper", None)
+    rates = [
+        none if limits is None else _rates(each, getattr(limits, each), n) for each in ("velocity", "acceleration")
+    ]
+    rates.append(none if jerk is None else _rates("jerk", np.broadcast_to(jerk, n) if np.ndim(jerk) == 0 else jerk, n))
+    positions = (-none if lower is None else np.asarray(lower), none if upper is None else np.asarray(upper))
+    return [positions, *((-rate, rate) for rate in rates)]
+
+
+def _rates(name: str, value: npt.ArrayLike, n: int) -> Array:
+    rates = finite(name, value, (n,))
+    if (rates <= 0.0).any():
+        raise InputError(f"{name} must be above 0; it is {rates}")
+    return rates

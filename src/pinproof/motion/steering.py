@@ -1,0 +1,334 @@
+"""Time-optimal moves between states (position, velocity, acceleration), and motions that consist of them.
+
+Each joint moves from state to state in the shortest common time of all joints, within the limits of velocity,
+acceleration and jerk. The moves are computed by ruckig (L. Berscheid, T. Kroeger, "Jerk-limited real-time trajectory
+generation with arbitrary target states", RSS 2021): its profiles are cubic in phases of constant jerk, or parabolic
+without a jerk limit.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from pinproof.motion.curve import Array
+from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
+from pinproof.motion.trajectory import Trajectory
+from pinproof.motion.trajectory_files import NANO, seconds
+
+__all__ = ["Move", "MoveSequence", "State", "Steering", "rest", "rest_to_rest_times"]
+
+State = tuple[list[float], list[float], list[float]]
+"""Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""
+
+STATE_SHARE = 1.0 - 1e-11
+"""Share of the rates of a state that is used: the rates at the limits differ from them by rounding."""
+
+JERK_SLACK = 1e-4
+"""Share of the jerk limits that is left for the rounding of times to nanoseconds and of positions, which a quintic
+between two points amplifies by 60 / h^3."""
+
+RATE_SLACK = 1e-6
+"""Share of the velocity and acceleration limits that is left for rounding. A state that exceeds the rest is clipped."""
+
+SHORTEST_STEP = 5e-5
+"""Shortest time (s) between two points of a trajectory. Phases that end closer to each other share a point."""
+
+
+def rest(q: Iterable[float]) -> State:
+    """The state at a configuration, at rest."""
+    positions = [float(each) for each in q]
+    zeros = [0.0] * len(positions)
+    return positions, zeros, zeros
+
+
+class _Source(Protocol):
+    """A motion that can be evaluated: a trajectory of ruckig or :class:`_Timed`."""
+
+    duration: float
+
+    def at_time(self, time: float) -> State:
+        """The state at a time (s) from 0 to the duration."""
+
+
+class _Timed:
+    """A trajectory of this package as the source of a move."""
+
+    def __init__(self, trajectory: Trajectory, bounds: Bounds) -> None:
+        self.duration, self.times = trajectory.duration, trajectory.times
+        rates = np.stack([np.full_like(bounds.velocity, np.inf), bounds.velocity, bounds.acceleration])
+        self._most = rates * (1.0 - 2.0 * RATE_SLACK)
+        self._begins = self.times[:-1].tolist()
+        points = trajectory.bezier()[1]
+        degree = points.shape[1] - 1
+        # Coefficients of powers of u in [0, 1]: the r-th differences of the control points, times C(degree, r).
+        powers = [math.comb(degree, r) * np.diff(points, r, axis=1)[:, 0] for r in range(degree + 1)]
+        self._powers = np.stack(powers, axis=1)
+        self._widths = np.diff(trajectory.bezier()[0])
+        self._exponents = np.arange(degree + 1)
+
+    def at_time(self, time: float) -> State:
+        k = min(max(bisect_right(self._begins, time) - 1, 0), len(self._widths) - 1)
+        width = float(self._widths[k])
+        u = min(max((time - self._begins[k]) / width, 0.0), 1.0)
+        r = self._exponents
+        power = u ** np.maximum(r, 0)
+        speed = r * u ** np.maximum(r - 1, 0) / width
+        acceleration = r * (r - 1) * u ** np.maximum(r - 2, 0) / width**2
+        state = np.stack([power, speed, acceleration]) @ self._powers[k]
+        q, v, a = state.clip(-self._most, self._most).tolist()
+        return q, v, a
+
+
+class Move:
+    """The part from ``start`` to ``end`` (s) of a source."""
+
+    __slots__ = ("end", "source", "start")
+
+    def __init__(self, source: Any, start: float = 0.0, end: float | None = None) -> None:
+        self.source: _Source = source
+        self.start = start
+        self.end: float = source.duration if end is None else end
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+        return self.end - self.start
+
+    def state(self, time: float) -> State:
+        """The state after ``time`` (s)."""
+        return self.source.at_time(min(self.start + max(time, 0.0), self.end))
+
+    def states(self, step: float) -> list[State]:
+        """The states at equal times, at most ``step`` (s) apart, after the start up to and including the end."""
+        count = max(math.ceil(self.duration / step), 1)
+        share = self.duration / count
+        return [self.state(share * i) for i in range(1, count + 1)]
+
+    def phase_ends(self) -> Array:
+        """The times (s) after the start, within the move, at which a phase of a joint ends."""
+        if isinstance(self.source, _Timed):
+            ends = self.source.times
+        else:
+            ends = np.concatenate([_phase_ends(profile) for profile in self.source.profiles[0]])  # type: ignore[attr-defined]
+        ends = ends[(ends > self.start) & (ends < self.end)]
+        return np.asarray(ends - self.start)
+
+
+def _phase_ends(profile: Any) -> Array:
+    """The ends of the phases of a joint, which may begin with phases that bring it into its limits."""
+    phases = [*profile.brake.t, *profile.t, *profile.accel.t]
+    return np.cumsum(phases)
+
+
+class Steering:
+    """Moves between states within limits.
+
+    Parameters
+    ----------
+    bounds
+        The limits; without a jerk limit, the acceleration of the moves jumps.
+    share
+        The share of the acceleration and jerk limits that moves use, one number or (n,).
+    """
+
+    def __init__(self, bounds: Bounds, share: float | Array = 1.0) -> None:
+        from ruckig import InputParameter, Result, Ruckig, RuckigError
+        from ruckig import Trajectory as Profiles
+
+        n = len(bounds.velocity)
+        self._ruckig, self._input, self._new, self._n = Ruckig(n), InputParameter(n), Profiles, n
+        self._good, self._error = (Result.Working, Result.Finished), RuckigError
+        self._smooth = bounds.jerk is not None
+        jerk = np.full(n, np.inf) if bounds.jerk is None else bounds.jerk * share * (1.0 - JERK_SLACK)
+        self._limits = {
+            "max_velocity": bounds.velocity * (1.0 - RATE_SLACK),
+            "max_acceleration": bounds.acceleration * share * (1.0 - RATE_SLACK),
+            "max_jerk": jerk,
+        }
+        self._set_limits()
+        self._lower, self._upper = bounds.lower.tolist(), bounds.upper.tolist()
+
+    def _set_limits(self) -> None:
+        for key, limit in self._limits.items():
+            setattr(self._input, key, limit.tolist())
+
+    def straight(self, first: Sequence[float], last: Sequence[float]) -> Move | None:
+        """The fastest move from rest to rest on the straight line between two different configurations."""
+        distance = np.abs(np.subtract(last, first))
+        moving = distance > 0.0
+        for key, limit in self._limits.items():  # in proportion to the distances, every joint has the same profile
+            along = limit.copy()
+            along[moving] = distance[moving] * (limit[moving] / distance[moving]).min()
+            setattr(self._input, key, along.tolist())
+        move = self.move(rest(first), rest(last))
+        self._set_limits()
+        return move
+
+    def move(self, first: State, last: State) -> Move | None:
+        """The fastest move from one state to another; None if there is none within the limits of the rates."""
+        given = self._input
+        given.current_position, given.current_velocity, given.current_acceleration = _shrunk(first)
+        given.target_position, given.target_velocity, given.target_acceleration = _shrunk(last)
+        if not self._smooth:  # the acceleration may jump, and states of the input have any
+            given.current_acceleration = given.target_acceleration = [0.0] * self._n
+        profiles = self._new(self._n)
+        try:
+            # Otherwise a move may begin with a phase that exceeds the limits, in order to slow down.
+            self._ruckig.validate_input(given, check_current_state_within_limits=True)
+            result = self._ruckig.calculate(given, profiles)
+        except self._error:  # a state that is beyond the limits, or cannot be left within them
+            return None
+        return Move(profiles) if result in self._good else None
+
+    def inside(self, move: Move) -> bool:
+        """Whether a complete move stays within the position limits."""
+        extremes = move.source.position_extrema  # type: ignore[attr-defined]
+        return all(
+            each.min >= low - POSITION_TOLERANCE and each.max <= high + POSITION_TOLERANCE
+            for each, low, high in zip(extremes, self._lower, self._upper, strict=True)
+        )
+
+
+def _shrunk(state: State) -> State:
+    """A state whose rates are inside the limits if they exceed them by rounding, which ruckig refuses."""
+    q, velocity, acceleration = state
+    return q, [STATE_SHARE * rate for rate in velocity], [STATE_SHARE * rate for rate in acceleration]
+
+
+class MoveSequence:
+    """Moves, each of which begins at the state in which the previous one ends."""
+
+    def __init__(self, moves: Iterable[Move]) -> None:
+        self.moves = tuple(moves)
+        self.times = [0.0]
+        for move in self.moves:
+            self.times.append(self.times[-1] + move.duration)
+        self.duration = self.times[-1]
+
+    @classmethod
+    def of(cls, trajectory: Trajectory, bounds: Bounds) -> MoveSequence:
+        """The sequence that consists of a trajectory."""
+        return cls([Move(_Timed(trajectory, bounds))])
+
+    def state(self, time: float) -> State:
+        """The state at a time (s) from 0 to the duration."""
+        k = min(max(bisect_right(self.times, time) - 1, 0), len(self.moves) - 1)
+        return self.moves[k].state(time - self.times[k])
+
+    def replaced(self, start: float, end: float, moves: Iterable[Move]) -> MoveSequence:
+        """The sequence with other moves from ``start`` to ``end`` (s), which connect the states there."""
+        before, after = [], []
+        for move, first, last in zip(self.moves, self.times[:-1], self.times[1:], strict=True):
+            if first < start:
+                before.append(Move(move.source, move.start, min(move.end, move.start + start - first)))
+            if last > end:
+                after.append(Move(move.source, max(move.start, move.start + end - first), move.end))
+        return MoveSequence([*before, *moves, *after])
+
+    def trajectory(
+        self, joint_names: tuple[str, ...], note: str, start: State, end: State, *, smooth: bool
+    ) -> Trajectory:
+        """The motion from one state to another, as a trajectory with points at the ends of all phases.
+
+        It is quintic if ``smooth``, else cubic. Between two ends of phases, the motion is a polynomial of this degree,
+        up to the rounding of times to nanoseconds, and phases shorter than :data:`SHORTEST_STEP`, which share a point.
+        There the jerk (the acceleration of a cubic) between two points is its mean, and the deviation that this causes
+        is removed by a polynomial over the whole motion.
+        """
+        ends = [start + move.phase_ends() for move, start in zip(self.moves, self.times[:-1], strict=True)]
+        inner = np.sort(np.concatenate([*ends, np.array(self.times[1:-1])]))
+        last = math.ceil(self.duration * NANO)
+        shortest = round(SHORTEST_STEP * NANO)
+        clock = [0]
+        for time in np.rint(inner * NANO).astype(np.int64).tolist():
+            if time - clock[-1] >= shortest and last - time >= shortest:
+                clock.append(time)
+        clock.append(max(last, 1))
+        times = seconds(np.array(clock))
+        states = np.array([self.state(min(time, self.duration)) for time in times.tolist()])
+        states[0], states[-1] = start, end  # without the rounding of the moves
+        middles = 0.5 * (times[1:] + times[:-1])
+        exact = np.array([self._is_timed(time) for time in middles.tolist()])
+        q, velocity, acceleration = states.swapaxes(0, 1)
+        if smooth:
+            _smooth_steps(times, q, velocity, acceleration, exact)
+        else:
+            _parabolic_steps(times, q, velocity, exact)
+        return Trajectory(times, q, velocity, joint_names, note, accelerations=acceleration if smooth else None)
+
+    def _is_timed(self, time: float) -> bool:
+        k = min(max(bisect_right(self.times, time) - 1, 0), len(self.moves) - 1)
+        return isinstance(self.moves[k].source, _Timed)
+
+
+def _smooth_steps(times: Array, q: Array, velocity: Array, acceleration: Array, exact: Any) -> None:
+    """Change positions and velocities (m, n) such that the jerk is constant in each step that is not ``exact`` (m-1,).
+
+    The accelerations are kept. The changes at the end are removed by the quintic with these values at the end, and with
+    zero acceleration there and zero position, velocity and acceleration at the start.
+    """
+    h = np.diff(times)[:, None]
+    before, after = acceleration[:-1], acceleration[1:]
+    rise = 0.5 * h * (before + after) - np.diff(velocity, axis=0)
+    way = h * velocity[:-1] + h * h * (2.0 * before + after) / 6.0 - np.diff(q, axis=0)
+    rise[exact], way[exact] = 0.0, 0.0
+    faster = _sums(rise)
+    farther = _sums(way + h * faster[:-1])
+    total = times[-1]
+    u = (times / total)[:, None]
+    for quintic, at_end in (((10.0, -15.0, 6.0), farther[-1].copy()), ((-4.0, 7.0, -3.0), total * faster[-1])):
+        c3, c4, c5 = quintic
+        farther -= at_end * (u**3 * (c3 + u * (c4 + u * c5)))
+        faster -= at_end / total * (u**2 * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+        acceleration -= at_end / total**2 * (u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5)))
+    farther[-1], faster[-1] = 0.0, 0.0  # without rounding
+    q += farther
+    velocity += faster
+
+
+def _parabolic_steps(times: Array, q: Array, velocity: Array, exact: Any) -> None:
+    """Change positions (m, n) such that the acceleration is constant in each step that is not ``exact`` (m-1,).
+
+    The velocities are kept. The change at the end is removed by the cubic with this value there, and at rest otherwise.
+    """
+    h = np.diff(times)[:, None]
+    way = 0.5 * h * (velocity[:-1] + velocity[1:]) - np.diff(q, axis=0)
+    way[exact] = 0.0
+    farther = _sums(way)
+    total, at_end = times[-1], farther[-1].copy()
+    u = (times / total)[:, None]
+    farther -= at_end * (u * u * (3.0 - 2.0 * u))
+    farther[-1] = 0.0
+    q += farther
+    velocity -= at_end / total * (6.0 * u * (1.0 - u))
+
+
+def _sums(steps: Array) -> Array:
+    """(m, n) the sums of the steps (m-1, n) before each point."""
+    return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:
+    """The shortest times (s) in which single joints move by ``distance`` (..., n) from rest to rest.
+
+    The largest of a row is a lower bound of the duration of every motion between its ends. (L. Biagiotti, C.
+    Melchiorri, "Trajectory Planning for Automatic Machines and Robots", 2008, section 3.4, for rest at both ends.)
+    """
+    d, v, a = np.abs(distance), bounds.velocity, bounds.acceleration
+    if bounds.jerk is None:
+        return np.where(d * a < v * v, 2.0 * np.sqrt(d / a), d / v + v / a)
+    j = bounds.jerk
+    # To a speed u and back to rest: 2 (u / a + a / j) if the acceleration limit is reached, else 4 sqrt(u / j). The
+    # distance on the way is u times half of this.
+    reached = v * j > a * a
+    ramps = np.where(reached, v / a + a / j, 2.0 * np.sqrt(v / j))
+    cruising = 2.0 * ramps + (d - v * ramps) / v
+    speed = 0.5 * a * (np.sqrt((a / j) ** 2 + 4.0 * d / a) - a / j)
+    with_limit, without = 2.0 * (speed / a + a / j), 4.0 * np.cbrt(d / (2.0 * j))
+    slower = np.where(speed * j >= a * a, with_limit, without)
+    return np.where(d >= v * ramps, cruising, slower)

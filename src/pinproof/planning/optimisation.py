@@ -1,0 +1,602 @@
+"""Shorter motions: a planner's path becomes a timed and certified motion that is locally time-optimal.
+
+The search works on timed motions, in the space of positions, velocities and accelerations. It replaces parts of the
+motion by the fastest move between the states at two times, directly (time-optimal shortcuts) or through a modified
+state between them. A replacement is accepted if it is shorter, within all limits, and free at its samples; the motion
+is proven collision-free after each phase of the search, and otherwise the last proven motion is restored.
+
+Source: K. Hauser, V. Ng-Thow-Hing, "Fast smoothing of manipulator trajectories using optimal bounded-acceleration
+shortcuts", ICRA 2010. Jerk-limited moves and modified states are additions.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from operator import mul
+from typing import Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof._core import RrtSearch
+from pinproof.collision import Certificate, CollisionChecker, certify
+from pinproof.collision.certify import is_proven_free
+from pinproof.common.display import outline
+from pinproof.errors import InputError, TimingError
+from pinproof.motion import Curve, JointPath, MotionLimits, Trajectory, time_parametrise
+from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
+from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
+from pinproof.motion.steering import Move, MoveSequence, State, Steering, rest, rest_to_rest_times
+from pinproof.planning.edges import Edges
+from pinproof.planning.rrt_connect import sampling_box
+from pinproof.spatial import finite
+
+__all__ = ["BUDGET", "OptimiseResult", "optimise"]
+
+Array = npt.NDArray[np.float64]
+
+BUDGET = 600
+"""Default number of evaluations: about 20 ms for an arm of seven joints between shelves."""
+
+RESOLUTION = 0.06
+"""Metres that bodies move between two samples of a motion that is considered. Motions are proven later."""
+
+SAMPLE_TIME = 0.06
+"""Seconds between two samples of a motion, in which acceleration bends it by few millimetres."""
+
+MIN_GAIN = 2e-3
+"""A replacement is accepted if it saves this share of the duration, or seconds of a motion shorter than one second."""
+
+CLOSE_ENOUGH = 1e-3
+"""The search ends when the motion is longer than the lower bound by this share at most."""
+
+GOALS = 6
+"""Number of goals that are considered, those with the lowest bounds of the duration."""
+
+DISTINCT = 0.15
+"""Goals that differ by at most this (rad or m) in each joint count as one: their motions are similar."""
+
+PLANS, PER_PLAN = 5, 50
+"""Number of further paths that are compared with the given one, at most one for so many evaluations."""
+
+PLAN_STEP, PLAN_SAMPLES, PLAN_CHECKS, PLAN_DRAWS = 0.7, 2000, 5000, 64
+"""Length of an edge (rad or m), numbers of random samples and of collision checks of the search for each further path,
+after which it ends, and number of random samples that are drawn at a time."""
+
+SHORTCUTS = 0.85
+"""Share of the replacements of a motion that are shortcuts; the others pass a modified state."""
+
+INSIDE = 0.9999
+"""Share of the limits of velocity and acceleration within which a modified state remains."""
+
+SLOWER = (1.0, 0.8, 0.6)
+"""With constraints such as torques, shares of the accelerations at which a joint alone satisfies them, for the moves
+that are tried after those at full acceleration."""
+
+SLOWEST = 0.1
+"""Smallest share of the acceleration limit of a joint that is used with constraints."""
+
+CONSTRAINT_SHARE = 0.98
+"""Share of the bound of a constraint that samples may use, because the constraint holds between samples too."""
+
+CONSTRAINT_TIME = 0.015
+"""Seconds between two samples of a move at which constraints are checked: within this time, a usual jerk limit permits
+only a part of the change of acceleration."""
+
+CONNECT, DETOUR = 0.45, 0.25
+"""Shares of the budget for shortening the first motions, and for detours from the direct motion to a goal; the rest is
+for the best motion."""
+
+MOVING_SHARE = 0.999
+"""Share of the acceleration limits of motions that do not end at rest, which cannot be slowed down afterwards."""
+
+END_SHARES = (0.2, 0.4, 0.6, 0.8)
+"""Fractions of a motion that are replaced to change the state at its end."""
+
+SLOW_ROUNDS = 8
+"""Number of attempts to satisfy all limits by slowing down the complete motion, usually by less than 0.1 %."""
+
+
+@dataclass(frozen=True, eq=False)
+class OptimiseResult:
+    """A timed and certified motion.
+
+    Parameters
+    ----------
+    trajectory
+        The motion.
+    certificate
+        Its certificate. It is FREE, unless not even the given path could be certified.
+    goal
+        The index of the goal at which the motion ends; None if it is the end of the path and not one of the goals.
+    duration_before
+        Duration (s) of the given path with time-optimal timing.
+    lower_bound
+        A lower bound (s) of the duration of every motion from the start to one of the goals, without obstacles.
+    evaluations
+        Number of moves that were computed.
+    message
+        The outcome as text.
+    """
+
+    trajectory: Trajectory
+    certificate: Certificate
+    goal: int | None
+    duration_before: float
+    lower_bound: float
+    evaluations: int
+    message: str
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+        return self.trajectory.duration
+
+    def __repr__(self) -> str:
+        return outline(f"OptimiseResult({self.message})", (repr(self.trajectory), f"{self.evaluations} evaluations"))
+
+
+def optimise(
+    path: Curve,
+    checker: CollisionChecker,
+    *,
+    limits: MotionLimits | None = None,
+    jerk: npt.ArrayLike | Literal["limits"] | None = None,
+    goals: npt.ArrayLike | None = None,
+    constraints: Sequence[RateConstraint] = (),
+    rng: int | np.random.Generator = 0,
+    budget: int = BUDGET,
+) -> OptimiseResult:
+    """Make a motion as short as the robot allows: a timed trajectory that is locally time-optimal and certified.
+
+    The result has another geometry than the path, and is never slower than the path with time-optimal timing. It does
+    not depend on a clock: the same input gives the same trajectory.
+
+    Parameters
+    ----------
+    path
+        The path of a planner, or a shortened or rounded one.
+    checker
+        Defines the bodies and margins, such as :attr:`PlanResult.checker`.
+    limits, jerk
+        As for :func:`~pinproof.time_parametrise`; ``limits`` are those of the arm by default. Without a jerk limit the
+        result is a cubic, with one a quintic.
+    goals
+        (n,) or (g, n) configurations, at any of which the motion may end, such as all IK solutions of the goal pose.
+        By default, the end of the path, which is always a goal. Goals that are not free are ignored.
+    constraints
+        Further limits on the motion, such as torques, as for :func:`~pinproof.time_parametrise`.
+    rng
+        Seed or Generator of the random replacements.
+    budget
+        Number of evaluations, each the computation of a move between two states and its check. With 0, the path is
+        timed and certified only.
+
+    Raises
+    ------
+    InputError
+        If the joints of the path are not those of the arm, or a limit, a goal or the budget is invalid.
+    TimingError
+        If the path cannot be timed within the limits.
+    """
+    arm = checker.arm
+    if tuple(path.joint_names) != arm.joint_names:
+        raise InputError(f"the path has the joints {path.joint_names}, the arm {arm.joint_names}")
+    if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
+        raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
+    further = checked_constraints(constraints)
+    bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
+    ends = _goals(goals, path.end, bounds, checker)
+    before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, constraints=further)
+    lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
+    search = _Search(checker, bounds, further, path, before, ends, np.random.default_rng(rng), int(budget))
+    if budget > 0 and search.worthwhile:
+        search.run()
+    for motion, reached in reversed(search.proven):
+        trajectory = _timed(search.trajectory(motion, reached), bounds, further)
+        if trajectory is None or trajectory.duration >= before.duration:
+            continue
+        certificate = certify(trajectory, checker)
+        if certificate.free:
+            break
+    else:
+        trajectory, certificate = before, certify(before, checker)
+    given = ends if goals is None else np.atleast_2d(np.asarray(goals, dtype=float))
+    index = next(iter(np.flatnonzero((given == trajectory.end).all(axis=1)).tolist()), None)
+    message = (
+        f"duration reduced from {before.duration:.3g} s to {trajectory.duration:.3g} s, lower bound without obstacles "
+        f"{lower_bound:.3g} s; {certificate.message}"
+    )
+    return OptimiseResult(trajectory, certificate, index, before.duration, lower_bound, search.evaluations, message)
+
+
+def with_moving_ends(
+    trajectory: Trajectory,
+    checker: CollisionChecker,
+    *,
+    limits: MotionLimits,
+    start_velocity: Array,
+    end_velocity: Array,
+    longest: float,
+    constraints: Sequence[RateConstraint] = (),
+) -> Trajectory | None:
+    """A motion without a jerk limit, with velocities (n,) at its ends instead of rest, proven free.
+
+    Parts of the motion at its ends are replaced by the fastest moves to the new states.
+
+    Returns
+    -------
+    The motion, or None if none was found that takes at most ``longest`` seconds.
+    """
+    bounds = Bounds.of(limits, trajectory.joint_names)
+    goal, rng = trajectory.end[None], np.random.default_rng(0)
+    search = _Search(checker, bounds, constraints, trajectory, trajectory, goal, rng, 0, share=MOVING_SHARE)
+    start, end = (
+        (q.tolist(), velocity.tolist(), [0.0] * len(q))
+        for q, velocity in ((trajectory.start, start_velocity), (trajectory.end, end_velocity))
+    )
+    motion = search.with_ends(start, end, longest)
+    if motion is None:
+        return None
+    timed = motion.trajectory(trajectory.joint_names, trajectory.limits_note, start, end, smooth=False)
+    # A motion that had to be slowed down would have other velocities at its ends.
+    if timed.duration > longest or _excess(timed, bounds, constraints) > 1.0 or not is_proven_free(timed, checker):
+        return None
+    return timed
+
+
+def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
+    """The factor by which a motion must be slowed down; infinite if no factor suffices, 1 if it need not be."""
+    try:
+        excess = np.max([bounds.excess(trajectory), *(each.excess(trajectory) for each in constraints)], axis=0)
+    except TimingError:  # a constraint is violated even at rest
+        return math.inf
+    return max(float(excess.max()), 1.0) if bounds.too_fast(excess).any() else 1.0
+
+
+def _goals(goals: npt.ArrayLike | None, end: Array, bounds: Bounds, checker: CollisionChecker) -> Array:
+    """(g, n) the free goals inside the limits, or the end of the path."""
+    if goals is None:
+        return end[None]
+    rows = finite("goals", np.atleast_2d(np.asarray(goals, dtype=float)), (None, len(end)))
+    inside = ((rows >= bounds.lower) & (rows <= bounds.upper)).all(axis=1)
+    free = rows[inside]
+    free = free[checker.is_free_batch(free)] if len(free) else free
+    return free if len(free) and np.abs(free - end).max(axis=1).min() == 0.0 else np.vstack([end, free])
+
+
+def _nearest(rows: Array, q: Array) -> int:
+    return int(np.abs(rows - q).max(axis=1).argmin())
+
+
+def _timed(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Trajectory | None:
+    """The motion within all limits, if necessary slower; None if this is not possible."""
+    for _ in range(SLOW_ROUNDS):
+        excess = _excess(trajectory, bounds, constraints)
+        if excess == 1.0:
+            break
+        if not math.isfinite(excess):
+            return None
+        trajectory = trajectory.slowed(excess * (1.0 + 1e-9))
+    else:
+        return None
+    control = trajectory.bezier()[1]
+    outside = (control.min(axis=(0, 1)) < bounds.lower) | (control.max(axis=(0, 1)) > bounds.upper)
+    low, high = trajectory.range() if outside.any() else (bounds.lower, bounds.upper)  # inside if the hull is inside
+    inside = (low >= bounds.lower - POSITION_TOLERANCE) & (high <= bounds.upper + POSITION_TOLERANCE)
+    return trajectory if inside.all() else None
+
+
+def _shares_alone(q: Array, bounds: Bounds, constraints: Sequence[RateConstraint]) -> Array:
+    """(n,) shares of the acceleration limits at which each joint, accelerated alone at q (N, n), keeps constraints."""
+    shares = np.ones(q.shape[1])
+    zeros = np.zeros_like(q)
+    for joint in range(q.shape[1]):
+        slope = zeros.copy()
+        slope[:, joint] = bounds.acceleration[joint]
+        for constraint in constraints:
+            try:
+                alpha, _, gamma, bound = constraint.coefficients(q, slope, zeros)
+            except TimingError:  # violated even at rest, here
+                continue
+            needed = np.abs(alpha) > 0.0
+            spare = np.divide(bound - np.abs(gamma), np.abs(alpha), out=np.full_like(alpha, np.inf), where=needed)
+            shares[joint] = min(shares[joint], float(spare.min(initial=np.inf)))
+    return shares.clip(SLOWEST, 1.0)
+
+
+class _Search:
+    """The search for the shortest motion.
+
+    Attributes
+    ----------
+    proven
+        The motions that were proven free, each shorter than the previous one, with the index of their goal.
+    evaluations
+        Number of moves that were computed.
+    """
+
+    def __init__(
+        self,
+        checker: CollisionChecker,
+        bounds: Bounds,
+        constraints: Sequence[RateConstraint],
+        path: Curve,
+        before: Trajectory,
+        goals: Array,
+        rng: np.random.Generator,
+        budget: int,
+        *,
+        share: float = 1.0,
+    ) -> None:
+        self._checker, self._bounds, self._path, self._rng = checker, bounds, path, rng
+        self._goals, self._start, self._before = goals, np.asarray(path.start), before
+        self._edges = Edges(checker, RESOLUTION, np.array([path.start, path.end]))
+        self._constraints = constraints
+        self._levels = [Steering(bounds, share)]
+        if constraints:
+            alone = _shares_alone(np.vstack([path.start, goals]), bounds, constraints)
+            self._levels += [Steering(bounds, share * each * alone) for each in SLOWER]
+        self._left, self.evaluations = budget, 0
+        self._best, self._goal = self._given()
+        self.proven: list[tuple[MoveSequence, int]] = []
+        self._bound_of = rest_to_rest_times(goals - path.start, bounds).max(axis=1)
+        self._enough = float(self._bound_of.min()) * (1.0 + CLOSE_ENOUGH)
+        self._per_velocity = (1.0 / bounds.velocity).tolist()
+        self._step = SAMPLE_TIME
+
+    @property
+    def worthwhile(self) -> bool:
+        """Whether the given motion is longer than the lower bound."""
+        return self._best.duration > self._enough
+
+    def run(self) -> None:
+        """Search until the budget is used up or the motion is as short as its lower bound."""
+        budget = self._left
+        self._try_direct_moves()
+        if self._best.duration > self._enough:
+            self._shorten_first_motions(int(CONNECT * budget))
+            self._prove()
+            self._try_detours(int(DETOUR * budget))
+            self._prove()
+        self._best = self._improve(self._best, self._left // 2)
+        self._prove()
+        self._best = self._improve(self._best, self._left)
+        self._prove()
+
+    def with_ends(self, start: State, end: State, longest: float) -> MoveSequence | None:
+        """The motion with other states at its ends; None if none was found of at most this duration."""
+        if (moves := self._connect([start, end], longest)) is not None:
+            return MoveSequence(moves)
+        motion: MoveSequence | None = self._best
+        for first, state in ((True, start), (False, end)):
+            if motion is None or not any(state[1]):
+                continue
+            total, best, spare = motion.duration, None, longest - motion.duration
+            for share in END_SHARES:
+                low, high = (0.0, share * total) if first else ((1.0 - share) * total, total)
+                states = [state, motion.state(high)] if first else [motion.state(low), state]
+                moves = self._connect(states, high - low + spare)
+                if moves is not None and (best is None or motion.replaced(low, high, moves).duration < best.duration):
+                    best = motion.replaced(low, high, moves)
+            motion = best
+        return motion
+
+    def trajectory(self, motion: MoveSequence, goal: int) -> Trajectory:
+        """A motion to a goal as a trajectory."""
+        names, bounds = self._path.joint_names, self._bounds
+        ends = rest(self._start), rest(self._goals[goal])
+        return motion.trajectory(names, bounds.note, *ends, smooth=bounds.jerk is not None)
+
+    # -- phases ---------------------------------------------------------------------------------------------------
+
+    def _try_direct_moves(self) -> None:
+        """The fastest move to a goal, without obstacles the optimum; the goals in the order of their bounds."""
+        for goal in self._promising(GOALS):
+            moves = self._connect([rest(self._start), rest(self._goals[goal])], self._best.duration)
+            if moves is not None:
+                self._best, self._goal = MoveSequence(moves), goal
+                self._prove()
+                return
+
+    def _shorten_first_motions(self, budget: int) -> None:
+        """Shorten the given motion, and motions along further paths; the shortest becomes the best one."""
+        stopping = self._stopping(self._path.q) if isinstance(self._path, JointPath) else None
+        found = [(stopping or self._best, self._goal), *self._plans(min(PLANS, budget // PER_PLAN))]
+        rounds = max(math.ceil(math.log2(len(found))), 1)
+        for _ in range(rounds):  # the better half continues
+            share = budget // (rounds * len(found))
+            found = [(self._improve(motion, share), goal) for motion, goal in found]
+            found = sorted(found, key=lambda each: each[0].duration)[: (len(found) + 1) // 2]
+        self._best, self._goal = min([*found, (self._best, self._goal)], key=lambda each: each[0].duration)
+
+    def _plans(self, count: int) -> list[tuple[MoveSequence, int]]:
+        """Motions along further paths, if possible to different goals whose bounds are below the duration so far."""
+        used, found = {self._goal}, []
+        for _ in range(count):
+            promising = self._promising(GOALS)
+            plan = self._plan([goal for goal in promising if goal not in used] or promising) if promising else None
+            if plan is None:
+                break
+            path, goal = plan
+            used.add(goal)
+            if (motion := self._stopping(path)) is not None:
+                found.append((motion, goal))
+        return found
+
+    def _plan(self, goals: list[int]) -> tuple[Array, int] | None:
+        """A path (m, n) to one of the goals, with edges that are free at their samples."""
+        ends = np.ascontiguousarray(self._goals[goals])
+        search = RrtSearch(
+            self._edges.core,
+            np.ascontiguousarray(self._start),
+            ends,
+            sampling_box(self._checker.arm, np.vstack([self._start, ends])),
+            step=PLAN_STEP,
+            max_nodes=PLAN_SAMPLES,
+            max_samples=PLAN_SAMPLES,
+        )
+        event = search.grow(PLAN_CHECKS + self._edges.samples)
+        while event is RrtSearch.Event.NEEDS_DRAWS:
+            search.add_draws(self._rng.random((PLAN_DRAWS, len(self._start) + 2)))
+            event = search.grow(PLAN_CHECKS + self._edges.samples)
+        if event is not RrtSearch.Event.MET:
+            return None
+        forward, backward = search.branch(0, search.meeting(0))[::-1], search.branch(1, search.meeting(1))
+        q = np.concatenate([search.configurations(0, forward), search.configurations(1, backward[1:])])
+        kept, first = [0], 0
+        while first < len(q) - 1:  # connect each kept waypoint to the farthest one that a free edge reaches
+            first = next(
+                last
+                for last in range(len(q) - 1, first, -1)
+                if last == first + 1 or self._edges.samples_free(q[first], q[last])
+            )
+            kept.append(first)
+        return q[kept], goals[backward[-1]]
+
+    def _try_detours(self, budget: int) -> None:
+        """Moves to a goal through one state beside the direct move."""
+        goals = self._promising(GOALS)
+        directs = {}
+        until = self._left - budget
+        while goals and self._left > until:
+            goal = goals[int(self._rng.integers(len(goals)))]
+            if self._bound_of[goal] >= self._limit(self._best.duration):
+                goals.remove(goal)
+                continue
+            if goal not in directs:
+                move = self._levels[0].move(rest(self._start), rest(self._goals[goal]))
+                directs[goal] = None if move is None else MoveSequence([move])
+            direct = directs[goal]
+            if direct is None:
+                goals.remove(goal)
+                continue
+            time = self._rng.uniform(0.1, 0.9) * direct.duration
+            state = self._modified(direct.state(time), True, 0.5 * self._rng.random())
+            moves = self._connect([rest(self._start), state, rest(self._goals[goal])], self._best.duration)
+            if moves is not None:
+                self._best, self._goal = MoveSequence(moves), goal
+
+    def _improve(self, motion: MoveSequence, budget: int) -> MoveSequence:
+        """Replace random parts of a motion by shortcuts and by moves through modified states."""
+        until = self._left - budget
+        while self._left > until and motion.duration > self._enough:
+            start, end = self._window(motion)
+            if end <= start:
+                continue
+            states = [motion.state(start), motion.state(end)]
+            if self._rng.random() >= SHORTCUTS:
+                state = motion.state(float(self._rng.uniform(start, end)))
+                share = self._rng.random(len(self._start)) < 0.5
+                size = 0.3 * self._rng.random() ** 2 * share
+                states.insert(1, self._modified(state, self._rng.random() < 0.5, size))
+            moves = self._connect(states, end - start)
+            if moves is not None:
+                motion = motion.replaced(start, end, moves)
+        return motion
+
+    def _window(self, motion: MoveSequence) -> tuple[float, float]:
+        """The times between which a part of the motion is to be replaced, most often around a slow part."""
+        duration = motion.duration
+        if self._rng.random() < 0.3:
+            start, end = np.sort(self._rng.uniform(0.0, duration, 2)).tolist()
+            return start, end
+        times = self._rng.uniform(0.0, duration, 2).tolist()
+        speeds = [max(map(abs, map(mul, motion.state(time)[1], self._per_velocity))) for time in times]
+        middle = times[int(speeds[1] < speeds[0])]
+        before, after = (self._rng.uniform(0.05, 0.4, 2) * duration).tolist()
+        return max(middle - before, 0.0), min(middle + after, duration)
+
+    def _modified(self, state: State, moves: bool, size: float | npt.NDArray[np.floating]) -> State:
+        """A state near another one, inside the limits; if not ``moves``, with the same position."""
+        bounds = self._bounds
+        noise = size * self._rng.standard_normal((3, len(self._start)))
+        noise[0] *= moves
+        q = np.array(state[0]) + noise[0]
+        velocity = np.array(state[1]) + noise[1] * bounds.velocity
+        acceleration = np.array(state[2]) + noise[2] * bounds.acceleration
+        fastest, hardest = INSIDE * bounds.velocity, INSIDE * bounds.acceleration
+        return (
+            q.clip(bounds.lower, bounds.upper).tolist(),
+            velocity.clip(-fastest, fastest).tolist(),
+            acceleration.clip(-hardest, hardest).tolist(),
+        )
+
+    def _stopping(self, path: Array) -> MoveSequence | None:
+        """The motion along the edges of a path (m, n) that stops at each waypoint; None if there is none."""
+        moves = []
+        for first, last in pairwise(path.tolist()):
+            if first != last:
+                tried = (steering.straight(first, last) for steering in self._levels)
+                move = next((move for move in tried if move is not None and self._allowed([move])), None)
+                if move is None:
+                    return None
+                moves.append(move)
+        return MoveSequence(moves) if moves else None
+
+    def _connect(self, states: Sequence[State], duration: float) -> list[Move] | None:
+        """The fastest moves from state to state, if they are shorter than a duration, allowed, and free at samples."""
+        for steering in self._levels:
+            moves, left = [], self._limit(duration)
+            for first, last in pairwise(states):
+                self._left, self.evaluations = self._left - 1, self.evaluations + 1
+                move = steering.move(first, last)
+                if move is None or move.duration >= left:
+                    return None
+                moves.append(move)
+                left -= move.duration
+            if all(steering.inside(move) for move in moves) and self._allowed(moves):
+                points = [states[0][0]]
+                for move in moves:
+                    points += [state[0] for state in move.states(self._step)]
+                return moves if self._edges.core.points_free(np.array(points)) else None
+        return None
+
+    def _allowed(self, moves: Sequence[Move]) -> bool:
+        """Whether samples of the moves satisfy the constraints."""
+        if not self._constraints:
+            return True
+        states = [state for move in moves for state in move.states(CONSTRAINT_TIME)]
+        q, velocity, acceleration = np.array(states).swapaxes(0, 1)
+        for constraint in self._constraints:  # with the time as the path parameter, s' = 1 and s'' = 0
+            try:
+                _, beta, gamma, bound = constraint.coefficients(q, velocity, acceleration)
+            except TimingError:  # violated even at rest
+                return False
+            if (np.abs(beta + gamma) > CONSTRAINT_SHARE * bound).any():
+                return False
+        return True
+
+    @staticmethod
+    def _limit(duration: float) -> float:
+        """The duration that a replacement must not reach."""
+        return duration - MIN_GAIN * min(duration, 1.0)
+
+    def _promising(self, count: int) -> list[int]:
+        """Goals whose bounds are below the duration of the best motion, the lowest first; no two are similar."""
+        chosen: list[int] = []
+        for goal in np.argsort(self._bound_of, kind="stable").tolist():
+            if len(chosen) == count or self._bound_of[goal] >= self._limit(self._best.duration):
+                break
+            near = np.abs(self._goals[chosen] - self._goals[goal]).max(axis=1) <= DISTINCT
+            if not near.any():
+                chosen.append(goal)
+        return chosen
+
+    def _prove(self) -> None:
+        """Prove the best motion, or return to the last proven one and take samples closer to each other."""
+        if self.proven and self.proven[-1][0] is self._best:
+            return
+        if is_proven_free(self.trajectory(self._best, self._goal), self._checker):
+            self.proven.append((self._best, self._goal))
+            return
+        self._step /= 2.0
+        self._edges.refine()
+        self._best, self._goal = self.proven[-1] if self.proven else self._given()
+
+    def _given(self) -> tuple[MoveSequence, int]:
+        """The given path with its time-optimal timing, and the index of its end."""
+        return MoveSequence.of(self._before, self._bounds), _nearest(self._goals, np.asarray(self._path.end))

@@ -1,0 +1,70 @@
+"""Moves between states: limits, continuity, and the closed form of their shortest durations."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from pinproof.motion.limits import Bounds
+from pinproof.motion.steering import MoveSequence, Steering, rest, rest_to_rest_times
+
+NAMES = ("a", "b", "c")
+V, A, J = np.array([2.0, 1.0, 3.0]), np.array([15.0, 4.0, 9.0]), np.array([500.0, 60.0, 90.0])
+
+
+def bounds_with(jerk: bool = True) -> Bounds:
+    return Bounds.of(SimpleNamespace(velocity=V, acceleration=A), NAMES, J if jerk else None)
+
+
+def random_state(rng: np.random.Generator) -> tuple[list[float], list[float], list[float]]:
+    q, v, a = rng.uniform(-1, 1, (3, 3))
+    return (2 * q).tolist(), (0.6 * v * V).tolist(), (0.3 * a * A).tolist()
+
+
+@pytest.mark.parametrize("jerk", [True, False])
+def test_rest_to_rest_times_agree_with_ruckig(jerk: bool) -> None:
+    bounds, rng = bounds_with(jerk), np.random.default_rng(1)
+    steering = Steering(bounds)
+    for size in (1e-4, 1e-2, 0.3, 4.0):
+        distance = rng.uniform(0.1, 1.0, 3) * size
+        move = steering.move(rest(np.zeros(3)), rest(distance))
+        assert move is not None
+        assert move.duration == pytest.approx(rest_to_rest_times(distance, bounds).max(), rel=1e-4)
+
+
+@pytest.mark.parametrize("jerk", [True, False])
+def test_a_sequence_becomes_a_trajectory_with_the_same_motion(jerk: bool) -> None:
+    bounds, rng = bounds_with(jerk), np.random.default_rng(2)
+    steering = Steering(bounds)
+    middle = [random_state(rng) for _ in range(3)]
+    states = [rest(np.zeros(3)), *middle, rest(np.ones(3))]
+    moves = [steering.move(first, last) for first, last in pairwise(states)]
+    sequence = MoveSequence([move for move in moves if move is not None])
+    assert len(sequence.moves) == 4
+    between = steering.move(sequence.state(0.2), sequence.state(0.5))
+    assert between is not None
+    cut = sequence.replaced(0.2, 0.5, [between])
+    for each in (sequence, cut):
+        trajectory = each.trajectory(NAMES, "", states[0], states[-1], smooth=jerk)
+        times = np.linspace(0.0, each.duration, 2000)
+        found = np.array([each.state(t)[0] for t in times.tolist()])
+        assert np.abs(trajectory(times) - found).max() < 1e-6
+        assert (trajectory.max_velocity() <= V * (1 + 1e-6)).all()
+        assert bounds.excess(trajectory).max() < 1.001
+
+
+def test_a_straight_move_is_straight() -> None:
+    steering = Steering(bounds_with())
+    end = np.array([1.0, -0.3, 0.2])
+    move = steering.straight(np.zeros(3), end)
+    assert move is not None
+    q = np.array([state[0] for state in move.states(0.01)])
+    assert np.abs(q - q[:, :1] * end).max() < 1e-9
+
+
+def test_a_state_beyond_the_limits_is_not_reached() -> None:
+    steering = Steering(bounds_with())
+    assert steering.move(rest(np.ones(3)), ([0.0] * 3, [2.5, 0.0, 0.0], [0.0] * 3)) is None

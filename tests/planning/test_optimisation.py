@@ -1,0 +1,162 @@
+"""Optimisation of motions: certified, within all limits, never slower, reproducible."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof.motion.limits import RATE_TOLERANCE
+from pinproof.planning import optimise
+
+
+def limits_of(arm: pp.Arm, acceleration: float = 15.0) -> SimpleNamespace:
+    known = arm.limits
+    rates = np.full(arm.dof, acceleration)
+    return SimpleNamespace(velocity=known.velocity, acceleration=rates, lower=known.lower, upper=known.upper)
+
+
+def excess_on_grid(trajectory: pp.Trajectory, limits: SimpleNamespace, jerk: float | None) -> float:
+    """The largest ratio of a rate and its limit on a grid, minus 1."""
+    t = np.linspace(0.0, trajectory.duration, 10_000)
+    ratios = [np.abs(trajectory.velocity(t)) / limits.velocity]
+    ratios.append(np.abs(trajectory.acceleration(t)) / limits.acceleration)
+    if jerk is not None:
+        ratios.append(np.abs(trajectory.jerk(t)) / jerk)
+    return max(float(ratio.max()) for ratio in ratios) - 1.0
+
+
+@pytest.fixture(scope="module")
+def around_the_wall(gantry: pp.Arm, slotted: pp.Scene) -> tuple[pp.CollisionChecker, pp.JointPath]:
+    """A path through the slot, with corners before and behind it."""
+    checker = pp.CollisionChecker(gantry, slotted)
+    q = [[-0.8, -0.6], [-0.3, 0.6], [0.3, 0.6], [0.8, -0.6]]
+    return checker, pp.JointPath(q, gantry.joint_names)
+
+
+@pytest.mark.parametrize("jerk", [None, 500.0])
+def test_a_motion_around_a_wall_is_shorter_certified_and_within_the_limits(
+    around_the_wall: tuple[pp.CollisionChecker, pp.JointPath], jerk: float | None
+) -> None:
+    checker, path = around_the_wall
+    limits = limits_of(checker.arm)
+    result = optimise(path, checker, limits=limits, jerk=jerk, budget=400)
+    assert result.certificate.free
+    assert result.certificate.matches(result.trajectory, checker.arm, checker.scene)
+    assert pp.certify(result.trajectory, checker).free
+    assert result.lower_bound <= result.duration < 0.85 * result.duration_before
+    assert result.duration_before == pytest.approx(pp.time_parametrise(path, limits, jerk=jerk).duration)
+    assert excess_on_grid(result.trajectory, limits, jerk) <= RATE_TOLERANCE
+    assert np.array_equal(result.trajectory.start, path.start)
+    assert np.array_equal(result.trajectory.end, path.end)
+    assert not result.trajectory.velocities[[0, -1]].any()
+    assert result.trajectory.interpolant == ("cubic" if jerk is None else "quintic")
+
+
+def test_the_saved_motion_keeps_the_limits_when_a_controller_interpolates_it(
+    around_the_wall: tuple[pp.CollisionChecker, pp.JointPath], tmp_path
+) -> None:
+    checker, path = around_the_wall
+    limits = limits_of(checker.arm)
+    result = optimise(path, checker, limits=limits, jerk=500.0, budget=200)
+    result.trajectory.save(tmp_path / "motion.json", certificate=result.certificate)
+    rebuilt = pp.Trajectory.load(tmp_path / "motion.json")
+    assert rebuilt.digest() == result.trajectory.digest()
+    assert excess_on_grid(rebuilt, limits, 500.0) <= RATE_TOLERANCE
+
+
+def test_without_obstacles_the_motion_takes_as_long_as_its_lower_bound(panda: pp.Arm) -> None:
+    checker = pp.CollisionChecker(panda)
+    goal = panda.home + 0.5
+    path = pp.JointPath([panda.home, panda.home - 0.2, goal], panda.joint_names)
+    result = optimise(path, checker, limits=limits_of(panda), jerk=500.0)
+    assert result.duration == pytest.approx(result.lower_bound, rel=1e-3)
+    assert result.certificate.free
+
+
+def test_the_same_seed_gives_the_same_motion(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    first, second = (optimise(path, checker, budget=100, rng=3).trajectory for _ in range(2))
+    assert first.digest() == second.digest()
+
+
+def test_the_nearest_of_several_goals_is_chosen(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    goals = np.array([path.end, [0.0, -0.6], [-0.5, -0.5]])  # the second is inside the wall
+    result = optimise(path, checker, goals=goals, budget=100)
+    assert result.goal == 2
+    assert np.array_equal(result.trajectory.end, goals[2])
+
+
+def test_a_budget_of_zero_only_times_the_path(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    result = optimise(path, checker, budget=0)
+    assert result.trajectory.digest() == pp.time_parametrise(path, checker.arm.limits).digest()
+    assert result.evaluations == 0
+
+
+def test_a_blended_path_is_never_made_slower(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    blended = pp.blend(path, checker)
+    result = optimise(blended, checker, jerk=500.0, budget=150)
+    assert result.duration <= pp.time_parametrise(blended, checker.arm.limits, jerk=500.0).duration
+    assert result.certificate.free
+
+
+def test_a_colliding_path_is_not_reported_as_free(gantry: pp.Arm, slotted: pp.Scene) -> None:
+    checker = pp.CollisionChecker(gantry, slotted)
+    path = pp.JointPath([[0.0, -0.6], [0.8, -0.6]], gantry.joint_names)
+    result = optimise(path, checker, budget=50)
+    assert result.certificate.status is pp.CertificateStatus.COLLIDING
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"budget": -1}, "budget"),
+        ({"budget": 1.5}, "budget"),
+        ({"goals": [1.0, 2.0, 3.0]}, "goals"),
+        ({"goals": [[0.0, np.nan]]}, "goals"),
+        ({"jerk": -5.0}, "jerk"),
+        ({"jerk": [5.0, 5.0, 5.0]}, "jerk"),
+    ],
+)
+def test_wrong_settings_are_refused(
+    around_the_wall: tuple[pp.CollisionChecker, pp.JointPath], settings: dict, words: str
+) -> None:
+    checker, path = around_the_wall
+    with pytest.raises(pp.InputError, match=words):
+        optimise(path, checker, **settings)
+
+
+class SpeedLimit:
+    """The Euclidean speed in joint space is at most 0.7."""
+
+    name = "speed"
+    most = 0.7
+
+    def coefficients(self, q, slope, curvature):
+        speed = np.linalg.norm(slope, axis=1, keepdims=True)
+        zeros = np.zeros_like(speed)
+        return zeros, speed**2, zeros, np.full_like(speed, self.most**2)
+
+    def excess(self, trajectory: pp.Trajectory) -> np.ndarray:
+        control = trajectory.bezier(1)[1]
+        return np.linalg.norm(control, axis=2).max(axis=1) / self.most
+
+
+def test_a_constraint_is_kept(around_the_wall: tuple[pp.CollisionChecker, pp.JointPath]) -> None:
+    checker, path = around_the_wall
+    limits, constraint = limits_of(checker.arm), SpeedLimit()
+    free = optimise(path, checker, limits=limits, jerk=500.0, budget=300)
+    kept = optimise(path, checker, limits=limits, jerk=500.0, budget=300, constraints=[constraint])
+    speeds = [
+        np.linalg.norm(each.trajectory.velocity(np.linspace(0, each.duration, 10_000)), axis=1).max()
+        for each in (free, kept)
+    ]
+    assert speeds[0] > 0.8
+    assert speeds[1] <= constraint.most * (1 + RATE_TOLERANCE)
+    assert kept.certificate.free
+    assert kept.duration <= kept.duration_before

@@ -20,7 +20,7 @@ def stored() -> PlanTable:
 
 def test_the_page_shows_the_stored_table(stored: PlanTable) -> None:
     text = (FOLDER / "planning.md").read_text(encoding="utf-8")
-    assert text.endswith(plan_markdown(stored)), "run scripts/benchmark_planning.py --render"
+    assert plan_markdown(stored) in text, "run scripts/benchmark_planning.py --render"
 
 
 def test_the_stored_table_is_complete(stored: PlanTable) -> None:

@@ -82,6 +82,12 @@ def test_missing_planning_problems_are_reported(run, tmp_path: Path) -> None:
     assert "sceneNNNN.yaml" in err
 
 
+def test_motions_need_problems(run) -> None:
+    code, out, err = run("bench", "plan", "--motion")
+    assert (code, out) == (2, "")
+    assert "--mbm" in err
+
+
 @pytest.mark.parametrize(
     "words", [("bench", "poetry"), ("bench", "ik", "--points", "0"), ("bench", "plan", "--problems", "0")]
 )

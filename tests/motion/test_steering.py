@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from pinproof.motion.limits import Bounds
-from pinproof.motion.steering import MoveSequence, Steering, rest, rest_to_rest_times
+from pinproof.motion.steering import MoveSequence, Steering, rate_excess, rest, rest_to_rest_times
 
 NAMES = ("a", "b", "c")
 V, A, J = np.array([2.0, 1.0, 3.0]), np.array([15.0, 4.0, 9.0]), np.array([500.0, 60.0, 90.0])
@@ -53,7 +53,7 @@ def test_a_sequence_becomes_a_trajectory_with_the_same_motion(jerk: bool) -> Non
         found = np.array([each.state(t)[0] for t in times.tolist()])
         assert np.abs(trajectory(times) - found).max() < 1e-6
         assert (trajectory.max_velocity() <= V * (1 + 1e-6)).all()
-        assert bounds.excess(trajectory).max() < 1.001
+        assert rate_excess(trajectory, bounds).max() < 1.001
 
 
 def test_a_straight_move_is_straight() -> None:

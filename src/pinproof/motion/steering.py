@@ -15,12 +15,13 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from pinproof.motion import bezier
 from pinproof.motion.curve import Array
 from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
 from pinproof.motion.trajectory import Trajectory
 from pinproof.motion.trajectory_files import NANO, seconds
 
-__all__ = ["Move", "MoveSequence", "State", "Steering", "rest", "rest_to_rest_times"]
+__all__ = ["Move", "MoveSequence", "State", "Steering", "rate_excess", "rest", "rest_to_rest_times"]
 
 State = tuple[list[float], list[float], list[float]]
 """Positions, velocities and accelerations of all joints. Lists, because ruckig converts them faster than arrays."""
@@ -311,6 +312,19 @@ def _parabolic_steps(times: Array, q: Array, velocity: Array, exact: Any) -> Non
 def _sums(steps: Array) -> Array:
     """(m, n) the sums of the steps (m-1, n) before each point."""
     return np.concatenate([np.zeros((1, steps.shape[1])), np.cumsum(steps, axis=0)])
+
+
+def rate_excess(trajectory: Trajectory, bounds: Bounds) -> Array:
+    """(k,) the factor by which each piece must be slowed down to satisfy the limits of the rates; 1 or less if it does.
+
+    A factor f divides velocities by f, accelerations by f^2 and jerks by f^3. The extremes of the pieces are exact.
+    """
+    limits = [bounds.velocity, bounds.acceleration] + ([] if bounds.jerk is None else [bounds.jerk])
+    shares = [
+        bezier.largest(trajectory.bezier(order)[1] / limit, np.ones_like(limit)).max(axis=1) ** (1.0 / order)
+        for order, limit in enumerate(limits, start=1)
+    ]
+    return np.asarray(np.max(shares, axis=0))
 
 
 def rest_to_rest_times(distance: Array, bounds: Bounds) -> Array:

@@ -27,9 +27,9 @@ from pinproof.collision.certify import is_proven_free
 from pinproof.common.display import outline
 from pinproof.errors import InputError, TimingError
 from pinproof.motion import Curve, JointPath, MotionLimits, Trajectory, time_parametrise
-from pinproof.motion.limits import POSITION_TOLERANCE, Bounds
+from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
-from pinproof.motion.steering import Move, MoveSequence, State, Steering, rest, rest_to_rest_times
+from pinproof.motion.steering import Move, MoveSequence, State, Steering, rate_excess, rest, rest_to_rest_times
 from pinproof.planning.edges import Edges
 from pinproof.planning.rrt_connect import sampling_box
 from pinproof.spatial import finite
@@ -251,10 +251,12 @@ def with_moving_ends(
 def _excess(trajectory: Trajectory, bounds: Bounds, constraints: Sequence[RateConstraint]) -> float:
     """The factor by which a motion must be slowed down; infinite if no factor suffices, 1 if it need not be."""
     try:
-        excess = np.max([bounds.excess(trajectory), *(each.excess(trajectory) for each in constraints)], axis=0)
+        further = [each.excess(trajectory) for each in constraints]
     except TimingError:  # a constraint is violated even at rest
         return math.inf
-    return max(float(excess.max()), 1.0) if bounds.too_fast(excess).any() else 1.0
+    # A jerk changes with the third power of the factor, so that a third of the tolerance is the tolerance of a jerk.
+    excess = float(np.max([rate_excess(trajectory, bounds), *further]))
+    return 1.0 if excess <= 1.0 + RATE_TOLERANCE / 3.0 else excess
 
 
 def _goals(goals: npt.ArrayLike | None, end: Array, bounds: Bounds, checker: CollisionChecker) -> Array:

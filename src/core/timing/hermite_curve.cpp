@@ -9,8 +9,8 @@
 namespace pinproof {
 namespace {
 
-// Error of an extremum, relative to the largest coefficient: far above the rounding of averages, far below the tolerance
-// of every limit.
+// Error of an extremum, relative to the largest coefficient: far above the rounding of averages, far below the
+// tolerance of every limit.
 constexpr double kExtreme = 1e-12;
 
 using Quintic = std::array<double, 6>;  // control points of up to degree 5

@@ -27,9 +27,9 @@ std::vector<double> excess(const HermiteCurve& curve, const RateLimits& limits);
 // An upper bound of the deviation of a piece from the path, in any joint, or with `proven` false an estimate.
 //
 // On a piece, the motion q(u) is compared with path(s(u)), where s(u) is the polynomial with the values and derivatives
-// of s at both ends of the piece. The difference is a polynomial of a known degree D. Its maximum is at most its maximum
-// on m + 1 Chebyshev nodes, m > D, divided by cos(pi D / 2 m) (H. Ehlich, K. Zeller, "Schwankung von Polynomen zwischen
-// Gitterpunkten", Mathematische Zeitschrift 86, 1964).
+// of s at both ends of the piece. The difference is a polynomial of a known degree D. Its maximum is at most its
+// maximum on m + 1 Chebyshev nodes, m > D, divided by cos(pi D / 2 m) (H. Ehlich, K. Zeller, "Schwankung von Polynomen
+// zwischen Gitterpunkten", Mathematische Zeitschrift 86, 1964).
 double deviation(const HermiteCurve& curve, const TimedPath& path, std::size_t piece, bool proven);
 
 }  // namespace pinproof

@@ -53,16 +53,18 @@ struct Limits {
     std::size_t step;
     Place place;
     bool jerk;  // or |alpha a + beta x + gamma| <= bound
-    Double4 first, second, third;        // jerk: slope, 3 curvature, third derivative, each / J; else alpha, beta, gamma / bound
-    Double4 x0, a0, x1, a1, value;       // the value and its coefficients
-    Slack upper, lower;                  // value + slack = 1 and -value + slack = 1
+    // For jerk: slope, 3 curvature and third derivative, each divided by J; else alpha, beta and gamma by the bound.
+    Double4 first, second, third;
+    Double4 x0, a0, x1, a1, value;  // the value and its coefficients
+    Slack upper, lower;             // value + slack = 1 and -value + slack = 1
 };
 
-// A limit of speed at the beginning or in the middle of a step: x / most + slack = 1. Limits at the nodes alone would
-// permit oscillations between them.
+// A limit of speed on a step: value / most + slack = 1, where the value is x at the beginning or one of the inner
+// control points of x in the Bernstein basis, x0 + 2/3 w a0 and x1 - 2/3 w a1. Since x is inside the hull of its
+// control points, there are no oscillations between the nodes.
 struct Ceiling {
     std::size_t step;
-    bool middle;
+    enum Kind { node, first, second } kind;
     double most, slack = 1.0, dual = 0.0, dslack = 0.0, ddual = 0.0, product = 0.0;
 };
 
@@ -132,8 +134,11 @@ Solver::Solver(const JerkProblem& problem, std::span<const double> x)
         if (k > 0) add_rate_limits(k, Place::begin);
         add_rate_limits(k, Place::middle);
         if (!repeated(k)) add_rate_limits(k, Place::end);
-        if (k > 0) ceilings_.push_back({k, false, p_.ceiling[k]});
-        if (k > 0 && k + 1 < n_) ceilings_.push_back({k, true, 0.5 * (p_.ceiling[k] + p_.ceiling[k + 1])});
+        // The ceilings at both ends of the problem are those of a stop or of a given speed.
+        const double begin = p_.ceiling[k > 0 ? k : 1], end = p_.ceiling[k + 1 < n_ ? k + 1 : k];
+        if (k > 0) ceilings_.push_back({k, Ceiling::node, begin});
+        if (k > 0) ceilings_.push_back({k, Ceiling::first, (2.0 * begin + end) / 3.0});
+        if (k + 1 < n_) ceilings_.push_back({k, Ceiling::second, (begin + 2.0 * end) / 3.0});
     }
 }
 
@@ -144,7 +149,8 @@ bool Solver::repeated(std::size_t k) const {
     double most = 0.0, difference = 0.0;
     for (std::size_t r = 0; r < p_.rows; ++r)
         for (const auto* values : {&p_.alpha, &p_.beta, &p_.gamma}) {
-            const double u = (*values)[before + r] / p_.bound[before + r], w = (*values)[after + r] / p_.bound[after + r];
+            const double u = (*values)[before + r] / p_.bound[before + r];
+            const double w = (*values)[after + r] / p_.bound[after + r];
             most = std::max(most, std::abs(u));
             difference = std::max(difference, std::abs(u - w));
         }
@@ -210,9 +216,10 @@ void Solver::follow() {
 
 // The coefficients of x0, a0, x1 and a1 in the value that a ceiling limits.
 std::array<double, 4> Solver::coefficients(const Ceiling& ceiling) const {
-    const double scale = 1.0 / ceiling.most, quarter = 0.25 * width_[ceiling.step] * scale;
-    if (!ceiling.middle) return {scale, 0.0, 0.0, 0.0};
-    return {0.5 * scale, quarter, 0.5 * scale, -quarter};
+    const double scale = 1.0 / ceiling.most, rise = 2.0 / 3.0 * width_[ceiling.step] * scale;
+    if (ceiling.kind == Ceiling::node) return {scale, 0.0, 0.0, 0.0};
+    if (ceiling.kind == Ceiling::first) return {scale, rise, 0.0, 0.0};
+    return {0.0, 0.0, scale, -rise};
 }
 
 double Solver::value(const Ceiling& ceiling, const std::vector<double>& x, const std::vector<double>& a) const {
@@ -228,7 +235,7 @@ double Solver::duration() const {
 }
 
 // The values of all limits and their coefficients. A limit of jerk is divided by the mean speed of the step:
-// |q' j / mean + (3 q'' a + q''' x) v / mean| <= J / mean, where j = s''' and the speed v are those at the end in question.
+// |q' j / mean + (3 q'' a + q''' x) v / mean| <= J / mean, where j = s''' and the speed v belong to an end.
 void Solver::evaluate() {
     for (Limits& l : limits_) {
         const std::size_t k = l.step;
@@ -305,7 +312,8 @@ void Solver::assemble(double target, bool with_matrix, bool corrected) {
         double hessian[4][4] = {}, gradient[4] = {};  // in x0, a0, x1, a1
         // The duration w / mean of the step.
         const double h = width_[k] / mean_[k];
-        const double slope[2] = {v_[k] > 0.0 ? 0.25 / v_[k] : 0.0, v_[k + 1] > 0.0 ? 0.25 / v_[k + 1] : 0.0};  // of mean
+        double slope[2];  // of the mean speed in x0 and x1
+        for (std::size_t side = 0; side < 2; ++side) slope[side] = v_[k + side] > 0.0 ? 0.25 / v_[k + side] : 0.0;
         for (std::size_t side = 0; side < 2; ++side) {
             gradient[2 * side] = -h / mean_[k] * slope[side];
             hessian[2 * side][2 * side] = 2.0 * h / (mean_[k] * mean_[k]) * slope[side] * slope[side];

@@ -11,9 +11,9 @@
 //     v1 - v0 = h (a0 + a1) / 2 - (j1 - j0) h^2 / 12,    length = h (v0 + v1) / 2 - (a1 - a0) h^2 / 12,
 // hence with the effective width w = h (v0 + v1) / 2 = length + (a1 - a0) h^2 / 12 and the mean speed m = w / h,
 //     j0 / m = 3 (x1 - x0) / w^2 - (4 a0 + 2 a1) / w,    j1 / m = -3 (x1 - x0) / w^2 + (2 a0 + 4 a1) / w.
-// For given widths, everything is linear in x and a at the nodes, which are the unknowns: x is a cubic Hermite curve over
-// the widths. The widths follow the solution. At rest this is exact too, where x grows with the power 4/3 of s and a
-// polynomial in s would not leave the rest.
+// For given widths, everything is linear in x and a at the nodes, which are the unknowns: x is a cubic Hermite curve
+// over the widths. The widths follow the solution. At rest this is exact too, where x grows with the power 4/3 of s and
+// a polynomial in s would not leave the rest.
 //
 // The values at a node occur together with those of its neighbours only, so that the Newton systems of the primal-dual
 // interior-point method (S. Mehrotra, "On the implementation of a primal-dual interior point method", SIAM J. Optim.

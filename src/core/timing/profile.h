@@ -49,8 +49,8 @@ struct Profile {
 void append_trapezoid(Profile& profile, double first, double length, double start, double end, double speed,
                       double acceleration, std::size_t step);
 
-// The fastest motion from rest to rest with limits of speed, acceleration and jerk (section 3.4): up to seven phases, of
-// whole nanoseconds.
+// The fastest motion from rest to rest with limits of speed, acceleration and jerk (section 3.4): up to seven phases,
+// of whole nanoseconds.
 void append_double_s(Profile& profile, double first, double length, double speed, double acceleration, double jerk,
                      std::size_t step);
 

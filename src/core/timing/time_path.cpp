@@ -42,8 +42,9 @@ constexpr double kMaxLoss = 4e-3;
 // with constraints, which may vary along it.
 constexpr std::size_t kBentSteps = 2, kMaxBentSteps = 64, kLeastBentSteps = 8, kConstrainedSteps = 16;
 
-// Factor between the deviation of the timed curve at a varying speed and that at a constant speed.
-constexpr double kSpeedChange = 8.0;
+// Factor of the deviation that the first grid allows for: 8 between a varying and a constant speed, and 8 for finer
+// steps, with which limits at the nodes lose less than 0.5 % of the duration.
+constexpr double kSpeedChange = 64.0;
 
 // With a jerk limit: numbers of steps of a run, first for an estimate of the speeds, then for two solutions with jerk
 // limits, each on a grid that is uniform in the time of the one before.
@@ -59,11 +60,36 @@ constexpr double kShortestSmooth = 2e-3;
 // Upper bound of the limits of s, which are otherwise infinite where joints do not move.
 constexpr double kLargest = 1e150;
 
+// With a jerk limit: the least estimate of x, relative to the largest one, and the Newton steps to the time at a node.
+constexpr double kLeastEstimate = 1e-6;
+constexpr int kNewtonSteps = 20;
+
+// Excess of a solution above which the given speeds at the ends are not possible.
+constexpr double kUnsolved = 1e-2;
+
+// Excess up to which the whole run is slowed down, in the round of this index and, with the last one, in later rounds.
+// Without a jerk limit, single steps are slowed down first; with one, each further solution takes longer.
+constexpr double kSlight[] = {1.0, 1.001, 1.001, 1.003, 1.003, 1.01};
+constexpr double kSlightWithJerk[] = {1.0005, 1.002, 1.002, 1.002, 1.01};
+
 struct Step {
     double begin, end;
     std::size_t piece;
     double slowdown = 1.0;  // factor by which it is slower than the limits permit at the nodes
 };
+
+// A step in equal parts; fewer if they would be shorter than rounding.
+std::vector<Step> divided(const Step& step, std::size_t parts) {
+    std::vector<Step> result;
+    Step part = step;
+    for (std::size_t i = 1; i <= parts; ++i) {
+        const double share = static_cast<double>(i) / static_cast<double>(parts);
+        part.end = i == parts ? step.end : step.begin * (1.0 - share) + step.end * share;
+        if (part.end > part.begin) result.push_back(part);
+        part.begin = part.end;
+    }
+    return result;
+}
 
 // The limit of a derivative of s if the joints move by `slope` per s.
 double least(std::span<const double> limit, const double* slope) {
@@ -126,19 +152,26 @@ class Timing {
         return s == path_.knots()[piece] && path_.stops(piece);
     }
 
-    std::vector<Step> divided(std::size_t piece, std::size_t parts) const;
+    Step whole(std::size_t piece) const { return {path_.knots()[piece], path_.knots()[piece + 1], piece}; }
     std::vector<Step> first_grid() const;
     StepLimits limits_of(std::span<const Step> steps) const;
-    std::optional<TimingStatus> fastest(std::span<const Step> steps, const StepLimits& limits, std::vector<double>& x) const;
+    std::optional<TimingStatus> fastest(std::span<const Step> steps, const StepLimits& limits,
+                                        std::vector<double>& x) const;
     std::optional<TimingStatus> profile_without_jerk_limit();
     std::optional<TimingStatus> first_profile_with_jerk_limit();
+    std::vector<double> squared_speeds() const;
     std::optional<TimingStatus> profile_with_jerk_limit();
+    std::optional<TimingStatus> append_run(const StepLimits& limits, const std::vector<double>& estimate,
+                                           std::size_t first, std::size_t last);
     bool closed_form(std::size_t first, std::size_t last) const;
     std::vector<Step> uniform_in_time(std::size_t count) const;
     HermiteCurve points() const;
     void mark_coarse(std::span<const double> x);
     std::size_t step_of(double s) const;
-    bool adapt(const HermiteCurve& curve, int round);
+    bool too_fast(double excess) const { return !(excess <= 1.0 + task_.rate_tolerance / 3.0); }  // true for NaN
+    bool verify(const HermiteCurve& curve);
+    std::size_t parts_of(std::size_t k, double excess, double away, int round) const;
+    void adapt(const HermiteCurve& curve, int round);
 
     const TimingTask& task_;
     const TimedPath& path_;
@@ -152,25 +185,13 @@ class Timing {
     // run from rest to rest is slower than it.
     std::vector<JerkSolution> solutions_;
     std::vector<double> run_slowdown_;
-    double deviation_ = 0.0, excess_ = 0.0;
+    std::vector<double> over_, away_;  // of each piece of the motion: factor over the limits, and deviation
+    double deviation_ = 0.0, excess_ = 0.0;  // their largest values
 };
 
-std::vector<Step> Timing::divided(std::size_t piece, std::size_t parts) const {
-    std::vector<Step> result;
-    const double a = path_.knots()[piece], b = path_.knots()[piece + 1];
-    double begin = a;
-    for (std::size_t i = 1; i <= parts; ++i) {
-        const double share = static_cast<double>(i) / static_cast<double>(parts);
-        const double end = i == parts ? b : a * (1.0 - share) + b * share;
-        if (end > begin) result.push_back({begin, end, piece});
-        begin = end;
-    }
-    return result;
-}
-
 // A straight piece is one step. A bent piece has the number of steps with which cubic Hermite pieces follow it at a
-// constant speed: they deviate from a function by h^4 / 384 times its fourth derivative (P. J. Davis, "Interpolation and
-// Approximation", 1975, section 3.5).
+// constant speed: they deviate from a function by h^4 / 384 times its fourth derivative (P. J. Davis, "Interpolation
+// and Approximation", 1975, section 3.5).
 std::vector<Step> Timing::first_grid() const {
     std::size_t bent = 0;
     for (std::size_t k = 0; k < path_.pieces(); ++k) bent += !uniform(k);
@@ -185,7 +206,7 @@ std::vector<Step> Timing::first_grid() const {
             count = wanted < most ? static_cast<std::size_t>(std::max(wanted, 1.0)) : kMaxBentSteps;
             count = std::max({count, kBentSteps, task_.rows ? kConstrainedSteps : (kLeastBentSteps + bent - 1) / bent});
         }
-        const auto parts = divided(k, count);
+        const auto parts = divided(whole(k), count);
         steps.insert(steps.end(), parts.begin(), parts.end());
     }
     return steps;
@@ -355,7 +376,8 @@ std::vector<Step> Timing::uniform_in_time(std::size_t count) const {
 std::optional<TimingStatus> Timing::first_profile_with_jerk_limit() {
     steps_.clear();
     for (std::size_t k = 0; k < path_.pieces(); ++k) {
-        const auto parts = divided(k, closed_form(k, k) && path_.stops(k) && path_.stops(k + 1) ? 1 : kEstimateSteps);
+        const bool alone = path_.stops(k) && path_.stops(k + 1) && closed_form(k, k);
+        const auto parts = divided(whole(k), alone ? 1 : kEstimateSteps);
         steps_.insert(steps_.end(), parts.begin(), parts.end());
     }
     std::vector<double> x;
@@ -378,9 +400,8 @@ std::optional<TimingStatus> Timing::first_profile_with_jerk_limit() {
     return std::nullopt;
 }
 
-// The fastest motion on the steps; the present profile is the estimate from which the solution starts.
-std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
-    const StepLimits limits = limits_of(steps_);
+// s'^2 of the present profile at the nodes of the steps (N + 1), an estimate from which a solution starts.
+std::vector<double> Timing::squared_speeds() const {
     std::vector<double> estimate{start_ * start_};
     std::size_t phase = 0;
     for (const Step& step : steps_) {  // s'^2 at the end of each step
@@ -388,7 +409,7 @@ std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
         const Phase& p = profile_.phases[phase];
         // The time at which the phase reaches the node, by Newton's method.
         double t = p.begin;
-        for (int i = 0; i < 20; ++i) {
+        for (int i = 0; i < kNewtonSteps; ++i) {
             const Instant at = p.at(t);
             if (!(at.speed > 0.0)) {
                 t += 0.5 * (p.end() - t);
@@ -400,67 +421,80 @@ std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
         estimate.push_back(speed * speed);
     }
     const double most = *std::max_element(estimate.begin(), estimate.end());
-    for (double& x : estimate) x = std::max(x, 1e-6 * most);
+    for (double& x : estimate) x = std::max(x, kLeastEstimate * most);
+    return estimate;
+}
+
+// The fastest motion on the steps; the solution starts from the present profile.
+std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
+    const StepLimits limits = limits_of(steps_);
+    const std::vector<double> estimate = squared_speeds();
     profile_ = {};
     for (std::size_t first = 0; first < steps_.size();) {
         std::size_t last = first;  // after the run
         do ++last;
         while (last < steps_.size() && !stops_at(steps_[last].begin));
         profile_.runs.push_back(profile_.phases.size());
-        const std::size_t count = last - first, piece = steps_[first].piece;
-        if (count == 1 && closed_form(piece, piece)) {
-            const double* slope = &limits.slope[2 * first * n_];
-            const double slow = steps_[first].slowdown * run_slowdown_[run_[piece]];
-            append_double_s(profile_, steps_[first].begin, steps_[first].end - steps_[first].begin,
-                            least(task_.limits.velocity, slope) / slow,
-                            least(task_.limits.acceleration, slope) / (slow * slow),
-                            least(task_.limits.jerk, slope) / (slow * slow * slow), first);
-            first = last;
-            continue;
-        }
-        const auto part = [&](const std::vector<double>& values, std::size_t width) {
-            return std::span<const double>(values).subspan(first * width, count * width);
-        };
-        const JerkProblem problem{n_,
-                                  limits.rows,
-                                  part(limits.length, 1),
-                                  std::span<const char>(limits.uniform).subspan(first, count),
-                                  std::span<const double>(limits.ceiling).subspan(first, count + 1),
-                                  part(limits.alpha, 2 * limits.rows),
-                                  part(limits.beta, 2 * limits.rows),
-                                  part(limits.gamma, 2 * limits.rows),
-                                  part(limits.bound, 2 * limits.rows),
-                                  part(limits.slope, 2 * n_),
-                                  part(limits.curvature, 2 * n_),
-                                  part(limits.third, 2 * n_),
-                                  part(limits.jerk, n_),
-                                  first == 0 ? start_ * start_ : 0.0,
-                                  last == steps_.size() ? end_ * end_ : 0.0};
-        JerkSolution& solution = solutions_[run_[piece]];
-        if (solution.duration.empty())
-            solution = fastest_with_jerk(problem, std::span<const double>(estimate).subspan(first, count + 1));
-        const bool from_rest = problem.start == 0.0 && problem.end == 0.0;
-        if (!from_rest && !(solution.excess < 1e-2)) return TimingStatus::ends_unreachable;
-        double slow = run_slowdown_[run_[piece]], total = 0.0;
-        for (double h : solution.duration) total += h;
-        if (!(total < std::numeric_limits<double>::infinity())) return TimingStatus::not_smooth;
-        if (from_rest) slow *= std::ceil(total * slow * kNano) / (total * slow * kNano);
-        for (std::size_t i = 0; i < count; ++i) {
-            const double h = solution.duration[i], square = slow * slow;
-            profile_.append(h * slow,
-                            {steps_[first + i].begin, std::sqrt(solution.x[i]) / slow, solution.a[i] / square}, first + i,
-                            solution.first[i] / (square * slow),
-                            (solution.last[i] - solution.first[i]) / (h * square * square));
-        }
+        if (const auto failed = append_run(limits, estimate, first, last)) return failed;
         first = last;
     }
     coarse_.assign(steps_.size(), 0);
     return std::nullopt;
 }
 
+// Append the phases of the steps of a run.
+std::optional<TimingStatus> Timing::append_run(const StepLimits& limits, const std::vector<double>& estimate,
+                                               std::size_t first, std::size_t last) {
+    const std::size_t count = last - first, piece = steps_[first].piece;
+    if (count == 1 && closed_form(piece, piece)) {
+        const double* slope = &limits.slope[2 * first * n_];
+        const double slow = steps_[first].slowdown * run_slowdown_[run_[piece]];
+        append_double_s(profile_, steps_[first].begin, steps_[first].end - steps_[first].begin,
+                        least(task_.limits.velocity, slope) / slow,
+                        least(task_.limits.acceleration, slope) / (slow * slow),
+                        least(task_.limits.jerk, slope) / (slow * slow * slow), first);
+        return std::nullopt;
+    }
+    const auto part = [&](const std::vector<double>& values, std::size_t width) {
+        return std::span<const double>(values).subspan(first * width, count * width);
+    };
+    const JerkProblem problem{n_,
+                              limits.rows,
+                              part(limits.length, 1),
+                              std::span<const char>(limits.uniform).subspan(first, count),
+                              std::span<const double>(limits.ceiling).subspan(first, count + 1),
+                              part(limits.alpha, 2 * limits.rows),
+                              part(limits.beta, 2 * limits.rows),
+                              part(limits.gamma, 2 * limits.rows),
+                              part(limits.bound, 2 * limits.rows),
+                              part(limits.slope, 2 * n_),
+                              part(limits.curvature, 2 * n_),
+                              part(limits.third, 2 * n_),
+                              part(limits.jerk, n_),
+                              first == 0 ? start_ * start_ : 0.0,
+                              last == steps_.size() ? end_ * end_ : 0.0};
+    JerkSolution& solution = solutions_[run_[piece]];
+    if (solution.duration.empty())
+        solution = fastest_with_jerk(problem, std::span<const double>(estimate).subspan(first, count + 1));
+    const bool from_rest = problem.start == 0.0 && problem.end == 0.0;
+    if (!from_rest && !(solution.excess < kUnsolved)) return TimingStatus::ends_unreachable;
+    double slow = run_slowdown_[run_[piece]], total = 0.0;
+    for (double h : solution.duration) total += h;
+    if (!(total < std::numeric_limits<double>::infinity())) return TimingStatus::not_smooth;
+    if (from_rest) slow *= std::ceil(total * slow * kNano) / (total * slow * kNano);
+    for (std::size_t i = 0; i < count; ++i) {
+        const double h = solution.duration[i], square = slow * slow;
+        profile_.append(h * slow,
+                        {steps_[first + i].begin, std::sqrt(solution.x[i]) / slow, solution.a[i] / square}, first + i,
+                        solution.first[i] / (square * slow),
+                        (solution.last[i] - solution.first[i]) / (h * square * square));
+    }
+    return std::nullopt;
+}
+
 std::size_t Timing::step_of(double s) const {
     const auto after =
-        std::upper_bound(steps_.begin(), steps_.end(), s, [](double value, const Step& step) { return value < step.begin; });
+        std::upper_bound(steps_.begin(), steps_.end(), s, [](double t, const Step& step) { return t < step.begin; });
     return after == steps_.begin() ? 0 : static_cast<std::size_t>(after - steps_.begin() - 1);
 }
 
@@ -496,7 +530,8 @@ HermiteCurve Timing::points() const {
         Instant at = i == phases.size() ? phase.at(total) : phase.at(rounded);
         if (i < phases.size() && rounded < phase.begin && i > 0) at = phases[i - 1].at(rounded);
         const bool first = i == 0, last = i == phases.size();
-        if (needed[i]) at = {last ? path_.knots().back() : steps_[phase.step].begin, first ? start_ : last ? end_ : 0.0, 0.0};
+        const double knot = last ? path_.knots().back() : steps_[phase.step].begin;
+        if (needed[i]) at = {knot, first ? start_ : last ? end_ : 0.0, 0.0};
         at.s = std::clamp(at.s, path_.knots().front(), path_.knots().back());
         at.speed = std::max(at.speed, 0.0);
         curve.times.push_back(rounded);
@@ -529,94 +564,79 @@ HermiteCurve Timing::points() const {
     return curve;
 }
 
-// Measure the excess and the deviation of the motion. Slow down and subdivide steps; false if nothing is to be changed.
-bool Timing::adapt(const HermiteCurve& curve, int round) {
-    std::vector<double> over = excess(curve, task_.limits);
+// Measure the excess and the deviation of each piece. True if the motion is within limits and tolerance.
+bool Timing::verify(const HermiteCurve& curve) {
+    over_ = excess(curve, task_.limits);
     if (task_.excess) {
         const std::vector<double> more = task_.excess(curve);
-        for (std::size_t i = 0; i < over.size(); ++i) over[i] = std::isnan(more[i]) ? more[i] : std::max(over[i], more[i]);
+        for (std::size_t i = 0; i < over_.size(); ++i)
+            over_[i] = std::isnan(more[i]) ? more[i] : std::max(over_[i], more[i]);
     }
-    std::vector<double> away(curve.pieces(), 0.0);
+    excess_ = 0.0;
+    for (double value : over_) excess_ = value > excess_ || std::isnan(value) ? value : excess_;
+    away_.assign(curve.pieces(), 0.0);
     const auto measure = [&](bool proven) {
         deviation_ = 0.0;
-        for (std::size_t i = 0; i < away.size(); ++i) {
+        for (std::size_t i = 0; i < away_.size(); ++i) {
             const double middle = 0.5 * (curve.s[i] + curve.s[i + 1]);
-            if (!path_.straight(path_.piece_of(middle))) away[i] = deviation(curve, path_, i, proven);
-            deviation_ = std::max(deviation_, away[i]);
+            if (!path_.straight(path_.piece_of(middle))) away_[i] = deviation(curve, path_, i, proven);
+            deviation_ = std::max(deviation_, away_[i]);
         }
         return deviation_ <= task_.image_tolerance;
     };
-    const auto too_fast = [&](double excess) { return !(excess <= 1.0 + task_.rate_tolerance / 3.0); };
-    excess_ = *std::max_element(over.begin(), over.end());
-    for (double value : over)
-        if (std::isnan(value)) excess_ = value;
-    bool accurate = measure(false);
-    const bool coarse = round < kCoarseRounds && std::find(coarse_.begin(), coarse_.end(), 1) != coarse_.end();
-    if (accurate && !too_fast(excess_) && !coarse) accurate = measure(true);
-    if (accurate && !too_fast(excess_) && !coarse) return false;
+    return measure(false) && !too_fast(excess_) && measure(true);  // the bound takes longer than the estimate
+}
 
-    // The largest values of each step and of each run.
-    std::vector<double> step_excess(steps_.size(), 0.0), step_away(steps_.size(), 0.0), run_excess(run_.back() + 1, 0.0);
-    for (std::size_t i = 0; i < over.size(); ++i) {
-        const std::size_t k = step_of(0.5 * (curve.s[i] + curve.s[i + 1]));
-        step_excess[k] = std::max(step_excess[k], over[i]);
-        step_away[k] = std::max(step_away[k], away[i]);
-        double& worst = run_excess[run_[steps_[k].piece]];
-        worst = std::max(worst, over[i]);
+// The number of parts into which a step is to be divided.
+std::size_t Timing::parts_of(std::size_t k, double excess, double away, int round) const {
+    const Step& step = steps_[k];
+    if (uniform(step.piece) || step.end - step.begin < kShortestStep * path_.knots().back()) return 1;
+    double parts = 1.0;
+    if (away > task_.image_tolerance)  // the deviation of a Hermite piece decreases with h^6 or h^4
+        parts = std::ceil(1.1 * std::pow(away / task_.image_tolerance, smooth() ? 1.0 / 6.0 : 0.25));
+    if (round < kCoarseRounds && !smooth()) {
+        if (coarse_[k]) parts = std::max(parts, 3.0);
+        if (excess > kSubdivideAbove) parts = std::max(parts, 2.0);
     }
-    std::vector<Step> next;
-    const double total = path_.knots().back();
+    return static_cast<std::size_t>(std::min(parts, static_cast<double>(kMaxParts)));
+}
+
+// Slow down steps or runs that exceed a limit, and subdivide steps that deviate or are coarse.
+void Timing::adapt(const HermiteCurve& curve, int round) {
+    std::vector<double> step_excess(steps_.size()), step_away(steps_.size()), run_excess(run_.back() + 1);
+    for (std::size_t i = 0; i < over_.size(); ++i) {
+        const std::size_t k = step_of(0.5 * (curve.s[i] + curve.s[i + 1]));
+        step_excess[k] = std::max(step_excess[k], over_[i]);
+        step_away[k] = std::max(step_away[k], away_[i]);
+        double& worst = run_excess[run_[steps_[k].piece]];
+        worst = std::max(worst, over_[i]);
+    }
     // The factor grows with the rounds: a factor of the size of rounding errors might not converge.
     const double grown = 1.0 + task_.rate_tolerance * std::pow(2.0, round);
-    const double slight = round == 0 ? (smooth() ? 1.003 : 1.0) : round == 1 ? 1.005 : 1.01;
+    const auto of_round = [&](std::span<const double> values) {
+        return values[std::min(static_cast<std::size_t>(round), values.size() - 1)];
+    };
+    const double slight = smooth() ? of_round(kSlightWithJerk) : of_round(kSlight);
+    const auto together = [&](std::size_t run) { return run_excess[run] <= slight || round >= kLocalRounds; };
+    // With a jerk limit, a run from rest to rest is slowed down without another solution.
+    const auto scaled = [&](std::size_t run) {
+        return smooth() && !(run == 0 && start_ > 0.0) && !(run == run_.back() && end_ > 0.0);
+    };
+    std::vector<Step> next;
     for (std::size_t k = 0; k < steps_.size(); ++k) {
-        const Step& step = steps_[k];
-        const std::size_t run = run_[step.piece];
-        double parts = 1.0;
-        if (step_away[k] > task_.image_tolerance)
-            parts = std::ceil(1.1 * std::pow(step_away[k] / task_.image_tolerance, smooth() ? 1.0 / 6.0 : 0.25));
-        if (round < kCoarseRounds && !smooth()) {
-            if (coarse_[k]) parts = std::max(parts, 3.0);
-            if (step_excess[k] > kSubdivideAbove) parts = std::max(parts, 2.0);
-        }
-        if (uniform(step.piece) || step.end - step.begin < kShortestStep * total) parts = 1.0;
-        const std::size_t count = static_cast<std::size_t>(std::min(parts, static_cast<double>(kMaxParts)));
-        const double worst = run_excess[run];
-        const bool together = worst <= slight || round >= kLocalRounds;
-        const bool moving = (run == 0 && start_ > 0.0) || (run == run_.back() && end_ > 0.0);
+        const std::size_t run = run_[steps_[k].piece], count = parts_of(k, step_excess[k], step_away[k], round);
         double factor = 1.0;
-        if (together && smooth() && !moving) {
-            // The run is slowed down as a whole, below.
-        } else if (together) {
-            if (too_fast(worst)) factor = worst * grown;
-        } else if (too_fast(step_excess[k])) {
+        if (!together(run) && too_fast(step_excess[k]))  // the excess decreases with the square of the step
             factor = 1.0 + (step_excess[k] * grown - 1.0) / static_cast<double>(count * count);
-        }
+        else if (together(run) && !scaled(run) && too_fast(run_excess[run]))
+            factor = run_excess[run] * grown;
         if (factor > 1.0 || count > 1) solutions_[run] = {};
-        Step part = step;
-        part.slowdown *= factor;
-        for (std::size_t i = 1; i <= count; ++i) {
-            const double share = static_cast<double>(i) / static_cast<double>(count);
-            part.end = i == count ? step.end : step.begin * (1.0 - share) + step.end * share;
-            if (part.end > part.begin) next.push_back(part);
-            part.begin = part.end;
-        }
+        steps_[k].slowdown *= factor;
+        for (const Step& part : divided(steps_[k], count)) next.push_back(part);
     }
-    if (smooth())
-        for (std::size_t run = 0; run < run_excess.size(); ++run) {
-            const bool moving = (run == 0 && start_ > 0.0) || (run == run_.back() && end_ > 0.0);
-            if ((run_excess[run] <= slight || round >= kLocalRounds) && !moving && too_fast(run_excess[run]))
-                run_slowdown_[run] *= run_excess[run] * grown;
-        }
-    if (next.size() <= kMaxSteps) {
-        steps_ = next;
-    } else {
-        for (std::size_t k = 0, i = 0; k < steps_.size(); ++k) {  // only the slowdown
-            while (next[i].end < steps_[k].end) ++i;
-            steps_[k].slowdown = next[i].slowdown;
-        }
-    }
-    return true;
+    if (next.size() <= kMaxSteps) steps_ = std::move(next);
+    for (std::size_t run = 0; run < run_excess.size(); ++run)
+        if (together(run) && scaled(run) && too_fast(run_excess[run])) run_slowdown_[run] *= run_excess[run] * grown;
 }
 
 TimedMotion Timing::solve() {
@@ -632,14 +652,17 @@ TimedMotion Timing::solve() {
             return result;
         }
         result.curve = points();
-        const bool changed = adapt(result.curve, result.rounds);
+        const bool verified = verify(result.curve);
+        const bool coarse =
+            result.rounds < kCoarseRounds && std::find(coarse_.begin(), coarse_.end(), 1) != coarse_.end();
         result.deviation = deviation_;
         result.excess = excess_;
-        if (!changed) break;
+        if (verified && !coarse) break;
         if (result.rounds == kRounds) {
             result.status = deviation_ > task_.image_tolerance ? TimingStatus::deviates : TimingStatus::exceeds;
             return result;
         }
+        adapt(result.curve, result.rounds);
         failed = smooth() ? profile_with_jerk_limit() : profile_without_jerk_limit();
     }
     result.status = TimingStatus::timed;

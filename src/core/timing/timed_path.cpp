@@ -76,7 +76,8 @@ TimedPath::TimedPath(std::size_t joints, std::span<const double> knots, std::spa
         const auto points = this->control(k);
         for (std::size_t i = 0; i < points.size(); ++i) {
             const std::size_t j = i % joints;
-            const double share = static_cast<double>(i / joints) / static_cast<double>(std::max<std::size_t>(degree_, 1));
+            const double last = static_cast<double>(std::max<std::size_t>(degree_, 1));
+            const double share = static_cast<double>(i / joints) / last;
             const double line = points[j] * (1.0 - share) + points[degree_ * joints + j] * share;
             if (!(std::abs(points[i] - line) <= kOnLine * near[j])) straight_[k] = 0;
         }

@@ -20,8 +20,8 @@ class TimedPath {
   public:
     static constexpr std::size_t kMaxDegree = 15;
 
-    // Control points (k, degree + 1, n) of pieces between knots (k + 1). The motion stops at knots whose flag (k + 1) is
-    // set, except for both ends.
+    // Control points (k, degree + 1, n) of pieces between knots (k + 1). The motion stops at knots whose flag (k + 1)
+    // is set, and at both ends.
     TimedPath(std::size_t joints, std::span<const double> knots, std::span<const double> control,
               std::span<const char> stops, const RateLimits& limits);
 

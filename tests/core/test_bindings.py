@@ -46,6 +46,25 @@ def chain() -> Any:
     return _core.Chain(**CHAIN)
 
 
+def timed(**changes: Any) -> Any:
+    task: dict[str, Any] = {
+        "knots": np.arange(2.0),
+        "control": np.array([[[0.0, 0.0], [1.0, 1.0]]]),
+        "stops": None,
+        "velocity": np.ones(2),
+        "acceleration": np.ones(2),
+        "jerk": None,
+        "start_velocity": np.zeros(2),
+        "end_velocity": np.zeros(2),
+        "image_tolerance": 1e-5,
+        "rate_tolerance": 1e-9,
+        "longest": 1e6,
+        "rows": None,
+        "excess": None,
+    }
+    return _core.time_path(**{**task, **changes})
+
+
 def solver(**changes: Any) -> Any:
     settings: dict[str, Any] = {
         "lower": [-3.0] * DOF,
@@ -191,10 +210,55 @@ def prove_by(distances: list[tuple[float, float]]) -> Any:
     return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), Measured(), _core.ProofState())
 
 
+BODIES: dict[str, Any] = {
+    "before": np.array([EYE, moved(0.5)]),
+    "prismatic": [False, True],
+    "index": [0, 1],
+    "multiplier": [1.0, 1.0],
+    "offset": [0.0, 0.0],
+    "parent": [-1, 0],
+    "mass": np.ones(2),
+    "first_moment": np.zeros((2, 3)),
+    "inertia": np.array([np.eye(3)] * 2),
+    "gravity": np.array([0.0, 0.0, -9.81]),
+    "tool_joint": 1,
+    "tool": np.zeros(3),
+    "dof": 2,
+}
+"""Of a tree of two bodies."""
+
+
+def bodies(**changes: Any) -> Any:
+    return _core.DynamicTree(**{**BODIES, **changes})
+
+
+def pieces(points: int = 4, dof: int = 2, count: int = 3) -> list[np.ndarray]:
+    return [np.zeros((count, points - order, dof)) for order in range(3)]
+
+
 UNIT = np.array([0.0, 1.0])
 STRAIGHT = np.zeros((1, 2, 2))
 
 REFUSED: dict[str, Callable[[], Any]] = {
+    "bodies with an index beyond dof": lambda: bodies(index=[0, 2]),
+    "bodies whose parent follows": lambda: bodies(parent=[1, 0]),
+    "bodies with a tool on a joint that does not exist": lambda: bodies(tool_joint=2),
+    "bodies with fewer masses than joints": lambda: bodies(mass=np.ones(1)),
+    "bodies with moments in the plane": lambda: bodies(first_moment=np.zeros((2, 2))),
+    "bodies with an inertia that is not finite": lambda: bodies(inertia=np.full((2, 3, 3), NAN)),
+    "bodies with matrices of shape (3, 4)": lambda: bodies(before=np.zeros((2, 3, 4))),
+    "torques of rows that are too short": lambda: bodies().torques(*[np.zeros((3, 1))] * 3),
+    "torques of fewer velocities than rows": lambda: bodies().torques(
+        np.zeros((3, 2)), np.zeros((2, 2)), np.zeros((3, 2))
+    ),
+    "motion of the tool at NaN": lambda: bodies().tool_motion(*[np.full((1, 2), NAN)] * 3),
+    "torque limits of the wrong length": lambda: bodies().torque_stretch(*pieces(), np.ones(3)),
+    "a torque limit of 0": lambda: bodies().torque_stretch(*pieces(), np.zeros(2)),
+    "tool limits of the wrong length": lambda: bodies().tool_stretch(*pieces(), np.ones(3)),
+    "a curve with derivatives of fewer pieces": lambda: bodies().torque_peaks(*pieces()[:2], np.zeros((2, 2, 2))),
+    "a curve of other joints": lambda: bodies().torque_peaks(*pieces(dof=3)),
+    "a curve of degree 8": lambda: bodies().tool_peaks(*pieces(points=9)),
+    "a curve that is not finite": lambda: bodies().tool_peaks(*[np.full((1, 4, 2), NAN)] * 3),
     "a chain with fewer multipliers than joints": lambda: _core.Chain(**{**CHAIN, "multiplier": [1.0]}),
     "a chain with an index beyond dof": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, DOF]}),
     "a chain with a negative index": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, -1]}),
@@ -294,6 +358,21 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "speeds with too few ceilings": lambda: _core.fastest_speeds(
         *(np.ones((2, 2, 3)) for _ in range(4)), np.ones(2), np.ones(2), 0.0, 0.0
     ),
+    "a timed path without pieces": lambda: timed(knots=np.zeros(1), control=np.zeros((0, 2, 2))),
+    "a timed path with knots that do not increase": lambda: timed(knots=np.zeros(2)),
+    "a timed path with too few knots": lambda: timed(knots=np.zeros(1)),
+    "a timed path of too high a degree": lambda: timed(control=np.ones((1, 17, 2))),
+    "a timed path with NaN": lambda: timed(control=np.full((1, 2, 2), NAN)),
+    "a timed path of length 0": lambda: timed(control=np.ones((1, 2, 2))),
+    "a timed path with too few stops": lambda: timed(stops=np.ones(1)),
+    "a timed path with too few limits": lambda: timed(acceleration=np.ones(1)),
+    "a timed path with a limit of 0": lambda: timed(velocity=np.zeros(2)),
+    "a timed path with a jerk limit that is NaN": lambda: timed(jerk=np.full(2, NAN)),
+    "a timed path with constraints that are not verified": lambda: timed(rows=lambda *_: None),
+    "a timed path with constraints of wrong shapes": lambda: timed(
+        rows=lambda q, *_: (np.ones((len(q), 1)), *[np.ones((1, 1))] * 3), excess=lambda *_: np.ones(1)
+    ),
+    "corners of no waypoints": lambda: _core.corners(np.zeros((0, 2))),
     "an array of float32": lambda: _core.Workspace(world()).judge(np.zeros(2, dtype=np.float32)),
 }
 

@@ -82,6 +82,23 @@ def test_a_force_with_a_share_at_standstill_is_held(jerk):
     assert 2.0 < size.max() <= 3.0 * RELATIVE
 
 
+class Underestimated(ToolSpeed):
+    """The timing assumes a limit that is 7 % too high, as if limits were exceeded between the nodes."""
+
+    def coefficients(self, q, slope, curvature):
+        alpha, beta, gamma, bound = super().coefficients(q, slope, curvature)
+        return alpha, beta, gamma, 1.07**2 * bound
+
+
+@pytest.mark.parametrize("jerk", [None, 200.0])
+def test_a_motion_that_exceeds_limits_is_slowed_down(jerk):
+    honest = time_parametrise(WAVE, WIDE, jerk=jerk, constraints=[ToolSpeed(0.25)])
+    hurried = time_parametrise(WAVE, WIDE, jerk=jerk, constraints=[Underestimated(0.25)])
+    speed = np.linalg.norm(hurried.velocity(np.linspace(0, hurried.duration, 10_001))[:, :2], axis=1)
+    assert speed.max() <= 0.25 * RELATIVE
+    assert hurried.duration >= honest.duration * 0.97
+
+
 def test_a_constraint_that_is_violated_at_standstill_is_named_with_its_place():
     for path in (WAVE, JointPath([[1.0, 2, 3]], names(3))):
         with pytest.raises(TimingError, match=r"'force' is violated at standstill at q = \[") as caught:

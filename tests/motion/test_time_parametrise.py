@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from pinproof import InputError
 from pinproof.errors import TimingError
-from pinproof.motion import CubicPath, JointPath, speeds, time_parametrise
+from pinproof.motion import CubicPath, JointPath, time_parametrise
 from pinproof.motion.timing import IMAGE_TOLERANCE
 
 from ..examples import examples
@@ -142,35 +142,6 @@ def test_a_smooth_path_is_run_through_without_stopping():
     inner = np.abs(trajectory.velocities[1:-1]).max(axis=1)
     assert inner.min() > 0
     assert trajectory.duration < time_parametrise(JointPath(path.q, names(2)), limits_of([1, 1], [4, 4])).duration / 2
-
-
-def test_timing_that_exceeds_limits_is_slowed_down(monkeypatch):
-    """Speeds that are 7 % too high all along, as if the limits at the nodes had been met by luck."""
-    s = np.linspace(0, 1, 8)[:, None]
-    path = CubicPath.through(np.hstack([np.sin(6 * s), np.cos(5 * s)]), names(2), s[:, 0])
-    limits = limits_of([1, 1], [2, 2])
-    request, honest = time_parametrise(path, limits), speeds.fastest_speeds
-
-    def liar(*arguments):
-        x, stuck = honest(*arguments)
-        x[1:-1] *= 1.07**2
-        return x, stuck
-
-    monkeypatch.setattr(speeds, "fastest_speeds", liar)
-    hurried = time_parametrise(path, limits)
-    assert_within(hurried, limits)
-    assert hurried.duration >= request.duration * 0.97
-
-
-@pytest.mark.parametrize("lie", [np.nan, 0.0])
-def test_a_solver_that_fails_is_a_timing_error(monkeypatch, lie):
-    def fails(_alpha, _beta, _gamma, _bound, _step, ceiling, *_):
-        return np.full(len(ceiling), lie), None if lie == 0.0 else 3
-
-    monkeypatch.setattr(speeds, "fastest_speeds", fails)
-    path = CubicPath([[0.0, 0], [1, 1]], [[1.0, 0], [1, 2]], [0, 1], names(2))
-    with pytest.raises(TimingError, match="resample"):
-        time_parametrise(path, limits_of([1, 1], [1, 1]))
 
 
 @pytest.mark.parametrize("make", [JointPath, CubicPath.through])

@@ -9,9 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.errors import InputError
-from pinproof.motion import bezier
-from pinproof.motion.rate_constraints import RateConstraint
-from pinproof.motion.trajectory import Trajectory
 
 __all__ = ["POSITION_TOLERANCE", "RATE_TOLERANCE", "Bounds", "MotionLimits"]
 
@@ -50,7 +47,6 @@ class Bounds:
     lower: Array
     upper: Array
     note: str
-    constraints: tuple[RateConstraint, ...] = ()
 
     @classmethod
     def of(
@@ -79,28 +75,6 @@ class Bounds:
         return cls(
             velocity, acceleration, _rates("jerk", jerk, joint_names), lower, upper, f"{note}; jerk limits: {source}"
         )
-
-    def excess(self, trajectory: Trajectory) -> Array:
-        """(k,) the factor by which each piece must be slowed down to satisfy the limits; 1 or less if it does.
-
-        A factor f divides velocities by f, accelerations by f^2 and jerks by f^3.
-        """
-        limits = [self.velocity, self.acceleration] + ([] if self.jerk is None else [self.jerk])
-        shares = [
-            bezier.largest(trajectory.bezier(order)[1] / limit, np.ones_like(limit)).max(axis=1) ** (1.0 / order)
-            for order, limit in enumerate(limits, start=1)
-        ]
-        slower: Array = np.max([*shares, *(each.excess(trajectory) for each in self.constraints)], axis=0)
-        return slower
-
-    @staticmethod
-    def too_fast(excess: Array) -> npt.NDArray[np.bool_]:
-        """(k,) whether each piece exceeds a limit by more than a third of :data:`RATE_TOLERANCE`.
-
-        The excess is a third root for jerk, so that a third of the tolerance in it is the tolerance in the jerk.
-        """
-        # This form of the comparison is True for NaN.
-        return ~(excess <= 1.0 + RATE_TOLERANCE / 3.0)
 
 
 def _rates(kind: str, value: object, joint_names: tuple[str, ...]) -> Array:

@@ -1,0 +1,649 @@
+#include "timing/time_path.h"
+
+#include <algorithm>
+#include <cmath>
+#include <cstdint>
+#include <limits>
+#include <optional>
+
+#include "timing/jerk_speed.h"
+#include "timing/path_speed.h"
+#include "timing/profile.h"
+
+namespace pinproof {
+namespace {
+
+constexpr double kNano = 1e9;
+
+// Number of steps at which the subdivision ends. A motion usually has some tens of steps.
+constexpr std::size_t kMaxSteps = 4000;
+
+// Step, as a fraction of the path, below which a step is not subdivided.
+constexpr double kShortestStep = 1e-7;
+
+// Largest number of verifications.
+constexpr int kRounds = 40;
+
+// Number of rounds in which single steps are slowed down. Later the whole run is slowed down, which converges.
+constexpr int kLocalRounds = 8;
+
+// Number of rounds in which steps are subdivided where s'' changes, and the excess above which they are subdivided.
+constexpr int kCoarseRounds = 3;
+constexpr double kSubdivideAbove = 1.01;
+
+// Largest number of parts of a step in one round.
+constexpr std::size_t kMaxParts = 4;
+
+// Fraction of the total time that a step may lose before it is subdivided. The estimate is eight times too large.
+constexpr double kMaxLoss = 4e-3;
+
+// Without a jerk limit: numbers of steps of the first grid on a bent piece, at least and at most; the least number on
+// all bent pieces together (a single step that begins and ends at rest would not move); and the least number on a piece
+// with constraints, which may vary along it.
+constexpr std::size_t kBentSteps = 2, kMaxBentSteps = 64, kLeastBentSteps = 8, kConstrainedSteps = 16;
+
+// Factor between the deviation of the timed curve at a varying speed and that at a constant speed.
+constexpr double kSpeedChange = 8.0;
+
+// With a jerk limit: numbers of steps of a run, first for an estimate of the speeds, then for two solutions with jerk
+// limits, each on a grid that is uniform in the time of the one before.
+constexpr std::size_t kEstimateSteps = 8, kCoarseSteps = 40, kFineSteps = 100;
+
+// Least numbers of steps of a straight and of a bent piece.
+constexpr std::size_t kStraightPieceSteps = 3, kBentPieceSteps = 3;
+
+// Shortest time (s) between two points with a jerk limit, or 1 % of a short motion, because rounding is amplified by
+// 60 / h^3.
+constexpr double kShortestSmooth = 2e-3;
+
+// Upper bound of the limits of s, which are otherwise infinite where joints do not move.
+constexpr double kLargest = 1e150;
+
+struct Step {
+    double begin, end;
+    std::size_t piece;
+    double slowdown = 1.0;  // factor by which it is slower than the limits permit at the nodes
+};
+
+// The limit of a derivative of s if the joints move by `slope` per s.
+double least(std::span<const double> limit, const double* slope) {
+    double result = kLargest;
+    for (std::size_t j = 0; j < limit.size(); ++j)
+        if (std::abs(slope[j]) > 0.0) result = std::min(result, limit[j] / std::abs(slope[j]));
+    return result;
+}
+
+// Derivatives of the path and limits at both ends of steps.
+struct StepLimits {
+    std::size_t rows = 0;
+    std::vector<double> slope, curvature, third;    // (N, 2, n)
+    std::vector<double> alpha, beta, gamma, bound;  // (N, 2, rows)
+    std::vector<double> length;                     // (N)
+    std::vector<double> ceiling;                    // (N + 1) largest s'^2
+    std::vector<double> jerk;                       // (N, n)
+};
+
+class Timing {
+  public:
+    explicit Timing(const TimingTask& task)
+        : task_(task),
+          path_(task.path),
+          n_(task.path.joints()),
+          start_(along(0, path_.knots().front(), task.start_velocity)),
+          end_(along(path_.pieces() - 1, path_.knots().back(), task.end_velocity)) {
+        std::size_t run = 0;
+        for (std::size_t k = 0; k < path_.pieces(); ++k) {
+            if (k > 0 && path_.stops(k)) ++run;
+            run_.push_back(run);
+        }
+        run_slowdown_.assign(run + 1, 1.0);
+        solutions_.resize(run + 1);
+    }
+
+    TimedMotion solve();
+
+  private:
+    bool smooth() const { return task_.limits.smooth(); }
+
+    // Whether the limits are constant along a piece, so that a closed form exists.
+    bool uniform(std::size_t piece) const { return path_.straight(piece) && !task_.rows; }
+
+    // The speed s' that corresponds to a velocity along the tangent at an end of the path.
+    double along(std::size_t piece, double s, const std::vector<double>& velocity) const {
+        std::vector<double> slope(n_);
+        path_.evaluate(piece, s, 1, slope.data());
+        double product = 0.0, square = 0.0;
+        for (std::size_t j = 0; j < n_; ++j) {
+            product += velocity[j] * slope[j];
+            square += slope[j] * slope[j];
+        }
+        return product == 0.0 ? 0.0 : product / square;
+    }
+
+    bool stops_at(double s) const {
+        const std::size_t piece = path_.piece_of(s);
+        return s == path_.knots()[piece] && path_.stops(piece);
+    }
+
+    std::vector<Step> divided(std::size_t piece, std::size_t parts) const;
+    std::vector<Step> first_grid() const;
+    StepLimits limits_of(std::span<const Step> steps) const;
+    std::optional<TimingStatus> fastest(std::span<const Step> steps, const StepLimits& limits, std::vector<double>& x) const;
+    std::optional<TimingStatus> profile_without_jerk_limit();
+    std::optional<TimingStatus> first_profile_with_jerk_limit();
+    std::optional<TimingStatus> profile_with_jerk_limit();
+    bool closed_form(std::size_t first, std::size_t last) const;
+    std::vector<Step> uniform_in_time(std::size_t count) const;
+    HermiteCurve points() const;
+    void mark_coarse(std::span<const double> x);
+    std::size_t step_of(double s) const;
+    bool adapt(const HermiteCurve& curve, int round);
+
+    const TimingTask& task_;
+    const TimedPath& path_;
+    std::size_t n_;
+    double start_, end_;              // s' at both ends
+    std::vector<std::size_t> run_;    // (pieces) number of stops before a piece
+    std::vector<Step> steps_;
+    std::vector<char> coarse_;        // (N) steps that should be subdivided, because s'' changes within them
+    Profile profile_;
+    // With a jerk limit, for each run: the solution on its steps, empty if they have changed, and the factor by which a
+    // run from rest to rest is slower than it.
+    std::vector<JerkSolution> solutions_;
+    std::vector<double> run_slowdown_;
+    double deviation_ = 0.0, excess_ = 0.0;
+};
+
+std::vector<Step> Timing::divided(std::size_t piece, std::size_t parts) const {
+    std::vector<Step> result;
+    const double a = path_.knots()[piece], b = path_.knots()[piece + 1];
+    double begin = a;
+    for (std::size_t i = 1; i <= parts; ++i) {
+        const double share = static_cast<double>(i) / static_cast<double>(parts);
+        const double end = i == parts ? b : a * (1.0 - share) + b * share;
+        if (end > begin) result.push_back({begin, end, piece});
+        begin = end;
+    }
+    return result;
+}
+
+// A straight piece is one step. A bent piece has the number of steps with which cubic Hermite pieces follow it at a
+// constant speed: they deviate from a function by h^4 / 384 times its fourth derivative (P. J. Davis, "Interpolation and
+// Approximation", 1975, section 3.5).
+std::vector<Step> Timing::first_grid() const {
+    std::size_t bent = 0;
+    for (std::size_t k = 0; k < path_.pieces(); ++k) bent += !uniform(k);
+    std::vector<Step> steps;
+    for (std::size_t k = 0; k < path_.pieces(); ++k) {
+        std::size_t count = 1;
+        if (!uniform(k)) {
+            const double width = path_.knots()[k + 1] - path_.knots()[k];
+            const double expected = kSpeedChange * path_.fourth(k) * std::pow(width, 4) / 384.0;
+            const double wanted = std::ceil(std::pow(expected / task_.image_tolerance, 0.25));
+            const double most = static_cast<double>(kMaxBentSteps);
+            count = wanted < most ? static_cast<std::size_t>(std::max(wanted, 1.0)) : kMaxBentSteps;
+            count = std::max({count, kBentSteps, task_.rows ? kConstrainedSteps : (kLeastBentSteps + bent - 1) / bent});
+        }
+        const auto parts = divided(k, count);
+        steps.insert(steps.end(), parts.begin(), parts.end());
+    }
+    return steps;
+}
+
+StepLimits Timing::limits_of(std::span<const Step> steps) const {
+    StepLimits limits;
+    const std::size_t count = steps.size();
+    limits.slope.resize(2 * count * n_);
+    limits.curvature.resize(2 * count * n_);
+    if (smooth()) limits.third.resize(2 * count * n_);
+    limits.ceiling.assign(count + 1, std::numeric_limits<double>::infinity());
+    std::vector<double> q(task_.rows ? 2 * count * n_ : 0);
+    for (std::size_t i = 0; i < count; ++i) {
+        const Step& step = steps[i];
+        limits.length.push_back(step.end - step.begin);
+        for (std::size_t side = 0; side < 2; ++side) {
+            const std::size_t entry = (2 * i + side) * n_;
+            const double s = side ? step.end : step.begin;
+            path_.evaluate(step.piece, s, 1, &limits.slope[entry]);
+            if (!path_.straight(step.piece)) {
+                path_.evaluate(step.piece, s, 2, &limits.curvature[entry]);
+                if (smooth()) path_.evaluate(step.piece, s, 3, &limits.third[entry]);
+            }
+            if (task_.rows) path_.evaluate(step.piece, s, 0, &q[entry]);
+            const double speed = least(task_.limits.velocity, &limits.slope[entry]) / step.slowdown;
+            double& ceiling = limits.ceiling[i + side];
+            ceiling = std::min(ceiling, speed * speed);
+        }
+        if (stops_at(step.begin)) limits.ceiling[i] = 0.0;
+    }
+    ConstraintRows more;
+    if (task_.rows) more = task_.rows(q, limits.slope, limits.curvature);
+    limits.rows = n_ + more.rows;
+    for (std::size_t i = 0; i < 2 * count; ++i) {
+        const double slow = steps[i / 2].slowdown, square = slow * slow;
+        for (std::size_t j = 0; j < n_; ++j) {
+            limits.alpha.push_back(limits.slope[i * n_ + j]);
+            limits.beta.push_back(limits.curvature[i * n_ + j]);
+            limits.gamma.push_back(0.0);
+            limits.bound.push_back(task_.limits.acceleration[j] / square);
+        }
+        double& ceiling = limits.ceiling[(i + 1) / 2];
+        for (std::size_t r = i * more.rows; r < (i + 1) * more.rows; ++r) {
+            if (more.alpha[r] == 0.0 && more.beta[r] != 0.0) {  // a limit of speed
+                const double room = more.bound[r] - std::copysign(more.gamma[r], more.gamma[r] * more.beta[r]);
+                ceiling = std::min(ceiling, room / std::abs(more.beta[r]) / square);
+            }
+            limits.alpha.push_back(more.alpha[r] * square);
+            limits.beta.push_back(more.beta[r] * square);
+            limits.gamma.push_back(more.gamma[r]);
+            limits.bound.push_back(more.bound[r]);
+        }
+    }
+    limits.ceiling.front() = start_ * start_;
+    limits.ceiling.back() = end_ * end_;
+    if (smooth())
+        for (const Step& step : steps)
+            for (double limit : task_.limits.jerk)
+                limits.jerk.push_back(limit / (step.slowdown * step.slowdown * step.slowdown));
+    return limits;
+}
+
+// The fastest speeds without a jerk limit.
+std::optional<TimingStatus> Timing::fastest(std::span<const Step> steps, const StepLimits& limits,
+                                            std::vector<double>& x) const {
+    const SpeedProblem problem{limits.rows,   limits.alpha,   limits.beta,  limits.gamma, limits.bound,
+                               limits.length, limits.ceiling, start_ * start_, end_ * end_};
+    x.assign(steps.size() + 1, 0.0);
+    const auto stuck = fastest_speeds(problem, x);
+    if (!stuck) return std::nullopt;
+    if (*stuck == steps.size() && end_ > 0.0) return TimingStatus::end_too_fast;
+    return start_ > 0.0 || end_ > 0.0 ? TimingStatus::ends_unreachable : TimingStatus::not_smooth;
+}
+
+std::optional<TimingStatus> Timing::profile_without_jerk_limit() {
+    const StepLimits limits = limits_of(steps_);
+    std::vector<double> x;
+    if (const auto failed = fastest(steps_, limits, x)) return failed;
+    profile_ = {};
+    for (std::size_t i = 0; i < steps_.size(); ++i) {
+        const Step& step = steps_[i];
+        if (i == 0 || stops_at(step.begin)) profile_.runs.push_back(profile_.phases.size());
+        const double before = std::sqrt(x[i]), after = std::sqrt(x[i + 1]), length = step.end - step.begin;
+        if (uniform(step.piece)) {
+            const double* slope = &limits.slope[2 * i * n_];
+            const double speed = least(task_.limits.velocity, slope) / step.slowdown;
+            const double acceleration = least(task_.limits.acceleration, slope) / (step.slowdown * step.slowdown);
+            append_trapezoid(profile_, step.begin, length, before, after, speed, acceleration, i);
+        } else {
+            const double duration = 2.0 * length / (before + after);
+            if (!(duration < std::numeric_limits<double>::infinity())) return TimingStatus::not_smooth;
+            profile_.append(duration, {step.begin, before, (after - before) / duration}, 0.0, i);
+        }
+    }
+    mark_coarse(x);
+    return std::nullopt;
+}
+
+// Mark the steps on both sides of a node at which the jump of s'' loses time. If the jump took place up to one step (h
+// seconds) earlier or later, the speed would differ by up to h times the jump.
+void Timing::mark_coarse(std::span<const double> x) {
+    coarse_.assign(steps_.size(), 0);
+    std::vector<double> speed(x.size()), h(steps_.size());
+    for (std::size_t i = 0; i < x.size(); ++i) speed[i] = std::sqrt(x[i]);
+    double total = 0.0;
+    for (std::size_t i = 0; i < h.size(); ++i) {
+        h[i] = 2.0 * (steps_[i].end - steps_[i].begin) / std::max(speed[i] + speed[i + 1], 1e-30);
+        total += h[i];
+    }
+    for (std::size_t i = 1; i < h.size(); ++i) {
+        const double before = (speed[i] - speed[i - 1]) / h[i - 1], after = (speed[i + 1] - speed[i]) / h[i];
+        const double jump = std::abs(after - before), shorter = std::min(h[i - 1], h[i]);
+        if (!(jump * shorter * shorter > kMaxLoss * total * std::max(speed[i], jump * shorter))) continue;
+        for (std::size_t k : {i - 1, i}) coarse_[k] = !uniform(steps_[k].piece);
+    }
+}
+
+// Whether the pieces from `first` to `last` are one straight segment from rest to rest.
+bool Timing::closed_form(std::size_t first, std::size_t last) const {
+    return first == last && uniform(first) && (first > 0 || start_ == 0.0) &&
+           (last + 1 < path_.pieces() || end_ == 0.0);
+}
+
+// Steps that are uniform in the time of the profile on each piece, about `count` in each run.
+std::vector<Step> Timing::uniform_in_time(std::size_t count) const {
+    std::vector<Step> result;
+    std::size_t phase = 0;
+    for (std::size_t first = 0; first < path_.pieces();) {
+        std::size_t last = first;
+        while (last + 1 < path_.pieces() && !path_.stops(last + 1)) ++last;
+        if (closed_form(first, last)) {
+            result.push_back({path_.knots()[first], path_.knots()[first + 1], first});
+            while (phase < profile_.phases.size() && steps_[profile_.phases[phase].step].piece == first) ++phase;
+            first = last + 1;
+            continue;
+        }
+        std::size_t end = phase;
+        std::vector<double> times{profile_.phases[phase].begin};
+        for (std::size_t k = first; k <= last; ++k) {
+            while (end < profile_.phases.size() && steps_[profile_.phases[end].step].piece == k) ++end;
+            times.push_back(profile_.phases[end - 1].end());
+        }
+        const double total = times.back() - times.front();
+        for (std::size_t k = first; k <= last; ++k) {
+            const double begin = times[k - first], duration = times[k + 1 - first] - begin;
+            const double wanted = static_cast<double>(count) * duration / total;
+            std::size_t parts = path_.straight(k) ? kStraightPieceSteps : kBentPieceSteps;
+            if (first == last) parts = std::max<std::size_t>(parts, 8);
+            parts = std::max(parts, static_cast<std::size_t>(std::ceil(wanted)));
+            double s = path_.knots()[k];
+            for (std::size_t i = 1; i <= parts; ++i) {
+                const double time = begin + duration * static_cast<double>(i) / static_cast<double>(parts);
+                double next = i == parts ? path_.knots()[k + 1] : profile_.phase_at(time).at(time).s;
+                if (!(next > s) || !(next < path_.knots()[k + 1] || i == parts)) continue;
+                result.push_back({s, next, k});
+                s = next;
+            }
+        }
+        phase = end;
+        first = last + 1;
+    }
+    return result;
+}
+
+std::optional<TimingStatus> Timing::first_profile_with_jerk_limit() {
+    steps_.clear();
+    for (std::size_t k = 0; k < path_.pieces(); ++k) {
+        const auto parts = divided(k, closed_form(k, k) && path_.stops(k) && path_.stops(k + 1) ? 1 : kEstimateSteps);
+        steps_.insert(steps_.end(), parts.begin(), parts.end());
+    }
+    std::vector<double> x;
+    if (const auto failed = fastest(steps_, limits_of(steps_), x)) return failed;
+    profile_ = {};
+    for (std::size_t i = 0; i < steps_.size(); ++i) {
+        if (i == 0 || stops_at(steps_[i].begin)) profile_.runs.push_back(profile_.phases.size());
+        const double before = std::sqrt(x[i]), after = std::sqrt(x[i + 1]);
+        const double length = steps_[i].end - steps_[i].begin;
+        const bool alone = x[i] == 0.0 && x[i + 1] == 0.0;  // a straight segment, timed in closed form
+        const double duration = alone && uniform(steps_[i].piece) ? length : 2.0 * length / (before + after);
+        if (!(duration < std::numeric_limits<double>::infinity())) return TimingStatus::not_smooth;
+        profile_.append(duration, {steps_[i].begin, before, (after - before) / duration}, 0.0, i);
+    }
+    for (std::size_t count : {kCoarseSteps, kFineSteps}) {
+        steps_ = uniform_in_time(count);
+        solutions_.assign(solutions_.size(), {});
+        if (const auto failed = profile_with_jerk_limit()) return failed;
+    }
+    return std::nullopt;
+}
+
+// The fastest motion on the steps; the present profile is the estimate from which the solution starts.
+std::optional<TimingStatus> Timing::profile_with_jerk_limit() {
+    const StepLimits limits = limits_of(steps_);
+    std::vector<double> estimate{start_ * start_};
+    std::size_t phase = 0;
+    for (const Step& step : steps_) {  // s'^2 at the end of each step
+        while (phase + 1 < profile_.phases.size() && profile_.phases[phase + 1].from.s <= step.end) ++phase;
+        const Phase& p = profile_.phases[phase];
+        // The time at which the phase reaches the node, by Newton's method.
+        double t = p.begin;
+        for (int i = 0; i < 20; ++i) {
+            const Instant at = p.at(t);
+            if (!(at.speed > 0.0)) {
+                t += 0.5 * (p.end() - t);
+                continue;
+            }
+            t = std::clamp(t + (step.end - at.s) / at.speed, p.begin, p.end());
+        }
+        const double speed = p.at(t).speed;
+        estimate.push_back(speed * speed);
+    }
+    const double most = *std::max_element(estimate.begin(), estimate.end());
+    for (double& x : estimate) x = std::max(x, 1e-6 * most);
+    profile_ = {};
+    for (std::size_t first = 0; first < steps_.size();) {
+        std::size_t last = first;  // after the run
+        do ++last;
+        while (last < steps_.size() && !stops_at(steps_[last].begin));
+        profile_.runs.push_back(profile_.phases.size());
+        const std::size_t count = last - first, piece = steps_[first].piece;
+        if (count == 1 && closed_form(piece, piece)) {
+            const double* slope = &limits.slope[2 * first * n_];
+            const double slow = steps_[first].slowdown * run_slowdown_[run_[piece]];
+            append_double_s(profile_, steps_[first].begin, steps_[first].end - steps_[first].begin,
+                            least(task_.limits.velocity, slope) / slow,
+                            least(task_.limits.acceleration, slope) / (slow * slow),
+                            least(task_.limits.jerk, slope) / (slow * slow * slow), first);
+            first = last;
+            continue;
+        }
+        const auto part = [&](const std::vector<double>& values, std::size_t width) {
+            return std::span<const double>(values).subspan(first * width, count * width);
+        };
+        const JerkProblem problem{n_,
+                                  limits.rows,
+                                  part(limits.length, 1),
+                                  std::span<const double>(limits.ceiling).subspan(first, count + 1),
+                                  part(limits.alpha, 2 * limits.rows),
+                                  part(limits.beta, 2 * limits.rows),
+                                  part(limits.gamma, 2 * limits.rows),
+                                  part(limits.bound, 2 * limits.rows),
+                                  part(limits.slope, 2 * n_),
+                                  part(limits.curvature, 2 * n_),
+                                  part(limits.third, 2 * n_),
+                                  part(limits.jerk, n_),
+                                  first == 0 ? start_ * start_ : 0.0,
+                                  last == steps_.size() ? end_ * end_ : 0.0};
+        JerkSolution& solution = solutions_[run_[piece]];
+        if (solution.duration.empty())
+            solution = fastest_with_jerk(problem, std::span<const double>(estimate).subspan(first, count + 1));
+        const bool from_rest = problem.start == 0.0 && problem.end == 0.0;
+        if (!from_rest && !(solution.excess < 1e-2)) return TimingStatus::ends_unreachable;
+        double slow = run_slowdown_[run_[piece]], total = 0.0;
+        for (double h : solution.duration) total += h;
+        if (!(total < std::numeric_limits<double>::infinity())) return TimingStatus::not_smooth;
+        if (from_rest) slow *= std::ceil(total * slow * kNano) / (total * slow * kNano);
+        for (std::size_t i = 0; i < count; ++i) {
+            const double h = solution.duration[i], square = slow * slow;
+            profile_.append(h * slow,
+                            {steps_[first + i].begin, std::sqrt(solution.x[i]) / slow, solution.a[i] / square},
+                            (solution.a[i + 1] - solution.a[i]) / (h * square * slow), first + i);
+        }
+        first = last;
+    }
+    coarse_.assign(steps_.size(), 0);
+    return std::nullopt;
+}
+
+std::size_t Timing::step_of(double s) const {
+    const auto after =
+        std::upper_bound(steps_.begin(), steps_.end(), s, [](double value, const Step& step) { return value < step.begin; });
+    return after == steps_.begin() ? 0 : static_cast<std::size_t>(after - steps_.begin() - 1);
+}
+
+// The trajectory points: the ends of the phases, at whole nanoseconds, with a gap between them.
+HermiteCurve Timing::points() const {
+    const auto& phases = profile_.phases;
+    const double total = profile_.duration();
+    const double gap =
+        smooth() ? std::max(kShortestEdge, std::min(kShortestSmooth, 0.01 * total)) : kShortestPhase;
+    // Ends and stops are always points.
+    std::vector<char> needed(phases.size() + 1, 0);
+    for (std::size_t i : profile_.runs) needed[i] = 1;
+    needed.back() = 1;
+    const auto time_of = [&](std::size_t i) { return i < phases.size() ? phases[i].begin : total; };
+    std::vector<std::size_t> kept;
+    for (std::size_t i = 0; i <= phases.size(); ++i) {
+        while (needed[i] && !kept.empty() && time_of(i) - time_of(kept.back()) < gap && !needed[kept.back()])
+            kept.pop_back();
+        if (needed[i] || kept.empty() || time_of(i) - time_of(kept.back()) >= gap) kept.push_back(i);
+    }
+    HermiteCurve curve;
+    curve.joints = n_;
+    std::int64_t before = -1;
+    std::vector<double> row(n_), other(n_);
+    for (std::size_t i : kept) {
+        const double time = time_of(i);
+        std::int64_t count = std::llrint(time * kNano);
+        if (i == phases.size()) count = std::max(count, static_cast<std::int64_t>(std::ceil(time * kNano)));
+        count = std::max(count, before + 1);
+        before = count;
+        const double rounded = static_cast<double>(count) / kNano;
+        const Phase& phase = phases[std::min(i, phases.size() - 1)];
+        Instant at = i == phases.size() ? phase.at(total) : phase.at(rounded);
+        if (i < phases.size() && rounded < phase.begin && i > 0) at = phases[i - 1].at(rounded);
+        const bool first = i == 0, last = i == phases.size();
+        if (needed[i]) at = {last ? path_.knots().back() : steps_[phase.step].begin, first ? start_ : last ? end_ : 0.0, 0.0};
+        at.s = std::clamp(at.s, path_.knots().front(), path_.knots().back());
+        at.speed = std::max(at.speed, 0.0);
+        curve.times.push_back(rounded);
+        curve.s.push_back(at.s);
+        curve.speed.push_back(at.speed);
+        curve.second.push_back(at.acceleration);
+        const std::size_t piece = path_.piece_of(at.s);
+        path_.evaluate(piece, at.s, 0, row.data());
+        curve.q.insert(curve.q.end(), row.begin(), row.end());
+        std::vector<double> slope(n_);
+        path_.evaluate(piece, at.s, 1, slope.data());
+        for (std::size_t j = 0; j < n_; ++j)
+            curve.velocity.push_back(first  ? task_.start_velocity[j]
+                                     : last ? task_.end_velocity[j]
+                                            : slope[j] * at.speed);
+        if (!smooth()) continue;
+        // At a knot the second derivative is the mean of both sides; rounding the time moves s by up to a nanosecond.
+        path_.evaluate(piece, at.s, 2, row.data());
+        const double near = 2.0 * at.speed / kNano;
+        if (piece > 0 && at.s - path_.knots()[piece] <= near) {
+            path_.evaluate(piece - 1, path_.knots()[piece], 2, other.data());
+            for (std::size_t j = 0; j < n_; ++j) row[j] = 0.5 * (row[j] + other[j]);
+        } else if (piece + 1 < path_.pieces() && path_.knots()[piece + 1] - at.s <= near) {
+            path_.evaluate(piece + 1, path_.knots()[piece + 1], 2, other.data());
+            for (std::size_t j = 0; j < n_; ++j) row[j] = 0.5 * (row[j] + other[j]);
+        }
+        for (std::size_t j = 0; j < n_; ++j)
+            curve.acceleration.push_back(slope[j] * at.acceleration + row[j] * at.speed * at.speed);
+    }
+    return curve;
+}
+
+// Measure the excess and the deviation of the motion. Slow down and subdivide steps; false if nothing is to be changed.
+bool Timing::adapt(const HermiteCurve& curve, int round) {
+    std::vector<double> over = excess(curve, task_.limits);
+    if (task_.excess) {
+        const std::vector<double> more = task_.excess(curve);
+        for (std::size_t i = 0; i < over.size(); ++i) over[i] = std::isnan(more[i]) ? more[i] : std::max(over[i], more[i]);
+    }
+    std::vector<double> away(curve.pieces(), 0.0);
+    const auto measure = [&](bool proven) {
+        deviation_ = 0.0;
+        for (std::size_t i = 0; i < away.size(); ++i) {
+            const double middle = 0.5 * (curve.s[i] + curve.s[i + 1]);
+            if (!path_.straight(path_.piece_of(middle))) away[i] = deviation(curve, path_, i, proven);
+            deviation_ = std::max(deviation_, away[i]);
+        }
+        return deviation_ <= task_.image_tolerance;
+    };
+    const auto too_fast = [&](double excess) { return !(excess <= 1.0 + task_.rate_tolerance / 3.0); };
+    excess_ = *std::max_element(over.begin(), over.end());
+    for (double value : over)
+        if (std::isnan(value)) excess_ = value;
+    bool accurate = measure(false);
+    const bool coarse = round < kCoarseRounds && std::find(coarse_.begin(), coarse_.end(), 1) != coarse_.end();
+    if (accurate && !too_fast(excess_) && !coarse) accurate = measure(true);
+    if (accurate && !too_fast(excess_) && !coarse) return false;
+
+    // The largest values of each step and of each run.
+    std::vector<double> step_excess(steps_.size(), 0.0), step_away(steps_.size(), 0.0), run_excess(run_.back() + 1, 0.0);
+    for (std::size_t i = 0; i < over.size(); ++i) {
+        const std::size_t k = step_of(0.5 * (curve.s[i] + curve.s[i + 1]));
+        step_excess[k] = std::max(step_excess[k], over[i]);
+        step_away[k] = std::max(step_away[k], away[i]);
+        double& worst = run_excess[run_[steps_[k].piece]];
+        worst = std::max(worst, over[i]);
+    }
+    std::vector<Step> next;
+    const double total = path_.knots().back();
+    // The factor grows with the rounds: a factor of the size of rounding errors might not converge.
+    const double grown = 1.0 + task_.rate_tolerance * std::pow(2.0, round);
+    const double slight = round == 0 ? (smooth() ? 1.003 : 1.0) : round == 1 ? 1.005 : 1.01;
+    for (std::size_t k = 0; k < steps_.size(); ++k) {
+        const Step& step = steps_[k];
+        const std::size_t run = run_[step.piece];
+        double parts = 1.0;
+        if (step_away[k] > task_.image_tolerance)
+            parts = std::ceil(1.1 * std::pow(step_away[k] / task_.image_tolerance, smooth() ? 1.0 / 6.0 : 0.25));
+        if (round < kCoarseRounds && !smooth()) {
+            if (coarse_[k]) parts = std::max(parts, 3.0);
+            if (step_excess[k] > kSubdivideAbove) parts = std::max(parts, 2.0);
+        }
+        if (uniform(step.piece) || step.end - step.begin < kShortestStep * total) parts = 1.0;
+        const std::size_t count = static_cast<std::size_t>(std::min(parts, static_cast<double>(kMaxParts)));
+        const double worst = run_excess[run];
+        const bool together = worst <= slight || round >= kLocalRounds;
+        const bool moving = (run == 0 && start_ > 0.0) || (run == run_.back() && end_ > 0.0);
+        double factor = 1.0;
+        if (together && smooth() && !moving) {
+            // The run is slowed down as a whole, below.
+        } else if (together) {
+            if (too_fast(worst)) factor = worst * grown;
+        } else if (too_fast(step_excess[k])) {
+            factor = 1.0 + (step_excess[k] * grown - 1.0) / static_cast<double>(count * count);
+        }
+        if (factor > 1.0 || count > 1) solutions_[run] = {};
+        Step part = step;
+        part.slowdown *= factor;
+        for (std::size_t i = 1; i <= count; ++i) {
+            const double share = static_cast<double>(i) / static_cast<double>(count);
+            part.end = i == count ? step.end : step.begin * (1.0 - share) + step.end * share;
+            if (part.end > part.begin) next.push_back(part);
+            part.begin = part.end;
+        }
+    }
+    if (smooth())
+        for (std::size_t run = 0; run < run_excess.size(); ++run) {
+            const bool moving = (run == 0 && start_ > 0.0) || (run == run_.back() && end_ > 0.0);
+            if ((run_excess[run] <= slight || round >= kLocalRounds) && !moving && too_fast(run_excess[run]))
+                run_slowdown_[run] *= run_excess[run] * grown;
+        }
+    if (next.size() <= kMaxSteps) {
+        steps_ = next;
+    } else {
+        for (std::size_t k = 0, i = 0; k < steps_.size(); ++k) {  // only the slowdown
+            while (next[i].end < steps_[k].end) ++i;
+            steps_[k].slowdown = next[i].slowdown;
+        }
+    }
+    return true;
+}
+
+TimedMotion Timing::solve() {
+    TimedMotion result;
+    if (!smooth()) steps_ = first_grid();
+    std::optional<TimingStatus> failed =
+        smooth() ? first_profile_with_jerk_limit() : profile_without_jerk_limit();
+    for (;; ++result.rounds) {
+        result.duration = profile_.duration();
+        if (!failed && !(result.duration <= task_.longest)) failed = TimingStatus::too_long;
+        if (failed) {
+            result.status = *failed;
+            return result;
+        }
+        result.curve = points();
+        const bool changed = adapt(result.curve, result.rounds);
+        result.deviation = deviation_;
+        result.excess = excess_;
+        if (!changed) break;
+        if (result.rounds == kRounds) {
+            result.status = deviation_ > task_.image_tolerance ? TimingStatus::deviates : TimingStatus::exceeds;
+            return result;
+        }
+        failed = smooth() ? profile_with_jerk_limit() : profile_without_jerk_limit();
+    }
+    result.status = TimingStatus::timed;
+    return result;
+}
+
+}  // namespace
+
+TimedMotion time_path(const TimingTask& task) { return Timing(task).solve(); }
+
+}  // namespace pinproof

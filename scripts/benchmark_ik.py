@@ -21,7 +21,7 @@ from pinproof import load_robot
 from pinproof.benchmarks import ik_benchmark, ik_markdown, write_ik_table
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "benchmarks"
-DOCS_ROBOTS = ("ur5", "panda", "puma560")
+DOCS_ROBOTS = ("ur5", "panda", "puma560", "xarm6", "crx10ia")
 
 
 def main() -> None:

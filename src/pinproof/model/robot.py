@@ -245,8 +245,9 @@ class Arm:
     ) -> Array:
         """Compute the torques (n,) that move the arm, by inverse dynamics: M(q) a + C(q, v) v + g(q).
 
-        The inertias are those of the URDF. The other joints of the robot are held; mimic followers add their torque,
-        times their multiplier, to that of the joint that they follow. Friction and rotor inertia are not modelled.
+        Torques are in N m, and in N for a prismatic joint. The inertias are those of the URDF. The other joints of the
+        robot are held; mimic followers add their torque, times their multiplier, to that of the joint that they follow.
+        Friction and rotor inertia are not modelled.
 
         Parameters
         ----------
@@ -256,10 +257,6 @@ class Arm:
             A body, or several, that the arm carries in addition to its own links.
         gravity
             (3,) acceleration of free fall in m/s^2, in the root link.
-
-        Returns
-        -------
-        (n,) in N m, or in N for a prismatic joint.
 
         Raises
         ------

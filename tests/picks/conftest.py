@@ -58,9 +58,9 @@ def _recheck(verdict: pp.PickVerdict, arm: pp.Arm, scene: pp.Scene, picks: pp.Pi
     np.testing.assert_allclose(motion(time), verdict.q_grasp, atol=1e-9)
     np.testing.assert_allclose(motion.velocity(time), 0.0, atol=1e-9)
     assert max(off(motion.end, pick.retreat_pose())) < 2e-5
-    # The tip goes straight, and does not turn, from the last rest before the grasp and from the grasp to the end.
-    rests = motion.times[~motion.velocities.any(axis=1)]
-    begin = time if pick.approach == 0 else float(rests[rests < time - 1e-6][-1])
+    # The tip goes straight, and does not turn, from the entrance to the grasp and from the grasp to the end.
+    points = motion.times[motion.times < time - 1e-6].tolist()
+    begin = time if pick.approach == 0 else min(points, key=lambda each: max(off(motion(each), pick.approach_pose())))
     assert max(off(motion(begin), pick.approach_pose())) < 2e-5
     for first, last, target in ((begin, time, pick.approach_pose()), (time, motion.duration, pick.retreat_pose())):
         direction = target.translation - pick.pose.translation

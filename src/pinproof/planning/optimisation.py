@@ -406,8 +406,10 @@ class _Search:
 
     def _shorten_first_motions(self, budget: int) -> None:
         """Shorten the given motion, and motions along further paths; the shortest becomes the best one."""
-        stopping = self._stopping(self._path.q) if isinstance(self._path, JointPath) else None
-        found = [(stopping or self._best, self._goal), *self._plans(min(PLANS, budget // PER_PLAN))]
+        given = self._given()
+        if isinstance(self._path, JointPath) and (stopping := self._stopping(self._path.q)) is not None:
+            given = stopping, given[1]
+        found = [given, *self._plans(min(PLANS, budget // PER_PLAN))]
         rounds = max(math.ceil(math.log2(len(found))), 1)
         for _ in range(rounds):  # the better half continues
             share = budget // (rounds * len(found))

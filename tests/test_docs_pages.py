@@ -18,6 +18,7 @@ PAGES = sorted(
         DOCS / "index.md",
         DOCS / "notebooks.md",
         DOCS / "dynamics.md",
+        DOCS / "ik.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),
     )

@@ -67,6 +67,13 @@ def test_ik_lists_every_branch(run: Run) -> None:
     assert "out of reach" in out
 
 
+def test_ik_proves_that_a_redundant_arm_cannot_reach_a_target(run: Run) -> None:
+    code, out, _ = run("ik", "panda", "--xyz", "0.9 0 0.4", "--json")
+    found = json.loads(out)
+    assert (code, found["ok"], found["status"]) == (1, False, "IMPOSSIBLE")
+    assert 0.01 < found["position_error"] < 0.3
+
+
 def test_ik_out_of_reach_is_exit_code_1(run: Run) -> None:
     code, out, _ = run("ik", "ur5", "--xyz", "2 0 0", "--json")
     assert code == 1

@@ -46,8 +46,9 @@ class PickStatus(Enum):
     GOOD = "good"
     """The pick has certified, timed motions."""
     IMPOSSIBLE = "impossible"
-    """Every configuration of every grasp is refuted: all were enumerated in closed form, or no grasp holds the part,
-    which does not depend on the configuration."""
+    """Every configuration of every grasp is refuted: all were enumerated in closed form, or the grasp is proven to be
+    out of reach (also of redundant arms), or what is at the tcp penetrates an obstacle, or no grasp holds the part. The
+    last two do not depend on the configuration."""
     NOT_FOUND = "not found"
     """No solution was found within the budget; one may exist."""
     UNREADABLE = "unreadable"

@@ -1,7 +1,7 @@
 """The compiled core, an extension module built from src/core. Written by scripts/core_stub.py."""
 
 import enum
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Final
 
 import numpy
@@ -94,7 +94,12 @@ class ClosedForm:
         border: float,
         spread: float,
         rounding: float,
+        eliminated: bool,
+        true_directions: NDArray[numpy.float64],
+        true_points: NDArray[numpy.float64],
     ) -> None: ...
+    @property
+    def cuts(self) -> list[Any]: ...
     @property
     def first_of_triple(self) -> int: ...
     @property
@@ -123,6 +128,7 @@ def angle_of(y: float, x: float) -> float: ...
 def nearest_winding(value: float, lower: float, upper: float, slack: float, reference: float) -> float: ...
 def linear_roots(prismatic: bool, a: float, b: float, c: float, border: float) -> list[Any] | None: ...
 def quartic_roots(coefficients: NDArray[numpy.float64], nearly: float = 0.0) -> list[float]: ...
+def eigenvalues(matrix: NDArray[numpy.float64]) -> list[Any] | None: ...
 
 class ClikStep:
     def __init__(self, damping: float) -> None: ...
@@ -549,3 +555,63 @@ def fastest_speeds(
     start: float,
     end: float,
 ) -> tuple[NDArray[Any], int | None]: ...
+def time_path(
+    knots: NDArray[numpy.float64],
+    control: NDArray[numpy.float64],
+    stops: NDArray[numpy.float64] | None,
+    velocity: NDArray[numpy.float64],
+    acceleration: NDArray[numpy.float64],
+    jerk: NDArray[numpy.float64] | None,
+    start_velocity: NDArray[numpy.float64],
+    end_velocity: NDArray[numpy.float64],
+    image_tolerance: float,
+    rate_tolerance: float,
+    longest: float,
+    rows: Callable[..., Any] | None,
+    excess: Callable[..., Any] | None,
+) -> tuple[Any, ...]: ...
+def corners(q: NDArray[numpy.float64]) -> NDArray[Any]: ...
+
+class DynamicTree:
+    def __init__(
+        self,
+        before: NDArray[numpy.float64],
+        prismatic: Sequence[bool],
+        index: Sequence[int],
+        multiplier: Sequence[float],
+        offset: Sequence[float],
+        parent: Sequence[int],
+        mass: NDArray[numpy.float64],
+        first_moment: NDArray[numpy.float64],
+        inertia: NDArray[numpy.float64],
+        gravity: NDArray[numpy.float64],
+        tool_joint: int,
+        tool: NDArray[numpy.float64],
+        dof: int,
+    ) -> None: ...
+    def torques(
+        self, q: NDArray[numpy.float64], v: NDArray[numpy.float64], a: NDArray[numpy.float64]
+    ) -> tuple[Any, ...]: ...
+    def tool_motion(
+        self, q: NDArray[numpy.float64], v: NDArray[numpy.float64], a: NDArray[numpy.float64]
+    ) -> NDArray[Any]: ...
+    def torque_stretch(
+        self,
+        position: NDArray[numpy.float64],
+        velocity: NDArray[numpy.float64],
+        acceleration: NDArray[numpy.float64],
+        limits: NDArray[numpy.float64],
+    ) -> NDArray[Any]: ...
+    def tool_stretch(
+        self,
+        position: NDArray[numpy.float64],
+        velocity: NDArray[numpy.float64],
+        acceleration: NDArray[numpy.float64],
+        limits: NDArray[numpy.float64],
+    ) -> NDArray[Any]: ...
+    def torque_peaks(
+        self, position: NDArray[numpy.float64], velocity: NDArray[numpy.float64], acceleration: NDArray[numpy.float64]
+    ) -> tuple[Any, ...]: ...
+    def tool_peaks(
+        self, position: NDArray[numpy.float64], velocity: NDArray[numpy.float64], acceleration: NDArray[numpy.float64]
+    ) -> tuple[Any, ...]: ...

@@ -10,6 +10,7 @@ import argparse
 import re
 import subprocess
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 from nanobind.stubgen import StubGen
@@ -18,13 +19,6 @@ from pinproof import _core
 
 STUB = Path(__file__).resolve().parents[1] / "src" / "pinproof" / "_core.pyi"
 HEAD = '"""The compiled core, an extension module built from src/core. Written by scripts/core_stub.py."""\n'
-IMPORTS = """import enum
-from collections.abc import Callable, Sequence
-from typing import Any, Final
-
-import numpy
-from numpy.typing import NDArray
-"""
 ARGUMENT = re.compile(r"Annotated\[(NDArray\[numpy\.\w+\]), dict\([^()]*(?:\([^()]*\)[^()]*)*\)\]")
 """An array with its shape and memory layout, which mypy cannot check."""
 
@@ -34,19 +28,36 @@ def stub_text() -> str:
     generator = StubGen(_core, include_docstrings=False)
     generator.put(_core)
     lines = [_line(ARGUMENT.sub(r"\1", line)) for line in generator.get().splitlines()]
-    body = [line for line in lines if not line.startswith(("from ", "import "))]
-    return f"{HEAD}\n{IMPORTS}\n" + "\n".join(body) + "\n"
+    stated = [line for line in lines if line.startswith(("from ", "import "))]
+    body = "\n".join(line for line in lines if line not in stated)
+    body = re.sub(r"\bCallable\b(?!\[)", "Callable[..., Any]", body)
+    return f"{HEAD}\n{_imports([*stated, 'from typing import Any'], body)}\n{body}\n"
+
+
+def _imports(stated: list[str], body: str) -> str:
+    """The imports of the names that occur in the body, sorted."""
+    plain, names = set(), defaultdict[str, set[str]](set)
+    for line in stated:
+        words = line.replace(",", " ").split()
+        if words[0] == "import":
+            plain.add(words[1])
+        else:
+            names[words[1]].update(name for name in words[3:] if re.search(rf"\b{name}\b", body))
+    known = {module: f"import {module}" for module in plain}
+    known |= {module: f"from {module} import {', '.join(sorted(each))}" for module, each in names.items() if each}
+    own = [line for module, line in sorted(known.items()) if not module.startswith("numpy")]
+    own.sort(key=lambda line: line.startswith("from"))
+    numpy = [line for module, line in sorted(known.items()) if module.startswith("numpy")]
+    return "\n".join([*own, "", *numpy]) + "\n"
 
 
 def _line(line: str) -> str:
     """The line with arrays in place of objects in the type of a result, and any elements of plain containers."""
-    line = re.sub(r"\bCallable\b(?!\[)", "Callable[..., Any]", line)
     head, arrow, result = line.rpartition(" -> ")
     if not arrow:
         return line
     result = re.sub(r"\bobject\b", "NDArray[Any]", result)
     result = re.sub(r"\btuple\b(?!\[)", "tuple[Any, ...]", re.sub(r"\blist\b(?!\[)", "list[Any]", result))
-    result = re.sub(r"\bdict\b(?!\[)", "dict[str, Any]", result)
     return f"{head}{arrow}{result}"
 
 

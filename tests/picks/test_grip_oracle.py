@@ -73,6 +73,7 @@ def true_contact(kind: str, shape: pp.Shape, turn: np.ndarray, offset: np.ndarra
     return float(on.mean() * PAD[0] * PAD[2]), float((np.ptp(rows) + 1) / count * PAD[2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["sphere", "cylinder", "box"])
 def test_contacts_below_a_limit_by_any_amount_are_refused(kind, arms) -> None:
     """The area and extent of contact, from formulas; the sampled ones decide, so limits are raised by their error."""

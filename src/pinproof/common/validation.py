@@ -16,6 +16,7 @@ from pinproof.errors import InputError
 __all__ = [
     "ReadOnlyDict",
     "Rng",
+    "freeze_arrays",
     "named_arguments",
     "random_generator",
     "require_integer",
@@ -64,6 +65,16 @@ def require_integer(name: str, value: int, smallest: int) -> None:
     """Raise InputError unless ``value`` is an integer of at least ``smallest``."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < smallest:
         raise InputError(f"{name} must be an integer of at least {smallest}, not {value!r}")
+
+
+def freeze_arrays(owner: object, *names: str) -> None:
+    """Replace the array fields ``names`` of a frozen dataclass by read-only copies; None stays None."""
+    for name in names:
+        value = getattr(owner, name)
+        if value is not None:
+            array = np.array(value)
+            array.setflags(write=False)
+            object.__setattr__(owner, name, array)
 
 
 def random_generator(rng: Rng | np.random.SeedSequence) -> np.random.Generator:

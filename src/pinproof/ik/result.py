@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import html_block, html_table, outline
+from pinproof.common.validation import freeze_arrays
 from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
 from pinproof.ik.windings import nearest_winding
@@ -192,7 +193,7 @@ class IkResult:
 
     def __post_init__(self) -> None:
         if self.q.flags.writeable:
-            object.__setattr__(self, "q", _frozen(self.q))
+            freeze_arrays(self, "q")
 
     @property
     def message(self) -> str:
@@ -267,8 +268,7 @@ class IkBatch:
     counted: Counted = (True, True)
 
     def __post_init__(self) -> None:
-        for name in ("q", "codes", "position_error", "orientation_error", "iterations", "restarts"):
-            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        freeze_arrays(self, "q", "codes", "position_error", "orientation_error", "iterations", "restarts")
 
     def __repr__(self) -> str:
         counts = Counter(STATUSES[code].value for code in self.codes.tolist())
@@ -360,8 +360,7 @@ class IkSolutions:
     message: str
 
     def __post_init__(self) -> None:
-        for name in ("q", "position_error", "orientation_error"):
-            object.__setattr__(self, name, _frozen(getattr(self, name)))
+        freeze_arrays(self, "q", "position_error", "orientation_error")
 
     @property
     def ok(self) -> bool:
@@ -382,9 +381,3 @@ class IkSolutions:
         if not self.ok:
             raise IkFailed(self.message, self)
         return self
-
-
-def _frozen(array: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
-    copy = np.array(array)
-    copy.setflags(write=False)
-    return copy

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import Tracker as CompiledTracker
-from pinproof.common.validation import require_positive
+from pinproof.common.validation import freeze_arrays, require_positive
 from pinproof.errors import IkFailed, InputError
 from pinproof.ik.result import AT_LIMIT
 from pinproof.ik.task import GoalName, IkGoal, IkTask, Task, TaskName, make_goal, make_task
@@ -78,17 +78,10 @@ class TrackResult:
 
     def __post_init__(self) -> None:
         errors = slips(self.arm, self.task, self.poses, self.q)
-        measured = {
-            "position_error": errors[:, 0],
-            "orientation_error": errors[:, 1],
-            "reached": self.task.fulfilled(errors),
-        }
-        for name in ("poses", "q0", "q", "times", "durations", "velocity"):
-            measured[name] = getattr(self, name)
-        for name, value in measured.items():
-            array = np.array(value)
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        measured = {"position_error": errors[:, 0], "orientation_error": errors[:, 1]}
+        for name, value in {**measured, "reached": self.task.fulfilled(errors)}.items():
+            object.__setattr__(self, name, value)
+        freeze_arrays(self, "poses", "q0", "q", "times", "durations", "velocity", *measured, "reached")
 
     @property
     def ok(self) -> bool:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker
 from pinproof.common.files import unknown_suffix, write_bytes_whole, write_text_whole
-from pinproof.common.validation import Rng, require_integer
+from pinproof.common.validation import Rng, freeze_arrays, require_integer
 from pinproof.errors import FileError, InputError
 from pinproof.ik import Clik
 from pinproof.model import Arm
@@ -86,12 +86,10 @@ class ReachMap:
     def __post_init__(self) -> None:
         count = len(self.region), len(self.orientations)
         for name in ("orientations", "reachable", "free", "manipulability", "clearance"):
-            array = np.array(getattr(self, name))
+            freeze_arrays(self, name)
             wanted = (count[1], 3, 3) if name == "orientations" else count
-            if array.shape != wanted:
+            if getattr(self, name).shape != wanted:
                 raise InputError(f"{name} must have the shape {wanted}, one for each point and orientation")
-            array.flags.writeable = False
-            object.__setattr__(self, name, array)
 
     @property
     def reach_share(self) -> Array:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.files import unknown_suffix, write_text_whole
-from pinproof.common.validation import require_integer
+from pinproof.common.validation import freeze_arrays, require_integer
 from pinproof.errors import InputError
 from pinproof.picks.batch.proposals import Wanted, proposals_for
 from pinproof.picks.judging.configurations import manipulability
@@ -290,10 +290,7 @@ class ScreenResult:
         return f"ScreenResult({self.summary})"
 
     def __post_init__(self) -> None:
-        for name in ("codes", "q", "member", "limit_margin", "manipulability", "clearance"):
-            array = np.array(getattr(self, name))
-            array.setflags(write=False)
-            object.__setattr__(self, name, array)
+        freeze_arrays(self, "codes", "q", "member", "limit_margin", "manipulability", "clearance")
 
     def __len__(self) -> int:
         return len(self.codes)

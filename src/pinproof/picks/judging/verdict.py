@@ -14,6 +14,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, Obstacle, Scene
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.validation import freeze_arrays
 from pinproof.errors import InputError
 from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, TorquePeak, Trajectory
 from pinproof.motion.motion_program import EventKind, certificate_id
@@ -175,10 +176,7 @@ class PickVerdict:
     grip: GripResult | None = None
 
     def __post_init__(self) -> None:
-        if self.q_grasp is not None:
-            q = np.array(self.q_grasp)
-            q.setflags(write=False)
-            object.__setattr__(self, "q_grasp", q)
+        freeze_arrays(self, "q_grasp")
 
     def __repr__(self) -> str:
         return outline(f"PickVerdict({self._headline})", (*map(str, self.stages), *self._suggested()))

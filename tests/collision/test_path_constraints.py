@@ -97,6 +97,7 @@ def test_the_bound_is_tight_for_small_steps() -> None:
     assert 0 < excess[1] < 0.02 * excess[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", sorted(ARMS))
 def test_verdicts_agree_with_dense_samples(name: str) -> None:
     arm, rng = ARMS[name], np.random.default_rng(7)

@@ -84,6 +84,7 @@ def test_a_release_with_a_tilted_object_fails_with_the_excess(tmp_path) -> None:
     assert "17.19 deg, 12.19 deg too much" in reason  # 0.3 rad
 
 
+@pytest.mark.slow
 def test_an_axis_that_does_not_point_up_at_the_grasp_fails(tmp_path) -> None:
     verdict = judge(read(tmp_path, "5 deg"), upright_axis=(0.0, 0.2, -1.0))
     assert verdict.failed is Stage.PLACE

@@ -57,6 +57,7 @@ def _line(line: str) -> str:
     if not arrow:
         return line
     result = re.sub(r"\bobject\b", "NDArray[Any]", result)
+    result = re.sub(r"\bdict\b(?!\[)", "dict[str, Any]", result)
     result = re.sub(r"\btuple\b(?!\[)", "tuple[Any, ...]", re.sub(r"\blist\b(?!\[)", "list[Any]", result))
     return f"{head}{arrow}{result}"
 

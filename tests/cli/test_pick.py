@@ -216,3 +216,9 @@ def test_screening_refuses_options_of_other_modes(also: tuple[str, str], run: Ru
     code, _, err = run("pick", str(ROOT / "robots" / "ur5" / "picks.yaml"), "--screen", *also)
     assert code == 2
     assert "--screen" in err
+
+
+def test_the_budget_of_the_motion_belongs_to_the_judgement(run) -> None:
+    code, out, err = run("pick", "robots/ur5/picks.yaml", "--screen", "--optimise", "5")
+    assert (code, out) == (2, "")
+    assert "--optimise" in err

@@ -227,6 +227,13 @@ def pick(
         bool,
         typer.Option("--screen", help="Check only the grasp: reach, limits and collisions; -o writes a table (.csv)."),
     ] = False,
+    optimise: Annotated[
+        int | None,
+        typer.Option(
+            help="Evaluations to shorten each transit and each transfer; 0: follow the planned paths. Default: 100.",
+            min=0,
+        ),
+    ] = None,
     pool: WorkerOptions,
     seed: Seed = 0,
     cell: CellOptions,
@@ -240,6 +247,8 @@ def pick(
     """
     if out.for_folder and (not out.is_folder or screen or campaign is not None):
         raise InputError("--pages, --grip-dwell and --release-dwell belong to -o with a folder; add -o FOLDER")
+    if optimise is not None and (program is not None or screen or campaign is not None):
+        raise InputError("--optimise cannot be combined with --program, --screen or --campaign; remove it")
     if program is not None:
         if screen or campaign is not None or out.output is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
@@ -253,12 +262,22 @@ def pick(
         ok = _run_campaign(file, cell, campaign, pool, seed, out.output, as_json=as_json)
     else:
         out.check()
-        ok = _judge(file, cell, pool, seed, out, as_json=as_json)
+        budget = pp.picks.PickBudget() if optimise is None else pp.picks.PickBudget(motion=optimise)
+        ok = _judge(file, cell, pool, seed, out, budget, as_json=as_json)
     if not ok:
         raise typer.Exit(1)
 
 
-def _judge(file: Path, cell: CellOptions, pool: WorkerOptions, seed: int, out: OutputOptions, *, as_json: bool) -> bool:
+def _judge(
+    file: Path,
+    cell: CellOptions,
+    pool: WorkerOptions,
+    seed: int,
+    out: OutputOptions,
+    budget: pp.picks.PickBudget,
+    *,
+    as_json: bool,
+) -> bool:
     """Check the picks of a file, print and write the report; return whether all are good.
 
     Raises
@@ -272,7 +291,7 @@ def _judge(file: Path, cell: CellOptions, pool: WorkerOptions, seed: int, out: O
             def progress(done: int, total: int) -> None:
                 status(f"checking {file}: {done:,} of {total:,} picks")
 
-            report = judge_file(file, cell, seed, progress=progress, **settings)[-1]
+            report = judge_file(file, cell, seed, progress=progress, budget=budget, **settings)[-1]
     except pp.picks.PicksInterrupted as error:
         report = error.report
         if not report.verdicts:

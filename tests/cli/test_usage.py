@@ -173,7 +173,7 @@ def test_tab_completes_commands_options_robots_files_frames_and_groups(complete:
     assert complete("pinproof fk u") == [name for name in sorted(catalogue_names()) if name.startswith("u")]
     Path("mine.urdf").write_text("")
     Path("mine.yaml").write_text("")
-    assert complete("pinproof view m") == ["mine.urdf", "mine.yaml"]
+    assert complete("pinproof view mi") == ["mine.urdf", "mine.yaml"]
     assert complete("pinproof fk ur5 --frame wrist_") == ["wrist_1_link", "wrist_2_link", "wrist_3_link"]
     assert complete(f"pinproof fk {robots_folder()}/ur5/u") == [f"{robots_folder()}/ur5/ur5.urdf"]
     assert complete("pinproof ik panda --group arm") == ["arm", "arm_and_hand"]

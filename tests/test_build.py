@@ -75,6 +75,22 @@ def test_apt_installs_a_compiler_if_it_may(build: Path) -> None:
     assert chosen(run(build)) == "g++"
 
 
+def test_without_apt_the_compiler_and_archiver_of_ziglang_are_used(build: Path) -> None:
+    programs = build / "programs"
+    (programs / "chmod").symlink_to(shutil.which("chmod") or "chmod")
+    answers = ('case "$*" in', "*machine*) echo x86_64 ;;", '"-c "*) echo test-tag ;;', '"-m pip install"*) ;;')
+    executable(programs / "python", *answers, '"-m ziglang"*) echo "zig $3" ;;', "*) exit 1 ;;", "esac")
+    done = run(build)
+    assert chosen(done) == "zig-c++"
+    options = dict(line.split("=", 1) for line in done.stdout.splitlines() if line.startswith("-DCMAKE_"))
+    for option, name in (("-DCMAKE_AR", "ar"), ("-DCMAKE_RANLIB", "ranlib"), ("-DCMAKE_CXX_COMPILER", "c++")):
+        called = subprocess.run(
+            [options[option]], env={"PATH": str(programs)}, capture_output=True, text=True, check=True
+        )
+        assert called.stdout == f"zig {name}\n"
+    assert "-DPINPROOF_MARCH=x86_64_v3" in done.stdout.splitlines()
+
+
 def test_without_any_compiler_one_line_states_what_to_install(build: Path) -> None:
     done = run(build)
     assert done.returncode != 0

@@ -1,6 +1,10 @@
 // The Python module pinproof._core.
 #include <nanobind/nanobind.h>
 
+#if defined(__x86_64__)
+#include <cpuid.h>
+#endif
+
 #include <stdexcept>
 
 #include "bindings/bindings.h"
@@ -8,11 +12,25 @@
 
 namespace {
 
-// This file is compiled for every x86-64 processor, the rest of the core for x86-64-v3.
+// This file is compiled for every x86-64 processor, the rest of the core for x86-64-v3. The instruction CPUID is read
+// directly, because not every compiler's library implements __builtin_cpu_supports.
+#if defined(__x86_64__)
+bool has_x86_64_v3() {
+    unsigned a = 0, b = 0, c = 0, d = 0;
+    if (!__get_cpuid(1, &a, &b, &c, &d)) return false;
+    const bool fma = c & bit_FMA, saves_registers = c & bit_OSXSAVE;
+    if (!fma || !saves_registers || !__get_cpuid_count(7, 0, &a, &b, &c, &d)) return false;
+    const bool avx2 = b & bit_AVX2, bmi2 = b & bit_BMI2;
+    unsigned low = 0, high = 0;
+    __asm__("xgetbv" : "=a"(low), "=d"(high) : "c"(0));
+    constexpr unsigned wide_registers = 6;  // the operating system preserves the registers of SSE and AVX
+    return avx2 && bmi2 && (low & wide_registers) == wide_registers;
+}
+#endif
+
 void require_processor() {
 #if defined(__x86_64__)
-    __builtin_cpu_init();
-    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma") || !__builtin_cpu_supports("bmi2"))
+    if (!has_x86_64_v3())
         throw nanobind::import_error("pinproof needs a processor with AVX2, FMA and BMI2 (x86-64-v3: Intel since "
                                      "Haswell, AMD since Excavator)");
 #endif

@@ -136,7 +136,7 @@ class Problem:
         tool = ToolLimits(arm, linear_speed=0.5, angular_speed=2.0, linear_acceleration=3.0)
         limits = dataclasses.replace(arm.limits, acceleration=np.full(arm.dof, 15.0))
         kept: tuple[RateConstraint, ...] = (torque, tool) if slow else (torque,)
-        trajectory = time_parametrise(path, limits, jerk=jerk, constraints=kept)
+        trajectory = time_parametrise(path, limits, jerk=jerk, rate_limits=kept)
         return cls(trajectory, Samples.of(arm, trajectory, points), torque, tool, kept)
 
     def violations(self, torque: Array, tool: Array) -> int:

@@ -42,7 +42,7 @@ def test_a_constraint_adds_a_panel(trajectory: pp.Trajectory) -> None:
         def excess(self, trajectory):
             return np.ones(len(trajectory.times) - 1)
 
-    panels = trajectory.plot(constraints=[Sum()]).axes
+    panels = trajectory.plot(rate_limits=[Sum()]).axes
     assert len(panels) == 5
     assert panels[4].get_ylabel() == "sum"
 

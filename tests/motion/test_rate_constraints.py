@@ -57,7 +57,7 @@ def test_joint_accelerations_as_a_constraint_give_the_same_motion(path):
     limits = limits_of([2, 2, 2], [3, 4, 5])
     alone = time_parametrise(path, limits)
     constrained = time_parametrise(
-        path, limits_of([2, 2, 2], [500, 500, 500]), constraints=[Linear(np.eye(3), limits.acceleration)]
+        path, limits_of([2, 2, 2], [500, 500, 500]), rate_limits=[Linear(np.eye(3), limits.acceleration)]
     )
     assert_within(constrained, limits)
     assert_on_path(constrained, path, 1e-5)
@@ -67,7 +67,7 @@ def test_joint_accelerations_as_a_constraint_give_the_same_motion(path):
 @pytest.mark.parametrize("jerk", [None, 200.0])
 @pytest.mark.parametrize("path", [WAVE, CORNER])
 def test_a_tool_speed_is_held_everywhere_and_reached(path, jerk):
-    trajectory = time_parametrise(path, WIDE, jerk=jerk, constraints=[ToolSpeed(0.25)])
+    trajectory = time_parametrise(path, WIDE, jerk=jerk, rate_limits=[ToolSpeed(0.25)])
     speed = np.linalg.norm(trajectory.velocity(np.linspace(0, trajectory.duration, 10_001))[:, :2], axis=1)
     assert 0.24 < speed.max() <= 0.25 * RELATIVE
     assert_within(trajectory, WIDE, jerk)
@@ -76,7 +76,7 @@ def test_a_tool_speed_is_held_everywhere_and_reached(path, jerk):
 @pytest.mark.parametrize("jerk", [None, 500.0])
 def test_a_force_with_a_share_at_standstill_is_held(jerk):
     force = Linear([[1.0, 0.5, 0.2]], [3.0], weight=1.0)
-    trajectory = time_parametrise(WAVE, WIDE, jerk=jerk, constraints=[force])
+    trajectory = time_parametrise(WAVE, WIDE, jerk=jerk, rate_limits=[force])
     t = np.linspace(0, trajectory.duration, 10_001)
     size = np.abs((trajectory.acceleration(t) + trajectory(t)) @ force.matrix.T)
     assert 2.0 < size.max() <= 3.0 * RELATIVE
@@ -92,8 +92,8 @@ class Underestimated(ToolSpeed):
 
 @pytest.mark.parametrize("jerk", [None, 200.0])
 def test_a_motion_that_exceeds_limits_is_slowed_down(jerk):
-    honest = time_parametrise(WAVE, WIDE, jerk=jerk, constraints=[ToolSpeed(0.25)])
-    hurried = time_parametrise(WAVE, WIDE, jerk=jerk, constraints=[Underestimated(0.25)])
+    honest = time_parametrise(WAVE, WIDE, jerk=jerk, rate_limits=[ToolSpeed(0.25)])
+    hurried = time_parametrise(WAVE, WIDE, jerk=jerk, rate_limits=[Underestimated(0.25)])
     speed = np.linalg.norm(hurried.velocity(np.linspace(0, hurried.duration, 10_001))[:, :2], axis=1)
     assert speed.max() <= 0.25 * RELATIVE
     assert hurried.duration >= honest.duration * 0.97
@@ -102,7 +102,7 @@ def test_a_motion_that_exceeds_limits_is_slowed_down(jerk):
 def test_a_constraint_that_is_violated_at_standstill_is_named_with_its_place():
     for path in (WAVE, JointPath([[1.0, 2, 3]], names(3))):
         with pytest.raises(TimingError, match=r"'force' is violated at standstill at q = \[") as caught:
-            time_parametrise(path, WIDE, constraints=[Linear([[1.0, 1, 1]], [1.2], weight=1.0)])
+            time_parametrise(path, WIDE, rate_limits=[Linear([[1.0, 1, 1]], [1.2], weight=1.0)])
         assert "limit is 1.2" in str(caught.value)
 
 
@@ -127,7 +127,7 @@ class Wrong(ToolSpeed):
 )
 def test_objects_that_are_no_constraints_are_refused(constraints, message):
     with pytest.raises(InputError, match=message):
-        time_parametrise(WAVE, WIDE, constraints=constraints)
+        time_parametrise(WAVE, WIDE, rate_limits=constraints)
 
 
 def test_the_examples_follow_the_protocol():

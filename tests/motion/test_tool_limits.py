@@ -63,7 +63,7 @@ def test_the_bounds_cover_dense_samples_and_are_tight(name, quintic):
 def test_timing_keeps_the_limits_of_the_tool(panda, limit):
     fast = dataclasses.replace(panda.limits, acceleration=np.full(7, 15.0))
     path = JointPath([panda.home, panda.home + np.array([0.4, 0.2, 0.3, 0.2, 0.1, 0.3, 0.2])], panda.joint_names)
-    trajectory = time_parametrise(path, fast, constraints=[ToolLimits(panda, **limit)])
+    trajectory = time_parametrise(path, fast, rate_limits=[ToolLimits(panda, **limit)])
     largest = rates_by_pinocchio(panda, trajectory, samples(trajectory, 60)).max(axis=0)
     shares = [largest[RATES.index(name)] / value for name, value in limit.items()]
     assert max(shares) <= 1.0 + 1e-9

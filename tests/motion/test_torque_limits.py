@@ -114,7 +114,7 @@ def test_timing_keeps_the_torque_limits(panda, jerk):
     )
     limits = TorqueLimits(panda, PART, limits=0.7 * panda.limits.torque)
     free = time_parametrise(path, fast, jerk=jerk)
-    kept = time_parametrise(path, fast, jerk=jerk, constraints=[limits])
+    kept = time_parametrise(path, fast, jerk=jerk, rate_limits=[limits])
     assert limits.excess(free).max() > 1.0 + 1e-3
     assert kept.duration > free.duration
     torques = np.abs(np.sum(torques_by_pinocchio(panda, kept, samples(kept, 100), PART), axis=0))
@@ -126,7 +126,7 @@ def test_a_torque_that_standstill_exceeds_is_reported_with_joint_and_configurati
     limits = TorqueLimits(panda, pp.Payload(20.0))
     path = JointPath([panda.home, panda.home + np.array([0.0, 0.9, 0.0, 0.8, 0.0, 0.0, 0.0])], panda.joint_names)
     with pytest.raises(TimingError, match=r"'panda_joint2'.*87 N m.*payload 20 kg") as error:
-        time_parametrise(path, panda.limits, constraints=[limits])
+        time_parametrise(path, panda.limits, rate_limits=[limits])
     assert "q = [" in str(error.value)
     with pytest.raises(TimingError, match="'panda_joint2'"):
         limits.excess(time_parametrise(path, panda.limits))

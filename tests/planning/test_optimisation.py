@@ -151,7 +151,7 @@ def test_a_constraint_is_kept(around_the_wall: tuple[pp.CollisionChecker, pp.Joi
     checker, path = around_the_wall
     limits, constraint = limits_of(checker.arm), SpeedLimit()
     free = optimise(path, checker, limits=limits, jerk=500.0, budget=300)
-    kept = optimise(path, checker, limits=limits, jerk=500.0, budget=300, constraints=[constraint])
+    kept = optimise(path, checker, limits=limits, jerk=500.0, budget=300, rate_limits=[constraint])
     speeds = [
         np.linalg.norm(each.trajectory.velocity(np.linspace(0, each.duration, 10_000)), axis=1).max()
         for each in (free, kept)

@@ -217,7 +217,7 @@ def _solve(
     path = shortcut(plan.path, used, rng=seed)
     ms["plan"] = clock.lap()
     try:
-        result = optimise(path, used, limits=limits, jerk=JERK, goals=goals, constraints=constraints, rng=seed)
+        result = optimise(path, used, limits=limits, jerk=JERK, goals=goals, rate_limits=constraints, rng=seed)
     except TimingError as error:
         return _failure(problem, variant, len(goals), ms, str(error))
     ms["optimise"] = clock.lap()

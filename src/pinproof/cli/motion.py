@@ -114,7 +114,7 @@ def plan(
     check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
     search = pp.planning.make_planner(planner)
     arm = chain.arm(robot, limits, tool)
-    rate_limits = rates.constraints(arm)
+    rate_limits = rates.limits(arm)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
@@ -135,7 +135,7 @@ def plan(
         # The moves of the optimisation do not keep constraints of the tcp.
         budget = 0 if kept else optimise
         shortest = pp.optimise(
-            path, checker, limits=arm.limits, jerk=_jerk(jerk), constraints=rate_limits, rng=seed, budget=budget
+            path, checker, limits=arm.limits, jerk=_jerk(jerk), rate_limits=rate_limits, rng=seed, budget=budget
         )
         trajectory = shortest.trajectory
         certificate = pp.certify(trajectory, checker, constraints=kept) if kept else shortest.certificate

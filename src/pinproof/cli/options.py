@@ -335,7 +335,7 @@ class RateOptions:
         body = pp.Payload(values[0], center, inertia if len(inertia) else None)
         return pp.motion.TorqueLimits(arm, body)
 
-    def constraints(self, arm: pp.Arm) -> list[pp.motion.RateConstraint]:
+    def limits(self, arm: pp.Arm) -> list[pp.motion.RateConstraint]:
         """All limits for the timing of an arm."""
         limits: list[pp.motion.RateConstraint] = []
         if (torque := self.torque_limits(arm)) is not None:
@@ -352,7 +352,7 @@ class RateOptions:
     def violations(self, arm: pp.Arm, trajectory: pp.Trajectory, tolerance: float) -> list[str]:
         """One sentence for each limit that a motion exceeds by more than a relative tolerance, between samples too."""
         found = []
-        for limit in self.constraints(arm):
+        for limit in self.limits(arm):
             try:
                 exceeded = float(limit.excess(trajectory).max()) > 1.0 + tolerance
             except TimingError as error:

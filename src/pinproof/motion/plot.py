@@ -63,7 +63,7 @@ def plot_trajectory(
     limits: DrawnLimits | None = None,
     *,
     jerk: npt.ArrayLike | None = None,
-    constraints: Sequence[DrawnConstraint] = (),
+    rate_limits: Sequence[DrawnConstraint] = (),
 ) -> Any:
     """Draw a trajectory as a :class:`matplotlib.figure.Figure`; see :meth:`Trajectory.plot`."""
     from matplotlib.figure import Figure
@@ -72,7 +72,7 @@ def plot_trajectory(
     lines = _lines(limits, jerk, len(names))
     times, values = _sampled(trajectory)
     panels = [*zip(TITLES, values, lines, strict=True)]
-    for constraint in constraints:
+    for constraint in rate_limits:
         _, beta, gamma, bound = constraint.coefficients(values[0], values[1], values[2])
         panels.append((constraint.name, beta + gamma, (-bound.min(axis=0), bound.min(axis=0))))
     width, height = PANEL_SIZE

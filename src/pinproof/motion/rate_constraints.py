@@ -55,11 +55,11 @@ class RateConstraint(Protocol):
 def checked_constraints(constraints: Sequence[RateConstraint]) -> tuple[RateConstraint, ...]:
     """The constraints as a tuple; InputError if one of them is not a :class:`RateConstraint`."""
     if isinstance(constraints, RateConstraint):
-        raise InputError("constraints must be a sequence, such as a list with this one constraint")
+        raise InputError("rate_limits must be a sequence, such as a list with this one limit")
     for constraint in constraints:
         if not isinstance(constraint, RateConstraint):
             raise InputError(
-                f"constraints must hold objects with name, coefficients and excess, not a {type(constraint).__name__}"
+                f"rate_limits must hold objects with name, coefficients and excess, not a {type(constraint).__name__}"
             )
     return tuple(constraints)
 

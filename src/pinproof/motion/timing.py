@@ -39,7 +39,7 @@ def time_parametrise(
     jerk: npt.ArrayLike | Literal["limits"] | None = None,
     start_velocity: npt.ArrayLike | None = None,
     end_velocity: npt.ArrayLike | None = None,
-    constraints: Sequence[RateConstraint] = (),
+    rate_limits: Sequence[RateConstraint] = (),
 ) -> Trajectory:
     """Time a path as fast as the limits permit, without changing its geometry.
 
@@ -64,7 +64,7 @@ def time_parametrise(
     start_velocity, end_velocity
         (n,) in rad/s or m/s, along the tangent of the path and forward; zero by default. By default, the
         joint_trajectory_controller of ros2_control refuses motions that do not end at rest.
-    constraints
+    rate_limits
         Further limits, such as torques or tool speeds, see :class:`~pinproof.motion.RateConstraint`.
 
     Raises
@@ -84,7 +84,7 @@ def time_parametrise(
     if not callable(getattr(curve, "bezier", None)) or isinstance(curve, Trajectory):
         raise InputError(f"time_parametrise requires a path, such as a JointPath, not a {type(curve).__name__}")
     names = curve.joint_names
-    bounds, further = Bounds.of(limits, names, jerk), checked_constraints(constraints)
+    bounds, further = Bounds.of(limits, names, jerk), checked_constraints(rate_limits)
     still = np.zeros(len(names))
     start, end = (
         still if velocity is None else finite(name, velocity, still.shape)

@@ -407,13 +407,13 @@ class Trajectory:
         limits: DrawnLimits | None = None,
         *,
         jerk: npt.ArrayLike | None = None,
-        constraints: Sequence[DrawnConstraint] = (),
+        rate_limits: Sequence[DrawnConstraint] = (),
     ) -> Any:
         """Draw position, velocity, acceleration and jerk of each joint over time, with limits as dashed lines.
 
         Parameters
         ----------
-        limits, jerk, constraints
+        limits, jerk, rate_limits
             The limits that are drawn, as for :func:`~pinproof.time_parametrise`. A constraint, such as
             :class:`~pinproof.motion.TorqueLimits`, adds a panel.
 
@@ -426,7 +426,7 @@ class Trajectory:
         InputError
             If a limit has a wrong shape or is not positive.
         """
-        return plot_trajectory(self, limits, jerk=jerk, constraints=constraints)
+        return plot_trajectory(self, limits, jerk=jerk, rate_limits=rate_limits)
 
     def __reduce__(self) -> tuple[Callable[..., Trajectory], tuple[Any, ...]]:
         # default pickling would restore writable arrays

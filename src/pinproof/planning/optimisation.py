@@ -146,7 +146,7 @@ def optimise(
     limits: MotionLimits | None = None,
     jerk: npt.ArrayLike | Literal["limits"] | None = None,
     goals: npt.ArrayLike | None = None,
-    constraints: Sequence[RateConstraint] = (),
+    rate_limits: Sequence[RateConstraint] = (),
     rng: int | np.random.Generator = 0,
     budget: int = BUDGET,
 ) -> OptimiseResult:
@@ -167,7 +167,7 @@ def optimise(
     goals
         (n,) or (g, n) configurations, at any of which the motion may end, such as all IK solutions of the goal pose.
         By default, the end of the path, which is always a goal. Goals that are not free are ignored.
-    constraints
+    rate_limits
         Further limits on the motion, such as torques, as for :func:`~pinproof.time_parametrise`.
     rng
         Seed or Generator of the random replacements.
@@ -187,10 +187,10 @@ def optimise(
         raise InputError(f"the path has the joints {path.joint_names}, the arm {arm.joint_names}")
     if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
         raise InputError(f"budget = {budget!r}; it must be a number of evaluations, 0 or more")
-    further = checked_constraints(constraints)
+    further = checked_constraints(rate_limits)
     bounds = Bounds.of(arm.limits if limits is None else limits, arm.joint_names, jerk)
     ends = _goals(goals, path.end, bounds, checker)
-    before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, constraints=further)
+    before = time_parametrise(path, arm.limits if limits is None else limits, jerk=jerk, rate_limits=further)
     lower_bound = float(rest_to_rest_times(ends - path.start, bounds).max(axis=1).min())
     search = _Search(checker, bounds, further, path, before, ends, np.random.default_rng(rng), int(budget))
     if budget > 0 and search.worthwhile:
@@ -221,7 +221,7 @@ def with_moving_ends(
     start_velocity: Array,
     end_velocity: Array,
     longest: float,
-    constraints: Sequence[RateConstraint] = (),
+    rate_limits: Sequence[RateConstraint] = (),
 ) -> Trajectory | None:
     """A motion without a jerk limit, with velocities (n,) at its ends instead of rest, proven free.
 
@@ -233,7 +233,7 @@ def with_moving_ends(
     """
     bounds = Bounds.of(limits, trajectory.joint_names)
     goal, rng = trajectory.end[None], np.random.default_rng(0)
-    search = _Search(checker, bounds, constraints, trajectory, trajectory, goal, rng, 0, share=MOVING_SHARE)
+    search = _Search(checker, bounds, rate_limits, trajectory, trajectory, goal, rng, 0, share=MOVING_SHARE)
     start, end = (
         (q.tolist(), velocity.tolist(), [0.0] * len(q))
         for q, velocity in ((trajectory.start, start_velocity), (trajectory.end, end_velocity))
@@ -243,7 +243,7 @@ def with_moving_ends(
         return None
     timed = motion.trajectory(trajectory.joint_names, trajectory.limits_note, start, end, smooth=False)
     # A motion that had to be slowed down would have other velocities at its ends.
-    if timed.duration > longest or _excess(timed, bounds, constraints) > 1.0 or not is_proven_free(timed, checker):
+    if timed.duration > longest or _excess(timed, bounds, rate_limits) > 1.0 or not is_proven_free(timed, checker):
         return None
     return timed
 

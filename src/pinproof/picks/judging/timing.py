@@ -119,7 +119,7 @@ def time_motion(
 
 
 def _timed(
-    task: Task, part: _Part, curve: JointPath | BlendedPath | CubicPath, constraints: list[RateConstraint]
+    task: Task, part: _Part, curve: JointPath | BlendedPath | CubicPath, rates: list[RateConstraint]
 ) -> tuple[Trajectory, Certificate | None]:
     """The timed curve. A path of the planner may be replaced by a shorter motion, which has a certificate.
 
@@ -127,8 +127,8 @@ def _timed(
     """
     limits, budget = task.arm.limits, task.cell.budget.motion
     if budget == 0 or part.constraints or not isinstance(curve, JointPath):
-        return time_parametrise(curve, limits, constraints=constraints), None
-    result = optimise(curve, part.checker, limits=limits, constraints=constraints, budget=budget)
+        return time_parametrise(curve, limits, rate_limits=rates), None
+    result = optimise(curve, part.checker, limits=limits, rate_limits=rates, budget=budget)
     return result.trajectory, result.certificate
 
 
@@ -149,7 +149,7 @@ def _without_stop(
     peak = np.linalg.norm(timed[1].velocities, axis=1).max() / np.linalg.norm(tangent)
     for share in ENTRANCE_SPEEDS:
         try:
-            entering = time_parametrise(line, limits, start_velocity=share * peak * tangent, constraints=rates[1])
+            entering = time_parametrise(line, limits, start_velocity=share * peak * tangent, rate_limits=rates[1])
         except (InputError, TimingError):  # too fast for the line or for a limit
             continue
         longest = timed[0].duration + timed[1].duration - entering.duration
@@ -161,7 +161,7 @@ def _without_stop(
             start_velocity=rest,
             end_velocity=velocity,
             longest=longest,
-            constraints=rates[0],
+            rate_limits=rates[0],
         )
         if arriving is not None:
             return [arriving, entering]

@@ -61,7 +61,7 @@ def test_joint_accelerations_as_a_constraint_give_the_same_motion(path):
     )
     assert_within(constrained, limits)
     assert_on_path(constrained, path, 1e-5)
-    assert constrained.duration == pytest.approx(alone.duration, rel=0.02)
+    assert constrained.duration == pytest.approx(alone.duration, rel=0.01)
 
 
 @pytest.mark.parametrize("jerk", [None, 200.0])

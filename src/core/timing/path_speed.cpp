@@ -39,12 +39,7 @@ Interval permitted(const SpeedProblem& problem, std::size_t i, double x, const R
             const std::size_t entry = (2 * i + side) * problem.rows + j;
             const double r = problem.beta[entry], g = problem.gamma[entry], a = problem.bound[entry];
             const double p = problem.alpha[entry] + static_cast<double>(side) * twice * r;
-            if (std::abs(p) * kFar <= a) {  // This limit does not restrict any practical u.
-                // The interval is empty by an amount proportional to the excess of x.
-                const double value = r * x + g;
-                if (std::abs(value) > a) return {std::abs(value), a, std::copysign(r, r * value), 0.0};
-                continue;
-            }
+            if (std::abs(p) * kFar <= a) continue;  // see largest_without_slope()
             const double middle = -(r * x + g) / p, half = a / std::abs(p);
             if (middle + half < u.high) {
                 u.high = middle + half;
@@ -58,16 +53,31 @@ Interval permitted(const SpeedProblem& problem, std::size_t i, double x, const R
     return u;
 }
 
+// The largest x within the limits that do not restrict any practical u, because their joints hardly move along the path.
+double largest_without_slope(const SpeedProblem& problem, std::size_t i) {
+    double x = std::numeric_limits<double>::infinity();
+    for (std::size_t side = 0; side < 2; ++side)
+        for (std::size_t j = 0; j < problem.rows; ++j) {
+            const std::size_t entry = (2 * i + side) * problem.rows + j;
+            const double r = problem.beta[entry], g = problem.gamma[entry], a = problem.bound[entry];
+            const double p = problem.alpha[entry] + static_cast<double>(side) * 2.0 * problem.step[i] * r;
+            if (r != 0.0 && std::abs(p) * kFar <= a) x = std::min(x, (a - (r > 0.0 ? g : -g)) / std::abs(r));
+        }
+    return x;
+}
+
 // The first x from the given one down (or up) at which some u leads to the range; NaN without one.
 double first_feasible(const SpeedProblem& problem, std::size_t i, double x, const Range& next, bool down) {
+    const double most = largest_without_slope(problem, i);
+    if (down) x = std::min(x, most);
     for (int round = 0; round < kRounds; ++round) {
         const Interval u = permitted(problem, i, x, next);
         const double width = u.high - u.low, tilt = u.high_slope - u.low_slope;
-        if (width >= 0.0) return std::max(x, 0.0);
+        if (width >= 0.0) return x <= most ? std::max(x, 0.0) : kNan;
         if (!(down ? tilt < 0.0 : tilt > 0.0)) return kNan;  // Farther along, the interval is even smaller.
         const double before = x;
         x -= width / tilt;
-        if (std::abs(x - before) <= kRounding * std::abs(before)) return std::max(x, 0.0);
+        if (std::abs(x - before) <= kRounding * std::abs(before)) return x <= most ? std::max(x, 0.0) : kNan;
     }
     return kNan;
 }

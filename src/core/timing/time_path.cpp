@@ -40,7 +40,7 @@ constexpr double kMaxLoss = 4e-3;
 // Without a jerk limit: numbers of steps of the first grid on a bent piece, at least and at most; the least number on
 // all bent pieces together (a single step that begins and ends at rest would not move); and the least number on a piece
 // with constraints, which may vary along it.
-constexpr std::size_t kBentSteps = 2, kMaxBentSteps = 64, kLeastBentSteps = 8, kConstrainedSteps = 16;
+constexpr std::size_t kBentSteps = 2, kMaxBentSteps = 64, kLeastBentSteps = 80, kConstrainedSteps = 16;
 
 // Factor of the deviation that the first grid allows for: 8 between a varying and a constant speed, and 8 for finer
 // steps, with which limits at the nodes lose less than 0.5 % of the duration.

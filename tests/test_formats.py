@@ -370,7 +370,7 @@ BEYOND_A_SCHEMA = re.compile(
     r"finite|inf|nan\b|inhomogeneous|a second|already named|named .* twice|is not a name|joint \S+ must be a name"
     # related numbers
     r"|no hull|Mesh\.triangles|PointCloud\.resolution|must lie below|not a rigid|quaternion of length"
-    r"|axis of the fingers"
+    r"|axis of the fingers|no body has the inertia"
     r"|direction of .* is zero|the first angle must not exceed|required: 0 <= grip|is above|one per joint"
     r"|either all points|at time 0|increase strictly"
     # texts and units

@@ -25,6 +25,7 @@ from pinproof.ik.task import make_task
 from pinproof.model import Arm
 from pinproof.model.limits import AT_LIMIT
 from pinproof.spatial import SE3, rigid
+from pinproof.units import far_hint
 
 __all__ = ["ReachProof", "ReachStatus", "is_provable", "prove_unreachable"]
 
@@ -133,8 +134,12 @@ class ReachProof:
         boxes = "1 box" if self.examined == 1 else f"{self.examined} boxes"
         return (
             f"proven impossible: no configuration within the limits reaches the target to within {size} "
-            f"({boxes} of joint values excluded)"
+            f"({boxes} of joint values excluded){self._hint()}"
         )
+
+    def _hint(self) -> str:
+        """A hint at another unit of length if the target is very far."""
+        return far_hint(float(np.linalg.norm(self.target[:3, 3])), self.arm.robot.size)
 
     def or_raise(self) -> ReachProof:
         """The result itself if a solution was found.

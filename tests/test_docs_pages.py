@@ -17,6 +17,7 @@ PAGES = sorted(
     for page in (
         DOCS / "index.md",
         DOCS / "notebooks.md",
+        DOCS / "dynamics.md",
         *(DOCS / "tutorials").glob("*.md"),
         *(DOCS / "formats").glob("*.md"),
     )

@@ -76,8 +76,22 @@ EVERY_PICK = {
     "object": "part_{i}_{j}",
     "support": ["tray_floor", "bin"],
     "place": {"frame": "tray", "xyz": [0, 0.3, 0.02], "rpy": ["pi", 0, 0], **EVERY_WAY, "support": "bin"},
+    "payload": {"mass": 1.5, "center_of_mass": [0, 0, 0.01], "inertia": [0.01, 0.01, 0.01]},
+    "speed": {
+        "transit": 1,
+        "approach": 0.1,
+        "retreat": 0.5,
+        "transfer": {
+            "linear_speed": 0.5,
+            "angular_speed": 1,
+            "linear_acceleration": 2,
+            "angular_acceleration": 5,
+        },
+        "place": 0.1,
+        "leave": 0.1,
+    },
 }
-TURNED = {**EVERY_PICK, "quat_xyzw": [1, 0, 0, 0], "spin": "free", "support": "bin"}
+TURNED = {**EVERY_PICK, "quat_xyzw": [1, 0, 0, 0], "spin": "free", "support": "bin", "speed": 0.25}
 TURNED.pop("rpy")
 LIMITED = {f"has_{kind}_limits": True for kind in ("position", "velocity", "acceleration", "deceleration", "jerk")}
 EVERYTHING: dict[str, Any] = {
@@ -96,6 +110,8 @@ EVERYTHING: dict[str, Any] = {
         "held": {"finger": 0.04, "thumb": {"open": 0.04, "grip": 0.02}},
         "grip_limits": {"area": 4e-6, "overlap": 0.002, "angle": 0.4, "gap": 0.001, "depth": 0.001, "compliance": 2e-4,
                         "tip": 0.005},
+        "payload": {"mass": 0.8, "center_of_mass": [0, 0, 0.05], "inertia": [0.01, 0.01, 0.01], "frame": "flange"},
+        "torque_limits": True,
         "frames": {
             "tray": {"xyz": [0.4, 0, 0], "rpy": [0, 0, "pi/2"], "frame": "table"},
             "box": {"quat_xyzw": [0, 0, 0, 1]},
@@ -197,6 +213,7 @@ OTHER_PICKS = {
     "xacro_args": {"length": 0.5, "name": "arm", "long": True},
     "limits": "joint_limits.yaml",
     "held": {"finger": 0.04},
+    "payload": [{"mass": 1}, {"mass": 2, "inertia": [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01]]}],
     "cup": {"radius": 0.015, "gap": 0.001, "tilt": 0.1},
     "defaults": TURNED,
     "tip": {"rpy": [0, 0, 0]},
@@ -478,7 +495,7 @@ def test_each_column_of_a_table_of_picks_is_a_key_of_a_pick() -> None:
         table = "pick"
         for key in path.split("."):
             assert key in described[table]["properties"], path
-            table = {"place": "place", "object_pose": "pose"}.get(key, "")
+            table = {"place": "place", "object_pose": "pose", "payload": "object_payload"}.get(key, "")
 
 
 def test_every_column_of_a_table_of_picks_is_read(folder: Path) -> None:

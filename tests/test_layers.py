@@ -19,6 +19,7 @@ PACKAGE = Path(__file__).parents[1] / "src" / "pinproof"
 PACKAGES = (
     "verifier",
     "errors",
+    "core_import",
     "_core",
     "units",
     "spatial",

@@ -126,7 +126,9 @@ MESSAGES: dict[str, Callable[[], object]] = {
     "target not finite": lambda: pp.Clik().solve(ur5(), np.full((4, 4), np.nan)),
     "ik failed": lambda: pp.Clik().solve(ur5(), OUT_OF_REACH).or_raise(),
     "no branches": lambda: pp.AnalyticIk().solve(ur5(), OUT_OF_REACH).or_raise(),
-    "no closed form": lambda: pp.AnalyticIk().solve_all(pp.load_robot("baxter_left").arm(), OUT_OF_REACH),
+    "no closed form": lambda: pp.AnalyticIk().solve_all(
+        pp.load_robot("talos_left").arm(base="base_link"), OUT_OF_REACH
+    ),
     "unknown key": lambda: pp.Scene.load(write("scene.yaml", "obstacles:\n  - {name: table, boks: [1, 1, 1]}\n")),
     "scene frame": lambda: pp.CollisionChecker(ur5(), pp.Scene.load(write("moveit.yaml", MOVEIT))),
     "motion in collision": lambda: pp.certify(*motion_through_sheet()).or_raise(),

@@ -8,6 +8,8 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from pinproof import core_import
+
 _HOME = {  # package: the names that the top level exports
     "pinproof.errors": (
         "FileError",
@@ -21,6 +23,7 @@ _HOME = {  # package: the names that the top level exports
     "pinproof.model": (
         "Arm",
         "JointLimits",
+        "Payload",
         "Robot",
         "load_robot",
     ),
@@ -146,7 +149,13 @@ if TYPE_CHECKING:
         TrackResult as TrackResult,
         track as track,
     )
-    from pinproof.model import Arm as Arm, JointLimits as JointLimits, Robot as Robot, load_robot as load_robot
+    from pinproof.model import (
+        Arm as Arm,
+        JointLimits as JointLimits,
+        Payload as Payload,
+        Robot as Robot,
+        load_robot as load_robot,
+    )
     from pinproof.motion import JointPath as JointPath, Trajectory as Trajectory, time_parametrise as time_parametrise
     from pinproof.picks import (
         Campaign as Campaign,
@@ -173,6 +182,9 @@ if TYPE_CHECKING:
     )
     from pinproof.spatial import pose as pose, xyz_rpy as xyz_rpy
     from pinproof.viewer import show as show, write_html as write_html, write_png as write_png
+
+
+core_import.install()
 
 
 def __getattr__(name: str) -> Any:

@@ -17,6 +17,7 @@
     ├── TimingError                      path that cannot be timed within the limits
     ├── CampaignError                    campaign that cannot continue: folder of another campaign, workers do not start
     ├── ViewerError                      page or live view that cannot be created
+    ├── CoreError (also an ImportError)  compiled core that is missing or older than its sources
     └── NoAnswer                         computation without a solution, raised only by ``.or_raise()``
         ├── IkFailed
         ├── PlanFailed
@@ -36,6 +37,7 @@ from pathlib import Path
 __all__ = [
     "CampaignError",
     "ConversionError",
+    "CoreError",
     "DhTableError",
     "FileError",
     "IkFailed",
@@ -176,6 +178,10 @@ class CampaignError(PinproofError):
 
 class ViewerError(PinproofError):
     """A page or a live view that cannot be created."""
+
+
+class CoreError(PinproofError, ImportError):
+    """The compiled core is missing or older than its sources; the message names the command that provides it."""
 
 
 class NoAnswer(PinproofError):

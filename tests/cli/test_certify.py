@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from functools import partial
 from pathlib import Path
 
@@ -99,3 +100,25 @@ def test_wrong_usage_differs_from_a_negative_result(run: Run, words: tuple[str, 
     code, _, err = run(*words)
     assert code == 2
     assert named in err
+
+
+def test_torque_and_tool_speed_are_checked_between_samples(run: Run) -> None:
+    code, out, _ = run("ur5", "motion.json", "--payload", "2 0 0 0.1")
+    assert code == 0
+    assert re.search(r"largest torque: shoulder_lift_joint: \d+\.?\d* N m, \d+ % of its limit at", out)
+    code, out, _ = run("ur5", "motion.json", "--payload", "60", "--tool-speed", "0.05", "--json")
+    assert code == 1
+    answer = json.loads(out)
+    assert answer["status"] == "FREE"
+    assert "'shoulder_lift_joint' needs" in answer["outside_limits"][0]
+    assert "limit is 0.05 m/s" in answer["outside_limits"][1]
+    assert [each["limit"] for each in answer["torques"]] == [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
+
+
+@pytest.mark.parametrize(
+    ("option", "value"), [("--payload", "-1"), ("--payload", "1 2"), ("--payload", "a"), ("--tool-speed", "0")]
+)
+def test_a_wrong_payload_or_speed_is_refused(run: Run, option: str, value: str) -> None:
+    code, _, error = run("ur5", "motion.json", f"{option}={value}")
+    assert code == 2
+    assert error.startswith("pinproof: ")

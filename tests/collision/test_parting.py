@@ -30,6 +30,7 @@ from pinproof import (
     pose,
     time_parametrise,
 )
+from pinproof.collision.certificate import Parting
 from pinproof.collision.separation import DepartureDirection, MovingBody, directions_to_facets
 from pinproof.motion import CubicPath, bezier
 
@@ -545,3 +546,8 @@ def test_a_part_whose_hull_contains_its_support_is_undecided(gantry):
     assert certificate.status is UNDECIDED
     assert "convex hull of part" in certificate.message
     assert certificate.undecided.bodies == ("part", "table")
+
+
+def test_the_note_of_a_parting_states_a_gap_of_zero_without_a_sign() -> None:
+    parting = Parting(("part", "table"), np.array([0.0, 0.0, 1.0]), -1e-9, 0.1, 0.2)
+    assert "gap 0.00 mm" in str(parting)

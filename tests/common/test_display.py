@@ -56,7 +56,14 @@ def ur5() -> dict[str, object]:
     goal = arm.home + 0.3
     path = pp.JointPath([arm.home, goal], arm.joint_names)
     trajectory = pp.time_parametrise(path, arm.limits)
+    wall = pp.Obstacle("wall", pp.Sphere(0.03), arm.forward_kinematics(arm.home))
+    blocked = pp.CollisionChecker(arm, pp.Scene([wall]))
     return {
+        "free": checker.check(arm.home),
+        "colliding": blocked.check(arm.home),
+        "pick": picks.picks[0],
+        "plan": pp.RrtConnect().plan(checker, arm.home, [goal], rng=0),
+        "blocked": pp.RrtConnect().plan(blocked, arm.home, [goal], rng=0),
         "robot": robot,
         "arm": arm,
         "scene": scene,
@@ -124,6 +131,14 @@ def test_repr_of_a_good_report_states_clearance_and_duration(ur5) -> None:
         ("scene", ("bin_near", "Box", "roll")),
         ("picks", ("bolt_1", "approach")),
         ("certificate", ("FREE", "not checked")),
+        ("robot", ("elbow_joint", "revolute", "tool0")),
+        ("arm", ("elbow_joint", "upper", "home", "3.15")),
+        ("result", ("found", "q6")),
+        ("free", ("free",)),
+        ("colliding", ("2 contacts", "wall", "distance [mm]")),
+        ("pick", ("bolt_1", "approach", "yaw")),
+        ("plan", ("FOUND", "nodes", "waypoints")),
+        ("blocked", ("START_INVALID", "penetrates wall")),
     ],
 )
 def test_html_of_a_value_is_complete_and_states_its_figures(ur5, name, facts) -> None:

@@ -217,3 +217,10 @@ def test_two_links_apart_by_one_link_do_not_touch_where_they_meet_it(data):
     assume(len(radii) == len(lengths))
     for before, between, after in zip(radii, lengths[1:], radii[2:], strict=False):
         assert before + after <= 0.6 * between + 1e-12
+
+
+def test_the_quill_of_a_scara_is_thin_and_a_rod_at_the_base_is_not():
+    quill = [shape for shape in link_bodies(SCARA)[3].shapes if shape.length is not None]
+    assert [shape.radius for shape in quill] == pytest.approx([0.05 * 0.2])
+    column = [shape for shape in link_bodies(CRANE)[1].shapes if shape.length is not None]
+    assert min(shape.radius for shape in column) > 0.03

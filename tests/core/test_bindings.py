@@ -180,6 +180,9 @@ CLOSED: dict[str, Any] = {
     "border": 1e-9,
     "spread": 1e-6,
     "rounding": 1e-12,
+    "eliminated": True,
+    "true_directions": np.eye(3)[[2, 1, 2, 1, 2, 1]],
+    "true_points": np.zeros((DOF, 3)),
 }
 
 
@@ -207,10 +210,55 @@ def prove_by(distances: list[tuple[float, float]]) -> Any:
     return _core.prove(near, UNIT, STRAIGHT, settings(), np.zeros(2), Measured(), _core.ProofState())
 
 
+BODIES: dict[str, Any] = {
+    "before": np.array([EYE, moved(0.5)]),
+    "prismatic": [False, True],
+    "index": [0, 1],
+    "multiplier": [1.0, 1.0],
+    "offset": [0.0, 0.0],
+    "parent": [-1, 0],
+    "mass": np.ones(2),
+    "first_moment": np.zeros((2, 3)),
+    "inertia": np.array([np.eye(3)] * 2),
+    "gravity": np.array([0.0, 0.0, -9.81]),
+    "tool_joint": 1,
+    "tool": np.zeros(3),
+    "dof": 2,
+}
+"""Of a tree of two bodies."""
+
+
+def bodies(**changes: Any) -> Any:
+    return _core.DynamicTree(**{**BODIES, **changes})
+
+
+def pieces(points: int = 4, dof: int = 2, count: int = 3) -> list[np.ndarray]:
+    return [np.zeros((count, points - order, dof)) for order in range(3)]
+
+
 UNIT = np.array([0.0, 1.0])
 STRAIGHT = np.zeros((1, 2, 2))
 
 REFUSED: dict[str, Callable[[], Any]] = {
+    "bodies with an index beyond dof": lambda: bodies(index=[0, 2]),
+    "bodies whose parent follows": lambda: bodies(parent=[1, 0]),
+    "bodies with a tool on a joint that does not exist": lambda: bodies(tool_joint=2),
+    "bodies with fewer masses than joints": lambda: bodies(mass=np.ones(1)),
+    "bodies with moments in the plane": lambda: bodies(first_moment=np.zeros((2, 2))),
+    "bodies with an inertia that is not finite": lambda: bodies(inertia=np.full((2, 3, 3), NAN)),
+    "bodies with matrices of shape (3, 4)": lambda: bodies(before=np.zeros((2, 3, 4))),
+    "torques of rows that are too short": lambda: bodies().torques(*[np.zeros((3, 1))] * 3),
+    "torques of fewer velocities than rows": lambda: bodies().torques(
+        np.zeros((3, 2)), np.zeros((2, 2)), np.zeros((3, 2))
+    ),
+    "motion of the tool at NaN": lambda: bodies().tool_motion(*[np.full((1, 2), NAN)] * 3),
+    "torque limits of the wrong length": lambda: bodies().torque_stretch(*pieces(), np.ones(3)),
+    "a torque limit of 0": lambda: bodies().torque_stretch(*pieces(), np.zeros(2)),
+    "tool limits of the wrong length": lambda: bodies().tool_stretch(*pieces(), np.ones(3)),
+    "a curve with derivatives of fewer pieces": lambda: bodies().torque_peaks(*pieces()[:2], np.zeros((2, 2, 2))),
+    "a curve of other joints": lambda: bodies().torque_peaks(*pieces(dof=3)),
+    "a curve of degree 8": lambda: bodies().tool_peaks(*pieces(points=9)),
+    "a curve that is not finite": lambda: bodies().tool_peaks(*[np.full((1, 4, 2), NAN)] * 3),
     "a chain with fewer multipliers than joints": lambda: _core.Chain(**{**CHAIN, "multiplier": [1.0]}),
     "a chain with an index beyond dof": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, DOF]}),
     "a chain with a negative index": lambda: _core.Chain(**{**CHAIN, "index": [0, 1, 2, 3, 4, -1]}),
@@ -235,6 +283,10 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "bounds of fewer joints": lambda: _core.box_step(np.zeros((6, 2)), np.zeros(6), 1e-6, [-1.0], [1.0] * 2),
     "a plan with directions in one row": lambda: closed_form(directions=np.zeros((1, 3 * DOF))),
     "a plan with points in one row": lambda: closed_form(points=np.zeros((1, 3 * DOF))),
+    "a plan with true directions in one row": lambda: closed_form(true_directions=np.zeros((1, 3 * DOF))),
+    "eigenvalues of a matrix of other size": lambda: _core.eigenvalues(np.eye(15)),
+    "a plan with true points in one row": lambda: closed_form(true_points=np.zeros((1, 3 * DOF))),
+    "an elimination with a prismatic joint": lambda: closed_form(prismatic=[True] + [False] * (DOF - 1)),
     "a plan with an index beyond the joints": lambda: closed_form(indices=[0, 1, 2, 3, 4, DOF]),
     "a plan with a triple beyond the joints": lambda: closed_form(first_of_triple=4),
     "a plan with a locked joint but six joints": lambda: closed_form(locked=2),

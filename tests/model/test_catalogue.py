@@ -12,7 +12,7 @@ from pinproof.description.packages import example_robot_data
 NAMED = {
     "generic_6dof", "ur3", "ur5", "ur10", "panda", "iiwa14", "puma560", "stanford", "scara", "irb120", "xarm7",
     "kinova", "z1", "so100", "so101", "baxter_left", "baxter_right", "tiago", "tiago_dual_left", "tiago_pro_right",
-    "pr2_left", "talos_left",
+    "pr2_left", "talos_left", "xarm6", "crx10ia", "m0609", "jaco2", "piper", "gen3_lite",
 }  # fmt: skip
 
 

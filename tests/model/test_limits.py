@@ -85,7 +85,7 @@ def test_all_limits_can_be_passed_by_position():
     limits = pp.JointLimits(-ONE, ONE, 2 * ONE, 3 * ONE, 4 * ONE, 5 * ONE)
     assert limits.acceleration.tolist() == [3.0, 3.0]
     assert limits.jerk.tolist() == [4.0, 4.0]
-    assert limits.effort.tolist() == [5.0, 5.0]
+    assert limits.torque.tolist() == [5.0, 5.0]
 
 
 @pytest.mark.parametrize(
@@ -95,7 +95,7 @@ def test_all_limits_can_be_passed_by_position():
         ((-ONE, ONE, "fast"), "limits.velocity"),
         ((-ONE, ONE, ONE, [[1], [1, 2]]), "limits.acceleration"),
         ((-ONE, ONE, ONE, ONE, "a source"), "limits.jerk"),
-        ((-ONE, ONE, ONE, ONE, ONE, 0 * ONE), "effort"),
+        ((-ONE, ONE, ONE, ONE, ONE, 0 * ONE), "torque"),
         ((-ONE, ONE, ONE, ONE, ONE, ONE, "source"), "acceleration_source"),
     ],
 )
@@ -113,11 +113,11 @@ URDF = """<robot name="r"><link name="a"/><link name="b"/><link name="c"/>
 
 def test_effort_limits_are_those_of_the_urdf_and_0_is_unknown():
     arm = load_robot_from_text(URDF.format(87)).arm(tcp="c")
-    np.testing.assert_array_equal(arm.limits.effort, [87.0, np.nan])
+    np.testing.assert_array_equal(arm.limits.torque, [87.0, np.nan])
     assert arm.robot.model.effortLimit[0] == 87.0
     assert arm.model.effortLimit[0] == 87.0
     assert [joint.effort for joint in arm.robot.info(arm).joints] == [87.0, None]
-    assert load_robot_from_text(URDF.format(0)).arm(tcp="c").limits.effort is None
+    assert load_robot_from_text(URDF.format(0)).arm(tcp="c").limits.torque is None
     with pytest.raises(UrdfError, match="'one' has the negative effort limit"):
         load_robot_from_text(URDF.format(-1))
 
@@ -125,9 +125,9 @@ def test_effort_limits_are_those_of_the_urdf_and_0_is_unknown():
 @pytest.mark.parametrize("name", ["ur5", "panda", "generic_6dof"])
 def test_effort_limits_are_those_of_pinocchio(name: str):
     arm = pp.load_robot(name).arm()
-    known = ~np.isnan(arm.limits.effort)
+    known = ~np.isnan(arm.limits.torque)
     index = [arm.robot.model.joints[arm.robot.model.getJointId(joint)].idx_v for joint in arm.joint_names]
-    np.testing.assert_array_equal(arm.limits.effort[known], arm.robot.model.effortLimit[index][known])
+    np.testing.assert_array_equal(arm.limits.torque[known], arm.robot.model.effortLimit[index][known])
     assert known.any()
 
 
@@ -139,7 +139,7 @@ def test_effort_limits_survive_both_conversions_and_files(suffix: str, tmp_path)
     again = pp.DhTable.load(tmp_path / f"table.{suffix}")
     pp.write_urdf(again, tmp_path / "again.urdf")
     there = pp.load_robot(tmp_path / "again.urdf").arm()
-    assert there.limits.effort.tolist() == again.effort.tolist() == table.effort.tolist() == arm.limits.effort.tolist()
+    assert there.limits.torque.tolist() == again.effort.tolist() == table.effort.tolist() == arm.limits.torque.tolist()
     assert set(table.effort) == {150.0, 28.0}
 
 

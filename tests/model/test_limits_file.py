@@ -149,4 +149,4 @@ def test_other_tags_and_values_are_refused_with_their_line(value: str, reason: s
 def test_an_effort_limit_replaces_that_of_the_urdf(robot, tmp_path):
     text = "joint_limits: {elbow_joint: {has_effort_limits: true, max_effort: 12}}"
     limits = robot.arm(tcp="tool0", limits=pp.JointLimits.load(written(tmp_path, text))).limits
-    assert limits.effort.tolist() == [150.0, 150.0, 12.0, 28.0, 28.0, 28.0]
+    assert limits.torque.tolist() == [150.0, 150.0, 12.0, 28.0, 28.0, 28.0]

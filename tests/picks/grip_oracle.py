@@ -199,22 +199,27 @@ def _touch(grasp: Grasp, name: str, hits, rng: np.random.Generator) -> Touch:  #
 
 
 def cast(triangles: np.ndarray, origins: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first hit of each ray, and the normal of its triangle (Moeller and Trumbore, 1997)."""
+    """The first hit of each ray, and the normal of its triangle (Moeller and Trumbore, 1997).
+
+    A triangle is tried with the rays inside its range of one coordinate across the rays.
+    """
+    e, f = triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]
+    normals = np.cross(e, f)
+    front = -normals @ d >= 1e-18  # not seen from behind
+    triangles, e, f, normals = triangles[front], e[front], f[front], normals[front]
+    coordinates = np.stack([np.cross(d, f), np.cross(e, d), normals], axis=-1) / (-normals @ d)[:, None, None]
+    side = np.cross(d, np.eye(3)[np.abs(d).argmin()])
+    order = np.argsort(origins @ side)
+    spans = triangles @ side
+    first = np.searchsorted(origins[order] @ side, spans.min(axis=1) - 1e-12)
+    last = np.searchsorted(origins[order] @ side, spans.max(axis=1) + 1e-12)
     best, found = np.full(len(origins), np.inf), np.zeros((len(origins), 3))
-    for a, b, c in triangles:
-        e, f = b - a, c - a
-        if np.cross(e, f) @ d >= 0:  # seen from behind
-            continue
-        p = np.cross(d, f)
-        if abs(det := e @ p) < 1e-18:
-            continue
-        s = origins - a
-        u = s @ p / det
-        q = np.cross(s, e)
-        v, t = q @ d / det, q @ f / det
-        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t < best)
-        best[hit] = t[hit]
-        found[hit] = np.cross(e, f) / np.linalg.norm(np.cross(e, f))
+    for k in np.flatnonzero(first < last):
+        rays = order[first[k] : last[k]]
+        u, v, t = ((origins[rays] - triangles[k, 0]) @ coordinates[k]).T
+        hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (t >= 0) & (t < best[rays])
+        best[rays[hit]] = t[hit]
+        found[rays[hit]] = normals[k] / np.linalg.norm(normals[k])
     return best, found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -231,3 +232,22 @@ def test_the_wall_of_a_channel_is_held_from_inside_and_outside(arm, kind: str) -
     verdict = pp.validate_picks(arm, scene, shared, budget=QUICK).verdicts[0]
     assert verdict.ok is (kind == "channel"), verdict.reason
     assert kind == "channel" or verdict.failed is Stage.GRIP
+
+
+@pytest.mark.parametrize(
+    ("xyz", "frame", "hint"),
+    [
+        ((0.0, 0.0, 0.0), "", r"stated in the root frame, but in frame 'cube' it would be \d+ mm from it"),
+        ((*AT, TOP), "cube", "stated in frame 'cube', but in the root frame"),
+        ((0.3, -0.4, 0.2), "", "stated in the root frame; check its frame"),
+    ],
+)
+def test_a_grasp_far_from_its_object_gets_a_hint_on_its_frame(arm, xyz, frame: str, hint: str) -> None:
+    pick = pp.Pick("cube", pp.pose(xyz, DOWN), carried="cube", frame=frame)
+    reason = judge(arm, pick).reason
+    assert re.search(hint, reason), reason
+    assert " m from cube" in reason
+
+
+def test_a_grasp_that_narrowly_misses_its_object_gets_no_hint_on_its_frame(arm) -> None:
+    assert "frame" not in judge(arm, grasp((0.0, 0.0, 0.06))).reason

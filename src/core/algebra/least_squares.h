@@ -31,34 +31,35 @@ inline Symmetric6 gram(const Jacobian& columns) {
     return square;
 }
 
-// The factors L D L^T of a symmetric positive definite matrix, with a unit lower triangle L and a diagonal D.
-class Factor6 {
+// The factors L D L^T of a symmetric positive definite 6 x 6 matrix, with a unit lower triangle L and a diagonal D. Number
+// is a double, or several of them in lanes.
+template <class Number>
+class Ldlt6 {
   public:
-    // Factorise `square + shift I`. Returns whether all pivots are positive; if not, nothing else may be used.
-    bool factorise(const Symmetric6& square, double shift) {
+    // Factorise `square + shift I`, of which the lower triangle is read. Returns whether all pivots are positive, in each
+    // lane; if not, nothing else may be used.
+    auto factorise(const Number (&square)[6][6], Number shift) {
+        auto positive = shift == shift;
 #pragma GCC unroll 6
         for (int i = 0; i < 6; ++i) {
-            double pivot = square.m[i][i] + shift;
+            Number pivot = square[i][i] + shift;
 #pragma GCC unroll 6
             for (int j = 0; j < i; ++j) {
-                double total = square.m[i][j];  // becomes L_ij D_j
+                Number total = square[i][j];  // becomes L_ij D_j
 #pragma GCC unroll 6
                 for (int k = 0; k < j; ++k) total -= scaled_[i][k] * lower_[j][k];
                 scaled_[i][j] = total;
                 lower_[i][j] = total * inverse_[j];
                 pivot -= total * lower_[i][j];
             }
-            if (!(pivot > 0.0)) return false;
-            pivots_[i] = pivot;
+            positive &= pivot > 0.0;
             inverse_[i] = 1.0 / pivot;
         }
-        return true;
+        return positive;
     }
 
-    // x with (L D L^T) x = right.
-    Twist solve(const Twist& right) const {
-        double x[6] = {right.linear[0],  right.linear[1],  right.linear[2],
-                       right.angular[0], right.angular[1], right.angular[2]};
+    // Replaces x by the solution y of (L D L^T) y = x.
+    void solve(Number (&x)[6]) const {
 #pragma GCC unroll 6
         for (int i = 1; i < 6; ++i)
 #pragma GCC unroll 6
@@ -69,17 +70,36 @@ class Factor6 {
         for (int i = 4; i >= 0; --i)
 #pragma GCC unroll 6
             for (int k = i + 1; k < 6; ++k) x[i] -= lower_[k][i] * x[k];
+    }
+
+    // The diagonal of D^-1.
+    const Number (&inverse_pivots() const)[6] { return inverse_; }
+
+  private:
+    Number lower_[6][6], scaled_[6][6], inverse_[6];
+};
+
+// Solutions of (A A^T + shift I) x = b.
+class Factor6 {
+  public:
+    // Returns whether all pivots are positive; if not, nothing else may be used.
+    bool factorise(const Symmetric6& square, double shift) { return factors_.factorise(square.m, shift); }
+
+    Twist solve(const Twist& right) const {
+        double x[6] = {right.linear[0],  right.linear[1],  right.linear[2],
+                       right.angular[0], right.angular[1], right.angular[2]};
+        factors_.solve(x);
         return {Double4{x[0], x[1], x[2], 0.0}, Double4{x[3], x[4], x[5], 0.0}};
     }
 
     double log_determinant() const {
         double total = 0.0;
-        for (double pivot : pivots_) total += std::log(pivot);
+        for (double inverse : factors_.inverse_pivots()) total -= std::log(inverse);
         return total;
     }
 
   private:
-    double lower_[6][6], scaled_[6][6], pivots_[6], inverse_[6];
+    Ldlt6<double> factors_;
 };
 
 }  // namespace pinproof

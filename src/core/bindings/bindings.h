@@ -13,5 +13,6 @@ void bind_collision(nanobind::module_& module);
 void bind_certificate(nanobind::module_& module);
 void bind_planning(nanobind::module_& module);
 void bind_timing(nanobind::module_& module);
+void bind_dynamics(nanobind::module_& module);
 
 }  // namespace pinproof

@@ -199,20 +199,38 @@ nb::tuple ClosedForm::solve_batch(const Stack& targets, const Matrix& references
     return nb::make_tuple(q.array, errors.array, counts.array, outside.array, known.array);
 }
 
+// Store the true lines and choose the cuts of the loop; there are none if the elimination fails for this arm.
+void prepare_elimination(ArmPlan& plan, const Matrix& directions, const Matrix& points) {
+    for (const PlannedJoint& joint : plan.joints)
+        if (joint.prismatic) throw std::invalid_argument("the elimination supports revolute joints only");
+    plan.true_joints = plan.joints;
+    for (std::size_t k = 0; k < plan.joints.size(); ++k) {
+        PlannedJoint& joint = plan.true_joints[k];
+        joint.direction = {directions(k, 0), directions(k, 1), directions(k, 2)};
+        joint.point = {points(k, 0), points(k, 1), points(k, 2)};
+    }
+    prepare_cuts(plan);
+}
+
 ArmPlan make_plan(const Chain& chain, double size, const Matrix& directions, const Matrix& points,
                   const std::vector<bool>& prismatic, const std::vector<int>& indices, const Vector& lower,
                   const Vector& upper, const Matrix& tool, int first_of_triple, bool planar, bool reversed, int normal,
-                  std::optional<int> locked, double border, double spread, double rounding) {
+                  std::optional<int> locked, double border, double spread, double rounding, bool eliminated,
+                  const Matrix& true_directions, const Matrix& true_points) {
     const std::size_t count = prismatic.size();
     if (count != (locked ? 7 : 6)) throw std::invalid_argument("a loop has six joints, or seven of which one is locked");
     if (chain.dof > kMostJoints || !(size > 0.0)) throw std::invalid_argument("at most 7 joints, and a positive size");
-    if (first_of_triple < 0 || first_of_triple > 3 || normal < 0 || normal > 2 ||
+    if (first_of_triple < -1 || first_of_triple > 3 || normal < 0 || normal > 2 ||
         (locked && (*locked < 0 || *locked > 6)))
         throw std::invalid_argument("an index of a joint is out of range");
     require_size("directions", directions.shape(0), count);
     require_size("a direction", directions.shape(1), 3);
     require_size("points", points.shape(0), count);
     require_size("a point", points.shape(1), 3);
+    require_size("true_directions", true_directions.shape(0), count);
+    require_size("a true direction", true_directions.shape(1), 3);
+    require_size("true_points", true_points.shape(0), count);
+    require_size("a true point", true_points.shape(1), 3);
     require_size("indices", indices.size(), count);
     require_size("lower", lower.size(), count);
     require_size("upper", upper.size(), count);
@@ -231,7 +249,9 @@ ArmPlan make_plan(const Chain& chain, double size, const Matrix& directions, con
                  .position_tolerance = 0.0,
                  .orientation_tolerance = 0.0,
                  .virtual_tolerance = 0.0,
-                 .equation_error = {rounding, rounding}};
+                 .equation_error = {rounding, rounding},
+                 .true_joints = {},
+                 .cuts = {}};
     for (std::size_t k = 0; k < count; ++k) {
         if (indices[k] < -1 || indices[k] >= static_cast<int>(chain.dof))
             throw std::invalid_argument("an index of a joint is out of range");
@@ -242,6 +262,7 @@ ArmPlan make_plan(const Chain& chain, double size, const Matrix& directions, con
                                lower(k),
                                upper(k)});
     }
+    if (eliminated) prepare_elimination(plan, true_directions, true_points);
     return plan;
 }
 
@@ -259,11 +280,12 @@ ClosedForm* with_tolerances(const ClosedForm& form, double position, double orie
 ClosedForm* without_limits(const ClosedForm& form) {
     ArmPlan plan = form.plan();
     constexpr double infinity = std::numeric_limits<double>::infinity();
-    for (PlannedJoint& joint : plan.joints)
-        if (!joint.is_virtual()) {
-            joint.lower = -infinity;
-            joint.upper = infinity;
-        }
+    for (std::vector<PlannedJoint>* joints : {&plan.joints, &plan.true_joints})
+        for (PlannedJoint& joint : *joints)
+            if (!joint.is_virtual()) {
+                joint.lower = -infinity;
+                joint.upper = infinity;
+            }
     return new ClosedForm(std::move(plan));
 }
 
@@ -303,15 +325,22 @@ void bind_closed_form(nb::module_& module) {
              [](ClosedForm* self, const Chain& chain, double size, const Matrix& directions, const Matrix& points,
                 const std::vector<bool>& prismatic, const std::vector<int>& indices, const Vector& lower,
                 const Vector& upper, const Matrix& tool, int first_of_triple, bool planar, bool reversed, int normal,
-                std::optional<int> locked, double border, double spread, double rounding) {
+                std::optional<int> locked, double border, double spread, double rounding,
+                bool eliminated, const Matrix& true_directions, const Matrix& true_points) {
                  new (self) ClosedForm(make_plan(chain, size, directions, points, prismatic, indices, lower, upper,
                                                  tool, first_of_triple, planar, reversed, normal, locked, border,
-                                                 spread, rounding));
+                                                 spread, rounding, eliminated, true_directions, true_points));
              },
              nb::kw_only(), nb::arg("chain"), nb::arg("size"), nb::arg("directions"), nb::arg("points"),
              nb::arg("prismatic"), nb::arg("indices"), nb::arg("lower"), nb::arg("upper"), nb::arg("tool"),
              nb::arg("first_of_triple"), nb::arg("planar"), nb::arg("reversed"), nb::arg("normal"),
-             nb::arg("locked").none(), nb::arg("border"), nb::arg("spread"), nb::arg("rounding"))
+             nb::arg("locked").none(), nb::arg("border"), nb::arg("spread"), nb::arg("rounding"),
+             nb::arg("eliminated"), nb::arg("true_directions"), nb::arg("true_points"))
+        .def_prop_ro("cuts", [](const ClosedForm& form) {
+                nb::list cuts;
+                for (const Cut& cut : form.plan().cuts) cuts.append(nb::make_tuple(cut.dropped, cut.reversed, cut.shifted));
+                return cuts;
+            }, "the cuts of the loop for the general elimination, best first: see closed_form/elimination.h")
         .def_prop_ro("first_of_triple", [](const ClosedForm& form) { return form.plan().first_of_triple; })
         .def_prop_ro("planar", [](const ClosedForm& form) { return form.plan().planar; })
         .def("with_tolerances", &with_tolerances, nb::arg("position"), nb::arg("orientation"),
@@ -352,6 +381,24 @@ void bind_closed_form(nb::module_& module) {
             return std::vector<double>(roots.value, roots.value + roots.count);
         },
         nb::arg("coefficients"), nb::arg("nearly") = 0.0);
+    module.def(
+        "eigenvalues",
+        [](const Matrix& matrix) -> std::optional<nb::list> {
+            require_size("matrix", matrix.shape(0), kEigenRows);
+            require_size("matrix", matrix.shape(1), kEigenRows);
+            EigenMatrix m;
+            for (int i = 0; i < kEigenRows; ++i)
+                for (int j = 0; j < kEigenRows; ++j) m[i][j] = matrix(i, j);
+            HessenbergForm form;
+            form.reduce(m);
+            Eigenvalue values[kEigenRows];
+            if (!form.eigenvalues(values)) return std::nullopt;
+            nb::list result;
+            for (const Eigenvalue& one : values)
+                result.append(nb::make_tuple(one.real, one.imaginary, form.condition(one)));
+            return result;
+        },
+        nb::arg("matrix"), "Real part, imaginary part and condition number of each eigenvalue of a (16, 16) matrix.");
 }
 
 }  // namespace pinproof

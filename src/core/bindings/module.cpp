@@ -34,4 +34,5 @@ NB_MODULE(_core, module) {
     pinproof::bind_certificate(module);
     pinproof::bind_planning(module);
     pinproof::bind_timing(module);
+    pinproof::bind_dynamics(module);
 }

@@ -1,8 +1,10 @@
-// An arm prepared for the closed form: which three joints form the triple, and its lines in ideal geometry.
+// An arm prepared for the closed form: which three joints form the triple, its lines in ideal geometry, and the cuts of its
+// loop for the general elimination.
 #pragma once
 
 #include <vector>
 
+#include "closed_form/elimination.h"
 #include "closed_form/lane_check.h"
 #include "closed_form/line.h"
 #include "closed_form/roots.h"
@@ -27,7 +29,7 @@ struct ArmPlan {
     double size;                       // m: the length of the arm
     std::vector<PlannedJoint> joints;  // six, or seven with one locked joint
     Transform tool;                    // of the ideal arm at zero, lengths relative to the size
-    int first_of_triple;               // 0 to 3, among the six joints that are not locked
+    int first_of_triple;               // 0 to 3, among the six joints that are not locked; -1: no triple
     bool planar, reversed;
     int normal;  // the revolute joint of the triple whose direction is the normal: 0 to 2
     int locked;  // an index into joints, or -1
@@ -37,10 +39,16 @@ struct ArmPlan {
     double virtual_tolerance;                        // rad or m: largest value of a virtual joint
     ErrorBound equation_error;                       // see LoopTolerances
 
+    // For the general elimination, if it is used: the joints with their true lines, in the same order, and the cuts of the
+    // loop, best first.
+    std::vector<PlannedJoint> true_joints;
+    std::vector<Cut> cuts;
+
     std::size_t dof() const { return chain.dof; }
     int locked_index() const { return locked < 0 ? -1 : joints[locked].index; }
     // Whether the true arm deviates from the ideal one, so that solutions are refined.
     bool deviates() const { return spread > 0.0; }
+    bool has_triple() const { return first_of_triple >= 0; }
 };
 
 }  // namespace pinproof

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstdint>
 #include <initializer_list>
+#include <numbers>
 
 #include "closed_form/windings.h"
 #include "geometry/angle.h"
@@ -27,6 +29,13 @@ constexpr double kNearlySingular = 0.5;
 
 // Rad, or lengths of the arm. The largest error of a joint, due to the tolerances, with which completeness is claimed.
 constexpr double kUndetermined = 1.0;
+
+// As above (m), for arms that are solved by elimination; and the number of cuts whose starts are refined.
+constexpr double kSingularStart = 0.02;
+constexpr int kMostStartCuts = 2, kMostCuts = 4;
+
+// Lengths of the arm and rad: changes of the target that separate multiple eigenvalues.
+constexpr double kBeside[] = {1e-5, 1e-3};
 
 constexpr double kAstray = 0.05;  // m: a branch with a larger error after refinement is not close to any solution
 
@@ -58,7 +67,45 @@ bool same_branch(const double* a, const double* b, int n) {
     return true;
 }
 
+// The true lines of the six joints that are not locked, and the motion of the locked one.
+Transform true_lines(const ArmPlan& plan, double locked_value, RevoluteLine (&lines)[6]) {
+    Transform after_locked;
+    if (plan.locked >= 0) after_locked = motion_of(plan.true_joints[plan.locked], locked_value, plan.size);
+    for (int k = 0, row = 0; k < static_cast<int>(plan.true_joints.size()); ++k) {
+        if (k == plan.locked) continue;
+        const PlannedJoint& joint = plan.true_joints[k];
+        lines[row++] = plan.locked >= 0 && k > plan.locked
+                           ? RevoluteLine{after_locked.rotation * joint.direction, after_locked * joint.point}
+                           : RevoluteLine{joint.direction, joint.point};
+    }
+    return after_locked;
+}
+
+// Uniform numbers in [-1, 1) (Knuth's MMIX generator), the same on every computer.
+class Uniform {
+  public:
+    double operator()() {
+        state_ = 6364136223846793005u * state_ + 1442695040888963407u;
+        return static_cast<double>(state_ >> 11) * 0x1p-52 - 1.0;
+    }
+
+  private:
+    std::uint64_t state_ = 1;
+};
+
+constexpr int kTrials = 24;
+
 }  // namespace
+
+void prepare_cuts(ArmPlan& plan) {
+    std::vector<LoopTrial> trials(kTrials);
+    Uniform uniform;
+    for (LoopTrial& trial : trials) {
+        true_lines(plan, uniform() * std::numbers::pi, trial.lines);
+        for (double& one : trial.q) one = uniform() * std::numbers::pi;
+    }
+    plan.cuts = choose_cuts(trials);
+}
 
 std::optional<Transform> rigid_transform(const double* matrix) {
     Vec3 row[3];
@@ -98,6 +145,8 @@ void ClosedFormSolver::close_loop(double locked_value) {
     Transform target = target_;
     target.translation = (1.0 / plan_.size) * target.translation;
     loop_.rest = target * inverse(after_locked * plan_.tool);
+    joints_ = &plan_.joints;
+    deviates_ = plan_.deviates();
     loop_.planar = plan_.planar;
     loop_.reversed = plan_.reversed;
     const Transform rest_inverse = inverse(loop_.rest);
@@ -138,23 +187,30 @@ bool ClosedFormSolver::solve(const double* target, const double* reference, doub
     reference_ = reference;
     locked_value_ = locked_value;
     tolerances_ = {plan_.border, plan_.spread, plan_.equation_error};
-    close_loop(locked_value);
     freed_ = with_free_ = with_branch_ = 0;
     outer_undecided_ = false;
-    solutions_.undecided = false;
+    solutions_.undecided = solutions_.doubtful = false;
     out.count = out.failed = out.outside = 0;
+    out.free_joints = out.unresolved = 0;
     out.by_quartic = out.doubtful = false;
+    if (!plan_.cuts.empty() && solve_generally(out)) return true;
+    if (!plan_.has_triple()) {
+        out.doubtful = true;
+        return true;
+    }
 
+    close_loop(locked_value);
     solve_loop(false, false, out);
     if (outer_undecided_ || solutions_.undecided) {
         // If rounding does not decide whether joints are free, also with them free; these solutions count only if
         // forward kinematics confirms them. Families come first: other solutions may be members of them.
-        out.count = 0;
+        if (plan_.cuts.empty()) out.count = 0;
         if (outer_undecided_) solve_loop(true, true, out);
         if (solutions_.undecided) solve_loop(false, true, out);
         if (outer_undecided_ && solutions_.undecided) solve_loop(true, false, out);
         solve_loop(false, false, out);
     }
+    out.doubtful |= plan_.deviates();
     out.free_joints = indices_of(freed_);
     out.unresolved = with_free_ & ~with_branch_;
     return true;
@@ -188,6 +244,13 @@ void ClosedFormSolver::solve_loop(bool outer_free, bool triple_free, Branches& o
     out.doubtful |= solutions_.doubtful;
 
     const bool free_case = outer_free || triple_free;
+    consider_all(out);
+    if (!free_case) out.failed = failed_here_;
+    out.outside = std::max(out.outside, outside_here_);
+}
+
+// Consider all of solutions_.
+void ClosedFormSolver::consider_all(Branches& out) {
     failed_here_ = outside_here_ = 0;
     for (int first = 0; first < solutions_.count; first += kLanes) {
         const int count = std::min(kLanes, solutions_.count - first);
@@ -195,8 +258,93 @@ void ClosedFormSolver::solve_loop(bool outer_free, bool triple_free, Branches& o
         const LaneErrors errors = check_lanes(plan_.chain, target_, configurations_);
         for (int lane = 0; lane < count; ++lane) consider(first + lane, lane, errors, out);
     }
-    if (!free_case) out.failed = failed_here_;
-    out.outside = std::max(out.outside, outside_here_);
+}
+
+// Solve the true lines by elimination. Returns whether all configurations are found; otherwise `out` contains some.
+//
+// A further cut of the loop is solved if one does not account for all eigenvalues, and, as a second proof, if there is no
+// branch. If no cut does, configurations may share the value of joint 3: targets beside the given one separate them.
+bool ClosedFormSolver::solve_generally(Branches& out) {
+    joints_ = &plan_.true_joints;
+    deviates_ = false;
+    RevoluteLine lines[6];
+    const Transform after_locked = true_lines(plan_, locked_value_, lines);
+    Transform target = target_;
+    target.translation = (1.0 / plan_.size) * target.translation;
+    const Transform rest = target * inverse(after_locked * plan_.tool);
+    for (int row = 0; row < 6; ++row) source_[row] = row + (plan_.locked >= 0 && row >= plan_.locked ? 1 : 0);
+    LoopRoots roots;
+    int existing[kMostCuts], solved = 0;
+    // The number of cuts that prove the roots to be all.
+    const auto proofs = [&] {
+        return std::count_if(existing, existing + solved, [&](int most) { return roots.all_of(most); });
+    };
+    const auto proven = [&] {
+        if (proofs() == 0) return false;
+        consider_roots(roots, out);
+        return out.count > 0 || proofs() > 1;
+    };
+    const int count = std::min(static_cast<int>(plan_.cuts.size()), kMostCuts);
+    while (solved < count) {
+        const int most = general_.solve(lines, rest, plan_.cuts[solved], roots);
+        existing[solved++] = most;
+        if (proven()) return out.failed == 0 && !out.doubtful;
+    }
+    for (const double amount : kBeside)
+        for (int k = 0; k < std::min(count, kMostStartCuts); ++k) {
+            general_.solve_beside(lines, rest, plan_.cuts[k], amount, roots);
+            if (proven()) return out.failed == 0 && !out.doubtful;
+        }
+    consider_roots(roots, out);
+    consider_starts(lines, rest, out);
+    consider_starts(lines, beside(rest, kBeside[1]), out);
+    return false;
+}
+
+// Further branches at targets where eigenvalues are not accounted for, usually because solutions nearly meet there: the
+// damped method refines all starts, and their second solutions. The reference is a start as well.
+void ClosedFormSolver::consider_starts(const RevoluteLine (&lines)[6], const Transform& rest, Branches& out) {
+    Branch nearest{};
+    std::copy_n(reference_, plan_.dof(), nearest.q);
+    if (plan_.locked >= 0) nearest.q[plan_.locked_index()] = locked_value_;
+    refine_and_keep(nearest, out);
+    int cuts = 0;
+    for (const Cut& cut : plan_.cuts) {
+        const EliminationResult& found = general_.starts(lines, rest, cut);
+        for (int i = 0; i < found.count; ++i) {
+            Branch branch;
+            if (plan_.locked >= 0) branch.q[plan_.locked_index()] = locked_value_;
+            for (int row = 0; row < 6; ++row) {
+                const PlannedJoint& joint = plan_.true_joints[source_[row]];
+                if (!joint.is_virtual()) branch.q[joint.index] = found.start[i][row];
+            }
+            branch.free_joints = 0u;
+            branch.number = {};
+            if (refine_and_keep(branch, out) && plan_.locked < 0) consider_twins(branch, kSingularStart, out);
+        }
+        if (++cuts == kMostStartCuts) break;
+    }
+}
+
+// The branches among the configurations of the loop.
+void ClosedFormSolver::consider_roots(const LoopRoots& roots, Branches& out) {
+    solutions_.count = roots.count;
+    const double tolerance = std::max(plan_.position_tolerance / plan_.size, plan_.orientation_tolerance);
+    for (int i = 0; i < roots.count; ++i) {
+        const LoopRoot& root = roots.root[i];
+        LoopSolution& solution = solutions_.solution[i];
+        solution = {};
+        for (int row = 0; row < 6; ++row) {
+            const auto [sine, cosine] = sincos(root.q[row]);
+            solution.state[row] = {cosine, sine};
+        }
+        solution.number.root = i;
+        solution.error = tolerance / std::max(root.weakest, tolerance);
+    }
+    out.count = 0;
+    consider_all(out);
+    out.failed = failed_here_;
+    out.outside = outside_here_;
 }
 
 // The values of all joints for some solutions, one in each lane.
@@ -206,7 +354,7 @@ void ClosedFormSolver::to_values(int first, int count) {
         at_zero_[b] = b < count;
     }
     for (int row = 0; row < 6; ++row) {
-        const PlannedJoint& joint = plan_.joints[source_[row]];
+        const PlannedJoint& joint = (*joints_)[source_[row]];
         // One lane for each solution, the rest as the last one; loops over all lanes are vectorised.
         alignas(64) double value[kLanes], first_of_state[kLanes], second_of_state[kLanes];
         for (int b = 0; b < kLanes; ++b) {
@@ -260,7 +408,7 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
     const double at_limit = std::min(
         std::max(kAtLimit, kNear * solution.error * std::max(plan_.size, 1.0)), kNearLimits);
     double outside = outside_[lane];
-    if (outside > (plan_.deviates() ? kNearLimits : at_limit)) {
+    if (outside > (deviates_ ? kNearLimits : at_limit)) {
         ++outside_here_;
         return;
     }
@@ -286,8 +434,8 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
         added = keep(branch, out);
         if (free_joints) with_branch_ |= solution.number.bit();
     }
-    if (plan_.deviates() && plan_.locked < 0 && (added || outside > 0.0 || branch.distance < kAstray))
-        consider_twins(branch, out);
+    if (deviates_ && plan_.locked < 0 && (added || outside > 0.0 || branch.distance < kAstray))
+        consider_twins(branch, kNearlySingular * std::sqrt(plan_.spread) * plan_.size, out);
 }
 
 // Second solutions close to a first one, for an arm that deviates from the ideal: if two branches nearly meet, a
@@ -297,20 +445,24 @@ void ClosedFormSolver::consider(int index, int lane, const LaneErrors& errors, B
 // maps nearly to zero. Their distance is proportional to the square root of the deviation of the arm from one at which
 // they meet: for a calibrated arm they may be far from those of the ideal arm, or only one of them may exist. Starts of
 // Newton's method are therefore distributed along v. Completeness is not claimed for arms that need this.
-void ClosedFormSolver::consider_twins(const Branch& near, Branches& out) {
+void ClosedFormSolver::consider_twins(const Branch& near, double nearly_singular, Branches& out) {
     double motion[kMostJoints];
-    if (refinement_.weakest_motion(near.q, motion) > kNearlySingular * std::sqrt(plan_.spread) * plan_.size) return;
+    if (refinement_.weakest_motion(near.q, motion) > nearly_singular) return;
     for (const double offset : kTwinOffsets) {
         Branch twin = near;
         twin.free_joints = 0;
         for (std::size_t j = 0; j < plan_.dof(); ++j) twin.q[j] = near.q[j] + offset * motion[j];
-        const Refined refined = refinement_.refine(target_, reference_, kAtLimit, 0u, twin.q);
-        twin.distance = refined.distance;
-        twin.angle = refined.angle;
-        if (refined.outside <= 0.0 && twin.distance <= plan_.position_tolerance &&
-            twin.angle <= plan_.orientation_tolerance)
-            keep(twin, out);
+        refine_and_keep(twin, out);
     }
+}
+
+// Refine a configuration on the true chain, and keep it if it is a branch. Returns whether it was kept.
+bool ClosedFormSolver::refine_and_keep(Branch& branch, Branches& out) {
+    const Refined refined = refinement_.refine(target_, reference_, kAtLimit, 0u, branch.q);
+    branch.distance = refined.distance;
+    branch.angle = refined.angle;
+    return refined.outside <= 0.0 && branch.distance <= plan_.position_tolerance &&
+           branch.angle <= plan_.orientation_tolerance && keep(branch, out);
 }
 
 // Append a branch unless it is there already. Returns whether it was appended.

@@ -1,9 +1,10 @@
-// All configurations of an arm for a pose in closed form.
+// All configurations of an arm for a pose, in closed form or by the general elimination.
 #pragma once
 
 #include <optional>
 
 #include "closed_form/arm_plan.h"
+#include "closed_form/general_loop.h"
 #include "closed_form/refinement.h"
 #include "closed_form/triple.h"
 
@@ -45,11 +46,16 @@ class ClosedFormSolver {
     bool solve(const double* target, const double* reference, double locked_value, Branches& out);
 
   private:
+    bool solve_generally(Branches& out);
+    void consider_roots(const LoopRoots& roots, Branches& out);
+    void consider_starts(const RevoluteLine (&lines)[6], const Transform& rest, Branches& out);
+    void consider_all(Branches& out);
     void close_loop(double locked_value);
     void solve_loop(bool outer_free, bool triple_free, Branches& out);
     void to_values(int first, int count);
     void consider(int index, int lane, const LaneErrors& errors, Branches& out);
-    void consider_twins(const Branch& near, Branches& out);
+    void consider_twins(const Branch& near, double nearly_singular, Branches& out);
+    bool refine_and_keep(Branch& branch, Branches& out);
     bool keep(const Branch& branch, Branches& out);
     unsigned indices_of(unsigned joints) const;
 
@@ -62,7 +68,10 @@ class ClosedFormSolver {
     double locked_value_ = 0.0;
     Loop loop_;
     int source_[6];  // the joint of the plan for each line of the loop
+    const std::vector<PlannedJoint>* joints_ = nullptr;  // of the plan, that source_ refers to
+    bool deviates_ = false;                               // whether the lines deviate from the true ones
     LoopTolerances tolerances_;
+    GeneralLoop general_;
     LoopSolutions solutions_;
     LaneConfigurations configurations_;
     double outside_[kLanes];      // largest violation of a limit
@@ -75,5 +84,8 @@ class ClosedFormSolver {
 
 // The closest rotation to a nearly rigid matrix; none if it is not rigid up to 1e-6.
 std::optional<Transform> rigid_transform(const double* matrix);
+
+// Choose the cuts of the loop for the general elimination; none are left if it fails for this arm.
+void prepare_cuts(ArmPlan& plan);
 
 }  // namespace pinproof

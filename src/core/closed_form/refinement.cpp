@@ -53,8 +53,8 @@ Refinement::Residual Refinement::residual_at(const double* q) {
 
 void Refinement::iterate(unsigned held, double* q, double* best, Refined& result) {
     const int n = static_cast<int>(plan_.dof());
-    // The deviation of an exact arm is rounding: one or two steps remove it, or none does.
-    const int patience = plan_.deviates() ? kPatience : 0;
+    // The deviation of an exact arm with a triple is rounding: one or two steps remove it, or none does.
+    const int patience = plan_.deviates() || !plan_.cuts.empty() ? kPatience : 0;
     double least = kInfinity, growth = 1.0;
     int slow_steps = 0;
     Twist best_residual;

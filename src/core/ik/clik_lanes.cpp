@@ -4,13 +4,14 @@
 #include <cmath>
 #include <variant>
 
+#include "algebra/least_squares.h"
 #include "geometry/angle.h"
 #include "geometry/rotation_vector.h"
 #include "geometry/sincos.h"
 
 namespace pinproof {
 
-// The factors L D L^T of A A^T + shift I for A given by its columns, see Factor6.
+// The factors of A A^T + shift I for A given by its columns, in each lane.
 class ClikLanes::Factor {
   public:
     explicit Factor(const std::vector<LaneTwist>& columns) {
@@ -19,39 +20,12 @@ class ClikLanes::Factor {
     }
 
     // Returns in which lanes all pivots are positive; in the others, nothing else may be used.
-    LaneMask factorise(Lanes shift) {
-        LaneMask positive = shift == shift;
-#pragma GCC unroll 6
-        for (int i = 0; i < 6; ++i) {
-            Lanes pivot = square_[i][i] + shift;
-#pragma GCC unroll 6
-            for (int j = 0; j < i; ++j) {
-                Lanes total = square_[i][j];  // becomes L_ij D_j
-#pragma GCC unroll 6
-                for (int k = 0; k < j; ++k) total -= scaled_[i][k] * lower_[j][k];
-                scaled_[i][j] = total;
-                lower_[i][j] = total * inverse_[j];
-                pivot -= total * lower_[i][j];
-            }
-            positive &= pivot > 0.0;
-            inverse_[i] = 1.0 / pivot;
-        }
-        return positive;
-    }
+    LaneMask factorise(Lanes shift) { return factors_.factorise(square_, shift); }
 
     LaneTwist solve(const LaneTwist& right) const {
         Lanes x[6] = {right.linear.x,  right.linear.y,  right.linear.z,
                       right.angular.x, right.angular.y, right.angular.z};
-#pragma GCC unroll 6
-        for (int i = 1; i < 6; ++i)
-#pragma GCC unroll 6
-            for (int k = 0; k < i; ++k) x[i] -= lower_[i][k] * x[k];
-#pragma GCC unroll 6
-        for (int i = 0; i < 6; ++i) x[i] *= inverse_[i];
-#pragma GCC unroll 6
-        for (int i = 4; i >= 0; --i)
-#pragma GCC unroll 6
-            for (int k = i + 1; k < 6; ++k) x[i] -= lower_[k][i] * x[k];
+        factors_.solve(x);
         return {{x[0], x[1], x[2]}, {x[3], x[4], x[5]}};
     }
 
@@ -74,7 +48,8 @@ class ClikLanes::Factor {
             for (int j = 0; j <= i; ++j) square_[i][j] = sums[i - first][j];
     }
 
-    Lanes square_[6][6], lower_[6][6], scaled_[6][6], inverse_[6];
+    Lanes square_[6][6];
+    Ldlt6<Lanes> factors_;
 };
 
 ClikLanes::ClikLanes(const IkSolver& solver)

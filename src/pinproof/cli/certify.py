@@ -11,7 +11,16 @@ import typer
 import pinproof as pp
 from pinproof.cli.complete import robot_names
 from pinproof.cli.console import check_output_files, print_json, print_line, progress_status
-from pinproof.cli.options import ChainOptions, Html, IgnoreRecord, Json, SceneOptions, ToolOptions, load_motion
+from pinproof.cli.options import (
+    ChainOptions,
+    Html,
+    IgnoreRecord,
+    Json,
+    RateOptions,
+    SceneOptions,
+    ToolOptions,
+    load_motion,
+)
 from pinproof.errors import InputError
 
 __all__ = ["certify_motion", "verdict"]
@@ -88,6 +97,7 @@ def certify_motion(
     audit_options: AuditOptions,
     ignore_record: IgnoreRecord = False,
     html: Html = None,
+    rates: RateOptions,
     chain: ChainOptions,
     scene_options: SceneOptions,
     tool: ToolOptions,
@@ -101,6 +111,8 @@ def certify_motion(
     """
     arm = None if robot is None else chain.arm(robot, tool=tool)
     if verify is not None:
+        if rates != RateOptions():
+            raise InputError("--payload, --torque and --tool-speed are not part of a proof; use them without --verify")
         if save_proof or html or audit_options.with_audit or tolerances != ToleranceOptions():
             raise InputError(
                 "--verify uses the tolerances of the proof and writes no file; remove --save-proof, --html, --audit, "
@@ -121,13 +133,18 @@ def certify_motion(
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
     if save_proof is not None and certificate.free:
         certificate.save(save_proof)
-    violations = _limit_violations(trajectory, arm)
+    violations = _limit_violations(trajectory, arm) + rates.violations(arm, trajectory, LIMIT_TOLERANCE)
     attached = [body.name for body in checker.attached]
+    torques = rates.peaks(arm, trajectory)
     if as_json:
         figures = None if audit is None else {key: getattr(audit, key) for key in ("samples", "distance", "message")}
-        print_json({**verdict(certificate), "attached": attached, "outside_limits": violations, "audit": figures})
+        peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
+        found = {"attached": attached, "outside_limits": violations, "audit": figures}
+        print_json({**verdict(certificate), **found, **peaks})
     else:
         _print_certificate(certificate, attached, violations)
+        if torques:
+            print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
         if audit is not None:
             print_line(f"audit: {audit.message}")
         if save_proof is not None:

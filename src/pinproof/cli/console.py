@@ -29,6 +29,7 @@ __all__ = [
     "print_line",
     "print_note",
     "print_report",
+    "progress_bar",
     "progress_status",
     "until_interrupted",
     "write_motion",
@@ -105,6 +106,18 @@ def progress_status(text: str) -> Iterator[Callable[[str], None]]:
 
     with Console(stderr=True, highlight=False).status(text) as status:
         yield status.update
+
+
+@contextmanager
+def progress_bar(text: str, total: int) -> Iterator[Callable[[int, int], None]]:
+    """Show a progress bar on stderr if it is a terminal; the function yielded takes the number of finished parts."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(text, total=total)
+        yield lambda done, _: bar.update(task, completed=done)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from pinproof.cli.options import (
     Html,
     Json,
     Limits,
+    RateOptions,
     Robot,
     SceneOptions,
     Seed,
@@ -92,6 +93,7 @@ def plan(
         ),
     ] = None,
     *,
+    rates: RateOptions,
     chain: ChainOptions,
     scene_options: SceneOptions,
     tool: ToolOptions,
@@ -104,6 +106,7 @@ def plan(
     check_output_files([output, html], [robot, scene_options.scene, chain.srdf, limits, *tool.files])
     search = pp.planning.make_planner(planner)
     arm = chain.arm(robot, limits, tool)
+    constraints = rates.constraints(arm)
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
@@ -118,8 +121,9 @@ def plan(
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(result.path, checker, rng=seed, blend=blend, certificate=result.certificate)
         path = simplified.path
-        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk))
+        trajectory = pp.time_parametrise(path, arm.limits, jerk=_jerk(jerk), constraints=constraints)
         certificate = pp.certify(trajectory, checker)
+    torques = rates.peaks(arm, trajectory)
     written = []
     if output is not None:
         trajectory.save(output, certificate=certificate)
@@ -129,12 +133,15 @@ def plan(
         written.append(html)
     if as_json:
         figures = {"stops": simplified.stops, "length": path.length, "duration": trajectory.duration}
-        print_json({"ok": certificate.free, **figures, **verdict(certificate)})
+        peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
+        print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
     else:
         stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
         print_line(
             f"length {path.length:.3g} rad, {stops}, duration {trajectory.duration:.2f} s ({trajectory.limits_note})"
         )
+        if torques:
+            print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
         print_line(str(certificate))
         if written:
             print_line(f"wrote {' and '.join(map(str, written))}")

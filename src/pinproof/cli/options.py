@@ -20,7 +20,7 @@ import typer
 import pinproof as pp
 from pinproof.cli.complete import group_names, link_names, robot_names
 from pinproof.cli.console import Interrupted, print_note
-from pinproof.errors import InputError
+from pinproof.errors import InputError, TimingError
 from pinproof.units import refuse_degrees, warn_of_degrees
 
 if TYPE_CHECKING:
@@ -36,6 +36,7 @@ __all__ = [
     "Json",
     "Limits",
     "Place",
+    "RateOptions",
     "Robot",
     "RobotFileOptions",
     "SceneOptions",
@@ -247,6 +248,82 @@ class SceneOptions:
             attachments, margin = tool.attachments, max(margin, tool.picks.margin)
         world = self.load() if scene is None else scene
         return pp.CollisionChecker(arm, world, margin=margin, attached=attachments.bodies, allowed=attachments.allowed)
+
+
+MASS_FORMS = {1: "mass", 4: "mass x y z", 7: "mass x y z ixx iyy izz"}
+"""The forms of a payload: mass (kg), centre of mass (m) and inertia about it (kg m^2), in the tcp frame."""
+
+
+@dataclass(frozen=True)
+class RateOptions:
+    """Options for the torques of the joints and the speed of the tool."""
+
+    payload: Annotated[
+        str | None,
+        typer.Option(
+            help='Mass in kg that the tcp carries, as "mass", "mass x y z" with its centre (m), or "mass x y z ixx iyy '
+            'izz" with its inertia (kg m^2). The torque limits of the joints then apply.'
+        ),
+    ] = None
+    torque: Annotated[
+        bool, typer.Option("--torque", help="Apply the torque limits of the joints (effort in the URDF).")
+    ] = False
+    tool_speed: Annotated[
+        float | None, typer.Option(help="Largest speed of the tcp in m/s, such as 0.25 beside persons.")
+    ] = None
+
+    def torque_limits(self, arm: pp.Arm) -> pp.motion.TorqueLimits | None:
+        """The torque limits of an arm, None if they do not apply.
+
+        Raises
+        ------
+        InputError
+            If the payload is not a mass, a centre and an inertia, or the arm has no torque limits or masses.
+        """
+        if self.payload is None:
+            return pp.motion.TorqueLimits(arm) if self.torque else None
+        values = numbers(self.payload, "--payload")
+        if len(values) not in MASS_FORMS:
+            forms = ", ".join(f'"{form}"' for form in MASS_FORMS.values())
+            raise InputError(f"--payload must be {forms}, not {self.payload!r}")
+        center, inertia = np.array(values[1:4] or [0.0, 0.0, 0.0]), np.array(values[4:])
+        body = pp.Payload(values[0], center, inertia if len(inertia) else None)
+        return pp.motion.TorqueLimits(arm, body)
+
+    def constraints(self, arm: pp.Arm) -> list[pp.motion.RateConstraint]:
+        """All limits for the timing of an arm."""
+        limits: list[pp.motion.RateConstraint] = []
+        if (torque := self.torque_limits(arm)) is not None:
+            limits.append(torque)
+        if self.tool_speed is not None:
+            limits.append(pp.motion.ToolLimits(arm, linear_speed=self.tool_speed))
+        return limits
+
+    def peaks(self, arm: pp.Arm, trajectory: pp.Trajectory) -> tuple[pp.motion.TorquePeak, ...]:
+        """The largest torque of each joint over a motion; empty if torques are not limited."""
+        limits = self.torque_limits(arm)
+        return () if limits is None else limits.peaks(trajectory)
+
+    def violations(self, arm: pp.Arm, trajectory: pp.Trajectory, tolerance: float) -> list[str]:
+        """One sentence for each limit that a motion exceeds by more than a relative tolerance, between samples too."""
+        found = []
+        for limit in self.constraints(arm):
+            try:
+                exceeded = float(limit.excess(trajectory).max()) > 1.0 + tolerance
+            except TimingError as error:
+                found.append(str(error))
+                continue
+            if exceeded and isinstance(limit, pp.motion.TorqueLimits):
+                found += [
+                    f"{peak.joint} needs {peak.torque:.6g} {peak.unit} at {peak.time:.3f} s; its limit is "
+                    f"{peak.limit:.6g} {peak.unit}"
+                    for peak in limit.peaks(trajectory)
+                    if peak.share > 1.0
+                ]
+            elif exceeded and isinstance(limit, pp.motion.ToolLimits):
+                speed = limit.peaks(trajectory)["linear_speed"]
+                found.append(f"the tcp reaches a speed of {speed:.6g} m/s; the limit is {self.tool_speed:g} m/s")
+        return found
 
 
 def expand_options(command: Callable[..., None], on_verbose: Callable[[], None]) -> Callable[..., None]:

@@ -26,6 +26,7 @@ from pinproof.cli.console import (
     print_line,
     print_note,
     print_report,
+    progress_bar,
     progress_status,
     write_pages,
 )
@@ -89,8 +90,10 @@ class CellOptions(RobotFileOptions):
         return arm, scene.transformed(world_from_root.inverse()), source
 
 
-def pick(
-    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+@dataclass(frozen=True)
+class OutputOptions:
+    """Options for the files of the results."""
+
     output: Annotated[
         Path | None,
         typer.Option(
@@ -99,16 +102,115 @@ def pick(
             help="A report (.json, .md, .csv, .html), or a folder for all reports, one page, and the motion and the "
             "program of each good pick.",
         ),
-    ] = None,
+    ] = None
     pages: Annotated[
         bool, typer.Option("--pages", help="Also write a page for each motion to the folder of -o; large.")
-    ] = False,
+    ] = False
     grip_dwell: Annotated[
         float, typer.Option(help="Seconds that the arm rests in programs while the gripper closes.", min=0.0)
-    ] = 0.0,
+    ] = 0.0
     release_dwell: Annotated[
         float, typer.Option(help="Seconds that the arm rests in programs while the gripper opens.", min=0.0)
-    ] = 0.0,
+    ] = 0.0
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether the reports are written to a folder."""
+        path = self.output
+        return path is not None and (path.is_dir() or path.suffix.lower() not in pp.picks.REPORT_SUFFIXES)
+
+    @property
+    def for_folder(self) -> bool:
+        """Whether an option is used that only applies to a folder."""
+        return bool(self.pages or self.grip_dwell or self.release_dwell)
+
+    def check(self, suffix: str | None = None) -> None:
+        """Refuse an output that cannot be written, before the picks are checked; ``suffix``: only this file type."""
+        path = self.output
+        if path is None:
+            return
+        if suffix is not None and path.suffix.lower() != suffix:
+            raise InputError(f"{path}: with --campaign, -o writes a page and must end in {suffix}")
+        if self.is_folder:
+            if path.suffix and not path.is_dir():
+                known = ", ".join(pp.picks.REPORT_SUFFIXES)
+                raise InputError(f"{path}: unknown report type; use {known}, or the name of an existing folder")
+            make_folder(path)
+        elif not path.parent.is_dir():
+            raise InputError(f"{path}: the folder {path.parent} does not exist")
+
+    def write(self, report: pp.PickReport) -> str:
+        """Write the report and, to a folder, the motions of the good picks; return what was written; without -o ''."""
+        output = self.output
+        if output is None:
+            return ""
+        if not self.is_folder:
+            report.save(output)
+            return str(output)
+        for kind in pp.picks.REPORT_SUFFIXES:
+            report.save(output / f"report{kind}")
+        report.save_programs(output, grip_dwell=self.grip_dwell, release_dwell=self.release_dwell)
+        stems = file_stems(verdict.pick.name for verdict in report.good)
+        for found, stem in zip(report.good, stems, strict=True):
+            found.save_motion(output / f"{stem}.json")
+            if self.pages and report.setup is not None:
+                write_pages(found, report.setup.checker.arm, output / f"{stem}.html")
+        names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
+        if not stems:
+            return names
+        more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if self.pages else "")
+        picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
+        return f"{names}; for {picks} its motion and program, such as {more}"
+
+
+@dataclass(frozen=True)
+class WorkerOptions:
+    """Options for the processes that check picks."""
+
+    workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None
+    dask: Annotated[
+        str | None, typer.Option(help="Use the Dask cluster of this scheduler.", metavar="tcp://HOST:PORT")
+    ] = None
+
+    @property
+    def stated(self) -> bool:
+        """Whether an option is used."""
+        return self.workers is not None or self.dask is not None
+
+    @contextmanager
+    def settings(self) -> Iterator[dict[str, Any]]:
+        """The options as settings of :class:`pinproof.Campaign` and :func:`pinproof.validate_picks`.
+
+        Raises
+        ------
+        InputError
+            If both options are given, or Dask is not installed.
+        CampaignError
+            If the scheduler does not answer.
+        """
+        if self.dask is None:
+            yield {} if self.workers is None else {"workers": self.workers}
+            return
+        if self.workers is not None:
+            raise InputError("--workers and --dask cannot be combined; remove one of them")
+        try:
+            from distributed import Client
+        except ImportError as error:
+            raise InputError("--dask needs the extra 'dask': pip install 'pinproof[dask]'") from error
+        try:
+            client = Client(self.dask, timeout=CONNECT_SECONDS, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise CampaignError(f"no Dask scheduler answers at {self.dask}: {error}") from error
+        with client:
+            threads = sum(client.nthreads().values())
+            # Two chunks for each thread keep all threads busy; more workers may join later.
+            yield {"executor": client.get_executor(), "in_flight": max(2 * threads, 16)}
+
+
+def pick(
+    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    *,
+    out: OutputOptions,
     program: Annotated[
         Path | None,
         typer.Option(
@@ -125,12 +227,8 @@ def pick(
         bool,
         typer.Option("--screen", help="Check only the grasp: reach, limits and collisions; -o writes a table (.csv)."),
     ] = False,
-    workers: Annotated[int | None, typer.Option("--workers", help="Number of parallel processes.", min=1)] = None,
-    dask: Annotated[
-        str | None, typer.Option(help="Use the Dask cluster of this scheduler.", metavar="tcp://HOST:PORT")
-    ] = None,
+    pool: WorkerOptions,
     seed: Seed = 0,
-    *,
     cell: CellOptions,
     as_json: Json = False,
 ) -> None:
@@ -140,70 +238,58 @@ def pick(
 
     Example: pinproof pick robots/ur5/picks.yaml -o report.json
     """
-    writes_programs = output is not None and _is_folder(output) and not screen and campaign is None
-    if not writes_programs and (pages or grip_dwell or release_dwell):
+    if out.for_folder and (not out.is_folder or screen or campaign is not None):
         raise InputError("--pages, --grip-dwell and --release-dwell belong to -o with a folder; add -o FOLDER")
     if program is not None:
-        if screen or campaign is not None or output is not None or workers is not None or dask is not None:
+        if screen or campaign is not None or out.output is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
         ok = _recertify(program, file, cell, as_json=as_json)
     elif screen:
-        if campaign is not None or workers is not None or dask is not None:
+        if campaign is not None or pool.stated:
             raise InputError("--screen cannot be combined with --campaign, --workers or --dask; remove them")
-        ok = _screen(file, cell, output, seed, as_json=as_json)
+        ok = _screen(file, cell, out.output, seed, as_json=as_json)
     elif campaign is not None:
-        if output is not None:
-            if output.suffix.lower() != ".html":
-                raise InputError(f"{output}: with --campaign, -o writes a page and must end in .html")
-            _check_output(output)
-        arm, world, source = cell.open(file)
-        result = _run_campaign(pp.Campaign(arm, world, source, rng=seed), campaign, workers, dask, as_json=as_json)
-        if output is not None:
-            result.save(output)
-            if not as_json:
-                print_line(f"wrote {output}")
-        ok = result.ok
+        out.check(".html")
+        ok = _run_campaign(file, cell, campaign, pool, seed, out.output, as_json=as_json)
     else:
-        if output is not None:
-            _check_output(output)
-        report = _judge(file, cell, seed, workers, dask)
-        if as_json:
-            print_json(report.to_dict())
-        else:
-            print_report(report)
-        if output is not None:
-            dwell = {"grip_dwell": grip_dwell, "release_dwell": release_dwell}
-            written = _write_report(output, report, pages=pages, **dwell)
-            if not as_json:
-                print_line(f"wrote {written}")
-        if report.not_judged:
-            raise _stopped(report, output)
-        ok = report.ok
+        out.check()
+        ok = _judge(file, cell, pool, seed, out, as_json=as_json)
     if not ok:
         raise typer.Exit(1)
 
 
-def _judge(file: Path, cell: CellOptions, seed: int, workers: int | None, dask: str | None) -> pp.PickReport:
-    """The report on the picks of a file; after Ctrl-C, on those that were judged before, if there are any."""
+def _judge(file: Path, cell: CellOptions, pool: WorkerOptions, seed: int, out: OutputOptions, *, as_json: bool) -> bool:
+    """Check the picks of a file, print and write the report; return whether all are good.
+
+    Raises
+    ------
+    Interrupted
+        After Ctrl-C; before, the picks that were judged are reported, if there are any.
+    """
     try:
-        with progress_status(f"checking {file}") as status, _executor_settings(workers, dask) as settings:
+        with progress_status(f"checking {file}") as status, pool.settings() as settings:
 
             def progress(done: int, total: int) -> None:
                 status(f"checking {file}: {done:,} of {total:,} picks")
 
-            return judge_file(file, cell, seed, progress=progress, **settings)[-1]
+            report = judge_file(file, cell, seed, progress=progress, **settings)[-1]
     except pp.picks.PicksInterrupted as error:
-        if not error.report.verdicts:
+        report = error.report
+        if not report.verdicts:
             raise Interrupted(f"{error}; there is no result") from None
-        return error.report
-
-
-def _stopped(report: pp.PickReport, output: Path | None) -> Interrupted:
-    """The message after Ctrl-C: what is kept, and how to check the other picks."""
-    judged, total = len(report.verdicts), len(report.verdicts) + report.not_judged
-    kept = "" if output is None else f"; {output} has these {judged:,}"
-    remedy = "the same command checks all picks again; add --campaign FOLDER for a run that can be resumed"
-    return Interrupted(f"interrupted after {judged:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
+    if as_json:
+        print_json(report.to_dict())
+    else:
+        print_report(report)
+    written = out.write(report)
+    if written and not as_json:
+        print_line(f"wrote {written}")
+    if report.not_judged:
+        judged, total = len(report.verdicts), len(report.verdicts) + report.not_judged
+        kept = "" if out.output is None else f"; {out.output} has these {judged:,}"
+        remedy = "the same command checks all picks again; add --campaign FOLDER for a run that can be resumed"
+        raise Interrupted(f"interrupted after {judged:,} of {total:,} picks{kept}; {remedy}", result_printed=True)
+    return report.ok
 
 
 def _recertify(program: Path, file: Path, cell: CellOptions, *, as_json: bool) -> bool:
@@ -246,60 +332,16 @@ def judge_file(
     return arm, world, picks, pp.validate_picks(arm, world, picks, rng=seed, **settings)
 
 
-@contextmanager
-def _executor_settings(workers: int | None, dask: str | None) -> Iterator[dict[str, Any]]:
-    """``--workers`` and ``--dask`` as settings of :class:`pinproof.Campaign` and :func:`pinproof.validate_picks`.
-
-    Raises
-    ------
-    InputError
-        If both options are given, or Dask is not installed.
-    CampaignError
-        If the scheduler does not answer.
-    """
-    if dask is None:
-        yield {} if workers is None else {"workers": workers}
-        return
-    if workers is not None:
-        raise InputError("--workers and --dask cannot be combined; remove one of them")
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise InputError("--dask needs the extra 'dask': pip install 'pinproof[dask]'") from error
-    try:
-        client = Client(dask, timeout=CONNECT_SECONDS, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise CampaignError(f"no Dask scheduler answers at {dask}: {error}") from error
-    with client:
-        threads = sum(client.nthreads().values())
-        # Two chunks for each thread keep all threads busy; more workers may join later.
-        yield {"executor": client.get_executor(), "in_flight": max(2 * threads, 16)}
-
-
-def _screen(
-    file: Path,
-    cell: CellOptions,
-    output: Path | None,
-    seed: int,
-    *,
-    as_json: bool,
-) -> bool:
+def _screen(file: Path, cell: CellOptions, output: Path | None, seed: int, *, as_json: bool) -> bool:
     """Check the grasps of a picks file, print the number of picks of each status; return whether all are free."""
     arm, world, source = cell.open(file)
     if output is not None:
         if output.suffix.lower() != ".csv":
             raise InputError(f"{output}: with --screen, -o writes a table and must end in .csv")
         check_output_files([output], [file, *cell.files])
-    from rich.console import Console
-    from rich.progress import Progress
-
     start = time.perf_counter()
-    with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
-        task = bar.add_task("screening", total=len(source))
-        found = pp.screen_picks(
-            arm, world, source, rng=seed, clearance=output is not None,
-            progress=lambda done, _: bar.update(task, completed=done),
-        )  # fmt: skip
+    with progress_bar("screening", len(source)) as progress:
+        found = pp.screen_picks(arm, world, source, rng=seed, clearance=output is not None, progress=progress)
     seconds = time.perf_counter() - start
     ok = bool(found.free.all())
     if output is not None:
@@ -317,15 +359,24 @@ def _screen(
 
 
 def _run_campaign(
-    campaign: pp.Campaign, folder: Path, workers: int | None, dask: str | None, *, as_json: bool
-) -> pp.picks.CampaignResult:
-    """Run a campaign with a progress bar and print its summary.
+    file: Path,
+    cell: CellOptions,
+    folder: Path,
+    pool: WorkerOptions,
+    seed: int,
+    page: Path | None,
+    *,
+    as_json: bool,
+) -> bool:
+    """Run a campaign with a progress bar, print its summary, and write its page; return whether all picks are good.
 
     Raises
     ------
     Interrupted
         After Ctrl-C.
     """
+    arm, world, source = cell.open(file)
+    campaign = pp.Campaign(arm, world, source, rng=seed)
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn, TimeRemainingColumn
     from rich.text import Text
@@ -347,7 +398,7 @@ def _run_campaign(
     )
     try:
         with (
-            _executor_settings(workers, dask) as settings,
+            pool.settings() as settings,
             Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar,
         ):
             task = bar.add_task("picks", total=len(campaign), start=False)
@@ -377,40 +428,8 @@ def _run_campaign(
         for note in result.notes:
             print_line(f"not covered: {note}")
         print_line(f"wrote {result.path}")
-    return result
-
-
-def _is_folder(output: Path) -> bool:
-    return output.is_dir() or output.suffix.lower() not in pp.picks.REPORT_SUFFIXES
-
-
-def _check_output(output: Path) -> None:
-    """Refuse an output that cannot be written before the picks are checked."""
-    if _is_folder(output):
-        if output.suffix and not output.is_dir():
-            known = ", ".join(pp.picks.REPORT_SUFFIXES)
-            raise InputError(f"{output}: unknown report type; use {known}, or the name of an existing folder")
-        make_folder(output)
-    elif not output.parent.is_dir():
-        raise InputError(f"{output}: the folder {output.parent} does not exist")
-
-
-def _write_report(output: Path, report: pp.PickReport, *, pages: bool, **dwell: float) -> str:
-    """Write the report and, to a folder, the motions of the good picks; return what was written, as text."""
-    if not _is_folder(output):
-        report.save(output)
-        return str(output)
-    for kind in pp.picks.REPORT_SUFFIXES:
-        report.save(output / f"report{kind}")
-    report.save_programs(output, **dwell)
-    stems = file_stems(verdict.pick.name for verdict in report.good)
-    for found, stem in zip(report.good, stems, strict=True):
-        found.save_motion(output / f"{stem}.json")
-        if pages and report.setup is not None:
-            write_pages(found, report.setup.checker.arm, output / f"{stem}.html")
-    names = ", ".join(str(output / f"report{kind}") for kind in pp.picks.REPORT_SUFFIXES)
-    if not stems:
-        return names
-    more = f"{stems[0]}.json and {stems[0]}.program.json" + (", and a page of each motion" if pages else "")
-    picks = "the good pick" if len(stems) == 1 else f"each of the {len(stems)} good picks"
-    return f"{names}; for {picks} its motion and program, such as {more}"
+    if page is not None:
+        result.save(page)
+        if not as_json:
+            print_line(f"wrote {page}")
+    return result.ok

@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import check_output_files, print_json, print_line, print_note
+from pinproof.cli.console import check_output_files, print_json, print_line, print_note, progress_bar
 from pinproof.cli.options import ChainOptions, Json, Place, Robot, SceneOptions, Seed, ToolOptions, numbers, placement
 from pinproof.errors import InputError
 from pinproof.units import warn_of_millimetres
@@ -104,64 +104,52 @@ def reach(
 
     Example: pinproof reach ur5 --region "-0.6 0.6 -0.6 0.6 0.1 0.1" --step 0.2 -o reach.csv
     """
-    from pinproof.collision.overlaps import overlap_hint
-
     outputs = output or []
     _check_suffixes(outputs)
     check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])
     before = None if against is None else pp.ReachMap.load(against)
-    grid = _region(region, step)
-    world_from_root = placement(place)
+    grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)
-    world = scene_options.load()
-    local = world.transformed(world_from_root.inverse())  # the checker needs it in the frame of the robot's root
-    checker = scene_options.checker(arm, local, tool)
-    for k, measured in checker.still.touching:
-        print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
-    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
-        print_note(hint)
+    checker = _checker(arm, scene_options, tool, world_from_root)
     frames = orientation_options.frames()
     tcp_from_tip = tool.attachments.tip if tip is None else pp.pose(numbers(tip, "--tip"))
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), transient=True, disable=not Console(stderr=True).is_terminal) as bar:
-        task = bar.add_task("reach map", total=len(grid) * len(frames))
+    with progress_bar("reach map", len(grid) * len(frames)) as progress:
         found = pp.reach_map(
-            checker,
-            grid,
-            frames,
-            tip=tcp_from_tip,
-            world_from_root=world_from_root,
-            rng=seed,
-            threads=threads,
-            progress=lambda done, _: bar.update(task, completed=done),
-        )
-    never = (
-        ""
-        if found.reachable.any()
-        else _never(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
-    )
+            checker, grid, frames, tip=tcp_from_tip, world_from_root=world_from_root, rng=seed, threads=threads,
+            progress=progress,
+        )  # fmt: skip
+    never = ""
+    if not found.reachable.any():
+        never = _never(arm, frames, tcp_from_tip, world_from_root, orientation_options.orientations, seed)
     change = None if before is None else pp.picks.ReachComparison(before, found)
     for path in outputs:
         if path.suffix.lower() == ".html":
             _write_page(path, checker, found, change, world_from_root, step)
-        elif change is None or path.suffix.lower() == ".npz":
-            found.save(path)
         else:
-            change.save(path)
+            (found if change is None or path.suffix.lower() == ".npz" else change).save(path)
     if as_json:
         print_json({**_figures(found, change), "note": never})
     else:
-        print_line(found.summary)
-        if change is not None:
-            print_line(f"compared with {against}: {change.summary}")
-        if never:
-            print_line(f"note: {never}")
-        if outputs:
-            print_line(f"wrote {', '.join(map(str, outputs))}")
+        compared = "" if change is None else f"compared with {against}: {change.summary}"
+        written = f"wrote {', '.join(map(str, outputs))}" if outputs else ""
+        for line in (found.summary, compared, never and f"note: {never}", written):
+            if line:
+                print_line(line)
     if not found.free.any():
         raise typer.Exit(1)
+
+
+def _checker(arm: pp.Arm, options: SceneOptions, tool: ToolOptions, world_from_root: SE3) -> pp.CollisionChecker:
+    """The checker of the arm in its scene; links that touch at home or in every configuration are reported."""
+    from pinproof.collision.overlaps import overlap_hint
+
+    # The checker needs the scene in the frame of the robot's root.
+    checker = options.checker(arm, options.load().transformed(world_from_root.inverse()), tool)
+    for k, measured in checker.still.touching:
+        print_note(f"every configuration is in collision: {checker.contact(k, measured)}")
+    if hint := overlap_hint(checker, arm.home, checker.check(arm.home)):
+        print_note(hint)
+    return checker
 
 
 def _never(arm: pp.Arm, frames: Array, tip: SE3, world_from_root: SE3, asked: Orientations, seed: int) -> str:

@@ -241,8 +241,9 @@ class Parting:
     def __str__(self) -> str:
         one, other = self.bodies
         along = ", ".join(f"{x:.3g}" for x in self.normal + 0.0)
+        gap = round(self.gap * 1e3, 2) + 0.0  # -0.0 becomes 0.0
         return (
-            f"{one} may touch {other} until {self.until:.4g} (gap {self.gap * 1e3:+.2f} mm at the start): it is proven "
+            f"{one} may touch {other} until {self.until:.4g} (gap {gap:.2f} mm at the start): it is proven "
             f"not to approach along ({along}) until {self.end:.4g}, and to keep its margin afterwards"
         )
 

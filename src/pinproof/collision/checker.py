@@ -36,7 +36,7 @@ from pinproof.collision.pairs import HOUSING_SHARE, Overlaps, PairRules, Pairs, 
 from pinproof.collision.placed_bodies import FixedPairs, PlacedBodies, check_fixed_pairs
 from pinproof.collision.scene import Scene
 from pinproof.collision.shapes import Obstacle
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_table, outline
 from pinproof.errors import InputError
 from pinproof.model import Arm
 from pinproof.spatial import finite
@@ -93,6 +93,18 @@ class CheckResult:
 
     def __str__(self) -> str:
         return "; ".join(str(contact) for contact in self.contacts) or "free"
+
+    def __repr__(self) -> str:
+        return outline(f"CheckResult({self._headline})", map(str, self.contacts), total=len(self.contacts))
+
+    def _repr_html_(self) -> str:
+        rows = [(*each.bodies, each.distance * 1e3) for each in self.contacts]
+        return html_block(self._headline, html_table(("body", "body", "distance [mm]"), rows) if rows else "")
+
+    @property
+    def _headline(self) -> str:
+        count = len(self.contacts)
+        return "free" if self.free else f"{count} contact{'' if count == 1 else 's'}"
 
 
 CHUNK = 64

@@ -35,6 +35,7 @@ from pinproof.collision.separation import (
     DepartureProof,
     FacetGroup,
     MovingBody,
+    distinct,
     facet_body,
     facets_of,
     leave_facets,
@@ -316,7 +317,7 @@ def _directions(body: Body, at: Array, measured: Array) -> Array:
     if isinstance(body.geometry, coal.Halfspace):
         return np.array([at[:3, 2]])
     own = at[:3, :3].T
-    return np.array([[0.0, 0.0, 1.0], *own, *-own, *unit_vectors(measured[None])])
+    return distinct(np.array([[0.0, 0.0, 1.0], *own, *-own, *unit_vectors(measured[None])]))
 
 
 def _split(

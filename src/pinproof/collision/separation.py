@@ -58,6 +58,7 @@ __all__ = [
     "FacetGroup",
     "MovingBody",
     "directions_to_facets",
+    "distinct",
     "facet_body",
     "facets_of",
     "leave_facets",
@@ -328,14 +329,14 @@ def leave_facets(
         return [], np.inf
     facets = corners[near]
     normals = _commonest(_normals(facets))
-    tried = _distinct(np.concatenate([directions, normals, -normals]))
+    tried = distinct(np.concatenate([directions, normals, -normals]))
     tops, gaps = _gaps(moving, facets, tried)
     if body.support is not None:
         unclear = np.flatnonzero(gaps.max(axis=0) < -moving.rounding)
         deep_first = unclear[np.argsort(gaps.max(axis=0)[unclear], kind="stable")][:MEASURED]
         more = _measured(moving, body, facets[deep_first])
         if len(more):
-            tried = _distinct(np.concatenate([tried, more]))
+            tried = distinct(np.concatenate([tried, more]))
             tops, gaps = _gaps(moving, facets, tried)
     best = gaps.max(axis=0)
     due = best >= -deepest
@@ -403,7 +404,7 @@ def directions_to_facets(checker: CollisionChecker, pair: int, q: Array, reach: 
     directions = np.array([[0.0, 0.0, 1.0], *own, *-own])
     near = corners[_near(moving, corners, directions, reach)]
     normals = _commonest(_normals(near)) if len(near) else np.empty((0, 3))
-    tried = _distinct(np.concatenate([directions, normals, -normals]))
+    tried = distinct(np.concatenate([directions, normals, -normals]))
     _, gaps = _gaps(moving, near, tried)
     return np.asarray(-tried[gaps.argmax(axis=0)])
 
@@ -445,7 +446,7 @@ def _commonest(normals: Array) -> Array:
     return np.asarray(kept / np.linalg.norm(kept, axis=1)[:, None])
 
 
-def _distinct(directions: Array) -> Array:
+def distinct(directions: Array) -> Array:
     """Return the directions without repetitions, in order of first occurrence."""
     keys = np.round(directions / SAME_DIRECTION)
     return directions[np.sort(np.unique(keys, axis=0, return_index=True)[1])]

@@ -276,7 +276,7 @@ def _own_axis(name: str, frame: Array) -> Axis:
 
 def _row(arm: Arm, i: int, joint_type: str, theta: float, d: float, a: float, alpha: float) -> DhRow:
     lower, upper, velocity = (float(x[i]) for x in (arm.limits.lower, arm.limits.upper, arm.limits.velocity))
-    effort = math.nan if arm.limits.effort is None else float(arm.limits.effort[i])
+    effort = math.nan if arm.limits.torque is None else float(arm.limits.torque[i])
     limited = math.isfinite(lower) and math.isfinite(upper)
     if joint_type != "prismatic":
         joint_type = "revolute" if limited else "continuous"

@@ -13,7 +13,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_table, outline
 from pinproof.errors import IkFailed
 from pinproof.ik.task import Task
 from pinproof.ik.windings import nearest_winding
@@ -204,6 +204,10 @@ class IkResult:
     def __repr__(self) -> str:
         q = ", ".join(f"{value:.6g}" for value in self.q)
         return outline(f"IkResult({self.message})", (f"q = [{q}]",))
+
+    def _repr_html_(self) -> str:
+        columns = [f"q{number}" for number in range(1, len(self.q) + 1)]
+        return html_block(f"{self.message} (rad or m)", html_table(columns, [self.q.tolist()]))
 
     @property
     def ok(self) -> bool:

@@ -1,5 +1,6 @@
-"""Robots, arms, joint limits, forward kinematics and Jacobians (Pinocchio)."""
+"""Robots, arms, joint limits, forward kinematics, Jacobians and inverse dynamics (Pinocchio)."""
 
+from pinproof.model.dynamics import Payload
 from pinproof.model.info import JointInfo, RobotInfo
 from pinproof.model.limits import JointLimits, LimitsFile
 from pinproof.model.loading import load_robot
@@ -10,6 +11,7 @@ __all__ = [
     "JointInfo",
     "JointLimits",
     "LimitsFile",
+    "Payload",
     "Robot",
     "RobotInfo",
     "Singularity",

@@ -26,6 +26,7 @@ from pinproof.model.limits import JointLimits
 __all__ = [
     "Chain",
     "affine",
+    "aligned_axes",
     "compiled_chain",
     "find_chain",
     "group_ends",
@@ -179,7 +180,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
 
 def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLimits:
     """Return the limits of the joints; infinite positions and NaN velocities where the file states none."""
-    lower, upper, velocity, effort = [], [], [], []
+    lower, upper, velocity, torque = [], [], [], []
     for name in names:
         joint = urdf.joints[name]
         low = -np.inf if joint.lower is None else joint.lower
@@ -204,9 +205,9 @@ def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLi
         lower.append(low)
         upper.append(high)
         velocity.append(np.nan if np.isinf(speed) else speed)
-        effort.append(np.nan if joint.effort is None else joint.effort)
-    efforts = None if np.isnan(effort).all() else np.array(effort)
-    return JointLimits(np.array(lower), np.array(upper), np.array(velocity), effort=efforts)
+        torque.append(np.nan if joint.effort is None else joint.effort)
+    torques = None if np.isnan(torque).all() else np.array(torque)
+    return JointLimits(np.array(lower), np.array(upper), np.array(velocity), torque=torques)
 
 
 def reduced_model(urdf: Urdf, model: pin.Model, moving: set[str], held: Mapping[str, float]) -> pin.Model:
@@ -249,8 +250,7 @@ def compiled_chain(
     before, prismatic = np.empty((len(rows), 4, 4)), []
     behind = root_from_base.inverse()  # the constant transform before the next joint
     for row, out in zip(rows, before, strict=True):
-        axis, slides = joint_axis(model, row + 1)
-        aligned = _from_z(axis)
+        aligned, slides = aligned_axes(model, row + 1)
         out[:] = (behind * model.jointPlacements[row + 1] * aligned).homogeneous
         prismatic.append(slides)
         behind = aligned.inverse()
@@ -258,6 +258,12 @@ def compiled_chain(
         before, prismatic, leader, scale[rows, leader], offset[rows], (behind * tcp.placement).homogeneous.copy(),
         scale.shape[1],
     )  # fmt: skip
+
+
+def aligned_axes(model: pin.Model, joint: int) -> tuple[pin.SE3, bool]:
+    """Return the rotation that takes z to the axis of a joint, and whether the joint is prismatic."""
+    axis, prismatic = joint_axis(model, joint)
+    return _from_z(axis), prismatic
 
 
 def joint_axis(model: pin.Model, joint: int) -> tuple[Array, bool]:

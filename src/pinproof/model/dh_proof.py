@@ -91,7 +91,7 @@ def _compare_joints(table: DhTable, arm: Arm) -> None:
         "lower limits": (table.lower.tolist(), arm.limits.lower.tolist()),
         "upper limits": (table.upper.tolist(), arm.limits.upper.tolist()),
         "velocity limits": (table.velocity.tolist(), arm.limits.velocity.tolist()),
-        "effort limits": (table.effort.tolist(), None if arm.limits.effort is None else arm.limits.effort.tolist()),
+        "effort limits": (table.effort.tolist(), None if arm.limits.torque is None else arm.limits.torque.tolist()),
     }
     for what, (wanted, found) in pairs.items():
         if wanted != found:

@@ -1,4 +1,4 @@
-"""Joint limits of position, velocity, acceleration, jerk and effort.
+"""Joint limits of position, velocity, acceleration, jerk and torque.
 
 Files have the format of ``joint_limits.yaml`` of MoveIt; docs/formats/limits.md describes it.
 """
@@ -61,8 +61,9 @@ class JointLimits:
         (n,) in rad/s^2 or m/s^2, above 0. By default the velocity limit reached in :data:`DEFAULT_RAMP`.
     jerk
         (n,) in rad/s^3 or m/s^3, above 0, NaN where it is not known; None if it is known for no joint.
-    effort
-        (n,) in N m or N, above 0, NaN where it is not known; None if it is known for no joint. No result depends on it.
+    torque
+        (n,) in N m, or in N for a prismatic joint, above 0, NaN where it is not known; None if it is known for no
+        joint. A URDF calls it effort. :class:`pinproof.motion.TorqueLimits` applies it.
     acceleration_source, jerk_source
         Where the accelerations and the jerks come from, for results that depend on them.
 
@@ -77,12 +78,12 @@ class JointLimits:
     velocity: Array
     acceleration: Array = None  # type: ignore[assignment]  # filled in below; never None afterwards
     jerk: Array | None = None
-    effort: Array | None = None
+    torque: Array | None = None
     acceleration_source: str = field(default="", kw_only=True)
     jerk_source: str = field(default="", kw_only=True)
 
     def __repr__(self) -> str:
-        kinds = ("lower", "upper", "velocity", "acceleration", "jerk")
+        kinds = ("lower", "upper", "velocity", "acceleration", "jerk", "torque")
         known = [(kind, getattr(self, kind)) for kind in kinds if getattr(self, kind) is not None]
         rows = (f"{kind}: {', '.join(f'{value:.6g}' for value in values)}" for kind, values in known)
         return outline(f"JointLimits({len(self.lower)} joints, acceleration: {self.acceleration_source})", rows)
@@ -99,7 +100,7 @@ class JointLimits:
             "velocity": self.velocity,
             "acceleration": acceleration,
             **({} if self.jerk is None else {"jerk": self.jerk}),
-            **({} if self.effort is None else {"effort": self.effort}),
+            **({} if self.torque is None else {"torque": self.torque}),
         }
         for name, value in arrays.items():
             array = _array(name, value)
@@ -112,8 +113,8 @@ class JointLimits:
             object.__setattr__(self, "jerk_source", self.jerk_source or "given by the caller")
             if (self.jerk <= 0).any():
                 raise InputError("jerk limits must be above 0 (NaN where not known)")
-        if self.effort is not None and (self.effort <= 0).any():
-            raise InputError("effort limits must be above 0 (NaN where not known)")
+        if self.torque is not None and (self.torque <= 0).any():
+            raise InputError("torque limits must be above 0 (NaN where not known)")
         if np.isnan(self.lower).any() or np.isnan(self.upper).any() or (self.lower > self.upper).any():
             raise InputError(f"limits must hold lower <= upper; they are {self.lower} and {self.upper}")
         if (self.velocity <= 0).any() or (self.acceleration <= 0).any():
@@ -230,7 +231,12 @@ LIMITS = KeyTable(
         FileKey("has_jerk_limits", BOOLEAN, "whether `max_jerk` is used"),
         FileKey("max_jerk", PLAIN_NUMBER, "largest jerk, above 0", "rad/s³ or m/s³"),
         FileKey("has_effort_limits", BOOLEAN, "whether `max_effort` is used"),
-        FileKey("max_effort", PLAIN_NUMBER, "largest torque or force, above 0; no result depends on it", "N m or N"),
+        FileKey(
+            "max_effort",
+            PLAIN_NUMBER,
+            "largest torque, or force of a prismatic joint, above 0; used where torques are limited",
+            "N m or N",
+        ),
         FileKey("angle_wraparound", {}, "ignored"),
     ),
     {
@@ -286,8 +292,8 @@ class LimitsFile:
         (lower, upper) in rad or m.
     velocity, acceleration, jerk
         In rad or m per second, per second squared and cubed.
-    effort
-        In N m or N.
+    torque
+        In N m or N; the file calls it effort.
     places
         The position in the file by joint, for messages; all joints in the file.
     """
@@ -297,7 +303,7 @@ class LimitsFile:
     velocity: Mapping[str, float] = field(default_factory=dict)
     acceleration: Mapping[str, float] = field(default_factory=dict)
     jerk: Mapping[str, float] = field(default_factory=dict)
-    effort: Mapping[str, float] = field(default_factory=dict)
+    torque: Mapping[str, float] = field(default_factory=dict)
     places: Mapping[str, str] = field(default_factory=dict)
 
     def over(self, limits: JointLimits, joint_names: Sequence[str], known: Sequence[str]) -> JointLimits:
@@ -321,7 +327,7 @@ class LimitsFile:
         lower, upper, velocity = limits.lower.copy(), limits.upper.copy(), limits.velocity.copy()
         acceleration = limits.acceleration.copy()
         jerk = np.full(len(limits), np.nan) if limits.jerk is None else limits.jerk.copy()
-        effort = np.full(len(limits), np.nan) if limits.effort is None else limits.effort.copy()
+        torque = np.full(len(limits), np.nan) if limits.torque is None else limits.torque.copy()
         for i, name in enumerate(joint_names):
             lower[i], upper[i] = self.position.get(name, (lower[i], upper[i]))
             if name in self.velocity:
@@ -330,14 +336,14 @@ class LimitsFile:
                     acceleration[i] = velocity[i] / DEFAULT_RAMP
             acceleration[i] = self.acceleration.get(name, acceleration[i])
             jerk[i] = self.jerk.get(name, jerk[i])
-            effort[i] = self.effort.get(name, effort[i])
+            torque[i] = self.torque.get(name, torque[i])
         return JointLimits(
             lower,
             upper,
             velocity,
             acceleration,
             None if np.isnan(jerk).all() else jerk,
-            None if np.isnan(effort).all() else effort,
+            None if np.isnan(torque).all() else torque,
             acceleration_source=self._source(self.acceleration, joint_names, limits.acceleration_source),
             jerk_source=self._source(self.jerk, joint_names, limits.jerk_source or "not known"),
         )

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.common.files import write_text_whole
 from pinproof.common.validation import ReadOnlyDict
 from pinproof.description import CatalogueEntry, Srdf, Urdf, UrdfJoint, read_urdf_text
@@ -38,6 +38,7 @@ from pinproof.model.chain import (
     periodic,
     reduced_model,
 )
+from pinproof.model.dynamics import GRAVITY, Payload, checked_payloads, dynamic_tree, inverse_dynamics
 from pinproof.model.info import SAMPLES, JointInfo, RobotInfo, Role, describe_axes
 from pinproof.model.limits import JointLimits, LimitsFile
 from pinproof.spatial import finite, frozen
@@ -152,6 +153,11 @@ class Arm:
         return self._model.copy()
 
     @property
+    def tcp_id(self) -> int:
+        """The index of the tcp frame in :attr:`model`."""
+        return self._tcp_id
+
+    @property
     def dof(self) -> int:
         """The number n of joints in q."""
         return len(self.joint_names)
@@ -228,6 +234,60 @@ class Arm:
         # For a model with one joint Pinocchio returns (6,), not (6, 1).
         return self.root_from_base.actInv(placement), local.reshape(6, -1) @ self.scale
 
+    def torques(
+        self,
+        q: npt.ArrayLike,
+        v: npt.ArrayLike | None = None,
+        a: npt.ArrayLike | None = None,
+        *,
+        payload: Payload | Sequence[Payload] | None = None,
+        gravity: npt.ArrayLike = GRAVITY,
+    ) -> Array:
+        """Compute the torques (n,) that move the arm, by inverse dynamics: M(q) a + C(q, v) v + g(q).
+
+        The inertias are those of the URDF. The other joints of the robot are held; mimic followers add their torque,
+        times their multiplier, to that of the joint that they follow. Friction and rotor inertia are not modelled.
+
+        Parameters
+        ----------
+        q, v, a
+            (n,) configuration, velocity and acceleration; the latter two are 0 by default.
+        payload
+            A body, or several, that the arm carries in addition to its own links.
+        gravity
+            (3,) acceleration of free fall in m/s^2, in the root link.
+
+        Returns
+        -------
+        (n,) in N m, or in N for a prismatic joint.
+
+        Raises
+        ------
+        InputError
+            If the description states no mass of the links behind a joint, or a payload is fixed to a link that the arm
+            does not move.
+        """
+        rates = [np.zeros(self.dof) if x is None else self.configuration(x, name) for name, x in (("v", v), ("a", a))]
+        return inverse_dynamics(self, self.configuration(q), rates[0], rates[1], checked_payloads(payload), gravity)
+
+    def torques_batch(
+        self,
+        Q: npt.ArrayLike,
+        V: npt.ArrayLike | None = None,
+        A: npt.ArrayLike | None = None,
+        *,
+        payload: Payload | Sequence[Payload] | None = None,
+        gravity: npt.ArrayLike = GRAVITY,
+    ) -> Array:
+        """Compute the torques (N, n) at N configurations, by the compiled core; see :meth:`torques`.
+
+        It equals :meth:`torques`, which uses Pinocchio, up to rounding.
+        """
+        q = finite("Q", Q, (None, self.dof))
+        rates = [np.zeros_like(q) if x is None else finite(name, x, q.shape) for name, x in (("V", V), ("A", A))]
+        of_motion, of_gravity = dynamic_tree(self, checked_payloads(payload), gravity).torques(q, *rates)
+        return np.asarray(of_motion + of_gravity)
+
     def singularity(self, q: npt.ArrayLike) -> Singularity:
         """Compute the singular values of the tcp Jacobian at q (n,) and the direction of the smallest one."""
         u, values, _ = np.linalg.svd(self.jacobian(q))
@@ -286,6 +346,14 @@ class Arm:
 
     def __repr__(self) -> str:
         return f"Arm({self.robot.name!r}, {self.base} -> {self.tcp}, {self.dof} joints: {', '.join(self.joint_names)})"
+
+    def _repr_html_(self) -> str:
+        columns = ("joint", "lower", "upper", "velocity", "acceleration", "home")
+        limits = self.limits
+        cells = (self.joint_names, limits.lower, limits.upper, limits.velocity, limits.acceleration, self.home)
+        table = html_table(columns, list(zip(*cells, strict=True)))
+        held = (f"{name} is held at {value:g}" for name, value in self.held.items())
+        return html_block(f"Arm of {self.robot.name}, {self.base} -> {self.tcp} (rad or m)", table, html_list(held))
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != "_threads"}
@@ -356,10 +424,22 @@ class Robot:
         return self._model.copy()
 
     def __repr__(self) -> str:
-        moving = [joint.name for joint in self.urdf.joints.values() if joint.type != "fixed"]
+        names = ", ".join(joint.name for joint in self._moving)
+        return outline(f"Robot({self.name!r}, {self._headline})", (f"joints: {names}", *self.notes))
+
+    def _repr_html_(self) -> str:
+        rows = [(each.name, each.type, each.parent, each.child) for each in self._moving]
+        table = html_table(("joint", "type", "parent", "child"), rows)
+        return html_block(f"Robot {self.name}, {self._headline}", table, html_list(self.notes))
+
+    @property
+    def _moving(self) -> list[UrdfJoint]:
+        return [joint for joint in self.urdf.joints.values() if joint.type != "fixed"]
+
+    @property
+    def _headline(self) -> str:
         tcp = "" if self.default_tcp is None else f", tcp {self.default_tcp}"
-        head = f"Robot({self.name!r}, {len(self.urdf.links)} links, {len(moving)} moving joints{tcp})"
-        return outline(head, (f"joints: {', '.join(moving)}", *self.notes))
+        return f"{len(self.urdf.links)} links, {len(self._moving)} moving joints{tcp}"
 
     @property
     def size(self) -> float:
@@ -584,7 +664,7 @@ def _joint(arm: Arm, name: str) -> JointInfo:
             velocity=_known(limits.velocity[i]),
             acceleration=_known(limits.acceleration[i]),
             mimic=mimic,
-            effort=None if limits.effort is None else _known(limits.effort[i]),
+            effort=None if limits.torque is None else _known(limits.torque[i]),
         )
     role: Role = "follower" if name in arm.followers else "fixed" if joint.type == "fixed" else "held"
     held_at = arm.held.get(name) if role == "held" else None

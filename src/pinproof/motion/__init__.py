@@ -8,6 +8,8 @@ from pinproof.motion.motion_program import MotionProgram, ProgramEvent, ProgramS
 from pinproof.motion.motion_record import MotionRecord
 from pinproof.motion.rate_constraints import RateConstraint
 from pinproof.motion.timing import MotionLimits, time_parametrise
+from pinproof.motion.tool_limits import ToolLimits
+from pinproof.motion.torque_limits import TorqueLimits, TorquePeak
 from pinproof.motion.trajectory import Trajectory
 
 __all__ = [
@@ -21,6 +23,9 @@ __all__ = [
     "ProgramEvent",
     "ProgramSegment",
     "RateConstraint",
+    "ToolLimits",
+    "TorqueLimits",
+    "TorquePeak",
     "Trajectory",
     "time_parametrise",
 ]

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 
 from pinproof.collision import Certificate, CollisionChecker, Contact
-from pinproof.common.display import outline
+from pinproof.common.display import html_block, html_list, outline
 from pinproof.errors import PlanFailed
 from pinproof.motion import BlendedPath, CubicPath, JointPath
 
@@ -136,9 +136,16 @@ class PlanResult(_Outcome):
     checker: CollisionChecker | None = None
 
     def __repr__(self) -> str:
-        counts = f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
         path = () if self.path is None else (repr(self.path),)
-        return outline(f"PlanResult({self.status.name}: {self.message})", (*path, counts))
+        return outline(f"PlanResult({self.status.name}: {self.message})", (*path, self._counts))
+
+    def _repr_html_(self) -> str:
+        path = "" if self.path is None else self.path._repr_html_()
+        return html_block(f"{self.status.name}: {self.message}", html_list((self._counts,)), path)
+
+    @property
+    def _counts(self) -> str:
+        return f"{self.nodes:,} nodes, {self.samples:,} samples, {self.seconds:.3g} s"
 
     @property
     def ok(self) -> bool:

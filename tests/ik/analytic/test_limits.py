@@ -188,22 +188,23 @@ def test_calibrated_arms_are_solved(seed, name, amount):
     q = random_configurations(arm, 40, seed)
     targets = arm.forward_kinematics_batch(q)
     found = pp.AnalyticIk().solve_all_batch(arm, targets)
-    regular = np.array([np.linalg.svd(arm.jacobian(one), compute_uv=False)[-1] > 0.03 for one in q])
+    regular = np.array([np.linalg.svd(arm.jacobian(one), compute_uv=False)[-1] > 1e-4 for one in q])
     assert (misses(arm, found.q, q)[regular] < 1e-6).all()
-    assert found.ok.mean() >= 0.9
+    assert found.ok.all()
     for target, answers in zip(targets, found.q, strict=True):
         for answer in answers[~np.isnan(answers[:, 0])]:
             assert_reaches(arm, answer, target)
 
 
 def test_calibrated_arms_are_solved_near_singularities():
-    """There the branches of the true arm are far from those of the ideal arm, or have no partner: few are missed."""
+    """There the branches of the true arm are far from those of the ideal arm, or have no partner; none is missed."""
     arm = calibrated("ur5", np.random.default_rng(4), 5e-4)
     q = random_configurations(arm, 6000, seed=9)
     q = np.array([one for one in q if np.linalg.svd(arm.jacobian(one), compute_uv=False)[-1] < 0.02])
     assert len(q) > 300
     found = pp.AnalyticIk().solve_all_batch(arm, arm.forward_kinematics_batch(q))
-    assert (misses(arm, found.q, q) > 1e-4).mean() < 0.02
+    assert (misses(arm, found.q, q) < 1e-6).all()
+    assert found.complete.mean() > 0.9
 
 
 def test_a_calibrated_arm_has_the_branches_that_a_search_finds():
@@ -211,7 +212,7 @@ def test_a_calibrated_arm_has_the_branches_that_a_search_finds():
     q = np.array([0.3, -0.8, 1.1, 0.4, 1.2, -0.5])
     target = arm.forward_kinematics(q)
     branches = pp.AnalyticIk().solve_all(arm, target).branches
-    assert not pp.AnalyticIk().solve_all(arm, target).complete
+    assert pp.AnalyticIk().solve_all(arm, target).complete
     solver = pp.Clik(position_tolerance=1e-9, orientation_tolerance=1e-9, restarts=0)
     starts = random_configurations(arm, 1500, seed=2)
     searched = solver.solve_batch(arm, np.tile(target.homogeneous, (len(starts), 1, 1)), starts)

@@ -161,8 +161,7 @@ class AnalyticIk:
                     q, errors = np.pad(q, more, constant_values=np.nan), np.pad(errors, more, constant_values=np.nan)
                 q[row, :count], errors[row, :count] = found.q, found.errors
         k = max(int(counts.max(initial=0)), 1)
-        complete = known & (plan.deviation == 0.0)
-        return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside, complete)
+        return IkBranchesBatch(q[:, :k], counts, errors[:, :k, 0], errors[:, :k, 1], outside, known)
 
     def solve(
         self,

@@ -205,12 +205,13 @@ class IkBranches:
     def complete(self) -> bool:
         """Whether these are proven to be all solutions.
 
-        This is the case for up to six joints of exact geometry, unless a candidate close to a double root failed its
-        check, or joints are free at the target and no member of their family was found or the family ends
-        where neither a limit nor a fold explains it, or two joints are free independently of each other.
+        This is the case for up to six joints, unless a candidate close to a double root failed its check, or joints are
+        free at the target and no member of their family was found or the family ends where neither a limit nor a fold
+        explains it, or two joints are free independently of each other. Arms that are solved by elimination must
+        account for all 16 eigenvalues, and have no proof at targets that are singular for one of the solutions.
         """
         found = self._found
-        if self._plan.redundant is not None or self._plan.deviation > 0.0 or found.failed or found.doubtful:
+        if self._plan.redundant is not None or found.failed or found.doubtful:
             return False
         return not found.all_free_joints or (self.ok and self._families[1])
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from pinproof.errors import NoClosedForm
 from pinproof.model import Arm
 
-__all__ = ["Line", "Triple", "completed", "find_triples", "lines_of", "size_of"]
+__all__ = ["Line", "Triple", "completed", "find_triples", "in_general_position", "lines_of", "size_of"]
 
 Array = npt.NDArray[np.float64]
 
@@ -188,7 +188,7 @@ def completed(lines: Sequence[Line], tool: Array, size: float) -> Iterator[tuple
     for order in _commuted(list(lines)):
         for with_triple in _with_triple(order, tool, size):
             missing = 6 - len(with_triple)
-            yield None, with_triple if missing == 0 else _in_general_position(with_triple, missing, tool, size)
+            yield None, with_triple if missing == 0 else in_general_position(with_triple, missing, tool, size)
 
 
 def _commuted(lines: Order) -> list[Order]:
@@ -267,7 +267,8 @@ def _beside(direction: Array, a: Line, b: Line, place: Array, size: float) -> Li
     return Line(direction, place, False, -1)
 
 
-def _in_general_position(lines: Order, missing: int, tool: Array, size: float) -> Order:
+def in_general_position(lines: Order, missing: int, tool: Array, size: float) -> Order:
+    """The lines, followed by ``missing`` virtual axes near the tcp: the best conditioned of some random draws."""
     best, best_value = lines, -1.0
     for draw in range(DRAWS):
         rng = np.random.default_rng(draw)

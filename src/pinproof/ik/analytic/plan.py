@@ -1,7 +1,8 @@
-"""The preparation of an arm for the compiled closed form: the choice of a triple and of the order of the joints.
+"""The preparation of an arm for the compiled solver: the choice of a triple and of the order of the joints.
 
 If several triples are possible, each is tested on random poses of the arm. Among those that recover all of them, the
-plan without a quartic and with the smallest deviation from the ideal geometry is used.
+plan without a quartic and with the smallest deviation from the ideal geometry is used. The true axes of revolute arms
+that deviate from it, or that have no triple, are solved by elimination (``src/core/closed_form/elimination.h``).
 """
 
 from __future__ import annotations
@@ -15,7 +16,16 @@ import numpy.typing as npt
 
 from pinproof import _core
 from pinproof.errors import InputError, NoClosedForm
-from pinproof.ik.analytic.geometry import EXACT, Line, Triple, completed, find_triples, lines_of, size_of
+from pinproof.ik.analytic.geometry import (
+    EXACT,
+    Line,
+    Triple,
+    completed,
+    find_triples,
+    in_general_position,
+    lines_of,
+    size_of,
+)
 from pinproof.model import Arm
 from pinproof.spatial import rigid
 
@@ -29,12 +39,9 @@ def why_not(arm: Arm, tried: bool) -> str:
             f"no closed form: the arm has {arm.dof} joints, and at most 7 are supported; "
             "select a shorter chain (robot.arm with another base or tcp), or use Clik"
         )
-    if tried:
-        return (
-            "no closed form: three of the axes meet or are parallel, but the arm is singular in every configuration; "
-            "use Clik"
-        )
     lines, tool = lines_of(arm)
+    if tried or not any(line.prismatic for line in lines):
+        return "no closed form: the arm is singular in every configuration, or its axes nearly are; use Clik"
     size = size_of(lines, tool)
     nearest = sorted(find_triples(lines, size, float("inf")), key=lambda triple: triple.deviation)
     text = "no three consecutive axes meet in one point, are parallel, or generate motions of one plane"
@@ -48,7 +55,7 @@ def why_not(arm: Arm, tried: bool) -> str:
         text += ", and virtual joints cannot complete such a triple"
     if arm.dof == 7:
         text += ", also with any one joint locked"
-    return f"no closed form: {text} (Pieper's condition); use Clik"
+    return f"no closed form: {text} (Pieper's condition), and a joint is prismatic; use Clik"
 
 
 Array = npt.NDArray[np.float64]
@@ -64,8 +71,8 @@ the failure is rounding (1e-16), amplified by singular joints. If such a candida
 solution is not proven."""
 
 MOST_BRANCHES = 8
-"""For six joints: four intersections of the two curves, with two elbows or wrists each. A deviation from the ideal
-geometry may split double roots, so that twice as many rows are reserved."""
+"""For six joints with a triple: four intersections of the two curves, with two elbows or wrists each. Without a triple,
+or if the axes deviate from it, there are up to twice as many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +175,8 @@ def plans_of(arm: Arm) -> Iterator[Plan]:
 
 
 def _best(arm: Arm) -> Plan:
+    if arm.dof > 7:
+        raise NoClosedForm(why_not(arm, False))
     best, best_score = None, (0, 0, 0.0, 0.0)
     for plan in plans_of(arm):
         score = _score(arm, plan)
@@ -175,9 +184,32 @@ def _best(arm: Arm) -> Plan:
             best, best_score = plan, score
         if best_score[:2] == (TRIALS, 1) and best.redundant is None and best.deviation == 0.0:
             break
+    if best_score[0] < TRIALS:
+        for plan in general_plans_of(arm):
+            score = _score(arm, plan)
+            if score[0] > best_score[0] or (score[0] == best_score[0] and score[2:] > best_score[2:]):
+                best, best_score = plan, score
     if best is None or best_score[0] < TRIALS // 2:
         raise NoClosedForm(why_not(arm, best is not None))
     return best
+
+
+def general_plans_of(arm: Arm) -> Iterator[Plan]:
+    """The plans that solve the axes by elimination, without a triple; none if a joint is prismatic."""
+    lines, tool = lines_of(arm)
+    size = size_of(lines, tool)
+    if any(line.prismatic for line in lines):
+        return
+    if len(lines) == 7:
+        orders: list[tuple[int | None, list[Line]]] = [(locked, list(lines)) for locked in range(7)]
+    elif len(lines) == 6:
+        orders = [(None, list(lines))]
+    else:
+        orders = [(None, in_general_position(list(lines), 6 - len(lines), tool, size))]
+    for locked, order in orders:
+        plan = _plan(arm, order, None, locked, tool, size)
+        if plan.core.cuts:
+            yield plan
 
 
 def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
@@ -204,19 +236,28 @@ def _score(arm: Arm, plan: Plan) -> tuple[int, int, float, float]:
     return found, int(not quartic), round(sensitivity, 3), -plan.deviation
 
 
-def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, tool: Array, size: float) -> Plan:
+def _plan(arm: Arm, order: Sequence[Line], triple: Triple | None, locked: int | None, tool: Array, size: float) -> Plan:
     six = [i for i in range(len(order)) if i != locked]
     ideal = list(order)
-    for i, line in zip(six[triple.first : triple.first + 3], triple.lines, strict=True):
-        ideal[i] = line
-    outside = [six[(triple.first + 3 + k) % 6] for k in range(3)]
-    _choose_points(ideal, outside)
-    deviation = triple.deviation if triple.deviation > EXACT else 0.0
-    turning = next(k for k in range(3) if not triple.lines[k].prismatic)
-    reverse = triple.planar and triple.lines[2].prismatic and not triple.lines[0].prismatic
-    ideal_tool = tool.copy()
-    ideal_tool[:3, 3] /= size
+    names = [arm.joint_names[order[i].joint] if order[i].joint >= 0 else "a virtual joint" for i in six]
+    deviation = 0.0
+    rounding = _core.EQUATION_ROUNDING
+    if triple is None:
+        method = "the general elimination for six revolute joints"
+    else:
+        for i, line in zip(six[triple.first : triple.first + 3], triple.lines, strict=True):
+            ideal[i] = line
+        _choose_points(ideal, [six[(triple.first + 3 + k) % 6] for k in range(3)])
+        method = f"the axes of {', '.join(names[triple.first : triple.first + 3])} {triple.name}"
+        if triple.deviation > EXACT:
+            deviation = triple.deviation
+            method += f" up to {deviation:.2g}; solutions are refined on the true arm"
+        else:
+            rounding = max(rounding, 4.0 * triple.deviation)
+    tool_in_lengths = tool.copy()
+    tool_in_lengths[:3, 3] /= size
     own = [line.joint for line in ideal]
+    revolute = not any(line.prismatic for line in order)
     core = _core.ClosedForm(
         chain=arm.chain,
         size=size,
@@ -226,20 +267,19 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, t
         indices=own,
         lower=np.array([arm.limits.lower[joint] if joint >= 0 else 0.0 for joint in own]),
         upper=np.array([arm.limits.upper[joint] if joint >= 0 else 0.0 for joint in own]),
-        tool=ideal_tool,
-        first_of_triple=triple.first,
-        planar=triple.planar,
-        reversed=reverse,
-        normal=turning,
+        tool=tool_in_lengths,
+        first_of_triple=-1 if triple is None else triple.first,
+        planar=triple is not None and triple.planar,
+        reversed=triple is not None and triple.planar and triple.lines[2].prismatic and not triple.lines[0].prismatic,
+        normal=0 if triple is None else next(k for k in range(3) if not triple.lines[k].prismatic),
         locked=locked,
         border=max(BORDER, 20.0 * deviation),
         spread=20.0 * deviation,
-        rounding=_core.EQUATION_ROUNDING if deviation else max(_core.EQUATION_ROUNDING, 4.0 * triple.deviation),
+        rounding=rounding,
+        eliminated=triple is None or (deviation > 0.0 and revolute and locked is None),
+        true_directions=np.array([line.direction for line in order]),
+        true_points=np.array([line.point for line in order]) / size,
     )
-    names = [arm.joint_names[order[i].joint] if order[i].joint >= 0 else "a virtual joint" for i in six]
-    method = f"the axes of {', '.join(names[triple.first : triple.first + 3])} {triple.name}"
-    if deviation:
-        method += f" up to {deviation:.2g}; solutions are refined on the true arm"
     return Plan(
         core=core,
         dof=arm.dof,
@@ -249,7 +289,7 @@ def _plan(arm: Arm, order: Sequence[Line], triple: Triple, locked: int | None, t
         deviation=deviation,
         home=arm.home,
         angular=arm.angular,
-        capacity=MOST_BRANCHES * (2 if deviation else 1),
+        capacity=MOST_BRANCHES * (1 if triple is not None and deviation == 0.0 else 2),
     )
 
 

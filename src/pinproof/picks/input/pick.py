@@ -13,11 +13,14 @@ import numpy.typing as npt
 
 from pinproof.collision import Obstacle, Scene
 from pinproof.common.display import html_block, html_list, html_table, outline
+from pinproof.common.validation import ReadOnlyDict, require_positive
 from pinproof.description import Urdf
 from pinproof.errors import InputError, PicksError, UnknownNameError
-from pinproof.model import Arm, JointLimits, load_robot
+from pinproof.model import Arm, JointLimits, Payload, load_robot
+from pinproof.model.dynamics import checked_payloads
+from pinproof.motion import ToolLimits
 from pinproof.picks.input.settings import GripLimits
-from pinproof.spatial import SE3, finite, frozen, pose, rigid
+from pinproof.spatial import SE3, finite, frozen, pose, rigid, xyz_rpy
 
 __all__ = [
     "GraspSpin",
@@ -30,6 +33,7 @@ __all__ = [
     "Picks",
     "PlaceTarget",
     "SuctionCup",
+    "ToolSpeed",
     "family",
     "moved",
     "moved_by",
@@ -354,6 +358,41 @@ class PlaceTarget:
             _check_move(self, move, "place")
 
 
+PARTS = ("transit", "approach", "retreat", "transfer", "place", "leave")
+"""The parts of the motion of a pick, in order: ``place`` is the line to the release, ``leave`` the one after it."""
+
+SPEED_READ_ONLY = "the speeds of a pick are read-only; make another pick with dataclasses.replace(pick, speed=...)"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolSpeed:
+    """Limits of the tcp on a part of a pick; None for no limit. See :class:`pinproof.motion.ToolLimits`.
+
+    Parameters
+    ----------
+    linear_speed, angular_speed
+        In m/s and rad/s.
+    linear_acceleration, angular_acceleration
+        In m/s^2 and rad/s^2.
+    """
+
+    linear_speed: float | None = None
+    angular_speed: float | None = None
+    linear_acceleration: float | None = None
+    angular_acceleration: float | None = None
+
+    def __post_init__(self) -> None:
+        stated = {name: value for name, value in vars(self).items() if value is not None}
+        for name, value in stated.items():
+            require_positive(name, value)
+        if not stated:
+            raise InputError(f"a speed states none of {', '.join(vars(self))}")
+
+    def limits(self, arm: Arm) -> ToolLimits:
+        """The constraint of the timing for an arm."""
+        return ToolLimits(arm, **vars(self))
+
+
 @dataclass(frozen=True, eq=False)
 class Pick:
     """One grasp, or a family of them, with its straight approach and retreat.
@@ -390,6 +429,11 @@ class Pick:
         those within 1 mm below it. Stored as a tuple of names.
     place
         Where the object is put down; None to end with the retreat.
+    payload
+        The mass of the object, in its own frame (that of its obstacle, or of the shape). The torque limits of the
+        joints then apply.
+    speed
+        Limits of the tcp by part of the motion, the keys of :data:`PARTS`.
     """
 
     name: str
@@ -406,6 +450,8 @@ class Pick:
     carried: Obstacle | str | None = None
     support: str | Sequence[str] | None = None
     place: PlaceTarget | None = None
+    payload: Payload | None = None
+    speed: Mapping[str, ToolSpeed] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:
@@ -416,6 +462,13 @@ class Pick:
             _check_move(self, move, f"pick {self.name!r}")
         if self.carried is None and (self.place is not None or self.support is not None):
             raise InputError(f"pick {self.name!r} states a place or a support but no object")
+        if self.payload is not None and (self.carried is None or self.payload.frame is not None):
+            reason = "no object" if self.carried is None else "a frame; the payload moves with the object"
+            raise InputError(f"pick {self.name!r} states a payload and {reason}")
+        for part in self.speed:
+            if part not in PARTS:
+                raise UnknownNameError("part", part, PARTS, f"the speed of pick {self.name!r}")
+        object.__setattr__(self, "speed", ReadOnlyDict(self.speed, SPEED_READ_ONLY))
 
     def transformed(self, root_from_pick: SE3) -> Pick:
         """Return the pick transformed as by :meth:`Picks.transformed`."""
@@ -429,6 +482,15 @@ class Pick:
         what = "" if carried is None else f", object {carried}{'' if self.place is None else ', placed'}"
         lines = f"approach {self.approach * 1e3:g} mm, retreat {self.retreat * 1e3:g} mm"
         return f"Pick({self.name!r} at ({x:.4g}, {y:.4g}, {z:.4g}) m{frame}, {lines}{what})"
+
+    def _repr_html_(self) -> str:
+        poses: list[tuple[str, Pick | PlaceTarget]] = [("grasp", self)]
+        poses += [] if self.place is None else [("place", self.place)]
+        rows = [(kind, *xyz_rpy(each.pose), each.frame or "root", each.approach, each.retreat) for kind, each in poses]
+        columns = ("pose", "x", "y", "z", "roll", "pitch", "yaw", "frame", "approach", "retreat")
+        carried = self.carried.name if isinstance(self.carried, Obstacle) else self.carried
+        carries = "" if carried is None else f", object {carried}"
+        return html_block(f"Pick {self.name}{carries} (m, rad)", html_table(columns, rows))
 
     def approach_pose(self) -> SE3:
         """``frame_from_tip`` at the start of the approach."""
@@ -535,6 +597,10 @@ class Picks:
         Named frames in which picks can be stated.
     margin
         Smallest allowed distance (m) between any two checked bodies.
+    payload
+        The masses of the tool, in the tcp frame or that of a link. The torque limits of the joints then apply.
+    torque_limits
+        Whether the torque limits of the joints apply to picks without any payload too.
     robot, tcp, scene, home
         What the file states, if anything: a robot (name or path), its tcp frame, a scene file, and a home configuration
         by joint name (rad or m).
@@ -560,6 +626,8 @@ class Picks:
     grip_limits: GripLimits = field(default_factory=GripLimits)
     frames: Mapping[str, NamedFrame] = field(default_factory=dict)
     margin: float = 0.0
+    payload: tuple[Payload, ...] = ()
+    torque_limits: bool = False
     robot: str | None = None
     tcp: str | None = None
     scene: Path | None = None
@@ -595,6 +663,7 @@ class Picks:
         if doubled:
             raise InputError(f"the names of picks must be unique; repeated: {', '.join(doubled)}")
         object.__setattr__(self, "tip", frozen(rigid("tip", self.tip)))
+        object.__setattr__(self, "payload", checked_payloads(self.payload))
         if self.cup is not None and (self.fingers is not None or self.grip):
             raise InputError("picks state a cup and fingers; a part is held by one of them")
 

@@ -17,12 +17,33 @@ from pinproof.collision.scene_keys import POSE
 from pinproof.common.file_keys import KeyTable
 from pinproof.common.yaml_file import LinedMapping
 from pinproof.errors import FileError, InputError, UnknownNameError
-from pinproof.picks.input.pick import MOVES, OBJECT, STEPS, GraspSpin, GraspTolerance, Pick, PlaceTarget, support_names
-from pinproof.picks.input.picks_keys import GRID, PATTERN, PLACE, SPIN_RANGE, TOLERANCE
+from pinproof.model import Payload
+from pinproof.picks.input.pick import (
+    MOVES,
+    OBJECT,
+    PARTS,
+    STEPS,
+    GraspSpin,
+    GraspTolerance,
+    Pick,
+    PlaceTarget,
+    ToolSpeed,
+    support_names,
+)
+from pinproof.picks.input.picks_keys import (
+    GRID,
+    OBJECT_PAYLOAD,
+    PATTERN,
+    PLACE,
+    SPEED,
+    SPIN_RANGE,
+    STAGE_SPEEDS,
+    TOLERANCE,
+)
 from pinproof.spatial import SE3, finite
 from pinproof.units import refuse_millimetres
 
-__all__ = ["is_turned", "make_pick", "mapping_of", "picks_of_row"]
+__all__ = ["is_turned", "make_pick", "mapping_of", "payload_of", "picks_of_row"]
 
 MOVE_KEYS = tuple(f"{move}{part}" for move in MOVES for part in ("", "_direction", "_frame"))
 
@@ -64,6 +85,8 @@ def make_pick(name: str, stated: Mapping[str, Any], path: Path) -> Pick:
         "object": lambda value: _object(value, path),
         "support": _support,
         "place": _place,
+        "payload": lambda value: payload_of("payload", value, OBJECT_PAYLOAD),
+        "speed": _speed,
     }
     settings = {("carried" if key == "object" else key): read[key](stated[key]) for key in read if key in stated}
     return Pick(name, **_moves(stated), **settings)
@@ -135,6 +158,29 @@ def _place(stated: object) -> PlaceTarget:
         )
     final = mapping_of("place.object_pose", settings.pop("object_pose"), POSE)
     return PlaceTarget(**_moves({**settings, **final}), support=support, pose_of=OBJECT)
+
+
+def payload_of(key: str, stated: object, table: KeyTable) -> Payload:
+    """The mass that a mapping states with the keys of a table."""
+    settings = mapping_of(key, stated, table)
+    frame, inertia = settings.get("frame"), settings.get("inertia")
+    return Payload(
+        numbers_of(f"{key}.mass".lstrip("."), settings["mass"]),
+        numbers_of(f"{key}.center_of_mass", settings.get("center_of_mass", [0.0, 0.0, 0.0])),
+        None if inertia is None else numbers_of(f"{key}.inertia", inertia),
+        None if frame is None else _text(f"{key}.frame", frame),
+    )
+
+
+def _speed(stated: object) -> dict[str, ToolSpeed]:
+    """One linear speed for all parts of the motion, or the limits by part."""
+    if not isinstance(stated, dict):
+        return dict.fromkeys(PARTS, ToolSpeed(linear_speed=numbers_of("speed", stated)))
+    found = {}
+    for part, value in mapping_of("speed", stated, STAGE_SPEEDS).items():
+        limits = mapping_of(f"speed.{part}", value, SPEED) if isinstance(value, dict) else {"linear_speed": value}
+        found[part] = ToolSpeed(**{name: numbers_of(f"speed.{part}.{name}", each) for name, each in limits.items()})
+    return found
 
 
 def _support(stated: object, of: str = "") -> tuple[str, ...] | None:

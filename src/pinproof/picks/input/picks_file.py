@@ -17,9 +17,10 @@ from pinproof.collision.scene_keys import POSE
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.errors import FileError, InputError, PicksError
+from pinproof.model import Payload
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
-from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, picks_of_row
-from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PICK, PICKS
+from pinproof.picks.input.pick_row import is_turned, make_pick, mapping_of, payload_of, picks_of_row
+from pinproof.picks.input.picks_keys import CUP, DEFAULTS, FINGERS, FRAME, GRIP_LIMITS, HELD, PAYLOAD, PICK, PICKS
 from pinproof.picks.input.settings import GripLimits
 from pinproof.picks.input.sources import TABLE_SUFFIX, PickList, PickSource, PickTable
 from pinproof.spatial import SE3, finite
@@ -84,6 +85,8 @@ def open_picks(path: str | Path) -> PickSource:
         grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
+        payload=_shared(path, content, "payload", [], _payloads),
+        torque_limits=_shared(path, content, "torque_limits", False, _torque_limits),
         robot=_robot(path, content),
         srdf=_file(path, content, "srdf"),
         package_dirs=_folders(path, content),
@@ -229,6 +232,16 @@ def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle,
                 path, f"a second body is named {bodies[-1].name!r}", f"line {stated.line}, key {key}, #{number}"
             )
     return tuple(bodies)
+
+
+def _payloads(stated: object) -> tuple[Payload, ...]:
+    return tuple(payload_of("", each, PAYLOAD) for each in (stated if isinstance(stated, list) else [stated]))
+
+
+def _torque_limits(stated: object) -> bool:
+    if not isinstance(stated, bool):
+        raise InputError(f"is {stated!r}; it must be true or false")
+    return stated
 
 
 def _margin(stated: object) -> float:

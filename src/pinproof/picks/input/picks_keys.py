@@ -5,6 +5,7 @@ from __future__ import annotations
 from pinproof.collision.scene_keys import BODY, OBSTACLE, ONE_ORIENTATION, POSE, POSE_KEYS, VECTOR
 from pinproof.common.file_keys import (
     ANGLE,
+    BOOLEAN,
     INTEGER,
     NUMBER,
     TEXT,
@@ -20,6 +21,7 @@ from pinproof.common.file_keys import (
 from pinproof.picks.input.pick import (
     LONGEST_MOVE,
     MOST_STEPS,
+    PARTS,
     ROOT,
     STEPS,
     TIP,
@@ -39,16 +41,21 @@ __all__ = [
     "GRID",
     "GRIP_LIMITS",
     "HELD",
+    "OBJECT_PAYLOAD",
     "PATTERN",
+    "PAYLOAD",
     "PICK",
     "PICKS",
     "PLACE",
     "POSITION",
+    "SPEED",
     "SPIN_RANGE",
+    "STAGE_SPEEDS",
     "TOLERANCE",
 ]
 
 POSITIVE = {"$ref": NUMBER, "minimum": 0}
+ABOVE_ZERO = {"$ref": NUMBER, "exclusiveMinimum": 0}
 
 POSITION = FileKey("xyz", VECTOR, "position of the tool's tip at the grasp, in `frame`", "m")
 ORIENTATION = (
@@ -162,6 +169,60 @@ PATTERN = KeyTable(
     (required("grid", GRID, "a regular grid"),),
 )
 
+_MASS_KEYS = (
+    required("mass", ABOVE_ZERO, "mass, above 0", "kg"),
+    FileKey("center_of_mass", VECTOR, "centre of mass", "m", [0, 0, 0]),
+    FileKey(
+        "inertia",
+        any_of(numbers(3), list_of(numbers(3), 3, 3)),
+        "inertia about the centre of mass: the diagonal, or three rows; by default that of a point mass",
+        "kg m²",
+    ),
+)
+
+OBJECT_PAYLOAD = KeyTable("object_payload", "The mass of a grasped object, in the frame of the object.", _MASS_KEYS)
+
+PAYLOAD = KeyTable(
+    "payload",
+    "The mass of a tool.",
+    (
+        *_MASS_KEYS,
+        FileKey("frame", TEXT, "the link that it is fixed to, in whose frame it is stated; by default the tcp"),
+    ),
+)
+
+SPEED = KeyTable(
+    "tool_speed",
+    "Limits of the tcp, relative to the base. At least one is stated.",
+    (
+        FileKey("linear_speed", ABOVE_ZERO, "largest speed of the tcp, above 0", "m/s"),
+        FileKey("angular_speed", ABOVE_ZERO, "largest angular speed, above 0", "rad/s"),
+        FileKey("linear_acceleration", ABOVE_ZERO, "largest acceleration of the tcp, above 0", "m/s²"),
+        FileKey("angular_acceleration", ABOVE_ZERO, "largest angular acceleration, above 0", "rad/s²"),
+    ),
+    {"minProperties": 1},
+)
+
+STAGE_SPEEDS = KeyTable(
+    "stage_speeds",
+    "Limits of the tcp on parts of the motion of a pick. A number is a linear speed in m/s.",
+    tuple(
+        FileKey(part, any_of(ABOVE_ZERO, SPEED), text)
+        for part, text in zip(
+            PARTS,
+            (
+                "from home to the start of the approach",
+                "the straight line before the grasp",
+                "the straight line after the grasp",
+                "with the object to the start of the line to its place",
+                "the straight line to the release",
+                "the straight line of the empty tool after the release",
+            ),
+            strict=True,
+        )
+    ),
+)
+
 _PICK_KEYS = (
     POSITION,
     *ORIENTATION,
@@ -194,6 +255,12 @@ _PICK_KEYS = (
         "mm below it",
     ),
     FileKey("place", PLACE, "where the object is put down; by default the pick ends with the retreat"),
+    FileKey("payload", OBJECT_PAYLOAD, "the mass of the object; the torque limits of the joints then apply"),
+    FileKey(
+        "speed",
+        any_of(ABOVE_ZERO, STAGE_SPEEDS),
+        "limits of the tcp by part of the motion; a number is the largest linear speed (m/s) of all parts",
+    ),
 )
 
 DEFAULTS = KeyTable(
@@ -353,6 +420,18 @@ PICKS = KeyTable(
             "",
             [],
         ),
+        FileKey(
+            "payload",
+            any_of(PAYLOAD, list_of(PAYLOAD)),
+            "the mass of the tool, or of several bodies; the torque limits of the joints then apply",
+        ),
+        FileKey(
+            "torque_limits",
+            BOOLEAN,
+            "whether the torque limits of the joints (effort in the URDF, or in `limits`) apply without a payload too",
+            "",
+            False,
+        ),
         FileKey("grip_limits", GRIP_LIMITS, "the criteria for holding an object", "", {}),
         FileKey("frames", mapping_to(FRAME), "named frames for the poses of picks and places", "", {}),
         FileKey("defaults", DEFAULTS, "keys of picks that apply where a pick does not state them", "", {}),
@@ -390,5 +469,8 @@ COLUMNS = {
     "place.approach": ("place_approach",),
     "place.retreat": ("place_retreat",),
     "place.support": ("place_support",),
+    "payload.mass": ("mass",),
+    "payload.center_of_mass": ("center_x", "center_y", "center_z"),
+    "speed": ("speed",),
 }
 """The keys that a row of a table can state, and their columns."""

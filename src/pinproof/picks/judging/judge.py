@@ -73,6 +73,8 @@ def _failed(task: Task, groups: list[_GroupVerdict], tried: int, members: int) -
     if task.sampled:
         status = PickStatus.NOT_FOUND
         stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {members} grasps were tried"))
+    if not task.cell.trial and (hint := task.frame_hint()):
+        stages = (*stages[:-1], replace(stages[-1], message=f"{stages[-1].message}; {hint}"))
     refuted = farthest.refuted if status is PickStatus.IMPOSSIBLE else ()
     return replace(farthest, status=status, stages=stages, configurations=tried, refuted=refuted), attempt
 

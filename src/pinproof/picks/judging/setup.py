@@ -23,6 +23,7 @@ from pinproof.picks.input.pick import Pick, Picks, moved_by
 from pinproof.picks.input.settings import PickBudget, PickWeights
 from pinproof.picks.judging.grasp import contact_words
 from pinproof.picks.judging.judge import judge
+from pinproof.picks.judging.motion_limits import torque_limits_of_tool
 from pinproof.picks.judging.task import Cell, Task
 from pinproof.picks.judging.timing import recertify
 from pinproof.picks.judging.verdict import PickVerdict
@@ -80,6 +81,7 @@ class PickSetup:
         """
         _check_velocity_limits(arm)
         check_held_joints(arm, picks)
+        torque_limits_of_tool(arm, picks)
         checker = CollisionChecker(arm, scene, margin=picks.margin, attached=picks.open_tool)
         stated = picks.home_configuration(arm.joint_names, arm.home) if home is None else home
         start = arm.limits.snap(arm.configuration(stated, "home"))
@@ -172,6 +174,10 @@ class PickSetup:
                 "the holding force of a tool without fingers; only a distance of at most "
                 f"{self.shared.grip_limits.tip * 1e3:g} mm from the tip to the surface of the part is checked"
             )
+        torques = torque_limits_of_tool(checker.arm, self.shared)
+        if torques is not None:
+            notes.append("joint friction and the inertia of motors, which add to the torques")
+            notes += torques.notes
         if not solid:
             notes.append("the robot has no collision geometry, so contact of its links is not detected")
         elif has_generated_bodies(urdf):
@@ -210,6 +216,7 @@ class PickSetup:
                     self.shared.grip_limits,
                 )
             ),
+            "payload": digest((self.shared.payload, self.shared.torque_limits)),
             "frames": digest(self.shared.frames),
             "judged by": digest((self.weights, self.budget)),
         }

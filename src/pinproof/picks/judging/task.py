@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, Obstacle
-from pinproof.collision.line_surface import LineSurface
+from pinproof.collision.line_surface import LineSurface, point_distance
 from pinproof.collision.separation import directions_to_facets
 from pinproof.errors import InputError, UnknownNameError
 from pinproof.model import Arm
@@ -134,6 +134,9 @@ class Cell:
 
 Array = npt.NDArray[np.float64]
 
+FAR_GRASP = 0.1
+"""Metres. A tip and fingers that are farther from the surface of the object are probably stated in another frame."""
+
 SUPPORT_GAP = 1e-3
 """Metres: an obstacle at most this far below an object is taken for its support."""
 
@@ -160,6 +163,7 @@ class Task:
     def __init__(self, pick: Pick, cell: Cell) -> None:
         self.cell, self.arm, self.scene = cell, cell.arm, cell.checker.scene
         self.pick = replace(pick, pose=self._in_root(pick.pose, pick.frame), frame="")
+        self._stated_pose, self._stated_frame = pick.pose, pick.frame
         carried, names = pick.carried, self.scene.names
         self.from_scene = isinstance(carried, str)
         if isinstance(carried, str) and carried not in names:
@@ -268,6 +272,31 @@ class Task:
             else:
                 self._grips[member.words] = grip_by_tip(tip, part, limits)
         return self._grips[member.words]
+
+    def frame_hint(self) -> str:
+        """A hint on the frame of the pick, if its grasp is implausibly far from an object of the scene; else empty."""
+        if not self.from_scene:
+            return ""
+        nominal = Member(SE3.Identity())
+        distance = self._tip_distance(self.pick.pose)
+        if self.cell.fingers:
+            contacts = self.grip(nominal).contacts
+            distance = min([distance, *(min(each.open_distance, each.closed_distance) for each in contacts)])
+        if distance <= FAR_GRASP:
+            return ""
+        words = (
+            f"the grasp is {distance:.3g} m from {self.name}; its pose is stated in {_frame_words(self._stated_frame)}"
+        )
+        others = {str(self.name), "", *self.cell.shared.frames} - {self._stated_frame}
+        closest = min(others, key=lambda frame: self._tip_distance(self._in_root(self._stated_pose, frame)))
+        moved_to = self._tip_distance(self._in_root(self._stated_pose, closest))
+        if moved_to > FAR_GRASP:
+            return f"{words}; check its frame"
+        return f"{words}, but in {_frame_words(closest)} it would be {max(moved_to, 0.0) * 1e3:.0f} mm from it"
+
+    def _tip_distance(self, root_from_tip: SE3) -> float:
+        """Distance (m) from the tip to the surface of an object of the scene."""
+        return point_distance(self._surface, self.scene[str(self.name)].pose.actInv(root_from_tip.translation))
 
     @cached_property
     def _surface(self) -> LineSurface:
@@ -379,3 +408,7 @@ class Task:
     def root_from(self, frame: str) -> SE3:
         """``root_from_frame`` of a frame in which a pick or a place is stated."""
         return root_from_frame(frame, self.cell.shared.frames, self.scene, self.arm)
+
+
+def _frame_words(frame: str) -> str:
+    return f"frame {frame!r}" if frame else "the root frame"

@@ -12,6 +12,7 @@ from pinproof.errors import InputError, TimingError
 from pinproof.motion import CubicPath, JointPath, MotionProgram, Trajectory, time_parametrise
 from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.lines import Attempt, Pairs, passing_at
+from pinproof.picks.judging.motion_limits import peaks_of, rate_limits
 from pinproof.picks.judging.place import Placing
 from pinproof.picks.judging.task import Task
 from pinproof.picks.judging.verdict import PickMotion, Stage, StageResult
@@ -39,6 +40,12 @@ class _Part:
     parting: Pairs = ()
     backwards: bool = False
     passing: CollisionChecker | None = None
+    lines: tuple[str, ...] = ()
+
+    @property
+    def stages(self) -> tuple[str, ...]:
+        """The name of the stage of each curve, whose limits of speed apply."""
+        return self.lines or (self.name,) * len(self.curves)
 
 
 def time_motion(
@@ -49,10 +56,17 @@ def time_motion(
     motions: list[PickMotion] = []
     trajectories: list[Trajectory] = []
     grasp_time, release_time = 0.0, None
+    member, now = attempt.candidate.member, ""
     try:
         for part in _parts(task, attempt, path, placing):
-            timed = [time_parametrise(curve, limits) for curve in part.curves]
+            now = part.name
+            rates = [rate_limits(task, member, name, part.checker) for name in part.stages]
+            timed = [
+                time_parametrise(curve, limits, constraints=rate)
+                for curve, rate in zip(part.curves, rates, strict=True)
+            ]
             trajectory = Trajectory.join(*timed)
+            peaks = peaks_of(rates[0], trajectory)
             certificate = _proof(part, trajectory)
             if not certificate.free:
                 return StageResult(Stage.TIMING, False, f"{part.name}: {certificate.message}"), None
@@ -63,7 +77,7 @@ def time_motion(
                     return StageResult(Stage.TIMING, False, message), None
             around = part.checker
             motions.append(
-                PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held)
+                PickMotion(part.name, trajectory, certificate, around.attached, around.scene, around.arm.held, peaks)
             )
             trajectories.append(trajectory)
             # Joined instead of summed, because times are rounded to nanoseconds and the grasp must be an exact time.
@@ -76,12 +90,17 @@ def time_motion(
                 release_time = Trajectory.join(*trajectories).duration
         joined = Trajectory.join(*trajectories)
     except TimingError as error:
-        return StageResult(Stage.TIMING, False, str(error)), None
+        return StageResult(Stage.TIMING, False, f"{now}: {error}"), None
     pairs = max(motion.certificate.pairs for motion in motions)
     clearance = min(motion.certificate.clearance for motion in motions)
     parts = f" in {len(motions)} motions" if len(motions) > 1 else ""
     message = f"collision-free{parts} ({pairs} body pair{'' if pairs == 1 else 's'} proven)"
     figures = {"duration": joined.duration, "clearance": clearance}
+    if torques := [(peak.share, peak, motion.name) for motion in motions for peak in motion.torques]:
+        share, peak, name = max(torques, key=lambda each: each[0])
+        torque = f"{peak.torque:.3g} {peak.unit} of {peak.joint}, {100 * share:.0f} % of its limit"
+        message += f"; largest torque {torque}, in {name}"
+        figures["torque_share"] = share
     return StageResult(Stage.TIMING, True, message, figures), Timed(tuple(motions), joined, grasp_time, release_time)
 
 
@@ -136,7 +155,8 @@ def _parts(task: Task, attempt: Attempt, path: JointPath, placing: Placing | Non
     into = () if line_in is None else (line_in.reversed(),)
     out = () if line_out is None else (line_out,)
     if task.name is None:  # without an object one proof covers the complete motion
-        return [_Part("pick", (path, *into, *out), task.outside)]
+        lines = ("transit", *("approach" for _ in into), *("retreat" for _ in out))
+        return [_Part("pick", (path, *into, *out), task.outside, lines=lines)]
     member = attempt.candidate.member
     carrying = task.carrying(member)
     parts = [_Part("transit", (path,), task.outside)]

@@ -15,7 +15,7 @@ from pinproof.collision import Certificate, Obstacle, Scene
 from pinproof.collision.certificate import proven_millimetres
 from pinproof.common.display import html_block, html_list, html_table, outline
 from pinproof.errors import InputError
-from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, Trajectory
+from pinproof.motion import MotionProgram, MotionRecord, ProgramEvent, ProgramSegment, TorquePeak, Trajectory
 from pinproof.motion.motion_program import EventKind, certificate_id
 from pinproof.motion.trajectory_files import NANO
 from pinproof.picks.input.pick import Pick
@@ -99,6 +99,8 @@ class PickMotion:
     held
         Values of the joints outside the arm (rad or m by name), such as finger joints. The certificate is for
         ``arm.with_held(held)``.
+    torques
+        The largest torque of each joint; empty unless torque is limited.
     """
 
     name: str
@@ -107,6 +109,7 @@ class PickMotion:
     attached: tuple[Obstacle, ...]
     scene: Scene
     held: Mapping[str, float] = field(default_factory=dict)
+    torques: tuple[TorquePeak, ...] = ()
 
     def __repr__(self) -> str:
         attached = f", attached: {', '.join(thing.name for thing in self.attached)}" if self.attached else ""

@@ -111,6 +111,7 @@ def _motion(motion: PickMotion) -> dict[str, Any]:
         "attached": [thing.name for thing in motion.attached],
         "backwards": motion.certificate.backwards,
         "partings": [str(parting) for parting in motion.certificate.partings],
+        "torques": [peak.as_dict() for peak in motion.torques],
     }
 
 

@@ -58,6 +58,16 @@ STAGE = _table(
     required("figures", mapping_to(OPTIONAL), "numbers by name, in m, rad and s"),
 )
 
+TORQUE = _table(
+    "torque",
+    "The largest torque of a joint during a part of the motion.",
+    required("joint", WORDS, "name of the joint"),
+    required("torque", LENGTH, "upper bound of its magnitude, which holds between samples", "N m or N"),
+    required("limit", OPTIONAL, "the limit; null if none is known", "N m or N"),
+    required("time", PLAIN_NUMBER, "when it occurs, from the start of the part", "s"),
+    required("unit", {"enum": ["N m", "N"]}, "the unit of both, `N` for a prismatic joint"),
+)
+
 MOTION = _table(
     "motion",
     "A part of the motion of a good pick, with its own proof. The parts follow each other.",
@@ -71,6 +81,7 @@ MOTION = _table(
         list_of(WORDS),
         "pairs that may touch at the start (at the end if `backwards`), and how they were proven to separate",
     ),
+    FileKey("torques", list_of(TORQUE), "the largest torques, if torque is limited"),
 )
 
 CONTACT = _table(

@@ -1,0 +1,122 @@
+#include "closed_form/general_loop.h"
+
+#include <algorithm>
+#include <cmath>
+
+#include "closed_form/windings.h"
+#include "geometry/sincos.h"
+
+namespace pinproof {
+namespace {
+
+constexpr double kSameRoot = 1e-7;  // rad: configurations that differ by less in every joint are the same
+
+// Lengths of the arm and rad. A configuration with a smaller residual after Newton's method solves the loop; one with the
+// larger value may do so where the Jacobian is singular, and is left to the refinement on the chain.
+constexpr double kSolved = 1e-11, kNearlySolved = 1e-4;
+
+// A configuration whose Jacobian has a smaller pivot may be a double root or belong to a self-motion.
+constexpr double kRegular = 1e-6;
+
+// A unit vector and one of half the arm's length, in general position.
+constexpr Vec3 kBesideAxis{0.48, -0.6, 0.64}, kBesideShift{0.31, 0.27, -0.28};
+
+constexpr int kMostCuts = 4;
+constexpr double kReliable = 0.75;  // share of the trials that a cut must solve completely
+
+double difference(double a, double b) {
+    const double gap = a - b;
+    return std::abs(gap - kFullRotation * std::floor(gap / kFullRotation + 0.5));
+}
+
+bool same(const double* a, const double* b, double tolerance) {
+    for (int k = 0; k < 6; ++k)
+        if (difference(a[k], b[k]) > tolerance) return false;
+    return true;
+}
+
+Transform loop_at(const RevoluteLine (&lines)[6], const double (&q)[6]) {
+    Transform product;
+    for (int k = 0; k < 6; ++k) {
+        const auto [sine, cosine] = sincos(q[k]);
+        const Mat3 rotation = rotation_about(lines[k].direction, sine, cosine);
+        product = product * Transform{rotation, lines[k].point - rotation * lines[k].point};
+    }
+    return product;
+}
+
+}  // namespace
+
+void LoopRoots::add(const LoopRoot& one) {
+    for (int i = 0; i < count; ++i)
+        if (same(one.q, root[i].q, kSameRoot)) return;
+    if (count == kMost) {
+        too_many = true;
+        return;
+    }
+    root[count++] = one;
+}
+
+bool LoopRoots::all_regular() const {
+    return std::all_of(root, root + count, [](const LoopRoot& r) { return r.weakest > kRegular; });
+}
+
+void GeneralLoop::polish(const RevoluteLine (&lines)[6], const Transform& g, LoopRoots& roots) const {
+    for (int i = 0; i < result_.count; ++i) {
+        LoopRoot root;
+        std::copy_n(result_.start[i], 6, root.q);
+        const PolishedLoop polished = polish_loop(lines, g, root.q);
+        root.weakest = polished.residual < kSolved ? polished.weakest : 0.0;
+        if (polished.residual < kNearlySolved) roots.add(root);
+    }
+}
+
+int GeneralLoop::solve(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, LoopRoots& roots) {
+    elimination_.solve(lines, g, cut, kNearlyReal, result_);
+    polish(lines, g, roots);
+    return result_.usable ? kEigenRows - result_.surely_complex : kUnknown;
+}
+
+void GeneralLoop::solve_beside(const RevoluteLine (&lines)[6], const Transform& g, const Cut& cut, double amount,
+                               LoopRoots& roots) {
+    elimination_.solve(lines, beside(g, amount), cut, amount, result_);
+    LoopRoots found;
+    polish(lines, g, found);
+    for (int i = 0; i < found.count; ++i)
+        if (found.root[i].weakest > kRegular) roots.add(found.root[i]);
+}
+
+Transform beside(const Transform& g, double amount) {
+    const auto [sine, cosine] = sincos(amount);
+    return {g.rotation * rotation_about(kBesideAxis, sine, cosine), g.translation + amount * kBesideShift};
+}
+
+std::vector<Cut> choose_cuts(const std::vector<LoopTrial>& trials) {
+    struct Scored {
+        Cut cut;
+        int complete;
+    };
+    std::vector<Scored> scored;
+    GeneralLoop loop;
+    for (int dropped = 0; dropped < 6; ++dropped)
+        for (const bool reversed : {false, true}) {
+            const Cut cut{dropped, reversed, false};
+            int complete = 0;
+            for (const LoopTrial& trial : trials) {
+                LoopRoots roots;
+                if (!roots.all_of(loop.solve(trial.lines, loop_at(trial.lines, trial.q), cut, roots))) continue;
+                complete += std::any_of(roots.root, roots.root + roots.count,
+                                        [&](const LoopRoot& r) { return same(r.q, trial.q, kSameRoot); });
+            }
+            if (complete >= kReliable * static_cast<double>(trials.size())) scored.push_back({cut, complete});
+        }
+    std::stable_sort(scored.begin(), scored.end(),
+                     [](const Scored& a, const Scored& b) { return a.complete > b.complete; });
+    std::vector<Cut> cuts;
+    for (const bool shifted : {false, true})
+        for (const Scored& one : scored)
+            if (cuts.size() < kMostCuts) cuts.push_back({one.cut.dropped, one.cut.reversed, shifted});
+    return cuts;
+}
+
+}  // namespace pinproof

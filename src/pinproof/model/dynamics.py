@@ -1,0 +1,236 @@
+"""Inverse dynamics of an arm: payloads, torques by Pinocchio, and the arm's bodies for the compiled core."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from pinproof._core import DynamicTree
+from pinproof.common.validation import named_arguments, require_positive
+from pinproof.errors import InputError, UnknownNameError
+from pinproof.model.chain import aligned_axes
+from pinproof.spatial import finite
+
+__all__ = [
+    "GRAVITY",
+    "Payload",
+    "checked_payloads",
+    "dynamic_tree",
+    "inverse_dynamics",
+    "kinematic_tree",
+    "massless_joints",
+]
+
+Array = npt.NDArray[np.float64]
+
+GRAVITY = (0.0, 0.0, -9.81)
+"""m/s^2. Acceleration of free fall in the root link, unless stated otherwise."""
+
+INERTIA_TOLERANCE = 1e-6
+"""Violation of symmetry, of positive definiteness and of the triangle inequality, relative to the largest principal
+moment, that is attributed to rounding in files."""
+
+
+class ArmBodies(Protocol):
+    """The attributes of :class:`pinproof.Arm` on which its dynamics depend."""
+
+    robot: Any
+    tcp: str
+    scale: Array
+    offset: Array
+
+    @property
+    def model(self) -> Any:
+        """A copy of the reduced Pinocchio model."""
+
+    @property
+    def tcp_id(self) -> int:
+        """The index of the tcp frame in the model."""
+
+    @property
+    def dof(self) -> int:
+        """The number n of joints in q."""
+
+
+@named_arguments
+@dataclass(frozen=True, eq=False)
+class Payload:
+    """A rigid body fixed to a link of the arm, such as a tool or a carried part.
+
+    Parameters
+    ----------
+    mass
+        Mass in kg, above 0.
+    center_of_mass
+        (3,) in m, in the axes of ``frame``.
+    inertia
+        Inertia about the centre of mass in kg m^2, in the axes of ``frame``: (3, 3), or (3,) for a diagonal one. By
+        default, the body is a point mass.
+    frame
+        The link that the body is fixed to; by default the tcp of the arm.
+
+    Raises
+    ------
+    InputError
+        If the mass is not above 0, a number is not finite, or no body has the inertia: it is not symmetric, a principal
+        moment is negative, or one principal moment is larger than the sum of the other two.
+    """
+
+    mass: float
+    center_of_mass: Array = (0.0, 0.0, 0.0)  # type: ignore[assignment]  # an array after validation
+    inertia: Array | None = None
+    frame: str | None = None
+
+    def __post_init__(self) -> None:
+        require_positive("the mass (kg) of a payload", self.mass)
+        center = finite("center_of_mass", self.center_of_mass, (3,))
+        center.setflags(write=False)
+        object.__setattr__(self, "mass", float(self.mass))
+        object.__setattr__(self, "center_of_mass", center)
+        if self.inertia is not None:
+            inertia = _checked_inertia(self.inertia)
+            inertia.setflags(write=False)
+            object.__setattr__(self, "inertia", inertia)
+        if self.frame is not None and not isinstance(self.frame, str):
+            raise InputError(f"the frame of a payload must be the name of a link, not {self.frame!r}")
+
+    def placed(self, a_from_b: pin.SE3) -> Payload:
+        """The same body, which is stated in the axes of b, in those of a."""
+        rotation = a_from_b.rotation
+        inertia = None if self.inertia is None else rotation @ self.inertia @ rotation.T
+        return Payload(self.mass, a_from_b * np.array(self.center_of_mass), inertia, self.frame)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Payload, (self.mass, self.center_of_mass, self.inertia, self.frame)  # pickle makes arrays writable
+
+    def __repr__(self) -> str:
+        kind = "point mass" if self.inertia is None else "rigid body"
+        at = ", ".join(f"{value:g}" for value in self.center_of_mass)
+        return f"Payload({self.mass:g} kg at ({at}) m of {self.frame or 'the tcp'}, {kind})"
+
+
+def _checked_inertia(value: npt.ArrayLike) -> Array:
+    given = np.asarray(value)
+    inertia = np.diag(finite("inertia", value, (3,))) if given.ndim == 1 else finite("inertia", value, (3, 3))
+    size = float(np.abs(inertia).max())
+    if np.abs(inertia - inertia.T).max() > INERTIA_TOLERANCE * size:
+        raise InputError(f"the inertia of a payload must be symmetric, not {inertia.tolist()}")
+    moments = np.linalg.eigvalsh(inertia)
+    text = ", ".join(f"{moment:.6g}" for moment in moments)
+    if moments[0] < -INERTIA_TOLERANCE * size:
+        raise InputError(
+            f"the inertia of a payload is not positive definite: its principal moments are {text} kg m^2; it must be "
+            "that about the centre of mass"
+        )
+    if moments[2] > moments[0] + moments[1] + INERTIA_TOLERANCE * size:
+        raise InputError(
+            f"no body has the inertia of the payload: of its principal moments {text} kg m^2, the largest exceeds the "
+            "sum of the others"
+        )
+    return np.asarray(0.5 * (inertia + inertia.T))
+
+
+def checked_payloads(payload: Payload | Iterable[Payload] | None) -> tuple[Payload, ...]:
+    """Return none, one or several payloads as a tuple; InputError for anything else."""
+    if payload is None:
+        return ()
+    payloads = (payload,) if isinstance(payload, Payload) else tuple(payload) if isinstance(payload, Iterable) else None
+    if payloads is None or not all(isinstance(each, Payload) for each in payloads):
+        raise InputError(f"payload must be a Payload or a sequence of them, not {payload!r}")
+    return payloads
+
+
+def inverse_dynamics(
+    arm: ArmBodies, q: Array, v: Array, a: Array, payloads: Sequence[Payload], gravity: npt.ArrayLike
+) -> Array:
+    """Compute the torques (n,) at q, v and a (n,) by the recursive Newton-Euler algorithm of Pinocchio."""
+    model = _loaded_model(arm, payloads, gravity)
+    torques = pin.rnea(model, model.createData(), arm.scale @ q + arm.offset, arm.scale @ v, arm.scale @ a)
+    return np.asarray(arm.scale.T @ torques)
+
+
+def dynamic_tree(arm: ArmBodies, payloads: Sequence[Payload] = (), gravity: npt.ArrayLike = GRAVITY) -> DynamicTree:
+    """The bodies that the arm moves for the compiled core, mimic followers and payloads included.
+
+    As in :func:`~pinproof.model.chain.compiled_chain`, the frame of every joint is rotated by a constant A_k so that
+    the joint moves about, or along, its own z axis; inertias are in these frames.
+    """
+    return _packed(arm, _loaded_model(arm, payloads, gravity))
+
+
+def kinematic_tree(arm: ArmBodies) -> DynamicTree:
+    """The same for the motion of the tool, which does not depend on masses; its torques have no meaning."""
+    return _packed(arm, arm.model)
+
+
+def _packed(arm: ArmBodies, model: pin.Model) -> DynamicTree:
+    joints = range(1, model.njoints)
+    aligned = [pin.SE3.Identity(), *(aligned_axes(model, joint)[0] for joint in joints)]
+    before = np.empty((len(joints), 4, 4))
+    mass, first_moment, inertia = np.empty(len(joints)), np.empty((len(joints), 3)), np.empty((len(joints), 3, 3))
+    for row, joint in enumerate(joints):
+        from_parent = aligned[model.parents[joint]].actInv(model.jointPlacements[joint])
+        before[row] = (from_parent * aligned[joint]).homogeneous
+        body = aligned[joint].actInv(model.inertias[joint])
+        mass[row], first_moment[row] = body.mass, body.mass * body.lever
+        inertia[row] = body.matrix()[3:, 3:]  # about the origin of the joint frame
+    leader = np.abs(arm.scale).argmax(axis=1)
+    tcp = model.frames[arm.tcp_id]
+    return DynamicTree(
+        before=before,
+        prismatic=[aligned_axes(model, joint)[1] for joint in joints],
+        index=leader.tolist(),
+        multiplier=arm.scale[np.arange(len(leader)), leader].tolist(),
+        offset=arm.offset.tolist(),
+        parent=[model.parents[joint] - 1 for joint in joints],
+        mass=mass,
+        first_moment=first_moment,
+        inertia=inertia,
+        gravity=np.array(model.gravity.linear),
+        tool_joint=tcp.parentJoint - 1,
+        tool=np.array(aligned[tcp.parentJoint].actInv(tcp.placement).translation),
+        dof=arm.dof,
+    )
+
+
+def massless_joints(arm: ArmBodies, payloads: Sequence[Payload] = ()) -> tuple[str, ...]:
+    """The joints (mimic followers included) whose links have no inertia in the description."""
+    model = _loaded_model(arm, payloads, GRAVITY)
+    return tuple(name for name, body in zip(model.names, model.inertias, strict=True) if body.mass == 0.0)[1:]
+
+
+def _loaded_model(arm: ArmBodies, payloads: Sequence[Payload], gravity: npt.ArrayLike) -> pin.Model:
+    """A copy of the reduced model of the arm with payloads.
+
+    Raises
+    ------
+    UnknownNameError
+        If a payload is fixed to a link that does not exist.
+    InputError
+        If the arm does not move that link, or it moves bodies without mass only.
+    """
+    model = arm.model
+    model.gravity.linear = finite("gravity", gravity, (3,))
+    for payload in payloads:
+        name = arm.tcp if payload.frame is None else payload.frame
+        if name not in arm.robot.urdf.links:
+            raise UnknownNameError("frame", name, arm.robot.urdf.links, "the payload")
+        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        if frame.parentJoint == 0:
+            raise InputError(f"the payload is fixed to {name!r}, which the arm does not move")
+        inertia = np.zeros((3, 3)) if payload.inertia is None else payload.inertia
+        body = pin.Inertia(payload.mass, np.array(payload.center_of_mass), np.array(inertia))
+        model.inertias[frame.parentJoint] += frame.placement.act(body)
+    for joint in range(1, model.njoints):
+        moved = sum(model.inertias[each].mass for each in model.subtrees[joint])
+        if moved <= 0.0:
+            raise InputError(
+                f"robot {arm.robot.name!r} states no mass of the links behind joint {model.names[joint]!r}, so that "
+                "torques are unknown; add <inertial> elements to its URDF"
+            )
+    return model

@@ -1,0 +1,221 @@
+"""Torque limits of the joints, with payloads, for time parametrisation and for verification between samples."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from pinproof.common.display import outline
+from pinproof.errors import InputError, TimingError
+from pinproof.model import Arm, Payload
+from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
+from pinproof.motion.curve import Array
+from pinproof.motion.tool_limits import controls, require_joints, time_of
+from pinproof.motion.trajectory import Trajectory
+from pinproof.spatial import finite
+
+__all__ = ["TorqueLimits", "TorquePeak"]
+
+SAMPLES_PER_PIECE = 65
+"""Configurations of a piece at which the torque at standstill is computed for an error message."""
+
+
+@dataclass(frozen=True)
+class TorquePeak:
+    """The largest torque of a joint during a motion.
+
+    Parameters
+    ----------
+    joint
+        Name of the joint.
+    torque
+        A proven upper bound of its magnitude between samples, in N m (N for a prismatic joint).
+    limit
+        The limit, infinite if none is known.
+    time
+        Time (s) at which a value within a relative 2e-4 of the bound occurs.
+    unit
+        ``"N m"``, or ``"N"`` for a prismatic joint.
+    """
+
+    joint: str
+    torque: float
+    limit: float
+    time: float
+    unit: str = "N m"
+
+    @property
+    def share(self) -> float:
+        """The torque divided by its limit."""
+        return self.torque / self.limit
+
+    def as_dict(self) -> dict[str, str | float | None]:
+        """The values for JSON; the limit is None if it is infinite."""
+        return {**vars(self), "limit": self.limit if np.isfinite(self.limit) else None}
+
+    def __str__(self) -> str:
+        limit = f", {100.0 * self.share:.0f} % of its limit" if np.isfinite(self.limit) else ""
+        return f"{self.joint}: {self.torque:.3g} {self.unit}{limit} at {self.time:.3g} s"
+
+
+class TorqueLimits:
+    """Limits of the joint torques, a :class:`~pinproof.motion.RateConstraint`; docs/timing.md derives its bounds.
+
+    Inertias are those of the URDF and of the payloads, as in :meth:`pinproof.Arm.torques`. A motion that is slowed down
+    keeps the torque from gravity; a path on which gravity alone exceeds a limit cannot be timed.
+
+    Parameters
+    ----------
+    arm
+        The arm.
+    payload
+        A body, or several, that the arm carries in addition to its own links.
+    limits
+        (n,) or one number in N m (N for a prismatic joint), above 0, NaN or infinite for no limit. By default,
+        ``arm.limits.torque``.
+    gravity
+        (3,) acceleration of free fall in m/s^2, in the root link.
+
+    Raises
+    ------
+    InputError
+        If no limit is known, a limit is not above 0, their number is wrong, or the description states no masses.
+    """
+
+    name = "torque"
+
+    def __init__(
+        self,
+        arm: Arm,
+        payload: Payload | Sequence[Payload] | None = None,
+        *,
+        limits: npt.ArrayLike | None = None,
+        gravity: npt.ArrayLike = GRAVITY,
+    ) -> None:
+        self.arm = arm
+        self.payloads = checked_payloads(payload)
+        self.limits = _checked_limits(arm, arm.limits.torque if limits is None else limits)
+        self.gravity = finite("gravity", gravity, (3,))
+        for array in (self.limits, self.gravity):
+            array.setflags(write=False)
+        self._tree = dynamic_tree(arm, self.payloads, self.gravity)
+        self._limited = np.flatnonzero(np.isfinite(self.limits))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Sentences about missing data: joints whose links have no mass, joints without a limit."""
+        massless = massless_joints(self.arm, self.payloads)
+        unlimited = [name for name, limit in zip(self.arm.joint_names, self.limits, strict=True) if np.isinf(limit)]
+        return (
+            *([f"no mass of the links moved by {', '.join(massless)}"] if massless else []),
+            *([f"no torque limit: {', '.join(unlimited)}"] if unlimited else []),
+        )
+
+    def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:
+        """``M(q) q'``, ``M(q) q'' + C(q, q') q'``, ``g(q)`` and the limits (N, m) of the m joints with a limit.
+
+        Raises
+        ------
+        TimingError
+            If gravity alone exceeds a limit; the message names the joint, the torque and the configuration.
+        """
+        q, slope, curvature = (np.ascontiguousarray(each) for each in (q, slope, curvature))
+        alpha, gamma = self._tree.torques(q, np.zeros_like(q), slope)
+        beta, _ = self._tree.torques(q, slope, curvature)
+        self._require_standstill(q, gamma)
+        bound = np.broadcast_to(self.limits, q.shape)
+        return tuple(each[:, self._limited] for each in (alpha, beta, gamma, bound))  # type: ignore[return-value]
+
+    def excess(self, trajectory: Trajectory) -> Array:
+        """(k,) for each piece, a proven upper bound of the factor by which its duration must be multiplied.
+
+        Raises
+        ------
+        TimingError
+            If gravity alone exceeds a limit.
+        """
+        require_joints(self.arm, trajectory)
+        stretch = np.asarray(self._tree.torque_stretch(*controls(trajectory), self.limits))
+        stuck = np.flatnonzero(np.isinf(stretch))
+        if len(stuck):
+            knots, inside = trajectory.bezier()[0], np.linspace(0.0, 1.0, SAMPLES_PER_PIECE)
+            times = (knots[stuck, None] + np.diff(knots)[stuck, None] * inside).ravel().clip(knots[0], knots[-1])
+            q = np.ascontiguousarray(trajectory(times))
+            self._require_standstill(q, self._tree.torques(q, np.zeros_like(q), np.zeros_like(q))[1], strict=True)
+            raise TimingError(f"at {times[0]:.4g} s of the motion, a joint needs its torque limit to stand still")
+        return stretch
+
+    def peaks(self, trajectory: Trajectory) -> tuple[TorquePeak, ...]:
+        """The largest torque of each joint over the motion, as a bound that holds between samples."""
+        require_joints(self.arm, trajectory)
+        bound, piece, fraction = self._tree.torque_peaks(*controls(trajectory))
+        times = time_of(trajectory, piece, fraction)
+        return tuple(
+            TorquePeak(name, float(bound[j]), float(self.limits[j]), float(times[j]), self._unit(j))
+            for j, name in enumerate(self.arm.joint_names)
+        )
+
+    def standstill(self, q: npt.ArrayLike) -> str:
+        """A sentence about the joint that cannot hold the arm at rest at q (n,), or an empty text if all can."""
+        still = np.zeros((1, self.arm.dof))
+        try:
+            self._require_standstill(q := self.arm.configuration(q)[None], self._tree.torques(q, still, still)[1])
+        except TimingError as error:
+            return str(error)
+        return ""
+
+    def _require_standstill(self, q: Array, gravity: Array, *, strict: bool = False) -> None:
+        share = np.abs(gravity) / self.limits
+        worst = float(share.max(initial=0.0))
+        if worst > 1.0 or (strict and worst >= 1.0):
+            i, j = np.unravel_index(share.argmax(), share.shape)
+            unit = self._unit(int(j))
+            needed = f"joint {self.arm.joint_names[j]!r} needs {abs(gravity[i, j]):.4g} {unit} to hold the arm at rest"
+            raise TimingError(
+                f"{needed} at q = {np.round(q[i], 4).tolist()}; its torque limit is {self.limits[j]:.4g} {unit}"
+                f"{self._loaded()}"
+            )
+
+    def _unit(self, joint: int) -> str:
+        return "N m" if self.arm.angular[joint] else "N"
+
+    def _loaded(self) -> str:
+        return f" (payload {sum(each.mass for each in self.payloads):.4g} kg)" if self.payloads else ""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _rebuilt, (self.arm, self.payloads, self.limits, self.gravity)
+
+    def __repr__(self) -> str:
+        rows = [f"limits: {', '.join(f'{limit:g}' for limit in self.limits)}", *map(str, self.payloads), *self.notes]
+        return outline(f"TorqueLimits({self.arm.robot.name!r}, {self.arm.dof} joints)", rows)
+
+
+def _rebuilt(arm: Arm, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:
+    return TorqueLimits(arm, payloads, limits=limits, gravity=gravity)
+
+
+def _checked_limits(arm: Arm, value: npt.ArrayLike | None) -> Array:
+    joints = ", ".join(arm.joint_names)
+    if value is None:
+        raise InputError(
+            f"no torque limit of the joints {joints} is known; state limits=, or max_effort in a file of joint limits"
+        )
+    try:
+        limits = np.array(value, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"torque limits must be numbers, not {value!r}") from error
+    if limits.ndim == 0:
+        limits = np.full(arm.dof, float(limits))
+    if limits.shape != (arm.dof,):
+        raise InputError(f"torque limits must have one number for each of the joints {joints}; shape {limits.shape}")
+    for name, limit in zip(arm.joint_names, limits, strict=True):
+        if limit <= 0.0:
+            raise InputError(f"the torque limit of joint {name!r} must be above 0, not {limit:g}")
+    limits[np.isnan(limits)] = np.inf
+    if np.isinf(limits).all():
+        raise InputError(f"no torque limit of the joints {joints} is known; state limits=")
+    return limits

@@ -1,0 +1,57 @@
+"""Torque and tool limits of the parts of a pick's motion."""
+
+from __future__ import annotations
+
+from pinproof.collision import CollisionChecker
+from pinproof.errors import InputError
+from pinproof.model import Arm, Payload
+from pinproof.motion import RateConstraint, TorqueLimits, TorquePeak, Trajectory
+from pinproof.picks.input.pick import Member, Pick, Picks
+from pinproof.picks.judging.task import Task
+
+__all__ = ["carries", "limits_torque", "peaks_of", "rate_limits", "torque_limits_of_tool"]
+
+CARRYING = ("retreat", "transfer", "place")
+"""The parts of the motion with the object in the hand."""
+
+
+def limits_torque(shared: Picks, pick: Pick | None = None) -> bool:
+    """Whether the torque limits apply: a payload is stated, or the picks demand it."""
+    return shared.torque_limits or bool(shared.payload) or (pick is not None and pick.payload is not None)
+
+
+def torque_limits_of_tool(arm: Arm, shared: Picks) -> TorqueLimits | None:
+    """The torque limits with the empty tool; None if torque is not limited.
+
+    Raises
+    ------
+    InputError
+        If the arm has no torque limits or no masses, or a payload is fixed to a link that the arm does not move.
+    """
+    try:
+        return TorqueLimits(arm, shared.payload) if limits_torque(shared) else None
+    except InputError as error:
+        raise InputError(f"the picks limit torques: {error}") from error
+
+
+def carries(task: Task, member: Member, part: str) -> tuple[Payload, ...]:
+    """The payloads during a part of the motion, the object in the frame of the tcp."""
+    shared, payload = task.cell.shared.payload, task.pick.payload
+    if payload is None or part not in CARRYING:
+        return shared
+    return (*shared, payload.placed(task.holding(member).pose))
+
+
+def rate_limits(task: Task, member: Member, part: str, checker: CollisionChecker) -> list[RateConstraint]:
+    """The limits of torque and of the tool during a part of the motion, beside those of the joints."""
+    constraints: list[RateConstraint] = []
+    if limits_torque(task.cell.shared, task.pick):
+        constraints.append(TorqueLimits(checker.arm, carries(task, member, part)))
+    if (speed := task.pick.speed.get(part)) is not None:
+        constraints.append(speed.limits(checker.arm))
+    return constraints
+
+
+def peaks_of(constraints: list[RateConstraint], trajectory: Trajectory) -> tuple[TorquePeak, ...]:
+    """The largest torques of a trajectory; empty if torque is not limited."""
+    return next((each.peaks(trajectory) for each in constraints if isinstance(each, TorqueLimits)), ())

@@ -1,0 +1,88 @@
+"""Limits of the tool: bounds between samples against Pinocchio, timing, and what is refused."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import pinproof as pp
+from pinproof import InputError
+from pinproof.model import load_robot_from_text
+from pinproof.motion import JointPath, ToolLimits, time_parametrise
+
+from ..heavy_robot import heavy_robot_text
+from .test_torque_limits import random_trajectory, samples
+
+RATES = ("linear_speed", "angular_speed", "linear_acceleration", "angular_acceleration")
+
+
+@pytest.fixture(scope="module")
+def panda():
+    return pp.load_robot("panda").arm()
+
+
+def rates_by_pinocchio(arm, trajectory, times):
+    """(N, 4) speeds and accelerations of the tcp frame."""
+    model = arm.model
+    data, frame = model.createData(), model.getFrameId(arm.tcp, pin.FrameType.BODY)
+    rows = []
+    for q, v, a in zip(trajectory(times), trajectory.velocity(times), trajectory.acceleration(times), strict=True):
+        pin.forwardKinematics(model, data, arm.model_configuration(q), arm.scale @ v, arm.scale @ a)
+        speed = pin.getFrameVelocity(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        gain = pin.getFrameClassicalAcceleration(model, data, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+        rows.append([np.linalg.norm(x) for x in (speed.linear, speed.angular, gain.linear, gain.angular)])
+    return np.array(rows)
+
+
+@pytest.mark.parametrize("quintic", [False, True])
+@pytest.mark.parametrize("name", ["heavy", "panda", "stanford", "scara"])
+def test_the_bounds_cover_dense_samples_and_are_tight(name, quintic):
+    arm = load_robot_from_text(heavy_robot_text()).arm(tcp="tool") if name == "heavy" else pp.load_robot(name).arm()
+    trajectory = random_trajectory(arm, np.random.default_rng(3), quintic=quintic)
+    dense = rates_by_pinocchio(arm, trajectory, samples(trajectory, 150))
+    limits = 0.4 * dense.max(axis=0)
+    tool = ToolLimits(arm, **dict(zip(RATES, limits, strict=True)))
+    share = dense / limits
+    share[:, 2:] = np.sqrt(share[:, 2:])
+    factor = share.max(axis=1).reshape(-1, 150).max(axis=1)
+    excess = tool.excess(trajectory)
+    assert (excess >= factor * (1.0 - 1e-9)).all()
+    over = excess > 1.0
+    assert over.any()
+    assert (excess[over] <= 1.005 * factor[over]).all()
+    peaks = np.array([tool.peaks(trajectory)[rate] for rate in RATES])
+    assert (peaks >= dense.max(axis=0) * (1.0 - 1e-9)).all()
+    assert (peaks <= 1.005 * dense.max(axis=0)).all()
+
+
+@pytest.mark.parametrize("limit", [{"linear_speed": 0.25}, {"linear_acceleration": 1.5, "angular_acceleration": 4.0}])
+def test_timing_keeps_the_limits_of_the_tool(panda, limit):
+    fast = dataclasses.replace(panda.limits, acceleration=np.full(7, 15.0))
+    path = JointPath([panda.home, panda.home + np.array([0.4, 0.2, 0.3, 0.2, 0.1, 0.3, 0.2])], panda.joint_names)
+    trajectory = time_parametrise(path, fast, constraints=[ToolLimits(panda, **limit)])
+    largest = rates_by_pinocchio(panda, trajectory, samples(trajectory, 60)).max(axis=0)
+    shares = [largest[RATES.index(name)] / value for name, value in limit.items()]
+    assert max(shares) <= 1.0 + 1e-9
+    assert max(shares) > 0.98
+
+
+def test_an_arm_at_rest_keeps_every_limit(panda):
+    trajectory = time_parametrise(JointPath([panda.home, panda.home], panda.joint_names), panda.limits)
+    assert ToolLimits(panda, linear_speed=1e-6).excess(trajectory).tolist() == [0.0]
+    assert set(ToolLimits(panda, linear_speed=1e-6).peaks(trajectory).values()) == {0.0}
+
+
+def test_limits_pickle(panda):
+    assert repr(pickle.loads(pickle.dumps(ToolLimits(panda, angular_speed=1.5)))) == (
+        "ToolLimits('panda_hand_tcp', angular_speed=1.5)"
+    )
+
+
+@pytest.mark.parametrize("limit", [{}, {"linear_speed": 0.0}, {"angular_speed": -1.0}, {"linear_acceleration": np.nan}])
+def test_a_limit_that_is_not_positive_is_refused(panda, limit):
+    with pytest.raises(InputError, match=next(iter(limit), "linear_speed")):
+        ToolLimits(panda, **limit)

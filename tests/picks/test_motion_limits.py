@@ -1,0 +1,152 @@
+"""Payloads, torque limits and speeds of picks: files, timing, reports, and reasons."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+import pinproof as pp
+from pinproof import InputError
+from pinproof.description.catalogue import robots_folder
+from pinproof.errors import PicksError
+from pinproof.motion import ToolLimits
+from pinproof.picks import PickStatus, Stage
+from pinproof.picks.input.pick import PARTS, ToolSpeed
+
+FOLDER = robots_folder() / "ur5"
+ROW = "{name: bolt, xyz: [0.460, 0.150, 0.035], object: bolt_1, place: {frame: drop, xyz: [0, 0, 0], rpy: [pi, 0, 0]}}"
+
+
+@pytest.fixture
+def file(tmp_path):
+    """Write carry.yaml with one pick, more shared settings and more defaults."""
+
+    def write(shared="", defaults="", row=ROW):
+        text = (FOLDER / "carry.yaml").read_text().split("picks:\n")[0]
+        text = text.replace("scene: scene.yaml", f"scene: {FOLDER / 'scene.yaml'}\n{shared}")
+        text = text.replace("defaults: {", f"defaults: {{{defaults}")
+        (tmp_path / "picks.yaml").write_text(f"{text}picks:\n  - {row}\n")
+        return tmp_path / "picks.yaml"
+
+    return write
+
+
+@pytest.fixture
+def judge(file):
+    def judged(**stated):
+        picks = pp.read_picks(file(**stated))
+        arm = picks.load_arm()
+        report = pp.validate_picks(arm, pp.Scene.load(picks.scene), picks, budget=pp.picks.PickBudget(compared=1))
+        return arm, report, report.verdicts[0]
+
+    return judged
+
+
+def test_torques_of_a_pick_are_limited_and_reported(judge):
+    arm, report, verdict = judge(
+        shared="payload: {mass: 1.5, center_of_mass: [0, 0, 0.05], inertia: [0.001, 0.001, 0.0005]}",
+        defaults="payload: {mass: 2, center_of_mass: [0, 0, 0.01]}, ",
+    )
+    assert verdict.ok
+    shares = {motion.name: max(peak.share for peak in motion.torques) for motion in verdict.motions}
+    assert list(shares) == list(PARTS)
+    assert verdict.stages[-1].figures["torque_share"] == max(shares.values()) <= 1.0
+    assert "of its limit, in transfer" in verdict.stages[-1].message
+    rows = report.to_dict()["picks"][0]["motions"][0]["torques"]
+    assert [row["joint"] for row in rows] == list(arm.joint_names)
+    assert any("friction" in note for note in report.notes)
+    # The object is carried from the grasp to the release, at its own centre of mass.
+    tool = pp.Payload(1.5, (0, 0, 0.05), (0.001, 0.001, 0.0005))
+    for motion in verdict.motions:
+        carried = [body for body in motion.attached if body.name == "bolt_1"]
+        loads = [tool, *(pp.Payload(2.0, body.pose * np.array([0, 0, 0.01])) for body in carried)]
+        assert bool(carried) is (motion.name in ("retreat", "transfer", "place"))
+        largest = np.abs(pp.motion.TorqueLimits(arm, loads).peaks(motion.trajectory)[1].torque)
+        assert motion.torques[1].torque == pytest.approx(largest, rel=1e-9)
+
+
+def test_a_pick_that_fails_only_because_of_torque_names_joint_torque_and_part(judge):
+    _, _, verdict = judge(defaults="payload: {mass: 60}, ")
+    assert verdict.status is PickStatus.NOT_FOUND
+    assert verdict.failed is Stage.TIMING
+    assert re.search(
+        r"^(retreat|transfer): joint 'shoulder_lift_joint' needs \d+\.?\d* N m to hold the arm at rest at q = \[.*"
+        r"limit is 150 N m \(payload 60 kg\)",
+        verdict.reason,
+    )
+
+
+def test_parts_keep_their_speeds(judge):
+    speed = "speed: {approach: 0.05, transfer: {linear_speed: 0.5, angular_speed: 2}, place: 0.08}, "
+    arm, _, verdict = judge(defaults=speed)
+    assert verdict.ok
+    tool = ToolLimits(arm, linear_speed=1.0)
+    found = {motion.name: tool.peaks(motion.trajectory) for motion in verdict.motions}
+    for part, limit in {"approach": 0.05, "transfer": 0.5, "place": 0.08}.items():
+        assert 0.9 * limit < found[part]["linear_speed"] <= limit * (1 + 2e-4 + 1e-9)  # the slack of the peak
+    assert found["transfer"]["angular_speed"] <= 2.0 * (1 + 2e-4 + 1e-9)
+    assert found["retreat"]["linear_speed"] > 0.2
+    assert not verdict.motions[0].torques
+
+
+def test_one_number_is_the_speed_of_all_parts_of_a_pick_without_an_object(judge):
+    arm, _, verdict = judge(defaults="speed: 0.25, ", row="{name: bolt, xyz: [0.460, 0.150, 0.035]}")
+    assert verdict.ok
+    peaks = ToolLimits(arm, linear_speed=1.0).peaks(verdict.trajectory)
+    assert 0.24 < peaks["linear_speed"] <= 0.25 * (1 + 2e-4 + 1e-9)
+
+
+def test_a_table_states_mass_and_speed(tmp_path):
+    (tmp_path / "table.csv").write_text(
+        "name,x,y,z,roll,pitch,yaw,object,mass,center_x,center_y,center_z,speed\n"
+        "a,0.46,0.15,0.035,pi,0,0,bolt_1,1.5,0,0,0.02,0.25\nb,0.46,0.15,0.035,pi,0,0,bolt_1,,,,,\n"
+    )
+    first, second = pp.read_picks(tmp_path / "table.csv")
+    assert (first.payload.mass, first.payload.center_of_mass.tolist()) == (1.5, [0, 0, 0.02])
+    assert first.speed == dict.fromkeys(PARTS, ToolSpeed(linear_speed=0.25))
+    assert second.payload is None
+    assert not second.speed
+
+
+@pytest.mark.parametrize(
+    ("shared", "words"),
+    [
+        ("payload: {mass: -1}", "key payload.*mass"),
+        ("payload: {weight: 1}", "key payload.*'weight'.*mass"),
+        ("payload: {mass: 1, inertia: [0.01, 0.01, 0.5]}", "key payload.*sum of the others"),
+        ("payload: {mass: 1, frame: [a]}", "key payload.*frame"),
+        ("torque_limits: 87", "key torque_limits.*true or false"),
+    ],
+)
+def test_a_wrong_shared_payload_is_refused_with_its_key(file, shared, words):
+    with pytest.raises(PicksError, match=words):
+        pp.read_picks(file(shared=shared))
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        ("{name: a, xyz: [0, 0, 0], payload: {mass: 1}}", "payload and no object"),
+        ("{name: a, xyz: [0, 0, 0], object: bolt_1, payload: {mass: 0}}", "mass"),
+        ("{name: a, xyz: [0, 0, 0], object: bolt_1, payload: {mass: 1, frame: tool0}}", "frame"),
+        ("{name: a, xyz: [0, 0, 0], speed: {aproach: 0.1}}", "approach"),
+        ("{name: a, xyz: [0, 0, 0], speed: 0}", "linear_speed"),
+        ("{name: a, xyz: [0, 0, 0], speed: {approach: {linear_sped: 0.1}}}", "linear_speed"),
+        ("{name: a, xyz: [0, 0, 0], speed: {approach: {}}}", "linear_speed"),
+    ],
+)
+def test_a_wrong_payload_or_speed_of_a_pick_is_a_problem_of_its_row(file, row, words):
+    picks = pp.read_picks(file(row=row))
+    assert not picks.picks
+    assert words in picks.problems[0].reason
+
+
+def test_picks_that_limit_torques_need_an_arm_with_limits(file):
+    picks = pp.read_picks(file(shared="torque_limits: true"))
+    arm = picks.load_arm()
+    bare = arm.with_limits(dataclasses.replace(arm.limits, torque=None))
+    with pytest.raises(InputError, match=r"limit torques.*max_effort"):
+        pp.validate_picks(bare, pp.Scene.load(picks.scene), picks)

@@ -1,0 +1,84 @@
+"""A missing or outdated compiled core is one clear error, which names the command that provides it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from pinproof import _core, core_import
+from pinproof.core_import import core_problem, source_hash
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture
+def checkout(tmp_path: Path) -> tuple[Path, Path]:
+    """An up-to-date core, and the folder of its sources."""
+    sources = tmp_path / "src" / "core"
+    (sources / "ik").mkdir(parents=True)
+    (sources / "source_hash.cmake").touch()
+    (sources / "ik" / "step.cpp").write_text("int step;", encoding="utf-8")
+    core = tmp_path / "src" / "pinproof" / "_core.so"
+    core.parent.mkdir()
+    core.write_bytes(b"x" + source_hash(sources).encode() + b"y")
+    return core, sources
+
+
+def newer(file: Path, than: Path) -> None:
+    made = than.stat().st_mtime
+    os.utime(file, (made + 10, made + 10))
+
+
+def test_the_hash_is_the_one_that_cmake_writes_into_the_core() -> None:
+    assert source_hash(ROOT / "src" / "core") == _core.SOURCE_HASH
+
+
+def test_a_core_with_unchanged_sources_is_used(checkout: tuple[Path, Path]) -> None:
+    core, sources = checkout
+    assert core_problem(core, sources) == ""
+    newer(sources / "ik" / "step.cpp", core)
+    assert core_problem(core, sources) == ""
+
+
+def test_changed_sources_are_an_error_with_the_command_that_compiles_them(checkout: tuple[Path, Path]) -> None:
+    core, sources = checkout
+    (sources / "ik" / "step.cpp").write_text("int another;", encoding="utf-8")
+    newer(sources / "ik" / "step.cpp", core)
+    problem = core_problem(core, sources)
+    assert f"{sources.parents[1]}/scripts/build {sys.executable}" in problem
+    assert "older" in problem
+
+
+def test_a_missing_core_is_an_error_with_the_remedy_of_a_checkout_or_a_wheel(
+    checkout: tuple[Path, Path], tmp_path: Path
+) -> None:
+    core, sources = checkout
+    assert "scripts/build" in core_problem(None, sources)
+    in_wheel = core_problem(None, tmp_path / "site-packages" / "core")
+    assert "pip install" in in_wheel
+    assert "scripts/build" not in in_wheel
+    assert core_problem(core, tmp_path / "site-packages" / "core") == ""
+
+
+@pytest.mark.slow
+def test_without_the_core_commands_end_with_one_line_and_the_verifier_works(tmp_path: Path) -> None:
+    package = Path(core_import.__file__).parent
+    shutil.copytree(package, tmp_path / "pinproof", ignore=shutil.ignore_patterns("_core.*", "__pycache__"))
+
+    def run(*words: str) -> subprocess.CompletedProcess[str]:
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, *words]
+        return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
+
+    refused = run("-m", "pinproof", "fk", "ur5", "--q", "home")
+    assert refused.returncode == 2
+    (line,) = refused.stderr.splitlines()
+    assert "the compiled core is missing" in line
+    imported = run("-c", "import pinproof.ik")
+    assert "CoreError" in imported.stderr.splitlines()[-1]
+    assert run("-c", "import pinproof.verifier").returncode == 0

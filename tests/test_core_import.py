@@ -71,8 +71,10 @@ def test_without_the_core_commands_end_with_one_line_and_the_verifier_works(tmp_
     shutil.copytree(package, tmp_path / "pinproof", ignore=shutil.ignore_patterns("_core.*", "__pycache__"))
 
     def run(*words: str) -> subprocess.CompletedProcess[str]:
-        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-        command = [sys.executable, *words]
+        # Without the module site, whose hook of an editable installation would find the core of the checkout.
+        others = [entry for entry in sys.path if entry and Path(entry) != package.parent]
+        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *others])}
+        command = [sys.executable, "-S", *words]
         return subprocess.run(command, capture_output=True, text=True, check=False, env=environment, cwd=tmp_path)
 
     refused = run("-m", "pinproof", "fk", "ur5", "--q", "home")

@@ -646,7 +646,11 @@ TimedMotion Timing::solve() {
         smooth() ? first_profile_with_jerk_limit() : profile_without_jerk_limit();
     for (;; ++result.rounds) {
         result.duration = profile_.duration();
-        if (!failed && !(result.duration <= task_.longest)) failed = TimingStatus::too_long;
+        if (!failed && !(result.duration <= task_.longest)) {
+            // Slowing down cannot help where the speed at an end, which stays, exceeds a limit together with the bend.
+            const bool by_ends = result.rounds > 0 && (start_ > 0.0 || end_ > 0.0);
+            failed = by_ends ? TimingStatus::ends_unreachable : TimingStatus::too_long;
+        }
         if (failed) {
             result.status = *failed;
             return result;

@@ -249,8 +249,8 @@ def new_figure(rows: int, columns: int, *, width: float, height: float) -> tuple
 
 
 def save_figure(figure: Any, path: Path) -> Path:
-    """Write a figure as PNG; return its path."""
-    figure.savefig(path, dpi=110, format="png")
+    """Write a figure as PNG, at most 1,150 pixels wide; return its path."""
+    figure.savefig(path, dpi=min(110.0, 1150.0 / figure.get_figwidth()), format="png")
     return path
 
 

@@ -49,7 +49,7 @@ def core_problem(core: Path | None, sources: Path) -> str:
     Parameters
     ----------
     core
-        The extension module; None if there is none for this Python.
+        The extension module; None if it does not exist for this Python.
     sources
         The folder of its sources; it does not exist in an installed wheel.
     """

@@ -11,7 +11,7 @@
 //     |d / f^2 + g| <= T  if and only if  f^2 >= max(d / (T - g), -d / (T + g), 0) ,  provided that |g| < T .
 //
 // On a piece, d <= F (T - g) holds everywhere if it holds for the Bernstein coefficients, d_i <= F (T - g_i), so that F
-// is bounded by the largest quotient of coefficients. Where |g| >= T the arm cannot even stand still: f is infinite.
+// is bounded by the largest quotient of coefficients. Where |g| >= T the arm cannot be held at rest: f is infinite.
 #pragma once
 
 #include <array>

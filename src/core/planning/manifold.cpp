@@ -27,7 +27,8 @@ constexpr double kAim = 0.9;
 // A step whose edge cannot be proven is halved, at most this often.
 constexpr int kMostHalvings = 7;
 
-// Steps whose projection turns aside, after which no shorter one is tried: their direction does not depend on the length.
+// Steps whose projection deviates sideways, after which no shorter one is tried: their direction does not depend on
+// the length.
 constexpr int kMostAside = 2;
 
 // Fraction of a step by which the distance to the target must decrease. The projection may turn a step aside.
@@ -68,7 +69,7 @@ bool Manifold::contains(const double* q) {
     return true;
 }
 
-// The least-squares step of the equations, without the joints that are fixed. False: there is none.
+// The least-squares step of the equations, without the joints that are fixed. Returns false if it does not exist.
 bool Manifold::solve(std::vector<double>& step) {
     const std::size_t rows = equations_.size(), n = dof();
     gram_.assign(rows * rows, 0.0);

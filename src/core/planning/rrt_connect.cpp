@@ -130,7 +130,8 @@ RrtSearch::Event RrtSearch::grow(std::int64_t until) {
     return Event::kPaused;
 }
 
-// The end of the next edge from a node towards the target, from which it is `left` away. False: there is none.
+// The end of the next edge from a node towards the target, from which it is `left` away. Returns false if it does not
+// exist.
 bool RrtSearch::extend(const double* start, double left) {
     if (manifold_ != nullptr) return manifold_->step(start, target_.data(), settings_.step, end_.data());
     const double share = std::min(settings_.step / left, 1.0);

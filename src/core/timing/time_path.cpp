@@ -253,8 +253,8 @@ StepLimits Timing::limits_of(std::span<const Step> steps) const {
         double& ceiling = limits.ceiling[(i + 1) / 2];
         for (std::size_t r = i * more.rows; r < (i + 1) * more.rows; ++r) {
             if (more.alpha[r] == 0.0 && more.beta[r] != 0.0) {  // a limit of speed
-                const double room = more.bound[r] - std::copysign(more.gamma[r], more.gamma[r] * more.beta[r]);
-                ceiling = std::min(ceiling, room / std::abs(more.beta[r]) / square);
+                const double margin = more.bound[r] - std::copysign(more.gamma[r], more.gamma[r] * more.beta[r]);
+                ceiling = std::min(ceiling, margin / std::abs(more.beta[r]) / square);
             }
             limits.alpha.push_back(more.alpha[r] * square);
             limits.beta.push_back(more.beta[r] * square);

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -147,30 +148,45 @@ def plan(
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
         written.append(html)
+    _show(simplified, shortest, certificate, torques, written, optimised=budget > 0, as_json=as_json)
+    if not certificate.free:
+        raise typer.Exit(1)
+
+
+def _show(
+    simplified: pp.planning.SimplifyResult,
+    shortest: pp.planning.OptimiseResult,
+    certificate: pp.Certificate,
+    torques: Sequence[pp.motion.TorquePeak],
+    written: Sequence[Path],
+    *,
+    optimised: bool,
+    as_json: bool,
+) -> None:
+    """Print the figures of a planned motion, its certificate and the files written."""
+    length, duration = simplified.path.length, shortest.trajectory.duration
     if as_json:
         figures = {
             "stops": simplified.stops,
-            "length": path.length,
+            "length": length,
             "duration_of_path": shortest.duration_before,
-            "duration": trajectory.duration,
+            "duration": duration,
             "lower_bound": shortest.lower_bound,
         }
         peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
         print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
-    else:
-        stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
-        print_line(
-            f"path of length {path.length:.3g} rad, {stops}, {shortest.duration_before:.2f} s; optimised motion "
-            f"{trajectory.duration:.2f} s, lower bound without obstacles {shortest.lower_bound:.2f} s "
-            f"({trajectory.limits_note})"
-        )
-        if torques:
-            print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
-        print_line(str(certificate))
-        if written:
-            print_line(f"wrote {' and '.join(map(str, written))}")
-    if not certificate.free:
-        raise typer.Exit(1)
+        return
+    stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
+    motion = f"; optimised motion {duration:.2f} s" if optimised else ""
+    print_line(
+        f"path of length {length:.3g} rad, {stops}, {shortest.duration_before:.2f} s{motion}, lower bound without "
+        f"obstacles {shortest.lower_bound:.2f} s ({shortest.trajectory.limits_note})"
+    )
+    if torques:
+        print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
+    print_line(str(certificate))
+    if written:
+        print_line(f"wrote {' and '.join(map(str, written))}")
 
 
 def _jerk(text: str | None) -> float | Literal["limits"] | None:

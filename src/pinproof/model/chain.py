@@ -250,9 +250,9 @@ def compiled_chain(
     before, prismatic = np.empty((len(rows), 4, 4)), []
     behind = root_from_base.inverse()  # the constant transform before the next joint
     for row, out in zip(rows, before, strict=True):
-        aligned, slides = aligned_axes(model, row + 1)
+        aligned, is_prismatic = aligned_axes(model, row + 1)
         out[:] = (behind * model.jointPlacements[row + 1] * aligned).homogeneous
-        prismatic.append(slides)
+        prismatic.append(is_prismatic)
         behind = aligned.inverse()
     tool = (behind * tcp.placement).homogeneous.copy()
     multiplier = scale[rows, leader].tolist()

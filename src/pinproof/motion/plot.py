@@ -104,7 +104,7 @@ def _sampled(trajectory: _Motion) -> tuple[Array, list[Array]]:
 
 
 def _lines(limits: DrawnLimits | None, jerk: npt.ArrayLike | None, n: int) -> list[tuple[Array, Array]]:
-    """The lower and the upper limit (n,) of each panel; infinite where there is none."""
+    """The lower and the upper limit (n,) of each panel; infinite where no limit is given."""
     none = np.full(n, np.inf)
     lower, upper = getattr(limits, "lower", None), getattr(limits, "upper", None)
     rates = [

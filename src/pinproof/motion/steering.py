@@ -171,7 +171,7 @@ class Steering:
         return move
 
     def move(self, first: State, last: State) -> Move | None:
-        """The fastest move from one state to another; None if there is none within the limits of the rates."""
+        """The fastest move from one state to another; None if the limits of the rates permit no move."""
         given = self._input
         given.current_position, given.current_velocity, given.current_acceleration = _shrunk(first)
         given.target_position, given.target_velocity, given.target_acceleration = _shrunk(last)

@@ -46,7 +46,7 @@ FEWEST, MOST = 6, 300
 PASSES = 40
 """Maximum number of passes in which each point is moved towards the middle of its neighbours."""
 
-SETTLED = 0.01
+CONVERGED = 0.01
 """The passes end when no point moves by this fraction of the spacing."""
 
 
@@ -119,7 +119,7 @@ def _relaxed(q: Array, edges: Edges, manifold: Manifold) -> Array:
     for i in range(1, len(q) - 1):
         inside = manifold.project(q[i], INSIDE)
         q[i] = q[i] if inside is None else inside
-    settled = SETTLED * float(np.linalg.norm(np.diff(q, axis=0), axis=1).mean())
+    converged = CONVERGED * float(np.linalg.norm(np.diff(q, axis=0), axis=1).mean())
 
     def is_free(a: Array, b: Array) -> bool:
         return bool(manifold.edge_proven(a, b)) and edges.samples_free(a, b)
@@ -131,9 +131,9 @@ def _relaxed(q: Array, edges: Edges, manifold: Manifold) -> Array:
             if moved is None:
                 continue
             change = float(np.abs(moved - q[i]).max())
-            if change > settled and is_free(q[i - 1], moved) and is_free(moved, q[i + 1]):
+            if change > converged and is_free(q[i - 1], moved) and is_free(moved, q[i + 1]):
                 q[i], largest = moved, max(largest, change)
-        if largest <= settled:
+        if largest <= converged:
             break
     return q
 

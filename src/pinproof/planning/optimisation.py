@@ -530,7 +530,7 @@ class _Search:
         )
 
     def _stopping(self, path: Array) -> MoveSequence | None:
-        """The motion along the edges of a path (m, n) that stops at each waypoint; None if there is none."""
+        """The motion along the edges of a path (m, n) that stops at each waypoint; None if it does not exist."""
         moves = []
         for first, last in pairwise(path.tolist()):
             if first != last:

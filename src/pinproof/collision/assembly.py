@@ -279,16 +279,17 @@ def warn_of_units(arm: Arm, bodies: Sequence[Body], scene: Scene) -> None:
     """Warn of links, attached objects and obstacles that are implausibly large, as meshes in millimetres are."""
     shapes = {obstacle.name: obstacle.shape for obstacle in scene.obstacles}
     warned: set[str] = set()
+    far = FAR * arm.robot.size
     for body in bodies:
         sides = (body.box[1] - body.box[0]).tolist()
-        if body.owner in warned or max(sides) <= min(LARGEST_MESH, FAR * arm.robot.size):
+        if body.owner in warned or max(sides) <= min(LARGEST_MESH, far):
             continue
         name, most = f"size of obstacle {body.owner!r}", MOST_REACH
         if isinstance(shapes.get(body.owner), Mesh):
             name, most = f"{name} (a mesh in millimetres needs scale: 0.001)", LARGEST_MESH
         elif body.link is not None:
             name = f"size of {body.owner!r} (a mesh in millimetres needs the scale 0.001)"
-            sides, most = [max(sides)], max(FAR * arm.robot.size, LARGEST_SMALL_PART)
+            sides, most = [max(sides)], max(far, LARGEST_SMALL_PART)
         warned.add(body.owner)
         warn_of_millimetres(name, sides, most=most, stacklevel=3)
 

@@ -115,6 +115,17 @@ def test_torque_and_tool_speed_are_checked_between_samples(run: Run) -> None:
     assert [each["limit"] for each in answer["torques"]] == [150.0, 150.0, 150.0, 28.0, 28.0, 28.0]
 
 
+def test_torques_that_are_not_proven_to_be_within_their_limits_are_not_passed(
+    run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(pp.motion.TorqueLimits, "excess", lambda *_: np.array([1.0 + 1e-4]))
+    code, out, _ = run("ur5", "motion.json", "--torque", "--json")
+    answer = json.loads(out)
+    assert code == 1
+    assert all(abs(peak["torque"]) < peak["limit"] for peak in answer["torques"])
+    assert len(answer["outside_limits"]) == 1
+
+
 @pytest.mark.parametrize(
     ("option", "value"), [("--payload", "-1"), ("--payload", "1 2"), ("--payload", "a"), ("--tool-speed", "0")]
 )

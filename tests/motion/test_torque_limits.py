@@ -182,3 +182,9 @@ def test_a_trajectory_of_another_arm_is_refused(panda):
     other = pp.load_robot("ur5").arm()
     with pytest.raises(InputError, match="panda_joint1"):
         TorqueLimits(panda).excess(random_trajectory(other, np.random.default_rng(0), quintic=False))
+
+
+def test_generated_masses_are_stated_in_the_notes(panda):
+    generated = TorqueLimits(pp.load_robot("gen3_lite").arm(), PART).notes
+    assert any("generated" in note for note in generated)
+    assert not any("generated" in note for note in TorqueLimits(panda, PART).notes)

@@ -143,16 +143,18 @@ def certify_motion(
         certificate.save(save_proof)
     violations = _limit_violations(trajectory, arm) + rates.violations(arm, trajectory, LIMIT_TOLERANCE)
     attached = [body.name for body in checker.attached]
-    torques = rates.peaks(arm, trajectory)
+    torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
     if as_json:
         figures = None if audit is None else {key: getattr(audit, key) for key in ("samples", "distance", "message")}
-        peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
+        peaks = {"torques": [peak.as_dict() for peak in torques], "torque_notes": torque_notes} if torques else {}
         found = {"attached": attached, "outside_limits": violations, "audit": figures}
         print_json({**verdict(certificate), **found, **peaks})
     else:
         _print_certificate(certificate, attached, violations)
         if torques:
             print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
+        for note in torque_notes:
+            print_line(f"note: {note}")
         if audit is not None:
             print_line(f"audit: {audit.message}")
         if save_proof is not None:

@@ -140,7 +140,7 @@ def plan(
         )
         trajectory = shortest.trajectory
         certificate = pp.certify(trajectory, checker, constraints=kept) if kept else shortest.certificate
-    torques = rates.peaks(arm, trajectory)
+    torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
     written = []
     if output is not None:
         trajectory.save(output, certificate=certificate)
@@ -148,7 +148,7 @@ def plan(
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
         written.append(html)
-    _show(simplified, shortest, certificate, torques, written, optimised=budget > 0, as_json=as_json)
+    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=budget > 0, as_json=as_json)
     if not certificate.free:
         raise typer.Exit(1)
 
@@ -158,6 +158,7 @@ def _show(
     shortest: pp.planning.OptimiseResult,
     certificate: pp.Certificate,
     torques: Sequence[pp.motion.TorquePeak],
+    torque_notes: Sequence[str],
     written: Sequence[Path],
     *,
     optimised: bool,
@@ -173,7 +174,7 @@ def _show(
             "duration": duration,
             "lower_bound": shortest.lower_bound,
         }
-        peaks = {"torques": [peak.as_dict() for peak in torques]} if torques else {}
+        peaks = {"torques": [peak.as_dict() for peak in torques], "torque_notes": torque_notes} if torques else {}
         print_json({"ok": certificate.free, **figures, **peaks, **verdict(certificate)})
         return
     stops = f"{simplified.stops} intermediate stop{'' if simplified.stops == 1 else 's'}"
@@ -185,6 +186,8 @@ def _show(
     if torques:
         print_line(f"largest torque: {max(torques, key=lambda peak: peak.share)}")
     print_line(str(certificate))
+    for note in torque_notes:
+        print_line(f"note: {note}")
     if written:
         print_line(f"wrote {' and '.join(map(str, written))}")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import functools
 import inspect
+import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cached_property
@@ -286,6 +287,11 @@ class ConstraintOptions:
             tolerance = parse_angle(self.upright)
         except ValueError as error:
             raise InputError(f"--upright: {error}") from None
+        if not tolerance < math.pi / 2:
+            degrees = f'; for degrees write "{self.upright} deg"' if self.upright.strip().isdigit() else ""
+            raise InputError(
+                f"--upright: {tolerance:g} rad ({math.degrees(tolerance):g} deg) must be below 90 deg{degrees}"
+            )
         up = arm.root_from_base.rotation.T @ np.array([0.0, 0.0, 1.0])
         if self.upright_axis is None:
             return (pp.Upright.keeping(arm, start, tolerance=tolerance, up=up),)
@@ -349,6 +355,11 @@ class RateOptions:
         limits = self.torque_limits(arm)
         return () if limits is None else limits.peaks(trajectory)
 
+    def notes(self, arm: pp.Arm) -> tuple[str, ...]:
+        """What is missing or generated in the data of the torque limits; empty if torques are not limited."""
+        limits = self.torque_limits(arm)
+        return () if limits is None else limits.notes
+
     def violations(self, arm: pp.Arm, trajectory: pp.Trajectory, tolerance: float) -> list[str]:
         """One sentence for each limit that a motion exceeds by more than a relative tolerance, between samples too."""
         found = []
@@ -359,12 +370,13 @@ class RateOptions:
                 found.append(str(error))
                 continue
             if exceeded and isinstance(limit, pp.motion.TorqueLimits):
-                found += [
+                over = [
                     f"{peak.joint} needs {peak.torque:.6g} {peak.unit} at {peak.time:.3f} s; its limit is "
                     f"{peak.limit:.6g} {peak.unit}"
                     for peak in limit.peaks(trajectory)
                     if peak.share > 1.0
                 ]
+                found += over or ["the torques are so close to their limits that these are not proven to be kept"]
             elif exceeded and isinstance(limit, pp.motion.ToolLimits):
                 speed = limit.peaks(trajectory)["linear_speed"]
                 found.append(f"the tcp reaches a speed of {speed:.6g} m/s; the limit is {self.tool_speed:g} m/s")

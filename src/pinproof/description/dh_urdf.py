@@ -374,6 +374,12 @@ def has_generated_bodies(urdf: Urdf) -> bool:
 GENERATED_BODIES = "the collision bodies of the links are generated from a DH table; the real links may be larger"
 """Note on a robot with generated bodies."""
 
+GENERATED_MASSES = (
+    "the masses of the links, and torque limits that no file states, are generated from a DH table; those of the real "
+    "robot differ"
+)
+"""Note on the torques of a robot with generated bodies."""
+
 
 def _refuse_reserved_names(table: DhTable) -> None:
     # In Pinocchio joints and links share one namespace, in which "universe" is the world.

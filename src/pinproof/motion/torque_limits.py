@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import outline
+from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm, Payload
 from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
@@ -107,12 +108,13 @@ class TorqueLimits:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences about missing data: joints whose links have no mass, joints without a limit."""
+        """Sentences about missing data: joints without mass or limit, and masses that are generated."""
         massless = massless_joints(self.arm, self.payloads)
         unlimited = [name for name, limit in zip(self.arm.joint_names, self.limits, strict=True) if np.isinf(limit)]
         return (
             *([f"no mass of the links moved by {', '.join(massless)}"] if massless else []),
             *([f"no torque limit: {', '.join(unlimited)}"] if unlimited else []),
+            *([GENERATED_MASSES] if has_generated_bodies(self.arm.robot.urdf) else []),
         )
 
     def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:

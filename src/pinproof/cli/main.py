@@ -30,6 +30,7 @@ from pinproof.cli.kinematics import fk, ik
 from pinproof.cli.motion import check, plan
 from pinproof.cli.options import expand_options
 from pinproof.cli.pick import pick
+from pinproof.cli.program import export
 from pinproof.cli.reach import reach
 from pinproof.cli.schema import schema
 from pinproof.cli.view import view
@@ -67,6 +68,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "check": check,
     "plan": plan,
     "certify": certify_motion,
+    "export": export,
     "view": view,
     "dh2urdf": dh2urdf,
     "urdf2dh": urdf2dh,

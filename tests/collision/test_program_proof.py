@@ -73,6 +73,33 @@ def test_a_radius_covers_every_point_of_a_move_within_it() -> None:
         assert dense[np.linalg.norm(tcp - tcp[0], axis=1) <= radius].max() <= share
 
 
+def test_blends_that_may_overlap_are_not_free() -> None:
+    arm = pp.load_robot("ur5").arm()
+    checker = pp.CollisionChecker(arm)
+    q = np.array([0.0, -1.0, 1.4, -2.0, -1.57, 0.0]) + np.arange(4)[:, None] * [0.05, 0, 0, 0, 0, 0]
+    tcp = arm.forward_kinematics_batch(q)[:, :3, 3]
+    half = np.linalg.norm(tcp[1] - tcp[0]) / 2
+
+    def program(radius: float) -> RobotProgram:
+        inner = [JointMove(each, 0.5, Blend(radius)) for each in q[1:3]]
+        return make_program([JointMove(q[0]), *inner, JointMove(q[3], 0.5)], arm.joint_names, dialect="urscript")
+
+    assert certify_program(program(0.9 * half), checker).free
+    too_large = certify_program(program(1.1 * half), checker)
+    assert too_large.status is pp.CertificateStatus.UNDECIDED
+    assert too_large.overlaps == (program(1.1 * half).moves[2].line,)
+
+
+def test_exported_blends_do_not_overlap(cell: Cell) -> None:
+    checker, motion = cell
+    program, certificate = export_program(motion, checker, "urscript", blend=Blend(0.2))
+    assert certificate.free
+    tcp = checker.arm.forward_kinematics_batch([move.q for move in program.moves])[:, :3, 3]
+    radii = [0.0 if move.blend is None else move.blend.radius for move in program.moves]
+    for i, distance in enumerate(np.linalg.norm(np.diff(tcp, axis=0), axis=1)):
+        assert radii[i] + radii[i + 1] <= distance
+
+
 def test_an_edit_that_leads_into_an_obstacle_is_not_free(cell: Cell) -> None:
     checker, motion = cell
     program, _ = export_program(motion, checker, "urscript")

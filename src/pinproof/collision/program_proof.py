@@ -73,12 +73,16 @@ class ProgramCertificate:
         The parts in the order of execution.
     notes
         What the certificate assumes about the controller, and what it does not cover.
+    overlaps
+        Lines of blends that may overlap with the blend before. A controller may then skip a point, so the program is
+        UNDECIDED.
     outside_limits
         The points of the program that violate the position limits of the arm.
     """
 
     parts: tuple[ProgramPart, ...]
     notes: tuple[str, ...]
+    overlaps: tuple[int, ...] = ()
     outside_limits: tuple[str, ...] = ()
 
     @property
@@ -90,6 +94,8 @@ class ProgramCertificate:
     def status(self) -> CertificateStatus:
         """COLLIDING if a part is, otherwise UNDECIDED if a part is, otherwise FREE."""
         found = {part.certificate.status for part in self.parts}
+        if self.overlaps:
+            found.add(CertificateStatus.UNDECIDED)
         return found.pop() if len(found) == 1 else max(found - {CertificateStatus.FREE}, key=_severity)
 
     @property
@@ -115,7 +121,12 @@ class ProgramCertificate:
             parts = [(len(self.parts) - blends, "motion"), (blends, "blend")]
             words = " and ".join(f"{count} {what}{'' if count == 1 else 's'}" for count, what in parts if count)
             return f"FREE: {words} of the program proven, clearance {self.clearance * 1e3:.1f} mm"
-        part = next(each for each in self.parts if not each.certificate.free)
+        part = next((each for each in self.parts if not each.certificate.free), None)
+        if part is None:
+            return (
+                f"UNDECIDED: the blend at line {self.overlaps[0]} may overlap with the one before it, and a controller "
+                "may then skip a point; reduce the radius"
+            )
         return f"{self.status.name}: {part.name}: {part.certificate.message}"
 
     def or_raise(self) -> ProgramCertificate:
@@ -158,7 +169,8 @@ def certify_program(program: RobotProgram, checker: CollisionChecker) -> Program
         certificate = certify(curve, checker, joint_tolerance=tolerance)
         parts.append(ProgramPart(name, line, blend, certificate))
     notes = dict.fromkeys([*_notes(program), *(note for part in parts for note in part.certificate.notes)])
-    return ProgramCertificate(tuple(parts), tuple(notes), tuple(_outside(program, checker.arm)))
+    overlaps = tuple(_overlaps(program, checker.arm))
+    return ProgramCertificate(tuple(parts), tuple(notes), overlaps, tuple(_outside(program, checker.arm)))
 
 
 def export_program(
@@ -228,6 +240,7 @@ def export_program(
         program = write(steps)
         certificate = certify_program(program, checker)
         failed = {part.line for part in certificate.parts if part.blend and not part.certificate.free}
+        failed.update(certificate.overlaps)
         if not failed:
             break
         steps = [
@@ -287,6 +300,16 @@ def _executed(program: RobotProgram, arm: Arm) -> Iterator[tuple[str, int, bool,
         extent = np.maximum(np.abs(into), np.abs(out))
         curve = JointPath(np.stack([at.q + into, at.q, at.q + out]), names)
         yield f"blend at line {at.line}", at.line, True, curve, extent + even
+
+
+def _overlaps(program: RobotProgram, arm: Arm) -> Iterator[int]:
+    """The lines of blends that, by their upper bounds, use the same part of a move as the blend before."""
+    points = [step for step in program.moves if isinstance(step, JointMove)]
+    for before, at in pairwise(points):
+        if before.blend is not None and at.blend is not None:
+            used = _share(before.blend, arm, before.q, at.q) + _share(at.blend, arm, at.q, before.q)
+            if used > 1.0:
+                yield at.line
 
 
 def _outside(program: RobotProgram, arm: Arm) -> Iterator[str]:

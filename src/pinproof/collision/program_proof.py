@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
@@ -25,11 +26,14 @@ from pinproof.model import Arm
 from pinproof.motion.curve import Array, Curve
 from pinproof.motion.dialects import find_dialect
 from pinproof.motion.joint_path import JointPath
-from pinproof.motion.program_steps import Blend, JointMove, SetOutput, StreamedPoint, StreamedTrajectory, Wait
+from pinproof.motion.program_steps import Blend, JointMove, SetOutput, Step, StreamedPoint, StreamedTrajectory, Wait
 from pinproof.motion.robot_program import JointMap, RobotProgram, make_program, moves_along
+from pinproof.motion.timing import time_parametrise
 from pinproof.motion.trajectory import Trajectory
 
-__all__ = ["ProgramCertificate", "ProgramPart", "certify_program", "export_program"]
+StepKind = TypeVar("StepKind", bound=Step)
+
+__all__ = ["ProgramCertificate", "ProgramPart", "certify_program", "export_program", "feasible"]
 
 SPACING = 1.0 / 256.0
 """Share of a move between two samples of the distance to a blend's point; the bound between them is added."""
@@ -237,6 +241,7 @@ def export_program(
         joint_map=joint_map,
     )
     while True:
+        steps = feasible(steps, checker.arm)
         program = write(steps)
         certificate = certify_program(program, checker)
         failed = {part.line for part in certificate.parts if part.blend and not part.certificate.free}
@@ -251,6 +256,23 @@ def export_program(
         return program, certificate
     named = write(steps, certificate=certificate.hash)
     return named, certify_program(named, checker)
+
+
+def feasible(steps: Sequence[StepKind], arm: Arm) -> list[StepKind]:
+    """The steps with longer durations of the moves that begin or end at a stop, as the limits of the arm require."""
+    longer = list(steps)
+    at: int | None = None
+    for k, step in enumerate(steps):
+        if not isinstance(step, JointMove):
+            continue
+        before = steps[at] if at is not None else None
+        at = k
+        if not isinstance(before, JointMove) or step.duration is None or (before.blend and step.blend):
+            continue
+        if np.abs(step.q - before.q).max() > 0:
+            line = JointPath(np.stack([before.q, step.q]), arm.joint_names)
+            longer[k] = replace(step, duration=max(step.duration, time_parametrise(line, arm.limits).duration))
+    return longer
 
 
 def _smaller(blend: Blend | None) -> Blend | None:

@@ -32,6 +32,8 @@ class Dialect:
     """Whether the controller interpolates a trajectory exactly as pinproof does."""
     streams = False
     """Whether the language can send set points at a fixed period."""
+    outputs = ""
+    """The digital output that closes a gripper by default; empty if the language has no outputs."""
     blend: Blend | None = None
     """The blend of an inner point by default; None if the language has none."""
     deviation = 0.0

@@ -25,6 +25,7 @@ class Fanuc(Dialect):
     endings = (".ls",)
     comment_mark = "!pp"
     comment_width = 28
+    outputs = "1"
     blend = Blend(share=0.5)
     deviation = 0.002
 

@@ -26,6 +26,7 @@ class Krl(Dialect):
     name = "krl"
     endings = (".src",)
     comment_mark = "; pinproof:"
+    outputs = "1"
     blend = Blend(share=APPROXIMATION / 200)
     deviation = 0.002
 

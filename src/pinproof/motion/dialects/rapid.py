@@ -23,6 +23,7 @@ class Rapid(Dialect):
     name = "rapid"
     endings = (".mod", ".modx", ".prg")
     comment_mark = "! pinproof:"
+    outputs = "do_gripper"
     blend = Blend(share=0.5)
     deviation = 0.002
 

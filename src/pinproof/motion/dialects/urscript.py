@@ -22,6 +22,7 @@ class UrScript(Dialect):
     name = "urscript"
     endings = (".script", ".urscript")
     comment_mark = "# pinproof:"
+    outputs = "0"
     blend = Blend(radius=0.01)
     deviation = 0.002
     streams = True

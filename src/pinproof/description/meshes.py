@@ -17,10 +17,12 @@ from pinproof.description.packages import MeshFile
 from pinproof.description.xml_reader import refuse_doctype
 from pinproof.errors import MeshError
 
-__all__ = ["MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
+__all__ = ["COLOURED_SUFFIXES", "MESH_SUFFIXES", "TriangleMesh", "collada_unit", "read_mesh", "resolved", "z_up"]
 
 MESH_SUFFIXES = (".stl", ".obj", ".dae", ".ply", ".glb", ".gltf")
 
+COLOURED_SUFFIXES = MESH_SUFFIXES[1:]
+"""The formats that can state colours: all but STL."""
 
 LARGEST_MESH = 256 * 2**20
 """Bytes (256 MiB): five million triangles as binary STL, about a hundred times as many as a link needs."""

@@ -16,6 +16,7 @@ from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scene_keys import POSE
 from pinproof.common.files import is_file
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
+from pinproof.description.meshes import COLOURED_SUFFIXES
 from pinproof.errors import FileError, InputError, PicksError
 from pinproof.model import Payload
 from pinproof.picks.input.pick import GripperFingers, NamedFrame, Pick, PickProblem, Picks, SuctionCup
@@ -225,7 +226,7 @@ def _bodies(path: Path, content: Mapping[str, Any], key: str) -> tuple[Obstacle,
             body = read_obstacle(path, number, stated)
         except FileError as error:
             raise PicksError(path, error.reason, error.place) from error
-        own_colours = isinstance(body.shape, Mesh) and body.shape.path is not None
+        own_colours = isinstance(body.shape, Mesh) and str(body.shape.path).lower().endswith(COLOURED_SUFFIXES)
         bodies.append(body if body.rgba or own_colours else replace(body, rgba=TOOL_GREY))
         if any(bodies[-1].name == other.name for other in bodies[:-1]):
             raise PicksError(

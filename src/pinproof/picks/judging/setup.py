@@ -263,5 +263,5 @@ def _check_velocity_limits(arm: Arm) -> None:
     if unknown:
         raise InputError(
             f"motions cannot be timed: {', '.join(unknown)} has no velocity or acceleration limit; "
-            "state limits with robot.arm(limits=JointLimits(...))"
+            "state it in a file of joint limits (`limits` of the picks file, --limits, in Python limits=)"
         )

@@ -90,8 +90,8 @@ def resolved(mesh: MeshFile, link: str) -> Path:
     if mesh.path is None:
         places = "\n  ".join(str(place) for place in mesh.searched)
         remedy = ""
-        if mesh.uri.startswith(PACKAGE_SCHEME):
-            package = mesh.uri.removeprefix(PACKAGE_SCHEME).partition("/")[0]
+        if mesh.uri.startswith("package://"):
+            package = mesh.uri.removeprefix("package://").partition("/")[0]
             remedy = f"; state the folder that contains {package!r} (--package-dir or package_dirs)"
         raise MeshError(mesh.uri, f"the mesh of link {link!r} was not found{remedy}; tried:\n  {places}")
     return mesh.path

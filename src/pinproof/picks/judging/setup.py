@@ -89,6 +89,8 @@ class PickSetup:
         trouble = [*arm.limits.violations(start, arm.joint_names), *contact_words(checked)]
         if trouble:
             trouble += filter(None, [overlap_hint(checker, start, checked)])
+            if home is None and not (picks.home or arm.robot.home):
+                trouble.append("the robot states no home, and this is the middle of its limits; state one in the picks")
             raise InputError(f"home is not a valid start: {'; '.join(trouble)}")
         seeds = seed_sequence(rng)
         return cls(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
 from itertools import product
 
 import numpy as np
@@ -280,3 +281,17 @@ def test_balls_next_to_each_piece_measure_the_distance_to_the_mesh(slider):
     checker = CollisionChecker(slider, Scene([Obstacle("angle", mesh_of(ANGLE), pose((0.3, -0.175, -0.05)))]))
     assert checker.clearance([0.0]) == pytest.approx(0.29, abs=1e-6)
     assert checker.clearance([0.45]) == pytest.approx(0.09, abs=1e-6)  # in the notch, where the hull is filled
+
+
+def test_a_dense_cad_mesh_is_refused_in_little_memory():
+    """Samples times planes of the hull, as one matrix, would take more than 2 GB for this mesh."""
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    x, y, z = ball.vertices.T
+    bumps = 1 + 0.02 * np.sin(24 * x) * np.sin(24 * y) * np.sin(24 * z)
+    corners = np.array((0.1 * bumps[:, None] * ball.vertices)[ball.faces])
+    tracemalloc.start()
+    cover = convex_pieces(corners, lambda _: True, most=64, tolerance=1e-4)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert cover is None
+    assert peak < 200e6

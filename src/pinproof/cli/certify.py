@@ -131,7 +131,7 @@ def certify_motion(
         return
     if arm is None or motion is None:
         raise InputError("ROBOT or MOTION is missing; state both, or a saved proof with --verify")
-    check_output_files([html, save_proof], [robot, motion, scene_options.scene, chain.srdf, *tool.files])
+    check_output_files([html, save_proof], [robot, motion, scene_options.scene, chain.srdf, chain.limits, *tool.files])
     world = scene_options.load()
     checker = scene_options.checker(arm, world, tool)
     from pinproof.motion.dialects import is_program_file

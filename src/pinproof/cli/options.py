@@ -205,13 +205,13 @@ class ChainOptions(RobotFileOptions):
         typer.Option(help="A joint group of the SRDF, which defines base and tcp.", autocompletion=group_names),
     ] = None
 
-    def arm(self, robot: str, limits: Path | None = None, tool: ToolOptions | None = None) -> pp.Arm:
+    limits: Limits = None
+
+    def arm(self, robot: str, tool: ToolOptions | None = None) -> pp.Arm:
         """Load the arm of a robot by catalogue name or file.
 
         Parameters
         ----------
-        limits
-            A file of joint limits.
         tool
             States the joints that are held and, if no tcp or group is selected, the tcp.
 
@@ -220,7 +220,7 @@ class ChainOptions(RobotFileOptions):
         InputError
             If the picks file of ``--tool-of`` states another tcp than the command.
         """
-        joint_limits = None if limits is None else pp.JointLimits.load(limits)
+        joint_limits = None if self.limits is None else pp.JointLimits.load(self.limits)
         loaded = self.load(robot)
         # Without files of a tool, the packages that read them are not imported.
         tcp, tool_tcp = self.tcp, None if tool is None or tool.tool_of is None else tool.picks.tcp

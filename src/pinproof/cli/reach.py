@@ -109,7 +109,7 @@ def reach(
     """
     outputs = output or []
     _check_suffixes(outputs)
-    check_output_files(outputs, [robot, scene_options.scene, chain.srdf, against, *tool.files])
+    check_output_files(outputs, [robot, scene_options.scene, chain.srdf, chain.limits, against, *tool.files])
     before = None if against is None else pp.ReachMap.load(against)
     grid, world_from_root = _region(region, step), placement(place)
     arm = chain.arm(robot, tool=tool)

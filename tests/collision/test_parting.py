@@ -548,6 +548,28 @@ def test_a_part_whose_hull_contains_its_support_is_undecided(gantry):
     assert certificate.undecided.bodies == ("part", "table")
 
 
+@pytest.mark.parametrize("inverted", [False, True])
+def test_a_part_of_overlapping_bodies_leaves_what_stands_under_its_hull(gantry, inverted):
+    """A bridge over a rail: its hull contains the rail, each of its three bodies leaves the table by itself."""
+    boxes = [
+        trimesh.creation.box(bounds=bounds)
+        for bounds in (
+            [(-0.1, -0.05, 0.07), (0.1, 0.05, 0.1)],
+            [(-0.1, -0.05, 0.0), (-0.07, 0.05, 0.1)],
+            [(0.07, -0.04, 0.0), (0.09, 0.04, 0.09)],
+        )
+    ]
+    if inverted:
+        boxes[1].invert()
+    bridge = trimesh.util.concatenate(boxes)
+    part = Obstacle("part", Mesh.from_arrays(bridge.vertices, bridge.faces))
+    rail = Obstacle("rail", Box(0.08, 0.5, 0.06), pose((0, 0, 0.03)))
+    lifted = verdict(gantry, [0, 0, 0], [0, 0.3, 0], part=part, scene=[rail])
+    assert lifted.status is FREE
+    assert [parting.bodies for parting in lifted.partings] == [("part", "table")] * 2  # the two legs
+    assert verdict(gantry, [0, 0, 0], [0.2, 0.03, 0], part=part, scene=[rail]).status is COLLIDING
+
+
 def test_the_note_of_a_parting_states_a_gap_of_zero_without_a_sign() -> None:
     parting = Parting(("part", "table"), np.array([0.0, 0.0, 1.0]), -1e-9, 0.1, 0.2)
     assert "gap 0.00 mm" in str(parting)

@@ -23,17 +23,17 @@ axes only and serves the links of robots, which are round.
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import combinations
 
 import coal
 import numpy as np
 import numpy.typing as npt
 
-from pinproof.collision.hulls import bvh
+from pinproof.collision.hulls import Solid, bvh, inside
 
 __all__ = ["SAMPLES", "ConvexPieces", "convex_pieces", "split_cell", "split_edges", "split_triangles"]
 
@@ -180,31 +180,34 @@ class ConvexPieces:
     excess: float
 
 
-def convex_pieces(
-    corners: Array, contains: Callable[[Array], bool], *, most: int, tolerance: float
-) -> ConvexPieces | None:
+def convex_pieces(solid: Solid, *, most: int, tolerance: float) -> ConvexPieces | None:
     """Cover a watertight mesh by at most ``most`` convex pieces.
 
-    None for a mesh with more faces at reflex edges than 1.5 times that: a bowl, say, would need many more pieces.
+    Bodies that overlap are covered one by one, because their common surface has no edges to cut at. None for a mesh
+    with more faces at reflex edges than 1.5 times ``most``: a bowl, say, would need many more pieces.
 
     Parameters
     ----------
-    corners
-        (F, 3, 3) the triangles, solid parts turned outwards.
-    contains
-        Whether any of the points (N, 3) lies inside.
+    solid
+        The mesh.
     most
         Pieces at most.
     tolerance
         Metres. A cell is not cut any more where no more space than this is between the surface and the hull.
     """
+    corners = solid.corners
     size = float(np.linalg.norm(np.ptp(corners.reshape(-1, 3), axis=0)))
-    space = _Space(contains, SNAP * size, NUDGE * size, size)
-    mesh_cell = _Cell(space, corners, _box(corners), *_reflex_edges(corners, SNAP * size))
-    if len(mesh_cell.reflex_planes()) > 1.5 * most and mesh_cell.hull.has_space(*mesh_cell.samples, tolerance):
+    cells = []
+    for part in solid.solids if len(solid.solids) <= most else (corners,):
+        space = _Space(partial(inside, corners=part), SNAP * size, NUDGE * size, size)
+        cells.append(_Cell(space, part, _box(part), *_reflex_edges(part, SNAP * size)))
+    # The space of a hull takes seconds for a mesh of 100,000 triangles, so the planes are counted first.
+    if sum(len(cell.reflex_planes()) for cell in cells) > 1.5 * most and (
+        sum(len(each.reflex_planes()) for each in cells if each.hull.has_space(*each.samples, tolerance)) > 1.5 * most
+    ):
         return None
-    hulls = _joined(_cells(mesh_cell, most, tolerance), tolerance)
-    return ConvexPieces(tuple(hull.points for hull in hulls), _excess(hulls, corners, contains))
+    hulls = _joined(_cells(cells, most, tolerance), tolerance)
+    return ConvexPieces(tuple(hull.points for hull in hulls), _excess(hulls, corners, solid.contains))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,10 +256,11 @@ class _Hull:
         return np.asarray(np.where(slope > 1e-9, height / np.maximum(slope, 1e-9), np.inf).min(axis=1))
 
 
-def _cells(mesh_cell: _Cell, most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
+def _cells(given: Sequence[_Cell], most: int, tolerance: float) -> list[tuple[_Hull, Samples]]:
     """The hulls of the cells, each with samples of the surface in it, the worst cell cut first."""
-    number = 0
-    queue = [(-mesh_cell.cost, number, mesh_cell)]
+    number = len(given)
+    queue = [(-cell.cost, k, cell) for k, cell in enumerate(given)]
+    heapq.heapify(queue)
     done: list[_Cell] = []
     while queue:
         cell = heapq.heappop(queue)[2]

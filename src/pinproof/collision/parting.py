@@ -121,11 +121,7 @@ def _free(
     obstacle_tolerance: float,
 ) -> Certificate:
     """Return the certificate of a curve whose parts are all proven."""
-    touching = [
-        separating
-        for separating in separating_pairs
-        if separating.until > float(curve.bezier()[0][0]) or not separating.of_facets
-    ]
+    touching = _that_touch(separating_pairs, float(curve.bezier()[0][0]))
     partings = tuple(
         Parting(
             separating.bodies,
@@ -154,6 +150,20 @@ def _free(
         tube=tube,
         partings=partings,
     )
+
+
+def _that_touch(separating_pairs: Sequence[_SeparatingPair], start: float) -> list[_SeparatingPair]:
+    """Return the pairs within their margin after the start; for owners without any, the pair with the smallest gap."""
+    touching = [separating for separating in separating_pairs if separating.until > start]
+    named = {separating.bodies for separating in touching}
+    others: dict[tuple[str, str], _SeparatingPair] = {}
+    for separating in separating_pairs:
+        if separating.bodies in named or separating.of_facets:
+            continue
+        known = others.setdefault(separating.bodies, separating)
+        if separating.gap < known.gap:
+            others[separating.bodies] = separating
+    return [*touching, *others.values()]
 
 
 class _Motion(NamedTuple):

@@ -274,6 +274,66 @@ class Search:
 
     def next(self, count: int, polish: bool) -> Candidate: ...
 
+class Route:
+    def __init__(
+        self,
+        poses: NDArray[numpy.float64],
+        directions: NDArray[numpy.float64],
+        coefficients: NDArray[numpy.float64],
+        borders: NDArray[numpy.float64],
+        derivatives: NDArray[numpy.float64],
+    ) -> None: ...
+    def poses(self, s: NDArray[numpy.float64]) -> NDArray[Any]: ...
+
+class JointCurve:
+    @property
+    def knots(self) -> NDArray[Any]: ...
+    @property
+    def q(self) -> NDArray[Any]: ...
+    @property
+    def slopes(self) -> NDArray[Any]: ...
+    @property
+    def deviation(self) -> float: ...
+    @property
+    def rotation_deviation(self) -> float: ...
+    @property
+    def stopped_by_pose(self) -> bool: ...
+    @property
+    def stopped_by_deviation(self) -> bool: ...
+    @property
+    def at(self) -> float: ...
+    @property
+    def before(self) -> NDArray[Any]: ...
+    @property
+    def reached(self) -> NDArray[Any]: ...
+    @property
+    def deviation_there(self) -> float: ...
+    @property
+    def rotation_deviation_there(self) -> float: ...
+    @property
+    def outside(self) -> NDArray[Any]: ...
+
+class RouteFollower:
+    def __init__(
+        self,
+        *,
+        chain: Chain,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        tracked_lower: Sequence[float],
+        tracked_upper: Sequence[float],
+        task: Task,
+        max_joint_step: float,
+        deviation: float,
+        rotation_deviation: float,
+    ) -> None: ...
+    def follow(self, route: Route, knots: NDArray[numpy.float64], first: NDArray[numpy.float64]) -> JointCurve: ...
+    def deviations(
+        self, route: Route, knots: NDArray[numpy.float64], control: NDArray[numpy.float64]
+    ) -> NDArray[Any]: ...
+
+def spline_slopes(knots: NDArray[numpy.float64], points: NDArray[numpy.float64]) -> NDArray[Any]: ...
+
 class Tracker:
     def __init__(
         self,

@@ -166,5 +166,5 @@ def test_the_spline_is_that_of_scipy(count: int, seed: int) -> None:
     knots, points = np.cumsum(10 ** rng.uniform(-2, 0, count)), rng.normal(size=(count, 3))
     expected = CubicSpline(knots, points)(knots, 1)
     assert np.allclose(
-        CubicPath.through(points, "abc", knots=knots).tangents, expected, atol=1e-9 * np.abs(expected).max()
+        CubicPath.through(points, ("a", "b", "c"), knots=knots).tangents, expected, atol=1e-9 * np.abs(expected).max()
     )

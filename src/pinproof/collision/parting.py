@@ -15,6 +15,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import Departure, DepartureProof
 from pinproof.collision.bodies import Body
 from pinproof.collision.certificate import (
     Certificate,
@@ -31,8 +32,6 @@ from pinproof.collision.checker import CollisionChecker
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.separation import (
     BodySupport,
-    DepartureDirection,
-    DepartureProof,
     FacetGroup,
     MovingBody,
     distinct,
@@ -181,11 +180,11 @@ class _Motion(NamedTuple):
         point: Array = self.control[0, 0]
         return point
 
-    def follow(self, departure: DepartureDirection, enough: float) -> DepartureProof:
+    def follow(self, departure: Departure, enough: float) -> DepartureProof:
         """Follow the curve while the body is proven not to approach."""
         return departure.follow(self.knots, self.control, enough, self.tolerance, self.max_intervals)
 
-    def gap(self, departure: DepartureDirection, t: float) -> float:
+    def gap(self, departure: Departure, t: float) -> float:
         """Return the gap (m) at a parameter."""
         return departure.gap(bezier.evaluate(self.knots, self.control, t))
 
@@ -196,7 +195,7 @@ class _SeparatingPair:
 
     pair: int
     bodies: tuple[str, str]
-    departure: DepartureDirection
+    departure: Departure
     proof: DepartureProof
     gap: float
     slack: float
@@ -241,7 +240,7 @@ def _departures(
     checker: CollisionChecker, pairs: Sequence[int], motion: _Motion
 ) -> tuple[list[_SeparatingPair], _WithFacets, _StartContact | None]:
     """Return how each pair separates, and a checker that also has the facets close to the start."""
-    convex: list[tuple[int, DepartureDirection, DepartureProof, float]] = []
+    convex: list[tuple[int, Departure, DepartureProof, float]] = []
     splits: list[_Split] = []
     for pair in pairs:
         a, b = checker.pairs[pair]
@@ -288,7 +287,7 @@ def _departures(
 def _separating_pair(
     checker: CollisionChecker,
     pair: int,
-    departure: DepartureDirection,
+    departure: Departure,
     proof: DepartureProof,
     gap: float,
     motion: _Motion,
@@ -302,7 +301,7 @@ def _separating_pair(
 
 def _best(
     moving: MovingBody, tried: Array, levels: Array, gaps: Array, enough: float, motion: _Motion
-) -> tuple[DepartureDirection, DepartureProof, float]:
+) -> tuple[Departure, DepartureProof, float]:
     """Return the direction along which a body leaves a convex obstacle: first those with the largest gap are tried.
 
     Directions along which the two overlap more than at the start are not tried. If no direction separates them, the one
@@ -311,9 +310,9 @@ def _best(
     first = int(np.flatnonzero(gaps >= gaps.max() - moving.rounding)[0])
     least = min(float(gaps.max()), 0.0) - moving.rounding
     others = [k for k in np.argsort(-gaps, kind="stable").tolist() if k != first and gaps[k] >= least]
-    best: tuple[DepartureDirection, DepartureProof, float] | None = None
+    best: tuple[Departure, DepartureProof, float] | None = None
     for k in (first, *others):
-        departure = DepartureDirection(moving, tried[k], float(levels[k]))
+        departure = moving.departure(tried[k], float(levels[k]))
         proof = motion.follow(departure, enough)
         if proof.until < np.inf:
             return departure, proof, float(gaps[k])

@@ -166,6 +166,14 @@ class Placer:
             farthest = replace(farthest, message=message)
         return farthest, None
 
+    def may_place(self, member: Member) -> bool:
+        """Whether the lines from a release of a family member are possible."""
+        task, many = self._task, self.releases(member)
+        if task.place is None:
+            return True
+        free = np.flatnonzero(task.letting_go(member).is_free_batch(many)).tolist() if len(many) else []
+        return any(not self._down(task.place, member, index).why for index in free)
+
     def _out_of_reach(self, member: Member) -> StageResult:
         task = self._task
         nearest = Clik().solve(task.arm, task.target(task.release(member)), task.cell.home, rng=self._seed)

@@ -133,13 +133,17 @@ def plan(
             result.path, checker, rng=seed, blend=blend, constraints=kept, certificate=result.certificate
         )
         path = simplified.path
-        # The moves of the optimisation do not keep constraints of the tcp.
-        budget = 0 if kept else optimise
         shortest = pp.optimise(
-            path, checker, limits=arm.limits, jerk=_jerk(jerk), rate_limits=rate_limits, rng=seed, budget=budget
+            path,
+            checker,
+            limits=arm.limits,
+            jerk=_jerk(jerk),
+            rate_limits=rate_limits,
+            constraints=kept,
+            rng=seed,
+            budget=optimise,
         )
-        trajectory = shortest.trajectory
-        certificate = pp.certify(trajectory, checker, constraints=kept) if kept else shortest.certificate
+        trajectory, certificate = shortest.trajectory, shortest.certificate
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
     written = []
     if output is not None:
@@ -148,7 +152,7 @@ def plan(
     if html is not None:
         pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
         written.append(html)
-    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=budget > 0, as_json=as_json)
+    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=optimise > 0, as_json=as_json)
     if not certificate.free:
         raise typer.Exit(1)
 

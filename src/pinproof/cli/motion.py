@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy.typing as npt
 import typer
 
 import pinproof as pp
@@ -150,7 +151,8 @@ def plan(
         trajectory.save(output, certificate=certificate)
         written.append(output)
     if html is not None:
-        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
+        drawn = pp.viewer.PlotLimits(arm.limits, _plotted_jerk(arm, jerk), rate_limits)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
         written.append(html)
     _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=optimise > 0, as_json=as_json)
     if not certificate.free:
@@ -194,6 +196,11 @@ def _show(
         print_line(f"note: {note}")
     if written:
         print_line(f"wrote {' and '.join(map(str, written))}")
+
+
+def _plotted_jerk(arm: pp.Arm, text: str | None) -> npt.ArrayLike | None:
+    jerk = _jerk(text)
+    return arm.limits.jerk if jerk == "limits" else jerk
 
 
 def _jerk(text: str | None) -> float | Literal["limits"] | None:

@@ -13,6 +13,7 @@ import yaml
 import pinproof as pp
 from pinproof.common.content_hash import digest
 from pinproof.errors import FileError, InputError, PicksError, UnknownNameError
+from pinproof.picks.judging.setup import PickSetup
 
 GOOD_ROW = "{name: fine, xyz: [0.4, 0.1, 0.2]}"
 
@@ -288,6 +289,24 @@ def test_invalid_families_and_objects_are_reported(write, row: str, reason: str)
     picks = pp.read_picks(write(GOOD_ROW, f"{{name: bad, xyz: [0, 0, 0], {row}}}"))
     assert [pick.name for pick in picks] == ["fine"]
     assert reason in picks.problems[0].reason
+
+
+def test_the_file_states_how_far_motions_are_optimised(write) -> None:
+    row = "{name: a, xyz: [0.4, 0.1, 0.3], rpy: [pi, 0, 0], approach: 0.05}"
+    arm = pp.load_robot("ur5").arm(tcp="tool0")
+    durations = {}
+    for stated in (None, 0, 200):
+        picks = pp.read_picks(write(row, shared="" if stated is None else f"optimise: {stated}"))
+        assert picks.optimise == stated
+        setup = PickSetup.make(arm, pp.Scene(), picks, home=arm.home, rng=0)
+        assert setup.budget.motion == (100 if stated is None else stated)
+        durations[stated] = (
+            pp.validate_picks(arm, pp.Scene(), picks, home=arm.home, rng=0).verdicts[0].trajectory.duration
+        )
+    assert durations[200] <= durations[None] < durations[0]
+    for wrong in ("-1", "1.5", "much", "true"):
+        with pytest.raises(PicksError, match="optimise must be an integer"):
+            pp.read_picks(write(row, shared=f"optimise: {wrong}"))
 
 
 def test_the_grip_limits_of_a_picks_file_are_read(write) -> None:

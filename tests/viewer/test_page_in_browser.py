@@ -93,6 +93,26 @@ def test_the_motion_plays_pauses_and_starts_at_the_time_of_the_url(
     page.close()
 
 
+def test_the_plots_follow_the_motion_and_a_click_seeks(browser: Browser, pages: Callable[[str], Path]) -> None:
+    arm, path = small_arm(), pages("plots")
+    write_html(path, arm, None, swing(arm, duration=2.0))
+    page = browser.open(f"{path.as_uri()}#t=0.5")
+    tall = page.evaluate("document.getElementById('stage').clientHeight")
+    page.evaluate("document.querySelector('#plots summary').click()")
+    page.wait_for(f"document.getElementById('stage').clientHeight < {tall} - 50")
+    page.wait_for("document.querySelector('canvas').clientHeight === document.getElementById('stage').clientHeight")
+    shift = "Number(/[0-9.]+/.exec(document.querySelector('#plots .now').getAttribute('transform'))[0])"
+    page.wait_for(f"Math.abs({shift} - 0.25 * (360 - 46 - 8)) < 0.2")
+    click = "new MouseEvent('click', {clientX: box.left + box.width * (46 + 0.75 * 306) / 360, clientY: box.top})"
+    page.evaluate(
+        f"(() => {{ const svg = document.querySelector('#plots svg'), box = svg.getBoundingClientRect();"
+        f" svg.dispatchEvent({click}); }})()"
+    )
+    page.wait_for("Math.abs(pinproof.viewer.animator.time - 1.5) < 0.02")
+    assert page.complaints == []
+    page.close()
+
+
 def test_the_caption_is_green_only_with_a_proof_of_this_very_motion(
     browser: Browser, pages: Callable[[str], Path]
 ) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy.typing as npt
 import typer
 
 import pinproof as pp
@@ -131,22 +132,27 @@ def plan(
             result.path, checker, rng=seed, blend=blend, constraints=kept, certificate=result.certificate
         )
         path = simplified.path
-        # The moves of the optimisation do not keep constraints of the tcp.
-        budget = 0 if kept else optimise
         shortest = pp.optimise(
-            path, checker, limits=arm.limits, jerk=_jerk(jerk), rate_limits=rate_limits, rng=seed, budget=budget
+            path,
+            checker,
+            limits=arm.limits,
+            jerk=_jerk(jerk),
+            rate_limits=rate_limits,
+            constraints=kept,
+            rng=seed,
+            budget=optimise,
         )
-        trajectory = shortest.trajectory
-        certificate = pp.certify(trajectory, checker, constraints=kept) if kept else shortest.certificate
+        trajectory, certificate = shortest.trajectory, shortest.certificate
     torques, torque_notes = rates.peaks(arm, trajectory), rates.notes(arm)
     written = []
     if output is not None:
         trajectory.save(output, certificate=certificate)
         written.append(output)
     if html is not None:
-        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached)
+        drawn = pp.viewer.PlotLimits(arm.limits, _plotted_jerk(arm, jerk), rate_limits)
+        pp.write_html(html, arm, world, trajectory, certificate=certificate, attached=checker.attached, plot=drawn)
         written.append(html)
-    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=budget > 0, as_json=as_json)
+    _show(simplified, shortest, certificate, torques, torque_notes, written, optimised=optimise > 0, as_json=as_json)
     if not certificate.free:
         raise typer.Exit(1)
 
@@ -188,6 +194,11 @@ def _show(
         print_line(f"note: {note}")
     if written:
         print_line(f"wrote {' and '.join(map(str, written))}")
+
+
+def _plotted_jerk(arm: pp.Arm, text: str | None) -> npt.ArrayLike | None:
+    jerk = _jerk(text)
+    return arm.limits.jerk if jerk == "limits" else jerk
 
 
 def _jerk(text: str | None) -> float | Literal["limits"] | None:

@@ -281,7 +281,8 @@ def pick(
     optimise: Annotated[
         int | None,
         typer.Option(
-            help="Evaluations to shorten each transit and each transfer; 0: follow the planned paths. Default: 100.",
+            help="Evaluations to shorten each transit and each transfer; 0: follow the planned paths. Default: "
+            "optimise in the picks file, otherwise 100.",
             min=0,
         ),
     ] = None,
@@ -299,7 +300,10 @@ def pick(
     if out.for_folder and (not out.is_folder or screen or campaign is not None):
         raise InputError("--pages, --grip-dwell and --release-dwell belong to -o with a folder; add -o FOLDER")
     if optimise is not None and (program is not None or screen or campaign is not None):
-        raise InputError("--optimise cannot be combined with --program, --screen or --campaign; remove it")
+        raise InputError(
+            "--optimise cannot be combined with --program, --screen or --campaign; remove it, or state optimise in "
+            "the picks file"
+        )
     if program is not None:
         if screen or campaign is not None or out.output is not None or pool.stated:
             raise InputError("--program checks no pick; remove --screen, --campaign, -o, --workers and --dask")
@@ -313,7 +317,7 @@ def pick(
         ok = _run_campaign(file, cell, campaign, pool, seed, out.output, as_json=as_json)
     else:
         out.check()
-        budget = pp.picks.PickBudget() if optimise is None else pp.picks.PickBudget(motion=optimise)
+        budget = None if optimise is None else pp.picks.PickBudget(motion=optimise)
         ok = _judge(file, cell, pool, seed, out, budget, as_json=as_json)
     if not ok:
         raise typer.Exit(1)
@@ -325,7 +329,7 @@ def _judge(
     pool: WorkerOptions,
     seed: int,
     out: OutputOptions,
-    budget: pp.picks.PickBudget,
+    budget: pp.picks.PickBudget | None,
     *,
     as_json: bool,
 ) -> bool:

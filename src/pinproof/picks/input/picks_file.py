@@ -15,6 +15,7 @@ from pinproof.collision import Mesh, Obstacle
 from pinproof.collision.scene_file import numbers_of, pose_of, read_obstacle
 from pinproof.collision.scene_keys import POSE
 from pinproof.common.files import is_file
+from pinproof.common.validation import require_integer
 from pinproof.common.yaml_file import YAML_SUFFIXES, LinedMapping, read_yaml, refuse_unknown, require_list
 from pinproof.description.meshes import COLOURED_SUFFIXES
 from pinproof.errors import FileError, InputError, PicksError
@@ -85,6 +86,7 @@ def open_picks(path: str | Path) -> PickSource:
         held=_shared(path, content, "held", {}, lambda stated: _held(stated, "open")),
         grip=_shared(path, content, "held", {}, lambda stated: _held(stated, "grip")),
         grip_limits=_shared(path, content, "grip_limits", {}, _grip_limits),
+        optimise=_shared(path, content, "optimise", None, _evaluations),
         frames=_shared(path, content, "frames", {}, _frames),
         margin=_shared(path, content, "margin", 0.0, _margin),
         payload=_shared(path, content, "payload", [], _payloads),
@@ -216,6 +218,13 @@ def _tip(stated: object, most: float = MOST_REACH) -> SE3:
     tip = pose_of(mapping_of("", stated, POSE))
     refuse_millimetres("xyz", tip.translation.tolist(), most=most)
     return tip
+
+
+def _evaluations(stated: Any) -> int | None:
+    if stated is None:
+        return None
+    require_integer("optimise", stated, 0)
+    return int(stated)
 
 
 MOST_TOOL = 5.0

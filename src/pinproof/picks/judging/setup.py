@@ -100,7 +100,7 @@ class PickSetup:
             seeds,
             seeds.n_children_spawned,
             weights or PickWeights(),
-            budget or PickBudget(),
+            budget or (PickBudget() if picks.optimise is None else PickBudget(motion=picks.optimise)),
         )
 
     def __repr__(self) -> str:

@@ -808,6 +808,8 @@ class ReachProof:
     @property
     def remaining(self) -> NDArray[Any]: ...
     @property
+    def used(self) -> bytes: ...
+    @property
     def kinds(self) -> NDArray[Any]: ...
     @property
     def joints(self) -> NDArray[Any]: ...
@@ -818,6 +820,16 @@ class ReachProof:
     @property
     def values(self) -> NDArray[Any]: ...
 
+class Overlaps:
+    def __init__(
+        self,
+        links: NDArray[numpy.int64],
+        balls: NDArray[numpy.float64],
+        poses: NDArray[numpy.float64],
+        sizes: NDArray[numpy.float64],
+    ) -> None: ...
+    def __len__(self) -> int: ...
+
 class Reach:
     def __init__(self, chain: Chain, lower: NDArray[numpy.float64], upper: NDArray[numpy.float64]) -> None: ...
     def prove(
@@ -827,6 +839,7 @@ class Reach:
         orientation_tolerance: float,
         budget: int,
         record: bool,
+        overlaps: Overlaps | None = None,
     ) -> ReachProof: ...
     def keeps(
         self,

@@ -208,6 +208,11 @@ def reach(**changes: Any) -> Any:
     return _core.Reach(**{"chain": chain(), "lower": np.zeros(DOF), "upper": np.ones(DOF), **changes})
 
 
+def overlaps(**changes: Any) -> Any:
+    one = {"links": np.array([[0, 1]]), "balls": np.zeros((1, 4)), "poses": EYE[None], "sizes": np.zeros((1, 4))}
+    return _core.Overlaps(**{**one, **changes})
+
+
 def closed_form(**changes: Any) -> Any:
     return _core.ClosedForm(chain=chain(), **{**CLOSED, **changes})
 
@@ -346,6 +351,14 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "a proof for a target in one row": lambda: reach().prove(np.eye(3), 1e-6, 1e-6, 10, False),
     "a proof for a target that is not rigid": lambda: reach().prove(2 * EYE, 1e-6, 1e-6, 10, False),
     "a proof with a tolerance that is no number": lambda: reach().prove(EYE, NAN, 1e-6, 10, False),
+    "overlaps of another number": lambda: overlaps(balls=np.zeros((2, 4))),
+    "an overlap on a link that does not exist": lambda: overlaps(links=np.array([[0, -1]])),
+    "an overlap with a negative radius": lambda: overlaps(balls=np.full((1, 4), -1.0)),
+    "an overlap that is not finite": lambda: overlaps(sizes=np.full((1, 4), NAN)),
+    "an overlap at a pose that is not rigid": lambda: overlaps(poses=2 * EYE[None]),
+    "an overlap behind the last joint": lambda: reach().prove(
+        EYE, 1e-6, 1e-6, 10, False, overlaps(links=np.array([[0, DOF + 1]]))
+    ),
     "a proof with a negative budget": lambda: reach().prove(EYE, 1e-6, 1e-6, -1, False),
     "a batch whose size overflows": lambda: closed_form().solve_batch(
         np.tile(EYE, (2, 1, 1)), np.zeros((1, DOF)), np.zeros((1, 1)), 2**62

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from pinproof.collision import Certificate, CheckResult, Obstacle, Scene
 from pinproof.common.files import write_text_whole
 from pinproof.errors import FileError, ViewerError
+from pinproof.ik import SelfMotion, SelfMotionCurve
 from pinproof.model import Arm
 from pinproof.motion import Trajectory
 from pinproof.spatial import SE3
@@ -68,6 +69,7 @@ def write_html(
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
     plot: PlotLimits | None = None,
+    elbow: SelfMotion | SelfMotionCurve | None = None,
 ) -> None:
     """Write an HTML page that shows an arm, its scene and a motion, and opens without a network connection.
 
@@ -107,18 +109,22 @@ def write_html(
         The limits in the plots of position, velocity, acceleration, jerk and torque over time, which the page shows
         below the motion. Default: the limits of position and velocity of the arm, and those of acceleration and jerk
         if they are known.
+    elbow
+        A self-motion (:meth:`pinproof.AnalyticIk.self_motion`) or one of its curves. The page has a slider that moves
+        the redundant joint along the curve, of a self-motion the longest one, and opens at the solution closest to q.
 
     Raises
     ------
     InputError
-        If the trajectory has other joints than the arm or no timing, or is combined with ``q`` or ``check``.
+        If the trajectory has other joints than the arm or no timing, or is combined with ``q`` or ``check``; if
+        ``elbow`` is for another arm, or combined with ``trajectory`` or ``check``.
     UnknownNameError
         If a layer does not exist.
     ViewerError
         If the page cannot be written, a shape cannot be drawn, or meshcat is not installed.
     """
     picture = Picture(
-        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers
+        arm, scene, trajectory, certificate, attached, q, title, points, ghosts, check, frames, layers, elbow
     )  # fmt: skip
     try:
         write_text_whole(path, render_page(picture, plot=plot).text)

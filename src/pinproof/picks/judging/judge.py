@@ -19,7 +19,9 @@ from pinproof.picks.judging.grasp import (
     Reached,
     every_branch_is_known,
     reach,
-    refuted_by_fixed_bodies,
+    reach_between,
+    refuted_at_release,
+    refuted_by_contacts,
     refuted_by_name,
     screen,
     unreached,
@@ -99,20 +101,27 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
     if not len(reached.q):
         status = PickStatus.IMPOSSIBLE if reached.complete else PickStatus.NOT_FOUND
         return _GroupVerdict(PickVerdict(pick, status, stages, refuted=reached.refuted))
-    tried = len(reached.q)
     screened = screen(task, group, reached)
+    failed = not screened.candidates and not screened.not_held and not task.cell.trial
+    if failed and (between := reach_between(task, group)) is not None:
+        reached, screened = between, screen(task, group, between)
+        stages = (*start, *reached.stages)
+    tried = len(reached.q)
     stages = (*stages, *screened.stages)
     if not screened.candidates:
         if screened.not_held:
             return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=screened.refuted))
         if stages[-1].stage is not Stage.GRIP and (finer := _finer(task, reached)) is not None:
             return _judge_group(finer, group, seeds)
+        refuted: tuple[str, ...] = ()
         known = every_branch_is_known(task, [task.target(task.grasp(member)) for member in group])
         if known:
             reachable = set(reached.member.tolist())
             refuted = (*screened.refuted, *(unreached(each) for i, each in enumerate(group) if i not in reachable))
             return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
-        if stages[-1].stage is Stage.GRASP and (refuted := refuted_by_fixed_bodies(task, group, reached)):
+        if stages[-1].stage in (Stage.SELF, Stage.GRASP) and not task.cell.trial:
+            refuted = refuted_by_contacts(task, group, reached, seeds[0])
+        if refuted:
             return _GroupVerdict(PickVerdict(pick, PickStatus.IMPOSSIBLE, stages, tried, refuted=refuted))
         message = f"{stages[-1].message}; more IK solutions may exist ({tried} tried)"
         stages = (*stages[:-1], replace(stages[-1], message=message))
@@ -129,9 +138,12 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
             )
         search.reject(motion, (*motion.stages, result))
     if search.failed:
-        return _GroupVerdict(
-            PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, *max(reversed(search.failed), key=len)), tried)
-        )
+        farthest = max(reversed(search.failed), key=len)
+        refuted = ()
+        if farthest[-1].stage is Stage.PLACE and not task.cell.trial:
+            refuted = refuted_at_release(task, group, seeds[0])
+        status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND
+        return _GroupVerdict(PickVerdict(pick, status, (*stages, *farthest), tried, refuted=refuted))
     best = max(search.attempts, key=lambda attempt: (len(attempt.stages), attempt.fraction))
     refuted = () if task.cell.trial is not None else refuted_by_name(task, group, seeds[0])
     status = PickStatus.IMPOSSIBLE if refuted else PickStatus.NOT_FOUND

@@ -232,13 +232,19 @@ class Task:
 
     def approach_end(self, root_from_tip: SE3) -> SE3:
         """``root_from_tip`` at the start of the approach to a grasp."""
-        pick = self.pick
-        return moved(root_from_tip, -pick.approach, pick.approach_direction, pick.approach_frame)
+        return self.approach_to(root_from_tip, self.pick.approach)
+
+    def approach_to(self, root_from_tip: SE3, distance: float) -> SE3:
+        """``root_from_tip`` on the approach to a grasp, at a distance (m) from it."""
+        return moved(root_from_tip, -distance, self.pick.approach_direction, self.pick.approach_frame)
 
     def retreat_end(self, root_from_tip: SE3) -> SE3:
         """``root_from_tip`` at the end of the retreat from a grasp."""
-        pick = self.pick
-        return moved(root_from_tip, pick.retreat, pick.retreat_direction, pick.retreat_frame)
+        return self.retreat_to(root_from_tip, self.pick.retreat)
+
+    def retreat_to(self, root_from_tip: SE3, distance: float) -> SE3:
+        """``root_from_tip`` on the retreat from a grasp, at a distance (m) from it."""
+        return moved(root_from_tip, distance, self.pick.retreat_direction, self.pick.retreat_frame)
 
     def constraints(self, member: Member) -> tuple[Upright, ...]:
         """The constraints of the tcp while the object is carried."""

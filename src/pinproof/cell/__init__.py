@@ -4,6 +4,6 @@
 """
 
 from pinproof.cell.precedence import Precedence
-from pinproof.cell.sequence import sequence
+from pinproof.cell.sequencing import sequence
 
 __all__ = ["Precedence", "sequence"]

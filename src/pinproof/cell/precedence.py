@@ -53,7 +53,7 @@ class Precedence:
         return Precedence(self.names, {**reasons, **self.reasons})
 
     def checked(self) -> Precedence:
-        """This precedence, if an order satisfies it.
+        """The same precedence, if an order satisfies it.
 
         Raises
         ------

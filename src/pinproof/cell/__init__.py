@@ -1,9 +1,35 @@
 """Robot cells: where the robot is placed, in which order parts are picked, and how long the cycle takes.
 
+:func:`pinproof.place_base` searches for the placement of the base at which all picks work, with the shortest cycle
+time.
 :func:`pinproof.sequence` orders picks and places so that the certified motions take the shortest total time.
 """
 
+from pinproof.cell.placement import OBJECTIVES, PlacementBudget, PlacementInterrupted, place_base
+from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
+from pinproof.cell.placement_result import (
+    CertifiedPlacement,
+    EmptyCell,
+    PlacementMap,
+    PlacementResult,
+    PlacementSensitivity,
+)
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequencing import sequence
 
-__all__ = ["Precedence", "sequence"]
+__all__ = [
+    "OBJECTIVES",
+    "CertifiedPlacement",
+    "EmptyCell",
+    "Placement",
+    "PlacementBudget",
+    "PlacementChoice",
+    "PlacementInterrupted",
+    "PlacementMap",
+    "PlacementRegion",
+    "PlacementResult",
+    "PlacementSensitivity",
+    "Precedence",
+    "place_base",
+    "sequence",
+]

@@ -5,6 +5,7 @@ time.
 :func:`pinproof.sequence` orders picks and places so that the certified motions take the shortest total time.
 """
 
+from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
 from pinproof.cell.placement import OBJECTIVES, PlacementBudget, PlacementInterrupted, place_base
 from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement_result import (
@@ -16,11 +17,16 @@ from pinproof.cell.placement_result import (
 )
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequencing import sequence
+from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
 __all__ = [
     "OBJECTIVES",
+    "CellComparison",
     "CertifiedPlacement",
     "EmptyCell",
+    "PickChange",
+    "PickDifference",
+    "PickTolerance",
     "Placement",
     "PlacementBudget",
     "PlacementChoice",
@@ -30,6 +36,9 @@ __all__ = [
     "PlacementResult",
     "PlacementSensitivity",
     "Precedence",
+    "ToleranceStudy",
+    "compare",
     "place_base",
     "sequence",
+    "tolerance_study",
 ]

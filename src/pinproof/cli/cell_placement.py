@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 import pinproof as pp
-from pinproof.cli.console import Interrupted, make_folder, print_json, print_line, progress_status
+from pinproof.cli.console import Interrupted, check_output_files, make_folder, print_json, print_line, progress_status
 from pinproof.cli.options import Json, Seed, numbers
-from pinproof.cli.pick import CellOptions, WorkerOptions
+from pinproof.cli.pick import CellOptions, WorkerOptions, judge_file
 from pinproof.errors import InputError
 from pinproof.units import refuse_degrees, warn_of_millimetres
 
 if TYPE_CHECKING:
     from pinproof.cell import PlacementBudget, PlacementChoice, PlacementRegion, PlacementResult
 
-__all__ = ["cell_place"]
+__all__ = ["cell_compare", "cell_place", "cell_tolerance"]
 
 SUFFIXES = (".json", ".csv", ".png", ".md")
 
@@ -168,6 +168,107 @@ def cell_place(
         raise Interrupted(f"interrupted; {kept}", result_printed=True)
     if not found.ok:
         raise typer.Exit(1)
+
+
+TABLES = (".json", ".csv", ".md")
+
+
+def cell_compare(
+    file: Annotated[Path, typer.Argument(help="The picks file of the first set-up.", metavar="PICKS")],
+    against: Annotated[
+        Path | None,
+        typer.Argument(help="The picks file of the second set-up. Default: the same file.", metavar="OTHER"),
+    ] = None,
+    *,
+    least: Annotated[float, typer.Option(help="The smallest difference in seconds that counts.", min=0.0)] = 0.01,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The comparison (.json, .csv, .md).", metavar="FILE")
+    ] = None,
+    pool: WorkerOptions,
+    seed: Seed = 0,
+    cell: CellOptions,
+    as_json: Json = False,
+) -> None:
+    """Compare two set-ups pick by pick: won, lost, faster, slower. The options of the cell apply to the second one.
+
+    Exit code 1 if a pick is lost.
+
+    Example: pinproof cell compare robots/ur5/picks.yaml --place "0.05 0.05 0"
+    """
+    _check_table(output, file, against)
+    with pool.settings() as settings:
+        reports = []
+        for number, (path, options) in enumerate(((file, CellOptions()), (against or file, cell)), start=1):
+            with progress_status(f"set-up {number} of 2: {path}"):
+                reports.append(judge_file(path, options, seed, **settings)[-1])
+    found = pp.cell.compare(*reports, least=least)
+    if output is not None:
+        found.save(output)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        print_line(found.to_markdown().rstrip())
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def cell_tolerance(
+    file: Annotated[Path, typer.Argument(help="The picks file (.yaml or a .csv table).", metavar="PICKS")],
+    *,
+    position: Annotated[
+        float, typer.Option(help="Largest error of the position of a part along each axis (m).", min=0.0)
+    ] = 0.003,
+    rotation: Annotated[str, typer.Option(help="Largest error of its rotation about any axis (rad).")] = "pi/90",
+    normal: Annotated[
+        bool,
+        typer.Option("--normal", help="Sample a normal distribution with half of the errors as standard deviation."),
+    ] = False,
+    samples: Annotated[int, typer.Option(help="Number of sampled poses for each pick.", min=0)] = 20,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="The study (.json, .csv, .md).", metavar="FILE")
+    ] = None,
+    pool: WorkerOptions,
+    seed: Seed = 0,
+    cell: CellOptions,
+    as_json: Json = False,
+) -> None:
+    """Prove how inaccurate the pose of each part may be, with unchanged motions and if the grasp is planned again.
+
+    Exit code 1 unless the motions of all picks are certified for the whole tolerance.
+
+    Example: pinproof cell tolerance robots/ur5/plate_picks.yaml --position 0.002 --samples 5
+    """
+    _check_table(output, file)
+    angles = numbers(rotation, "--rotation")
+    if len(angles) != 1:
+        raise InputError(f"--rotation needs one angle in rad, not {len(angles)}")
+    refuse_degrees("--rotation", angles)
+    with progress_status(f"checking {file}") as status, pool.settings() as settings:
+        report = judge_file(file, cell, seed, **settings)[-1]
+        found = pp.cell.tolerance_study(
+            report,
+            position=position,
+            rotation=angles[0],
+            distribution="normal" if normal else "uniform",
+            samples=samples,
+            rng=seed,
+            progress=lambda _, done, total: status(f"tolerances: {done:,} of {total:,} picks"),
+            **settings,
+        )
+    if output is not None:
+        found.save(output)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        print_line(found.to_markdown().rstrip())
+    if not found.ok:
+        raise typer.Exit(1)
+
+
+def _check_table(output: Path | None, *inputs: Path | None) -> None:
+    if output is not None and output.suffix.lower() not in TABLES:
+        raise InputError(f"{output}: unknown file type; use {', '.join(TABLES)}")
+    check_output_files([output], inputs)
 
 
 def _check_output(output: Path | None) -> None:

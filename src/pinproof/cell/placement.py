@@ -184,7 +184,7 @@ def place_base(
     placement_budget
         The budget of the search.
     budget
-        The budget for judging a pick.
+        The budget for judging a pick; by default no suggestions are made for picks that fail.
     weights
         The weights by which motions of a pick are compared; by default those of the objective.
     executor, workers, in_flight
@@ -226,7 +226,7 @@ def place_base(
         region,
         objective,
         placement_budget or PlacementBudget(),
-        budget or PickBudget(),
+        budget or PickBudget(remedies=0),
         weights or OBJECTIVES[objective].weights,
         rng,
     )

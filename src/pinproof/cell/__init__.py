@@ -3,7 +3,24 @@
 :func:`pinproof.sequence` orders picks and places so that the certified motions take the shortest total time.
 """
 
+from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
 from pinproof.cell.precedence import Precedence
-from pinproof.cell.sequencing import sequence
+from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
+from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
+from pinproof.cell.sequencing import SequenceInterrupted, sequence
 
-__all__ = ["Precedence", "sequence"]
+__all__ = [
+    "SEQUENCE_SUFFIXES",
+    "CycleTime",
+    "LeftOut",
+    "Phase",
+    "PickTime",
+    "Precedence",
+    "SequenceInterrupted",
+    "SequenceResult",
+    "SequenceStep",
+    "cycle_time",
+    "save_sequence",
+    "sequence",
+    "sequence_dict",
+]

@@ -38,15 +38,15 @@ class Precedence:
         InputError
             If the pairs contradict each other; the message names a cycle.
         """
-        every = tuple(names)
-        index = {name: i for i, name in enumerate(every)}
-        reasons: dict[Pair, str] = {}
-        for first, second in pairs:
-            for name in (first, second):
-                if name not in index:
-                    raise UnknownNameError("pick", name, every, "the precedence")
-            reasons[index[first], index[second]] = "stated"
-        return cls(every, reasons).checked()
+        empty = cls(tuple(names))
+        reasons = {tuple(empty.index(name, "the precedence") for name in pair): "stated" for pair in pairs}
+        return cls(empty.names, reasons).checked()  # type: ignore[arg-type]  # pairs
+
+    def index(self, name: str, where: str) -> int:
+        """The index of a pick; UnknownNameError if it does not exist."""
+        if name not in self.names:
+            raise UnknownNameError("pick", name, self.names, where)
+        return self.names.index(name)
 
     def with_pairs(self, reasons: Mapping[Pair, str]) -> Precedence:
         """The precedence with more pairs; the reasons of existing pairs are kept."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import permutations
+from itertools import pairwise, permutations
 from pathlib import Path
 
 import numpy as np
@@ -80,7 +80,7 @@ def test_search_finds_the_optimum_of_a_line_of_jobs(pairs: int) -> None:
 
 
 def test_contradictory_precedence_names_a_cycle() -> None:
-    with pytest.raises(pp.InputError, match="a before b .*b before c .*c before a"):
+    with pytest.raises(pp.InputError, match=r"a before b .*b before c .*c before a"):
         Precedence.stated("abcd", [("a", "b"), ("b", "c"), ("c", "a"), ("a", "d")])
 
 
@@ -157,7 +157,7 @@ def test_motions_are_joined_and_add_up_to_the_total_time(stacked: SequenceResult
     motions = stacked.motions
     assert np.array_equal(motions[0].trajectory.start, stacked.setup.home)
     assert np.array_equal(motions[-1].trajectory.end, stacked.setup.home)
-    for before, after in zip(motions, motions[1:], strict=False):
+    for before, after in pairwise(motions):
         assert np.allclose(before.trajectory.end, after.trajectory.start, atol=1e-12)
     seconds = sum(motion.trajectory.duration for motion in motions)
     assert stacked.moving == pytest.approx(seconds, abs=1e-6)

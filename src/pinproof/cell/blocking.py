@@ -13,6 +13,7 @@ from pinproof.cell.precedence import Pair
 from pinproof.collision import CollisionChecker, Obstacle, Scene
 from pinproof.motion import CubicPath
 from pinproof.picks import PickSetup
+from pinproof.picks.input.pick import Member
 from pinproof.picks.judging.task import DOWN, SUPPORT_GAP, Cell, Task
 
 __all__ = ["geometric_precedence"]
@@ -49,8 +50,12 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
     found: dict[Pair, str] = {}
     for i, job in enumerate(jobs):
         blockers: set[str] | None = None
+        hands: dict[str, CollisionChecker] = {}
         for option in job.options:
-            blocked, supports = _contacts(setup, job, option, open_hand, closed_hand)
+            member = option.attempt.candidate.member
+            if job.after is not None and member.words not in hands:
+                hands[member.words] = _carrying(setup, job, member, closed_hand)
+            blocked, supports = _contacts(job, option, open_hand, hands.get(member.words))
             for name in supports:
                 other, placed = owner.get(name, (i, False))
                 if other == i:
@@ -67,8 +72,16 @@ def geometric_precedence(setup: PickSetup, jobs: list[Job], fixed: Scene) -> dic
     return found
 
 
+def _carrying(setup: PickSetup, job: Job, member: Member, closed_hand: CollisionChecker) -> CollisionChecker:
+    """The checker with the part in the closed hand, among all parts before and after."""
+    alone = setup.checker.with_scene(Scene(() if job.before is None else (job.before,)))
+    pick = replace(job.pick, place=None, support=None)
+    held = Task(pick, Cell(alone, setup.shared, setup.home, setup.weights, setup.budget)).holding(member)
+    return closed_hand.with_attached(replace(held, name=CARRIED))
+
+
 def _contacts(
-    setup: PickSetup, job: Job, option: PickOption, open_hand: CollisionChecker, closed_hand: CollisionChecker
+    job: Job, option: PickOption, open_hand: CollisionChecker, carrying: CollisionChecker | None
 ) -> tuple[set[str], set[str]]:
     """The names of what is in contact on the lines of an option, and of what supports the part at either end."""
     pick, attempt, release = job.pick, option.attempt, option.release
@@ -78,15 +91,8 @@ def _contacts(
     if release is not None:
         for q in _samples(release.leave, release.q):
             blocked |= _touched(open_hand, q)
-    if job.after is None:
+    if carrying is None:
         return blocked, set()
-    member = attempt.candidate.member
-    own = () if job.before is None else (job.before,)
-    alone = setup.checker.with_scene(Scene(own))
-    held = Task(
-        replace(pick, place=None, support=None), Cell(alone, setup.shared, setup.home, setup.weights, setup.budget)
-    ).holding(member)
-    carrying = closed_hand.with_attached(replace(held, name=CARRIED))
     supports = _supports(carrying, attempt.q, pick.support)
     lines = [(attempt.line_out(), attempt.q, supports)]
     if release is not None:

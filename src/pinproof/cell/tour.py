@@ -40,13 +40,13 @@ EXACT = 10
 MICRO = 1e6
 """Integer costs of OR-Tools are microseconds."""
 
-SEARCH = 8
+SEARCH = 40
 """Default number of disturbed tours from which the search starts again; a number, so that the result needs no clock."""
 
-KICK = 8
+KICK = 6
 """Number of jobs that a disturbance moves to other positions."""
 
-ROUNDS = 4
+ROUNDS = 2
 """Largest number of alternations between the order and the options."""
 
 CUTS = 12
@@ -183,7 +183,7 @@ class TourProblem:
         best = self._alternated(best)
         random = np.random.default_rng(rng)
         for _ in range(search):
-            tour = self._alternated(self.improved(self._disturbed(best, random)))
+            tour = self.improved(self._disturbed(best, random))
             best = min(best, tour, key=lambda each: each.seconds)
         return best
 
@@ -305,7 +305,7 @@ class TourProblem:
             routing.AddDimension(step, 0, self.count + 1, True, "position")
             position = routing.GetDimensionOrDie("position")
             solver = routing.solver()
-            for before, after in self.precedence.reasons:
+            for before, after in self.precedence.essential():
                 a, b = (position.CumulVar(manager.NodeToIndex(job)) for job in (before, after))
                 solver.Add(a < b)
         settings = pywrapcp.DefaultRoutingSearchParameters()

@@ -54,6 +54,8 @@ READERS: dict[str, Callable[[Path], object]] = {
     "program": pp.motion.MotionProgram.load,
 }
 
+WRITTEN_AS_JSON = ("motion", "program", "proof", "report", "sequence")
+
 EVERY_WAY = {
     "approach": 0.1,
     "approach_direction": [0, 0, 1],
@@ -452,10 +454,13 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
     )
     pp.DhTable.load(ROOT / "robots" / "scara" / "dh.yaml").save(folder / "written_dh.yaml")
     pp.validate_picks(arm, scene, [pp.Pick("far", pp.pose((9, 0, 0)))]).save(folder / "report.json")
+    above = pp.Pick("above", arm.forward_kinematics(arm.home), approach=0.0, retreat=0.0)
+    setup = pp.picks.PickSetup.make(arm, scene, pp.Picks([above]), home=None, rng=0)
+    pp.cell.save_sequence(pp.sequence(setup, [above]), folder / "sequence.json")
     for name in FORMATS:
         if name in ("picks", "limits"):
             continue  # pinproof does not write them
-        file = folder / (f"{name}.json" if name in ("motion", "program", "proof", "report") else f"written_{name}.yaml")
+        file = folder / (f"{name}.json" if name in WRITTEN_AS_JSON else f"written_{name}.yaml")
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))
         errors = jsonschema.Draft202012Validator(closed(pp.file_schema(name))).iter_errors(tree)
         assert [(error.json_path, error.message) for error in errors] == [], name

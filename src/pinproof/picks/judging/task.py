@@ -35,7 +35,7 @@ from pinproof.picks.judging.verdict import Stage
 from pinproof.planning.planners import CONSTRAINED_PLANNERS
 from pinproof.spatial import SE3, matrix
 
-__all__ = ["SUPPORT_GAP", "Cell", "Task"]
+__all__ = ["DOWN", "SUPPORT_GAP", "Cell", "Task"]
 
 
 @dataclass(frozen=True, eq=False)

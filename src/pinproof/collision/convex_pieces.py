@@ -460,7 +460,7 @@ def _excess(hulls: list[_Hull], corners: Array, contains: Callable[[Array], bool
     for i, at in enumerate(points):
         result.clear()
         distances[i] = coal.distance(point, coal.Transform3s(np.eye(3), at), surface, here, request, result)
-    for i in np.argsort(-distances):
+    for i in np.argsort(-distances).tolist():
         if distances[i] <= 1e-6 or not contains(points[i][None]):
             return max(float(distances[i]), 0.0)
     return 0.0

@@ -313,7 +313,7 @@ def _union(parts: Sequence[Span], origins: Array, direction: Array) -> tuple[Arr
     depths = np.array([each[0] for each in found])
     first, rows = depths.argmin(axis=0), np.arange(depths.shape[1])
     normals = np.array([each[2] for each in found])[first, rows]
-    return depths[first, rows], np.max([each[1] for each in found], axis=0), normals
+    return depths[first, rows], np.max(np.stack([each[1] for each in found]), axis=0), normals
 
 
 def _unit(vectors: Array) -> Array:

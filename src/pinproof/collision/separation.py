@@ -291,7 +291,7 @@ def _near(moving: MovingBody, corners: Array, directions: Array, reach: float) -
 
 def _gaps(moving: MovingBody, corners: Array, directions: Array) -> tuple[Array, Array]:
     """Return (d, F) the extents of triangles along directions, and the gaps to the body."""
-    tops = np.max([directions @ corners[:, corner].T for corner in range(3)], axis=0)
+    tops = np.max(np.stack([directions @ corners[:, corner].T for corner in range(3)]), axis=0)
     return tops, -moving.reach(-directions)[:, None] - tops
 
 

@@ -128,8 +128,8 @@ def _judge_group(task: Task, group: list[Member], seeds: list[int]) -> _GroupVer
         return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, stages, tried))
     search = BestFirst(task, screened.candidates, seeds[1:3])
     if task.cell.trial is Stage.PLACE and not search.may_place():
-        failed = StageResult(Stage.PLACE, False, "no IK solution at the release is collision-free with its lines")
-        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, failed), tried))
+        unplaced = StageResult(Stage.PLACE, False, "no IK solution at the release is collision-free with its lines")
+        return _GroupVerdict(PickVerdict(pick, PickStatus.NOT_FOUND, (*stages, unplaced), tried))
     while (motion := search.run() or search.with_full_budget()) is not None:
         result, timed = time_motion(task, motion.attempt, motion.path, motion.placing)
         if timed is not None:

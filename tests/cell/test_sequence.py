@@ -19,6 +19,7 @@ from pinproof.picks import PickBudget, PickSetup, PlaceTarget, SuctionCup
 ROOT = Path(__file__).parents[2]
 DOWN = (np.pi, 0.0, 0.0)
 SIDE = 0.05
+Place = tuple[float, float, float]
 
 
 def random_problem(jobs: int, options: int, pairs: int, seed: int) -> TourProblem:
@@ -89,12 +90,12 @@ def cell(picks: pp.Picks, scene: pp.Scene) -> PickSetup:
     return PickSetup.make(arm, scene, picks, home=None, rng=0, budget=PickBudget(remedies=0, motion=40))
 
 
-def boxes(*places: tuple[float, float, float]) -> list[pp.Obstacle]:
+def boxes(*places: Place) -> list[pp.Obstacle]:
     box = pp.Box(SIDE, SIDE, SIDE)
     return [pp.Obstacle(f"box_{k}", box, pp.pose(place)) for k, place in enumerate(places)]
 
 
-def tray_cell(before: list[tuple[float, float, float]], after: list[tuple[float, float, float]]) -> PickSetup:
+def tray_cell(before: list[Place], after: list[Place]) -> tuple[PickSetup, tuple[pp.Pick, ...]]:
     """A UR5 with a suction cup and boxes, each with its place."""
     table = pp.Obstacle("table", pp.Box(1.6, 1.6, 0.04), pp.pose((0.3, 0, -0.025)))
     picks = [
@@ -111,9 +112,7 @@ def tray_cell(before: list[tuple[float, float, float]], after: list[tuple[float,
     lance = pp.Obstacle("lance", pp.Cylinder(radius=0.01, length=0.15), pp.pose((0, 0, 0.075)))
     shared = pp.Picks(picks, tip=pp.pose((0, 0, 0.15)), tool=(lance,), cup=SuctionCup(radius=0.01), margin=0.002)
     scene = pp.Scene([table, *boxes(*before)], allowed=[("base_link", "table")])
-    setup = cell(shared, scene)
-    object.__setattr__(setup, "given", tuple(picks))
-    return setup
+    return cell(shared, scene), tuple(picks)
 
 
 FLOOR = SIDE / 2 - 0.005
@@ -124,8 +123,8 @@ PALLET = [(0.45, -0.25, FLOOR + SIDE), (0.45, -0.25, FLOOR), (0.36, -0.30, FLOOR
 @pytest.fixture(scope="module")
 def stacked() -> SequenceResult:
     """box_1 is on box_0, and at the places box_0 is on box_1."""
-    setup = tray_cell(STACK, PALLET)
-    return pp.sequence(setup, setup.given, grip_dwell=0.2, release_dwell=0.1)  # type: ignore[attr-defined]
+    setup, picks = tray_cell(STACK, PALLET)
+    return pp.sequence(setup, picks, grip_dwell=0.2, release_dwell=0.1)
 
 
 @pytest.mark.slow
@@ -188,8 +187,7 @@ def test_every_motion_is_free_in_a_new_checker_of_its_moment(stacked: SequenceRe
 
 @pytest.mark.slow
 def test_given_order_is_kept_and_an_impossible_one_is_refused() -> None:
-    setup = tray_cell(STACK, PALLET)
-    picks = setup.given  # type: ignore[attr-defined]
+    setup, picks = tray_cell(STACK, PALLET)
     kept = pp.sequence(setup, picks, order=["pick_2", "pick_1", "pick_0"], refinements=0)
     assert kept.order == ("pick_2", "pick_1", "pick_0")
     with pytest.raises(pp.InputError, match="pick_1 must come before pick_0"):

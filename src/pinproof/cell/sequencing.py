@@ -37,8 +37,11 @@ End = Literal["home", "free"] | npt.ArrayLike
 OPTIONS = 4
 """Default number of options of each pick."""
 
-REFINEMENTS = 2
+REFINEMENTS = 1
 """Default number of times that the order is improved with certified times."""
+
+MOTION = 400
+"""Default number of evaluations by which each transit and each transfer is shortened; few motions use all of them."""
 
 REPAIRS = 200
 """Largest number of failed motions after which another order is tried."""
@@ -68,6 +71,7 @@ def sequence(
     options: int = OPTIONS,
     search: int = SEARCH,
     refinements: int = REFINEMENTS,
+    motion: int = MOTION,
     order: Iterable[str] | None = None,
     progress: Progress | None = None,
 ) -> SequenceResult:
@@ -95,6 +99,9 @@ def sequence(
         Number of disturbed tours from which the search for the order starts again.
     refinements
         Number of times that the order is improved with certified instead of bounded times.
+    motion
+        Number of evaluations by which each transit and each transfer is shortened; with 0, they follow the planned
+        paths. It replaces that of the budget of the setup.
     order
         A given order of all names, for which only the options are chosen.
     progress
@@ -123,6 +130,8 @@ def sequence(
     require_integer("options", options, 1)
     require_integer("search", search, 0)
     require_integer("refinements", refinements, 0)
+    require_integer("motion", motion, 0)
+    setup = replace(setup, budget=replace(setup.budget, motion=motion))
     dwell = _dwell("grip_dwell", grip_dwell), _dwell("release_dwell", release_dwell)
     ends = _configuration(setup, start, "start"), _configuration(setup, end, "end")
     run = _Run(setup, given, stated, ends, dwell, progress or (lambda *_: None))
@@ -302,12 +311,16 @@ class _Run:
         def solved(current: TourProblem, first: tuple[int, ...]) -> Tour:
             return current.best_options(first) if fixed_order else current.solve(first, search=search)
 
+        def refined(current: TourProblem, certified: Tour) -> Tour:
+            same = Tour(certified.order, certified.options, current.seconds(certified.options))
+            return current.best_options(certified.order) if fixed_order else current.improved(same)
+
         tour = solved(problem, feasible)
         self.progress("order", 1, 1)
         problem, self.best = self._certified(problem, tour, fixed_order is not None)
         for _ in range(refinements):
             problem = self._with_certified_times(problem, self.best)
-            tour = solved(problem, self.best.tour.order)
+            tour = refined(problem, self.best.tour)
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 return
             problem, other = self._certified(problem, tour, fixed_order is not None)

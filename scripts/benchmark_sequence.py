@@ -23,8 +23,8 @@ TEXT = (
     "bound, which ignores obstacles; for eight picks the bound is the exact optimum of the bounded times. The other "
     "orders are those of the file and of the nearest neighbour, both with their best grasps and IK branches. The "
     "comparison uses lower bounds of their times, so the certified sequences are shorter by at least the "
-    "stated shares. The points are random positions above the tables of the shipped cells, in random order, with an approach and a "
-    "retreat of 30 mm. CPU times include all grasps, lines, orders, motions and certificates."
+    "stated shares. The points are random positions above the tables of the shipped cells, in random order, with an "
+    "approach and a retreat of 30 mm. CPU times include all grasps, lines, orders, motions and certificates."
 )
 AUDIT = (
     f"Every motion is audited by samples at most {AUDIT_STEP} rad apart on the exact meshes of the robot, in the scene "

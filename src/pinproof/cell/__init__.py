@@ -17,6 +17,7 @@ from pinproof.cell.placement_result import (
     PlacementSensitivity,
 )
 from pinproof.cell.precedence import Precedence
+from pinproof.cell.sequence_page import write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
 from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
 from pinproof.cell.sequencing import SequenceInterrupted, sequence
@@ -55,4 +56,5 @@ __all__ = [
     "sequence",
     "sequence_dict",
     "tolerance_study",
+    "write_sequence_page",
 ]

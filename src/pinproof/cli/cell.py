@@ -96,7 +96,7 @@ def cell_sequence(
         typer.Option(
             "-o",
             "--output",
-            help=f"The sequence as {', '.join(pp.cell.SEQUENCE_SUFFIXES)}; can be given several times.",
+            help="The sequence as .json, .md, .csv or .html; can be given several times.",
             metavar="FILE",
         ),
     ] = None,
@@ -108,7 +108,7 @@ def cell_sequence(
 
     Exit code 1 if a pick cannot be executed; it is left out.
 
-    Example: pinproof cell sequence robots/ur5/picks.yaml -o sequence.csv
+    Example: pinproof cell sequence robots/ur5/picks.yaml --only bolt_1,bolt_2,bolt_5
     """
     outputs = output or []
     for path in outputs:

@@ -450,11 +450,19 @@ def test_written_files_agree_with_their_schemas(folder: Path) -> None:
         folder / "written_attached.yaml"
     )
     pp.DhTable.load(ROOT / "robots" / "scara" / "dh.yaml").save(folder / "written_dh.yaml")
-    pp.validate_picks(arm, scene, [pp.Pick("far", pp.pose((9, 0, 0)))]).save(folder / "report.json")
+    report = pp.validate_picks(arm, scene, [pp.Pick("far", pp.pose((9, 0, 0)))])
+    report.save(folder / "report.json")
+    region = pp.cell.PlacementRegion(x=(8, 9), y=(0, 1))
+    few = pp.cell.PlacementBudget(grid=4, runs=0, certified=1)
+    picks_there = [pp.Pick("near", arm.forward_kinematics(arm.home), 0.0, 0.0), pp.Pick("far", pp.pose((9, 0, 0)))]
+    pp.place_base(arm, scene, picks_there, region, placement_budget=few).save(folder / "placement.json")
+    pp.cell.compare(report, report).save(folder / "comparison.json")
+    pp.cell.tolerance_study(report, samples=0).save(folder / "tolerance.json")
+    written = {"motion", "program", "proof", "report", "placement", "comparison", "tolerance"}
     for name in FORMATS:
         if name in ("picks", "limits"):
             continue  # pinproof does not write them
-        file = folder / (f"{name}.json" if name in ("motion", "program", "proof", "report") else f"written_{name}.yaml")
+        file = folder / (f"{name}.json" if name in written else f"written_{name}.yaml")
         tree = yaml.safe_load(file.read_text(encoding="utf-8"))
         errors = jsonschema.Draft202012Validator(closed(pp.file_schema(name))).iter_errors(tree)
         assert [(error.json_path, error.message) for error in errors] == [], name

@@ -24,6 +24,9 @@ FORMATS = {
     "program": ("pinproof.motion.motion_keys", "PROGRAM"),
     "report": ("pinproof.picks.report.report_keys", "REPORT"),
     "proof": ("pinproof.collision.proof_keys", "PROOF"),
+    "placement": ("pinproof.cell.placement_keys", "PLACEMENT"),
+    "comparison": ("pinproof.cell.placement_keys", "COMPARISON"),
+    "tolerance": ("pinproof.cell.placement_keys", "TOLERANCE"),
 }
 """Module and name of the table of keys of each format."""
 

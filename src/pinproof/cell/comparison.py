@@ -10,6 +10,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
+from pinproof.cell.placement_keys import COMPARISON_SCHEMA
 from pinproof.cell.placement_result import cycle_time
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import unknown_suffix, write_text_whole
@@ -21,8 +22,6 @@ from pinproof.picks.report.report import PickReport
 __all__ = ["CellComparison", "PickChange", "PickDifference", "compare"]
 
 SUFFIXES = (".json", ".csv", ".md")
-
-SCHEMA = "pinproof/comparison/1"
 
 
 class PickChange(Enum):
@@ -145,7 +144,7 @@ class CellComparison:
         ]
         before, after = self.seconds
         return {
-            "schema": SCHEMA,
+            "schema": COMPARISON_SCHEMA,
             "ok": self.ok,
             "summary": self.summary,
             "counts": {change.value: len(self.of(change)) for change in PickChange},

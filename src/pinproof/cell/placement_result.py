@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.cell.placed_robot import PlacedRobot
+from pinproof.cell.placement_keys import PLACEMENT_SCHEMA
 from pinproof.cell.placement_region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
 from pinproof.common.display import html_block, html_list, html_table, outline
@@ -36,7 +37,6 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-SCHEMA = "pinproof/placement/1"
 
 SUFFIXES = (".json", ".csv", ".png", ".md")
 
@@ -390,7 +390,7 @@ class PlacementResult:
     def to_dict(self) -> dict[str, Any]:
         """The result as plain values for JSON."""
         return {
-            "schema": SCHEMA,
+            "schema": PLACEMENT_SCHEMA,
             "ok": self.ok,
             "objective": self.objective,
             "message": self.message,

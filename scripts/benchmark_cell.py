@@ -302,9 +302,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if unknown := [name for name in stated.cells if name not in (*CELLS, *SMALL)]:
         parser.error(f"unknown cell {unknown[0]!r}; valid: {', '.join((*CELLS, *SMALL))}")
     chosen = stated.cells or [*CELLS, *(SMALL if stated.exhaustive else ())]
+    origin = provenance(0)
     rows = [measure(name, CELLS[name](), stated.workers) for name in chosen if name in CELLS]
     grids = [exhaustive(name, SMALL[name]()) for name in chosen if name in SMALL]
-    table = CellTable({"workers": stated.workers}, provenance(0), tuple(rows), tuple(grids))
+    table = CellTable({"workers": stated.workers}, origin, tuple(rows), tuple(grids))
     if stated.docs:
         table.write(FOLDER, "cell", markdown(table))
     sys.stdout.write(markdown(table))

@@ -211,6 +211,9 @@ def place_base(
         picks = Picks(tuple(picks))
     if not len(picks):
         raise InputError("there are no picks; a placement is searched for at least one pick")
+    if picks.problems:
+        first = picks.problems[0]
+        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
     if objective not in OBJECTIVES:
         raise UnknownNameError("objective", objective, OBJECTIVES)
     require_integer("rng", rng, 0)

@@ -40,6 +40,9 @@ Mask = npt.NDArray[np.bool_]
 
 SUFFIXES = (".json", ".csv", ".png", ".md")
 
+MOST_FAILING = 20
+"""Largest number of failing picks that are listed in text; JSON has all of them."""
+
 
 @dataclass(frozen=True, eq=False)
 class CertifiedPlacement:
@@ -424,7 +427,10 @@ class PlacementResult:
             for each in self.sensitivity:
                 low, high = (_length(each.axis, value) for value in (each.below, each.above))
                 lines.append(f"| {each.axis} | {low} | {high} | {each.first_below} | {each.first_above} |")
-        lines += [f"- {name}: {reason}" for name, reason in self.failing.items()]
+        failing = [f"- {name}: {reason}" for name, reason in self.failing.items()]
+        lines += failing[:MOST_FAILING]
+        if len(failing) > MOST_FAILING:
+            lines.append(f"- and {len(failing) - MOST_FAILING} more picks")
         return "\n".join(lines) + "\n"
 
     def save(self, path: str | Path) -> None:

@@ -26,7 +26,7 @@ import pinproof as pp
 from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
 from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base
 from pinproof.cell.placed_robot import PlacedRobot
-from pinproof.cell.placement_result import cycle_time
+from pinproof.cell.placement_result import total_time
 from pinproof.description import robots_folder
 from pinproof.picks import PickBudget, PickWeights
 
@@ -109,7 +109,7 @@ CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
 SMALL = {"small bolts": lambda: bolts((5, 4)), "small bolts, random 1": lambda: bolts((5, 4), seed=1)}
 """Cells for which every placement of a grid is judged."""
 
-SMALL_GRID = (11, 11, 3, 4)
+SMALL_GRID = (15, 15, 4, 6)
 """Numbers of cells of that grid along x, y, z and yaw."""
 
 
@@ -177,7 +177,7 @@ def search(cell: BenchmarkCell, workers: int | None) -> tuple[PlacementResult, f
 def judged(cell: BenchmarkCell, placed: PlacedRobot, values: np.ndarray) -> float:
     """The certified cycle time (s) at a placement; NaN unless every pick is good."""
     report = pp.validate_picks(placed.arm_at(values), placed.scene, cell.picks, weights=FASTEST, budget=JUDGING)
-    return cycle_time(report) if report.ok else np.nan
+    return total_time(report) if report.ok else np.nan
 
 
 def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow:
@@ -252,7 +252,8 @@ def markdown(table: CellTable) -> str:
         for row in table.placements
     ]
     columns = ("cell", "picks", "screened", "workers", "seconds", "CPU", "good", "best", "median", "below", "empty")
-    lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
+    if cells:
+        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
     if table.exhaustive:
         text = (
             "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with "

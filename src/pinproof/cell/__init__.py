@@ -6,6 +6,7 @@ time.
 """
 
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
+from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
 from pinproof.cell.placement import OBJECTIVES, PlacementBudget, PlacementInterrupted, place_base
 from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement_result import (
@@ -16,16 +17,23 @@ from pinproof.cell.placement_result import (
     PlacementSensitivity,
 )
 from pinproof.cell.precedence import Precedence
-from pinproof.cell.sequencing import sequence
+from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
+from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
+from pinproof.cell.sequencing import SequenceInterrupted, sequence
 from pinproof.cell.tolerance import PickTolerance, ToleranceStudy, tolerance_study
 
 __all__ = [
     "OBJECTIVES",
+    "SEQUENCE_SUFFIXES",
     "CellComparison",
     "CertifiedPlacement",
+    "CycleTime",
     "EmptyCell",
+    "LeftOut",
+    "Phase",
     "PickChange",
     "PickDifference",
+    "PickTime",
     "PickTolerance",
     "Placement",
     "PlacementBudget",
@@ -36,9 +44,15 @@ __all__ = [
     "PlacementResult",
     "PlacementSensitivity",
     "Precedence",
+    "SequenceInterrupted",
+    "SequenceResult",
+    "SequenceStep",
     "ToleranceStudy",
     "compare",
+    "cycle_time",
     "place_base",
+    "save_sequence",
     "sequence",
+    "sequence_dict",
     "tolerance_study",
 ]

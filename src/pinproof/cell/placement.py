@@ -29,7 +29,7 @@ from pinproof.cell.placement_result import (
     PlacementMap,
     PlacementResult,
     PlacementSensitivity,
-    cycle_time,
+    total_time,
 )
 from pinproof.cell.placement_screening import FREE, REACH, GraspTable, PlacementScores, PlacementScreening
 from pinproof.cell.placement_stages import Progress, StageRunner
@@ -89,7 +89,7 @@ def _least_manipulability(report: PickReport) -> float:
 
 
 OBJECTIVES: Mapping[str, _Objective] = {
-    "cycle_time": _Objective(lambda scores: scores.seconds.sum(axis=1), cycle_time, _weights(duration=1.0)),
+    "cycle_time": _Objective(lambda scores: scores.seconds.sum(axis=1), total_time, _weights(duration=1.0)),
     "clearance": _Objective(lambda scores: -scores.clearance.mean(axis=1), _mean_clearance, _weights(clearance=1.0)),
     "manipulability": _Objective(
         lambda scores: -scores.manipulability.min(axis=1), _least_manipulability, _weights(manipulability=1.0)

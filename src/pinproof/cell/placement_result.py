@@ -74,7 +74,7 @@ class CertifiedPlacement:
     @property
     def cycle_time(self) -> float:
         """Seconds: the sum of the times of all good picks."""
-        return cycle_time(self.report)
+        return total_time(self.report)
 
     @property
     def clearance(self) -> float:
@@ -123,7 +123,7 @@ class CertifiedPlacement:
         return f"CertifiedPlacement({self.placement}: {good} of {total} picks good, {self.cycle_time:.3f} s)"
 
 
-def cycle_time(report: PickReport) -> float:
+def total_time(report: PickReport) -> float:
     """Seconds: the sum of the times of all good picks of a report."""
     return float(sum(verdict.trajectory.duration for verdict in report.good if verdict.trajectory is not None))
 

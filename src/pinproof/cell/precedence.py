@@ -38,15 +38,15 @@ class Precedence:
         InputError
             If the pairs contradict each other; the message names a cycle.
         """
-        every = tuple(names)
-        index = {name: i for i, name in enumerate(every)}
-        reasons: dict[Pair, str] = {}
-        for first, second in pairs:
-            for name in (first, second):
-                if name not in index:
-                    raise UnknownNameError("pick", name, every, "the precedence")
-            reasons[index[first], index[second]] = "stated"
-        return cls(every, reasons).checked()
+        empty = cls(tuple(names))
+        reasons = {tuple(empty.index(name, "the precedence") for name in pair): "stated" for pair in pairs}
+        return cls(empty.names, reasons).checked()  # type: ignore[arg-type]  # pairs
+
+    def index(self, name: str, where: str) -> int:
+        """The index of a pick; UnknownNameError if it does not exist."""
+        if name not in self.names:
+            raise UnknownNameError("pick", name, self.names, where)
+        return self.names.index(name)
 
     def with_pairs(self, reasons: Mapping[Pair, str]) -> Precedence:
         """The precedence with more pairs; the reasons of existing pairs are kept."""
@@ -113,6 +113,18 @@ class Precedence:
         for before, after in self.reasons:
             found[before].add(after)
         return found
+
+    def essential(self) -> list[Pair]:
+        """The pairs that do not follow from others."""
+        after = self.successors()
+        below: dict[int, set[int]] = {}
+
+        def reached(job: int) -> set[int]:
+            if job not in below:
+                below[job] = after[job].union(*(reached(other) for other in after[job]))
+            return below[job]
+
+        return [(a, b) for a, b in self.reasons if not any(b in reached(other) for other in after[a] if other != b)]
 
     def allows(self, order: Iterable[int]) -> bool:
         """Whether an order of all picks satisfies every pair."""

@@ -34,7 +34,7 @@ from pinproof.picks.judging.suction import grip_by_cup
 from pinproof.planning.planners import CONSTRAINED_PLANNERS
 from pinproof.spatial import SE3, matrix
 
-__all__ = ["SUPPORT_GAP", "Cell", "Task"]
+__all__ = ["DOWN", "SUPPORT_GAP", "Cell", "Task"]
 
 
 @dataclass(frozen=True, eq=False)

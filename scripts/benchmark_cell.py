@@ -24,7 +24,7 @@ import numpy as np
 
 import pinproof as pp
 from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
-from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base
+from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base, without_parts
 from pinproof.cell.placed_robot import PlacedRobot
 from pinproof.cell.placement_result import total_time
 from pinproof.description import robots_folder
@@ -99,11 +99,28 @@ def panda_bin() -> BenchmarkCell:
     )
 
 
+def pallets(every: int = 1) -> BenchmarkCell:
+    """The palletising cell: boxes from two supplies onto two pallets, each judged without the other boxes."""
+    picks = pp.read_picks(robots_folder() / "ur10" / "pallet_picks.yaml")
+    arm, scene = picks.load_arm(), pp.Scene.load(robots_folder() / "ur10" / "pallet_scene.yaml")
+    alone, picks = without_parts(arm, scene, replace(picks, picks=picks.picks[::every]))
+    boxes = [name for name in alone.names if "deck" not in name and name != "floor"]
+    return BenchmarkCell(
+        arm,
+        alone.remove(*boxes),
+        picks,
+        PlacementRegion(x=(-0.6, 0.8), y=(-0.6, 0.6), z=(0.0, 0.5), yaw=(-np.pi, np.pi)),
+        budget=PlacementBudget(grid=4000, runs=3, evaluations=80, certified=2),
+    )
+
+
 CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
     "bolts": bolts,
     "bolts, random 1": lambda: bolts(seed=1),
     "bolts, random 2": lambda: bolts(seed=2),
     "panda bin": panda_bin,
+    "pallets": pallets,
+    "pallets, every 4th": lambda: pallets(4),
 }
 
 SMALL = {"small bolts": lambda: bolts((5, 4)), "small bolts, random 1": lambda: bolts((5, 4), seed=1)}

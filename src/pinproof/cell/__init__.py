@@ -7,6 +7,7 @@ time.
 
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
 from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
+from pinproof.cell.parts import without_parts
 from pinproof.cell.placement import OBJECTIVES, PlacementBudget, PlacementInterrupted, place_base
 from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement_result import (
@@ -55,4 +56,5 @@ __all__ = [
     "sequence",
     "sequence_dict",
     "tolerance_study",
+    "without_parts",
 ]

@@ -8,7 +8,7 @@ time.
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
 from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
 from pinproof.cell.parts import without_parts
-from pinproof.cell.placement import OBJECTIVES, PlacementBudget, PlacementInterrupted, place_base
+from pinproof.cell.placement import PlacementBudget, PlacementInterrupted, place_base
 from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement_result import (
     CertifiedPlacement,
@@ -17,6 +17,7 @@ from pinproof.cell.placement_result import (
     PlacementResult,
     PlacementSensitivity,
 )
+from pinproof.cell.placement_tasks import OBJECTIVES
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
 from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import csv
+import json
+import runpy
 from dataclasses import replace
 from itertools import pairwise, permutations
 from pathlib import Path
@@ -19,6 +22,7 @@ from pinproof.picks import PickBudget, PickSetup, PlaceTarget, SuctionCup
 ROOT = Path(__file__).parents[2]
 DOWN = (np.pi, 0.0, 0.0)
 SIDE = 0.05
+Place = tuple[float, float, float]
 
 
 def random_problem(jobs: int, options: int, pairs: int, seed: int) -> TourProblem:
@@ -89,12 +93,12 @@ def cell(picks: pp.Picks, scene: pp.Scene) -> PickSetup:
     return PickSetup.make(arm, scene, picks, home=None, rng=0, budget=PickBudget(remedies=0, motion=40))
 
 
-def boxes(*places: tuple[float, float, float]) -> list[pp.Obstacle]:
+def boxes(*places: Place) -> list[pp.Obstacle]:
     box = pp.Box(SIDE, SIDE, SIDE)
     return [pp.Obstacle(f"box_{k}", box, pp.pose(place)) for k, place in enumerate(places)]
 
 
-def tray_cell(before: list[tuple[float, float, float]], after: list[tuple[float, float, float]]) -> PickSetup:
+def tray_cell(before: list[Place], after: list[Place]) -> tuple[PickSetup, tuple[pp.Pick, ...]]:
     """A UR5 with a suction cup and boxes, each with its place."""
     table = pp.Obstacle("table", pp.Box(1.6, 1.6, 0.04), pp.pose((0.3, 0, -0.025)))
     picks = [
@@ -111,9 +115,7 @@ def tray_cell(before: list[tuple[float, float, float]], after: list[tuple[float,
     lance = pp.Obstacle("lance", pp.Cylinder(radius=0.01, length=0.15), pp.pose((0, 0, 0.075)))
     shared = pp.Picks(picks, tip=pp.pose((0, 0, 0.15)), tool=(lance,), cup=SuctionCup(radius=0.01), margin=0.002)
     scene = pp.Scene([table, *boxes(*before)], allowed=[("base_link", "table")])
-    setup = cell(shared, scene)
-    object.__setattr__(setup, "given", tuple(picks))
-    return setup
+    return cell(shared, scene), tuple(picks)
 
 
 FLOOR = SIDE / 2 - 0.005
@@ -124,8 +126,8 @@ PALLET = [(0.45, -0.25, FLOOR + SIDE), (0.45, -0.25, FLOOR), (0.36, -0.30, FLOOR
 @pytest.fixture(scope="module")
 def stacked() -> SequenceResult:
     """box_1 is on box_0, and at the places box_0 is on box_1."""
-    setup = tray_cell(STACK, PALLET)
-    return pp.sequence(setup, setup.given, grip_dwell=0.2, release_dwell=0.1)  # type: ignore[attr-defined]
+    setup, picks = tray_cell(STACK, PALLET)
+    return pp.sequence(setup, picks, grip_dwell=0.2, release_dwell=0.1)
 
 
 @pytest.mark.slow
@@ -188,8 +190,7 @@ def test_every_motion_is_free_in_a_new_checker_of_its_moment(stacked: SequenceRe
 
 @pytest.mark.slow
 def test_given_order_is_kept_and_an_impossible_one_is_refused() -> None:
-    setup = tray_cell(STACK, PALLET)
-    picks = setup.given  # type: ignore[attr-defined]
+    setup, picks = tray_cell(STACK, PALLET)
     kept = pp.sequence(setup, picks, order=["pick_2", "pick_1", "pick_0"], refinements=0)
     assert kept.order == ("pick_2", "pick_1", "pick_0")
     with pytest.raises(pp.InputError, match="pick_1 must come before pick_0"):
@@ -202,3 +203,98 @@ def test_given_order_is_kept_and_an_impossible_one_is_refused() -> None:
         pp.sequence(setup, [picks[0], replace(picks[0], name="again")])
     with pytest.raises(pp.InputError, match="no place"):
         pp.sequence(setup, [replace(picks[0], place=None)])
+
+
+@pytest.mark.slow
+def test_motions_are_certified_again_in_a_new_setup_of_their_moment(stacked: SequenceResult) -> None:
+    setup = stacked.setup
+    for step in stacked:
+        fresh = PickSetup.make(setup.checker.arm, step.scene, setup.shared, home=None, rng=1)
+        certificates = fresh.recertify(step.program(), step.verdict.pick)
+        assert [each.free for each in certificates] == [True] * 6
+        assert {event.kind: event.dwell for event in step.program().events} == {"grip": 0.2, "release": 0.1}
+
+
+@pytest.mark.slow
+def test_motion_is_refused_in_a_scene_in_which_another_part_is_in_the_way(stacked: SequenceResult) -> None:
+    """The motions of the last step cannot be certified in the scene before the first one."""
+    last, setup = list(stacked)[-1], stacked.setup
+    certificates = setup.recertify(last.program(), last.verdict.pick)
+    assert last.pick.name == "pick_0"  # box_1 is on its part at first
+    assert not all(each.free for each in certificates)
+
+
+@pytest.mark.slow
+def test_pick_that_fails_is_left_out_with_those_that_must_follow_it() -> None:
+    setup, picks = tray_cell([(0.45, 0.25, FLOOR), (0.45, 0.25, FLOOR + SIDE), (0.35, 0.35, FLOOR)], PALLET)
+    assert picks[1].place is not None
+    far = replace(picks[1], place=replace(picks[1].place, pose=pp.pose((3.0, 0.0, 0.3), DOWN)))
+    result = pp.sequence(setup, [picks[0], far, picks[2]])
+    assert result.order == ("pick_2",)
+    assert not result.ok
+    reasons = {each.name: each.reason for each in result.left_out}
+    assert reasons["pick_1"].startswith("place:")
+    assert "pick_1" in reasons["pick_0"]
+    with pytest.raises(pp.PinproofError, match="pick_1"):
+        result.or_raise()
+
+
+@pytest.mark.slow
+def test_interrupted_search_returns_the_certified_beginning() -> None:
+    setup, picks = tray_cell(STACK, PALLET)
+
+    def stop(work: str, done: int, _: int) -> None:
+        if work == "motions" and done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(pp.cell.SequenceInterrupted) as caught:
+        pp.sequence(setup, picks, progress=stop)
+    result = caught.value.result
+    assert len(result.steps) == 2
+    assert result.interrupted
+    assert not result.complete
+    assert all(motion.certificate.free for motion in result.motions)
+
+
+@pytest.mark.slow
+def test_free_ends_have_no_motion_to_home() -> None:
+    setup, picks = tray_cell(STACK[2:], PALLET[2:])
+    free = pp.sequence(setup, picks, start="free", end="free")
+    assert free.closing is None
+    assert free.motions[0].trajectory.duration == 0.0
+    assert free.moving < pp.sequence(setup, picks).moving
+
+
+@pytest.mark.slow
+def test_slower_parts_of_a_pick_are_limited_by_the_tool_speed() -> None:
+    setup, picks = tray_cell(STACK[2:], PALLET[2:])
+    slow = replace(picks[0], speed={"approach": pp.picks.ToolSpeed(linear_speed=0.01)})
+    (time,) = pp.cell.cycle_time(pp.sequence(setup, [slow])).picks
+    assert time.phases["approach"] >= 6.0 - 1e-6  # 60 mm
+    assert time.limited_by == "approach: tool speed"
+
+
+@pytest.mark.slow
+def test_files_have_every_pick_in_order(stacked: SequenceResult, tmp_path: Path) -> None:
+    for suffix in pp.cell.SEQUENCE_SUFFIXES:
+        pp.cell.save_sequence(stacked, tmp_path / f"cell{suffix}")
+    with (tmp_path / "cell.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert tuple(row["pick"] for row in rows) == stacked.order
+    assert float(rows[-1]["start"]) + float(rows[-1]["duration"]) == pytest.approx(list(stacked)[-1].end, abs=1e-9)
+    content = json.loads((tmp_path / "cell.json").read_text(encoding="utf-8"))
+    assert tuple(step["name"] for step in content["steps"]) == stacked.order
+    assert sum(phase["duration"] for step in content["steps"] for phase in step["phases"]) == pytest.approx(
+        content["duration"] - content["closing"], abs=1e-6
+    )
+    with pytest.raises(pp.InputError, match=r"cell\.txt"):
+        pp.cell.save_sequence(stacked, tmp_path / "cell.txt")
+
+
+def test_the_files_of_the_palletising_cell_are_up_to_date() -> None:
+    done = runpy.run_path(str(ROOT / "scripts" / "palletising_cell.py"))
+    for name, text in done["files"]().items():
+        assert (ROOT / "robots" / "ur10" / name).read_text(encoding="utf-8") == text
+    picks = pp.read_picks(ROOT / "robots" / "ur10" / "pallet_picks.yaml")
+    assert len(picks) == 200
+    assert not picks.problems

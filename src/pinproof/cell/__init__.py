@@ -19,6 +19,7 @@ from pinproof.cell.placement_result import (
 )
 from pinproof.cell.placement_tasks import OBJECTIVES
 from pinproof.cell.precedence import Precedence
+from pinproof.cell.sequence_page import write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
 from pinproof.cell.sequence_result import LeftOut, Phase, SequenceResult, SequenceStep
 from pinproof.cell.sequencing import SequenceInterrupted, sequence
@@ -58,4 +59,5 @@ __all__ = [
     "sequence_dict",
     "tolerance_study",
     "without_parts",
+    "write_sequence_page",
 ]

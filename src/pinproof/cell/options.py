@@ -170,7 +170,7 @@ def options_of(pick: Pick, setup: PickSetup, fixed: Scene, parts: frozenset[str]
             return Job(pick, tuple(found), own[0] if own else None, after)
     quick = replace(cell, budget=replace(setup.budget, remedies=0, motion=0))
     verdict = judge(alone, quick, setup.rng(index))
-    return Job(pick, (), failed=verdict)
+    return Job(pick, (), own[0] if own else None, failed=verdict)
 
 
 def _without_supports(pick: Pick, parts: frozenset[str]) -> Pick:

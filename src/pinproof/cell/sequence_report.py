@@ -12,6 +12,7 @@ from typing import Any
 
 from pinproof.cell.cycle_time import cycle_time
 from pinproof.cell.sequence_keys import SCHEMA
+from pinproof.cell.sequence_page import write_sequence_page
 from pinproof.cell.sequence_result import PHASES, SequenceResult, SequenceStep
 from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.errors import InputError
@@ -33,6 +34,9 @@ def save_sequence(result: SequenceResult, path: str | Path) -> None:
         If the file cannot be written.
     """
     suffix = Path(path).suffix.lower()
+    if suffix == ".html":
+        write_sequence_page(result, path)
+        return
     if suffix not in _TEXTS:
         raise InputError(f"{path}: {unknown_suffix(Path(path), SEQUENCE_SUFFIXES)}")
     write_text_whole(path, _TEXTS[suffix](result))
@@ -133,5 +137,5 @@ def _json(result: SequenceResult) -> str:
 
 _TEXTS: dict[str, Callable[[SequenceResult], str]] = {".json": _json, ".csv": sequence_csv, ".md": sequence_markdown}
 
-SEQUENCE_SUFFIXES = tuple(_TEXTS)
+SEQUENCE_SUFFIXES = (*_TEXTS, ".html")
 """The file types of :func:`save_sequence`."""

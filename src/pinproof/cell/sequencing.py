@@ -37,8 +37,11 @@ End = Literal["home", "free"] | npt.ArrayLike
 OPTIONS = 4
 """Default number of options of each pick."""
 
-REFINEMENTS = 2
+REFINEMENTS = 1
 """Default number of times that the order is improved with certified times."""
+
+MOTION = 400
+"""Default number of evaluations by which each transit and each transfer is shortened; few motions use all of them."""
 
 REPAIRS = 200
 """Largest number of failed motions after which another order is tried."""
@@ -68,6 +71,7 @@ def sequence(
     options: int = OPTIONS,
     search: int = SEARCH,
     refinements: int = REFINEMENTS,
+    motion: int = MOTION,
     order: Iterable[str] | None = None,
     progress: Progress | None = None,
 ) -> SequenceResult:
@@ -95,6 +99,9 @@ def sequence(
         Number of disturbed tours from which the search for the order starts again.
     refinements
         Number of times that the order is improved with certified instead of bounded times.
+    motion
+        Number of evaluations by which each transit and each transfer is shortened; with 0, they follow the planned
+        paths. It replaces that of the budget of the setup.
     order
         A given order of all names, for which only the options are chosen.
     progress
@@ -123,6 +130,8 @@ def sequence(
     require_integer("options", options, 1)
     require_integer("search", search, 0)
     require_integer("refinements", refinements, 0)
+    require_integer("motion", motion, 0)
+    setup = replace(setup, budget=replace(setup.budget, motion=motion))
     dwell = _dwell("grip_dwell", grip_dwell), _dwell("release_dwell", release_dwell)
     ends = _configuration(setup, start, "start"), _configuration(setup, end, "end")
     run = _Run(setup, given, stated, ends, dwell, progress or (lambda *_: None))
@@ -182,6 +191,14 @@ def _configuration(setup: PickSetup, stated: End, what: str) -> Array | None:
     return q
 
 
+class _ImpossibleError(Exception):
+    """No option of a job has motions that can be certified."""
+
+    def __init__(self, job: int, reason: str) -> None:
+        super().__init__(reason)
+        self.job, self.reason = job, reason
+
+
 @dataclass(eq=False)
 class _Certified:
     """A tour whose motions are certified, at least its first ones."""
@@ -214,7 +231,11 @@ class _Run:
     bound: float = float("nan")
     file_order: float = float("nan")
     nearest: float = float("nan")
+    numbers: list[tuple[int, int]] = field(default_factory=list)
     precedence: Precedence = field(default_factory=lambda: Precedence(()))
+
+    def __post_init__(self) -> None:
+        self.motions = CertifiedMotions(self.setup)
 
     # -- the options --------------------------------------------------------------------------------------------------
 
@@ -229,33 +250,34 @@ class _Run:
             self.progress("options", index, count)
             jobs.append(options_of(pick, setup, fixed, frozenset(parts), most, index))
         self.progress("options", count, count)
-        demanded = self.stated.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
-        kept = self._kept(jobs, demanded)
-        self.jobs = [jobs[i] for i in kept]
-        new = {old: k for k, old in enumerate(kept)}
-        self.precedence = Precedence(
-            tuple(demanded.names[i] for i in kept),
-            {(new[a], new[b]): why for (a, b), why in demanded.reasons.items() if a in new and b in new},
-        )
-        self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
-
-    def _kept(self, jobs: list[Job], demanded: Precedence) -> list[int]:
-        """The picks that can be executed: they have options, and nothing that must come first is left out."""
-        out: set[int] = set()
+        self.precedence = self.stated.with_pairs(geometric_precedence(setup, jobs, fixed)).checked()
+        self.jobs = jobs
+        failed = {}
         for i, job in enumerate(jobs):
             if job.failed is not None:
                 stage = job.failed.stages[-1]
-                self.left_out.append(LeftOut(job.pick.name, f"{stage.stage.value}: {stage.message}"))
-                out.add(i)
-        before = demanded.predecessors()
-        while True:
-            waiting = [(i, min(before[i] & out)) for i in range(len(jobs)) if i not in out and before[i] & out]
-            if not waiting:
-                return [i for i in range(len(jobs)) if i not in out]
-            for i, first in waiting:
-                why = demanded.reasons[first, i]
-                self.left_out.append(LeftOut(jobs[i].pick.name, f"{jobs[first].pick.name} is left out: {why}"))
-                out.add(i)
+                failed[i] = f"{stage.stage.value}: {stage.message}"
+        self._leave_out(failed)
+
+    def _leave_out(self, failed: dict[int, str]) -> None:
+        """Leave out jobs with a reason each, and all that must follow them."""
+        before, names, reasons = self.precedence.predecessors(), self.precedence.names, self.precedence.reasons
+        out = dict(failed)
+        while waiting := [i for i in range(len(names)) if i not in out and before[i] & out.keys()]:
+            for i in waiting:
+                first = min(before[i] & out.keys())
+                out[i] = f"{names[first]} is left out: {reasons[first, i]}"
+        self.left_out += [LeftOut(names[i], why) for i, why in out.items()]
+        kept = [i for i in range(len(names)) if i not in out]
+        new = {old: k for k, old in enumerate(kept)}
+        self.jobs = [self.jobs[i] for i in kept]
+        self.precedence = Precedence(
+            tuple(names[i] for i in kept),
+            {(new[a], new[b]): why for (a, b), why in reasons.items() if a in new and b in new},
+        )
+        self.numbers = [(k, o) for k, job in enumerate(self.jobs) for o in range(len(job.options))]
+        self.motions = CertifiedMotions(self.setup)  # known trajectories have the numbers of options
+        self.partial = None
 
     # -- the order ----------------------------------------------------------------------------------------------------
 
@@ -281,9 +303,15 @@ class _Run:
         )
 
     def optimise(self, search: int, refinements: int, fixed_order: tuple[int, ...] | None) -> None:
-        """Search for the shortest certified sequence."""
-        if not self.jobs:
-            return
+        """Search for the shortest certified sequence; picks without any certified motion are left out."""
+        while self.jobs:
+            try:
+                self._optimise(search, refinements, fixed_order)
+                return
+            except _ImpossibleError as error:
+                self._leave_out({error.job: error.reason})
+
+    def _optimise(self, search: int, refinements: int, fixed_order: tuple[int, ...] | None) -> None:
         problem = self.problem()
         names = self.precedence.names
         wanted = tuple(range(len(names)))
@@ -297,17 +325,20 @@ class _Run:
         feasible = problem.in_order(wanted)
         self.file_order = problem.best_options(feasible).seconds
         self.nearest = problem.nearest_neighbour().seconds
-        self.motions = CertifiedMotions(self.setup)
 
         def solved(current: TourProblem, first: tuple[int, ...]) -> Tour:
             return current.best_options(first) if fixed_order else current.solve(first, search=search)
+
+        def refined(current: TourProblem, certified: Tour) -> Tour:
+            same = Tour(certified.order, certified.options, current.seconds(certified.options))
+            return current.best_options(certified.order) if fixed_order else current.improved(same)
 
         tour = solved(problem, feasible)
         self.progress("order", 1, 1)
         problem, self.best = self._certified(problem, tour, fixed_order is not None)
         for _ in range(refinements):
             problem = self._with_certified_times(problem, self.best)
-            tour = solved(problem, self.best.tour.order)
+            tour = refined(problem, self.best.tour)
             if tour.seconds > (1 - WORTH) * self.best.seconds:
                 return
             problem, other = self._certified(problem, tour, fixed_order is not None)
@@ -361,6 +392,9 @@ class _Run:
             name = self.precedence.names[problem.job[option]] if option >= 0 else "the end"
             failed = f"{name}: {failure.part}: {failure.reason}"
             problem = self._excluding(problem, failure, previous, option)
+            for job, choices in enumerate(problem.options):
+                if not np.isfinite(problem.inner[choices]).any():
+                    raise _ImpossibleError(job, f"{failure.part}: {failure.reason}")
             tour = problem.best_options(tour.order if fixed_order else problem.in_order(tour.order))
             if not fixed_order:
                 tour = problem.improved(tour)

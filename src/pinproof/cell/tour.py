@@ -52,6 +52,9 @@ ROUNDS = 2
 CUTS = 12
 """Largest number of times that violated subtour constraints are added to the lower bound."""
 
+WORTH = 1e-3
+"""Share of the total time that an alternation must save for another one."""
+
 GAIN = 1e-9
 """Seconds: smaller differences are rounding."""
 
@@ -191,9 +194,10 @@ class TourProblem:
         """The tour after alternating between the order and the options until neither helps."""
         for _ in range(ROUNDS):
             tour = self.improved(self.best_options(self._reordered(best)))
-            if tour.seconds >= best.seconds - GAIN:
+            gain = best.seconds - tour.seconds
+            best = min(best, tour, key=lambda each: each.seconds)
+            if gain <= WORTH * best.seconds:
                 break
-            best = tour
         return best
 
     def _disturbed(self, tour: Tour, random: np.random.Generator) -> Tour:

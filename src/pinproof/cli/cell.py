@@ -108,7 +108,7 @@ def cell_sequence(
 
     Exit code 1 if a pick cannot be executed; it is left out.
 
-    Example: pinproof cell sequence robots/ur5/picks.yaml -o sequence.csv
+    Example: pinproof cell sequence robots/ur5/picks.yaml --only bolt_1,bolt_2,bolt_5
     """
     outputs = output or []
     for path in outputs:

@@ -24,9 +24,9 @@ import numpy as np
 
 import pinproof as pp
 from pinproof.benchmarks.tables import BenchmarkTable, markdown_table, provenance, provenance_text, wrapped
-from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base
+from pinproof.cell import PlacementBudget, PlacementRegion, PlacementResult, place_base, without_parts
 from pinproof.cell.placed_robot import PlacedRobot
-from pinproof.cell.placement_result import cycle_time
+from pinproof.cell.placement_result import total_time
 from pinproof.description import robots_folder
 from pinproof.picks import PickBudget, PickWeights
 
@@ -99,17 +99,34 @@ def panda_bin() -> BenchmarkCell:
     )
 
 
+def pallets(every: int = 1) -> BenchmarkCell:
+    """The palletising cell: boxes from two supplies onto two pallets, each judged without the other boxes."""
+    picks = pp.read_picks(robots_folder() / "ur10" / "pallet_picks.yaml")
+    arm, scene = picks.load_arm(), pp.Scene.load(robots_folder() / "ur10" / "pallet_scene.yaml")
+    alone, picks = without_parts(arm, scene, replace(picks, picks=picks.picks[::every]))
+    boxes = [name for name in alone.names if "deck" not in name and name != "floor"]
+    return BenchmarkCell(
+        arm,
+        alone.remove(*boxes),
+        picks,
+        PlacementRegion(x=(-0.6, 0.8), y=(-0.6, 0.6), z=(0.0, 0.5), yaw=(-np.pi, np.pi)),
+        budget=PlacementBudget(grid=4000, runs=3, evaluations=80, certified=2),
+    )
+
+
 CELLS: Mapping[str, Callable[[], BenchmarkCell]] = {
     "bolts": bolts,
     "bolts, random 1": lambda: bolts(seed=1),
     "bolts, random 2": lambda: bolts(seed=2),
     "panda bin": panda_bin,
+    "pallets": pallets,
+    "pallets, every 4th": lambda: pallets(4),
 }
 
 SMALL = {"small bolts": lambda: bolts((5, 4)), "small bolts, random 1": lambda: bolts((5, 4), seed=1)}
 """Cells for which every placement of a grid is judged."""
 
-SMALL_GRID = (11, 11, 3, 4)
+SMALL_GRID = (15, 15, 4, 6)
 """Numbers of cells of that grid along x, y, z and yaw."""
 
 
@@ -177,7 +194,7 @@ def search(cell: BenchmarkCell, workers: int | None) -> tuple[PlacementResult, f
 def judged(cell: BenchmarkCell, placed: PlacedRobot, values: np.ndarray) -> float:
     """The certified cycle time (s) at a placement; NaN unless every pick is good."""
     report = pp.validate_picks(placed.arm_at(values), placed.scene, cell.picks, weights=FASTEST, budget=JUDGING)
-    return cycle_time(report) if report.ok else np.nan
+    return total_time(report) if report.ok else np.nan
 
 
 def measure(name: str, cell: BenchmarkCell, workers: int | None) -> PlacementRow:
@@ -252,7 +269,8 @@ def markdown(table: CellTable) -> str:
         for row in table.placements
     ]
     columns = ("cell", "picks", "screened", "workers", "seconds", "CPU", "good", "best", "median", "below", "empty")
-    lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
+    if cells:
+        lines += [*wrapped(text), "", *markdown_table(columns, cells, text_columns=1), ""]
     if table.exhaustive:
         text = (
             "Exhaustive grids: every placement of the grid at which the base and all grasps are free is judged with "
@@ -302,9 +320,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if unknown := [name for name in stated.cells if name not in (*CELLS, *SMALL)]:
         parser.error(f"unknown cell {unknown[0]!r}; valid: {', '.join((*CELLS, *SMALL))}")
     chosen = stated.cells or [*CELLS, *(SMALL if stated.exhaustive else ())]
+    origin = provenance(0)
     rows = [measure(name, CELLS[name](), stated.workers) for name in chosen if name in CELLS]
     grids = [exhaustive(name, SMALL[name]()) for name in chosen if name in SMALL]
-    table = CellTable({"workers": stated.workers}, provenance(0), tuple(rows), tuple(grids))
+    table = CellTable({"workers": stated.workers}, origin, tuple(rows), tuple(grids))
     if stated.docs:
         table.write(FOLDER, "cell", markdown(table))
     sys.stdout.write(markdown(table))

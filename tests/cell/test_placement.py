@@ -16,6 +16,7 @@ from pinproof.cell import (
     PlacementRegion,
     PlacementResult,
     place_base,
+    without_parts,
 )
 from pinproof.cell.placed_robot import PlacedRobot
 from pinproof.cell.placement_region import mounting_pose
@@ -349,3 +350,21 @@ def test_invalid_searches_are_refused(
 def test_unknown_mounting_is_refused() -> None:
     with pytest.raises(pp.UnknownNameError, match="ceiling"):
         PlacementChoice("a", mounting="roof")
+
+
+def test_parts_in_the_way_are_left_out(arm: pp.Arm) -> None:
+    picks = pp.read_picks(ROBOTS / "ur5" / "plate_picks.yaml")
+    stacked = pp.Scene.load(ROBOTS / "ur5" / "plate_scene.yaml")
+    lid = pp.Obstacle("lid", pp.Box(0.03, 0.03, 0.01), stacked["bolt_0_0"].pose * pp.pose(xyz=(0, 0, 0.0255)))
+    on_top = pp.Pick("lid", lid.pose * pp.pose(xyz=(0, 0, 0.01), rpy=(np.pi, 0, 0)), carried="lid", support="bolt_0_0")
+    below = replace(
+        some(picks, "bolts[0,0]").picks[0], frame="bolt_0_0", pose=pp.pose(xyz=(0, 0, 0.02), rpy=(np.pi, 0, 0))
+    )
+    both = replace(picks, picks=(below, on_top))
+    scene = stacked.add(lid)
+    assert [verdict.ok for verdict in pp.validate_picks(arm, scene, both, budget=QUICK).verdicts] == [False, True]
+    bare, alone = without_parts(arm, scene, both)
+    assert set(scene.names) - set(bare.names) == {"lid", "bolt_0_0"}
+    report = pp.validate_picks(arm, bare, alone, budget=QUICK)
+    assert [verdict.ok for verdict in report.verdicts] == [True, True]
+    assert "bolt_0_0" in [body.name for body in report.verdicts[0].motions[2].attached]

@@ -7,7 +7,8 @@ time.
 
 from pinproof.cell.comparison import CellComparison, PickChange, PickDifference, compare
 from pinproof.cell.cycle_time import CycleTime, PickTime, cycle_time
-from pinproof.cell.placement import OBJECTIVES, PlacementBudget, PlacementInterrupted, place_base
+from pinproof.cell.parts import without_parts
+from pinproof.cell.placement import PlacementBudget, PlacementInterrupted, place_base
 from pinproof.cell.placement_region import Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement_result import (
     CertifiedPlacement,
@@ -16,6 +17,7 @@ from pinproof.cell.placement_result import (
     PlacementResult,
     PlacementSensitivity,
 )
+from pinproof.cell.placement_tasks import OBJECTIVES
 from pinproof.cell.precedence import Precedence
 from pinproof.cell.sequence_page import write_sequence_page
 from pinproof.cell.sequence_report import SEQUENCE_SUFFIXES, save_sequence, sequence_dict
@@ -56,5 +58,6 @@ __all__ = [
     "sequence",
     "sequence_dict",
     "tolerance_study",
+    "without_parts",
     "write_sequence_page",
 ]

@@ -10,7 +10,8 @@ from enum import Enum
 from pathlib import Path
 from typing import Any
 
-from pinproof.cell.placement_result import cycle_time
+from pinproof.cell.placement_keys import COMPARISON_SCHEMA
+from pinproof.cell.placement_result import total_time
 from pinproof.common.display import html_block, html_table, outline
 from pinproof.common.files import unknown_suffix, write_text_whole
 from pinproof.common.validation import require_positive
@@ -21,8 +22,6 @@ from pinproof.picks.report.report import PickReport
 __all__ = ["CellComparison", "PickChange", "PickDifference", "compare"]
 
 SUFFIXES = (".json", ".csv", ".md")
-
-SCHEMA = "pinproof/comparison/1"
 
 
 class PickChange(Enum):
@@ -145,14 +144,14 @@ class CellComparison:
         ]
         before, after = self.seconds
         return {
-            "schema": SCHEMA,
+            "schema": COMPARISON_SCHEMA,
             "ok": self.ok,
             "summary": self.summary,
             "counts": {change.value: len(self.of(change)) for change in PickChange},
             "seconds_before": before,
             "seconds_after": after,
-            "cycle_time_before": cycle_time(self.before),
-            "cycle_time_after": cycle_time(self.after),
+            "cycle_time_before": total_time(self.before),
+            "cycle_time_after": total_time(self.after),
             "picks": rows,
         }
 

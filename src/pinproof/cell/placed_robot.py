@@ -81,7 +81,7 @@ class PlacedRobot:
 
     def arm_at(self, values: Array) -> Arm:
         """The arm with its base at x, y, z, yaw (4,)."""
-        held = {**self.original.held, **dict(zip(PLACEMENT_JOINTS, map(float, values), strict=True))}
+        held = {**self._held, **dict(zip(PLACEMENT_JOINTS, map(float, values), strict=True))}
         return self.robot.arm(self.original.tcp, base=self.original.base, limits=self.original.limits, held=held)
 
     def root_from_cell(self, values: Array) -> Array:
@@ -114,7 +114,13 @@ class PlacedRobot:
             np.concatenate([upper, own.upper]),
             np.concatenate([np.ones(4), own.velocity]),
         )
-        return self.robot.arm(self.original.tcp, base=CELL, limits=limits, held=self.original.held)
+        return self.robot.arm(self.original.tcp, base=CELL, limits=limits, held=self._held)
+
+    @property
+    def _held(self) -> dict[str, float]:
+        """The values of the joints outside the arm; mimic joints follow their leaders."""
+        joints = self.original.robot.urdf.joints
+        return {name: value for name, value in self.original.held.items() if joints[name].mimic is None}
 
     @cached_property
     def base_links(self) -> tuple[str, ...]:

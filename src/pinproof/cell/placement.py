@@ -4,16 +4,12 @@ The search is hierarchical. A grid of placements is screened at the grasps of al
 (:mod:`pinproof.cell.placement_screening`), with an estimate of the objective where every pick works. The best
 placements are refined by the evolution strategy CMA-ES, which needs no derivatives. The best few are certified: every
 pick is judged in all stages, and the placement with the best certified value is the result.
-
-Source of CMA-ES: N. Hansen, A. Ostermeier (2001), "Completely derandomized self-adaptation in evolution strategies",
-Evolutionary Computation 9(2).
 """
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,17 +18,24 @@ import numpy.typing as npt
 
 from pinproof.cell.placed_robot import PlacedRobot
 from pinproof.cell.placement_proofs import EMPTY_BUDGET, EmptyTask, empty_cells
-from pinproof.cell.placement_region import AXES, METRES_PER_RADIAN, Placement, PlacementChoice, PlacementRegion
+from pinproof.cell.placement_region import AXES, Placement, PlacementChoice, PlacementRegion
 from pinproof.cell.placement_result import (
     CertifiedPlacement,
     EmptyCell,
     PlacementMap,
     PlacementResult,
     PlacementSensitivity,
-    cycle_time,
 )
-from pinproof.cell.placement_screening import FREE, REACH, GraspTable, PlacementScores, PlacementScreening
+from pinproof.cell.placement_screening import FREE, REACH, GraspTable, PlacementScreening
 from pinproof.cell.placement_stages import Progress, StageRunner
+from pinproof.cell.placement_tasks import (
+    OBJECTIVES,
+    CertifyTask,
+    GridTask,
+    RefineTask,
+    least_failing_step,
+    penalised,
+)
 from pinproof.collision import CollisionChecker, Scene
 from pinproof.common.content_hash import digest
 from pinproof.common.validation import require_integer
@@ -42,61 +45,16 @@ from pinproof.picks.batch.campaign import code_here
 from pinproof.picks.batch.workers import IN_FLIGHT, Workers
 from pinproof.picks.input.pick import Pick, Picks
 from pinproof.picks.input.settings import PickBudget, PickWeights
-from pinproof.picks.judging.configurations import manipulability
 from pinproof.picks.judging.setup import PickSetup, check_held_joints
 from pinproof.picks.judging.task import Cell
 from pinproof.picks.report.report import PickReport
 
-__all__ = ["OBJECTIVES", "PlacementBudget", "PlacementInterrupted", "place_base"]
+__all__ = ["PlacementBudget", "PlacementInterrupted", "place_base"]
 
 Array = npt.NDArray[np.float64]
 
-FAILS = 1e4
-"""Value of the objective for each pick that fails, larger than any cycle time of one pick (s)."""
-
-SENSITIVITY_STEPS = (1e-3, 2e-3, 5e-3, 1e-2, 2e-2, 5e-2, 0.1, 0.2)
-"""Metres (or, divided by METRES_PER_RADIAN, rad) of deviations at which a placement is screened."""
-
-SENSITIVITY_ROUNDS = 6
-"""Bisections between the last deviation that works and the first that fails: to 1/64 of the step."""
-
 MOST_ROUNDS = 4
 """Rounds of certification, each of ``certified`` placements, until one is found at which every pick is good."""
-
-
-@dataclass(frozen=True)
-class _Objective:
-    """What is minimised: from estimates (m, P) per pick, and from a report; and the weights for judging the picks."""
-
-    estimate: Callable[[PlacementScores], Array]
-    certified: Callable[[PickReport], float]
-    weights: PickWeights
-
-
-def _weights(**chosen: float) -> PickWeights:
-    return PickWeights(**{**{each.name: 0.0 for each in fields(PickWeights)}, **chosen})
-
-
-def _mean_clearance(report: PickReport) -> float:
-    return -float(np.mean([verdict.clearance for verdict in report.good])) if report.good else np.nan
-
-
-def _least_manipulability(report: PickReport) -> float:
-    q = [verdict.q_grasp for verdict in report.good if verdict.q_grasp is not None]
-    if not q or report.setup is None:
-        return np.nan
-    return -float(manipulability(report.setup.checker.arm, np.array(q)).min())
-
-
-OBJECTIVES: Mapping[str, _Objective] = {
-    "cycle_time": _Objective(lambda scores: scores.seconds.sum(axis=1), cycle_time, _weights(duration=1.0)),
-    "clearance": _Objective(lambda scores: -scores.clearance.mean(axis=1), _mean_clearance, _weights(clearance=1.0)),
-    "manipulability": _Objective(
-        lambda scores: -scores.manipulability.min(axis=1), _least_manipulability, _weights(manipulability=1.0)
-    ),
-}
-"""The objectives by name: the sum of the times of all picks, the mean over the picks of the smallest clearance of the
-motion, and the smallest manipulability at a grasp."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -211,6 +169,9 @@ def place_base(
         picks = Picks(tuple(picks))
     if not len(picks):
         raise InputError("there are no picks; a placement is searched for at least one pick")
+    if picks.problems:
+        first = picks.problems[0]
+        raise InputError(f"{len(picks.problems)} picks could not be read; the first is {first.name!r}: {first.reason}")
     if objective not in OBJECTIVES:
         raise UnknownNameError("objective", objective, OBJECTIVES)
     require_integer("rng", rng, 0)
@@ -303,154 +264,6 @@ class _Alternative:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _GridTask:
-    """Screens placements, given as (choice, x, y, z, yaw)."""
-
-    screenings: tuple[PlacementScreening, ...]
-    objective: str
-
-    def __call__(self, start: int, part: Sequence[tuple[int, Array]]) -> list[dict[str, Any]]:
-        del start
-        rows: list[dict[str, Any]] = [{} for _ in part]
-        for choice, screening in enumerate(self.screenings):
-            at = [k for k, (number, _) in enumerate(part) if number == choice]
-            if at:
-                scores = screening.screen(np.array([part[k][1] for k in at]))
-                for k, row in zip(at, score_rows(scores, self.objective), strict=True):
-                    rows[k] = row
-        return rows
-
-
-def score_rows(scores: PlacementScores, objective: str) -> list[dict[str, Any]]:
-    """The scores of placements as plain values; estimates are None where a pick fails."""
-    with np.errstate(invalid="ignore"):
-        values, seconds = OBJECTIVES[objective].estimate(scores), scores.seconds.sum(axis=1)
-    total = scores.codes.shape[1]
-    rows = []
-    for k, working in enumerate(scores.working.tolist()):
-        every = working == total
-        rows.append(
-            {
-                "base": bool(scores.base[k]),
-                "codes": "".join(map(str, scores.codes[k].tolist())),
-                "working": working,
-                "seconds": float(seconds[k]) if every else None,
-                "estimate": float(values[k]) if every else None,
-            }
-        )
-    return rows
-
-
-def _penalised(row: Mapping[str, Any], total: int) -> float:
-    """The value that is minimised: the estimate, or a penalty for each pick that fails."""
-    if row["estimate"] is not None:
-        return float(row["estimate"])
-    return FAILS * (total - row["working"] + (0 if row["base"] else 1))
-
-
-@dataclass(frozen=True, eq=False)
-class _RefineTask:
-    """Runs of the evolution strategy, each from a start (choice, x, y, z, yaw); returns the best placements."""
-
-    screenings: tuple[PlacementScreening, ...]
-    region: PlacementRegion
-    steps: Array
-    objective: str
-    evaluations: int
-    rng: int
-
-    KEPT = 5
-
-    def __call__(self, start: int, part: Sequence[tuple[int, Array]]) -> list[dict[str, Any]]:
-        return [self._run(index, choice, at) for index, (choice, at) in enumerate(part, start)]
-
-    def _run(self, index: int, choice: int, start: Array) -> dict[str, Any]:
-        screening, free = self.screenings[choice], list(self.region.free_axes)
-        found: list[tuple[float, list[float], dict[str, Any]]] = []
-
-        def judge(points: Array) -> list[float]:
-            values = np.tile(start, (len(points), 1))
-            values[:, free] = points
-            values[:, 3] = self._turned(values[:, 3])
-            rows = score_rows(screening.screen(values), self.objective)
-            costs = [_penalised(row, len(screening.table)) for row in rows]
-            found.extend(zip(costs, values.tolist(), rows, strict=True))
-            return costs
-
-        if len(free) == 1:  # CMA-ES needs two variables; a line is divided evenly
-            low, high = self.region.lower[free], self.region.upper[free]
-            around = start[free] + self.steps[free] * np.linspace(-1, 1, self.evaluations)[:, None]
-            judge(np.clip(around, low, high))
-        elif free and self.evaluations:
-            _evolve(judge, start[free], self.steps[free], self._bounds(free), self.evaluations, self.rng + index + 1)
-        found.sort(key=lambda each: (each[0], each[1]))
-        best = [{"values": values, **row} for _, values, row in found[: self.KEPT]]
-        return {"choice": choice, "evaluations": len(found), "best": best}
-
-    def _bounds(self, free: list[int]) -> list[list[float | None]]:
-        full = self._is_full_turn
-        low = [None if k == 3 and full else float(self.region.lower[k]) for k in free]
-        high = [None if k == 3 and full else float(self.region.upper[k]) for k in free]
-        return [low, high]
-
-    @property
-    def _is_full_turn(self) -> bool:
-        return self.region.yaw[1] - self.region.yaw[0] >= 2 * np.pi * (1 - 1e-9)
-
-    def _turned(self, yaw: Array) -> Array:
-        """Angles moved into the range by full rotations, if the region has all angles."""
-        low = self.region.yaw[0]
-        return np.asarray(low + np.mod(yaw - low, 2 * np.pi)) if self._is_full_turn else yaw
-
-
-def _evolve(
-    judge: Callable[[Array], list[float]],
-    start: Array,
-    steps: Array,
-    bounds: list[list[float | None]],
-    evaluations: int,
-    seed: int,
-) -> None:
-    """Minimise a function of many points (m, d) at a time by CMA-ES."""
-    try:
-        import cma
-    except ImportError as error:
-        raise InputError("refining a placement needs the extra 'cell': pip install 'pinproof[cell]'") from error
-    generator = np.random.default_rng(seed)
-    settings = {
-        "seed": np.nan,  # the global generator of NumPy is left alone
-        "randn": lambda *shape: generator.standard_normal(shape),
-        "bounds": bounds,
-        "CMA_stds": steps,
-        "maxfevals": evaluations,
-        "verbose": -9,
-        "verb_log": 0,
-        "verb_disp": 0,
-    }
-    strategy = cma.CMAEvolutionStrategy(start, 0.5, settings)
-    while not strategy.stop() and strategy.countevals < evaluations:
-        points = strategy.ask()
-        strategy.tell(points, judge(np.array(points)))
-
-
-@dataclass(frozen=True, eq=False)
-class _CertifyTask:
-    """Judges picks, given as (number of the candidate, index of the pick)."""
-
-    setups: tuple[PickSetup, ...]
-    picks: tuple[Picks, ...]
-
-    def __call__(self, start: int, part: Sequence[tuple[int, int]]) -> list[dict[str, Any]]:
-        del start
-        rows = []
-        for candidate, index in part:
-            verdict = self.setups[candidate].judge(index, self.picks[candidate].picks[index])
-            duration = None if verdict.trajectory is None else verdict.trajectory.duration
-            rows.append({"ok": verdict.ok, "duration": duration, "keep": verdict})
-        return rows
-
-
 @dataclass(eq=False)
 class _Search:
     """The state of a search; :meth:`result` gives what is known at any time."""
@@ -501,11 +314,11 @@ class _Search:
         grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 4)
         screenings = tuple(each.screening for each in self.alternatives)
         items = [(number, values) for number in range(len(screenings)) for values in grid]
-        rows = self.runner.run("grid", _GridTask(screenings, self.objective), items, 64)
+        rows = self.runner.run("grid", GridTask(screenings, self.objective), items, 64)
         self.evaluations += len(rows)
         self._make_map(axes, grid, rows)
         total = len(self.picks)
-        order = sorted(range(len(rows)), key=lambda k: (_penalised(rows[k], total), k))
+        order = sorted(range(len(rows)), key=lambda k: (penalised(rows[k], total), k))
         found = [(items[k][0], items[k][1], rows[k]) for k in order]
         steps = np.array(
             [
@@ -515,12 +328,12 @@ class _Search:
         )
         starts = [(choice, values) for choice, values, row in _apart(found, steps, self.budget.runs) if row["base"]]
         if starts and self.budget.evaluations and self.region.free_axes:
-            task = _RefineTask(screenings, self.region, steps, self.objective, self.budget.evaluations, self.rng)
+            task = RefineTask(screenings, self.region, steps, self.objective, self.budget.evaluations, self.rng)
             for row in self.runner.run("refine", task, starts, 1):
                 self.evaluations += row["evaluations"]
                 found += [(row["choice"], np.array(each["values"]), each) for each in row["best"]]
         found = [each for each in found if each[2]["base"]]
-        found.sort(key=lambda each: (_penalised(each[2], total), each[0], tuple(each[1].tolist())))
+        found.sort(key=lambda each: (penalised(each[2], total), each[0], tuple(each[1].tolist())))
         self._certify(found, steps)
         self._prove_empty(axes, rows)
         if self.candidates and self.candidates[0].ok:
@@ -558,7 +371,7 @@ class _Search:
         setups = tuple(self.alternatives[choice].setup(values, self) for choice, values, _ in chosen)
         picks = tuple(self.alternatives[choice].picks for choice, _, _ in chosen)
         items = [(candidate, index) for candidate in range(len(chosen)) for index in range(len(self.picks))]
-        rows = self.runner.run(f"certify_{number + 1}", _CertifyTask(setups, picks), items, 1)
+        rows = self.runner.run(f"certify_{number + 1}", CertifyTask(setups, picks), items, 1)
         for candidate, (choice, values, screened) in enumerate(chosen):
             own = rows[candidate * len(self.picks) : (candidate + 1) * len(self.picks)]
             setup = setups[candidate]
@@ -603,8 +416,8 @@ class _Search:
         alternative = next(each for each in self.alternatives if each.name == best.placement.choice)
         found = []
         for k in range(4):
-            low, first_low = _least_failing_step(alternative.screening, best.placement.values, k, -1.0)
-            high, first_high = _least_failing_step(alternative.screening, best.placement.values, k, 1.0)
+            low, first_low = least_failing_step(alternative.screening, best.placement.values, k, -1.0)
+            high, first_high = least_failing_step(alternative.screening, best.placement.values, k, 1.0)
             found.append(PlacementSensitivity(AXES[k], low, high, first_low, first_high))
         self.sensitivity = tuple(found)
 
@@ -704,31 +517,3 @@ def _apart(
         if all(other[0] != each[0] or (np.abs(other[1] - each[1]) > 1.5 * size).any() for other in chosen):
             chosen.append(each)
     return chosen
-
-
-def _least_failing_step(screening: PlacementScreening, values: Array, axis: int, sign: float) -> tuple[float, str]:
-    """The largest deviation along an axis at which all picks work at the grasp, and what fails first beyond it."""
-    scale = sign / (METRES_PER_RADIAN if axis == 3 else 1.0)
-
-    def judged(steps: Sequence[float]) -> tuple[npt.NDArray[np.bool_], PlacementScores]:
-        moved = np.tile(values, (len(steps), 1))
-        moved[:, axis] += scale * np.array(steps)
-        scores = screening.screen(moved, estimate=False)
-        return scores.base & (scores.codes == FREE).all(axis=1), scores
-
-    works, scores = judged(SENSITIVITY_STEPS)
-    if works.all():
-        return np.inf, ""
-    first = int(np.argmin(works))
-    low, high = (0.0, *SENSITIVITY_STEPS)[first], SENSITIVITY_STEPS[first]
-    base, codes = bool(scores.base[first]), scores.codes[first]
-    for _ in range(SENSITIVITY_ROUNDS):
-        middle = 0.5 * (low + high)
-        works, scores = judged([middle])
-        if works[0]:
-            low = middle
-        else:
-            high, base, codes = middle, bool(scores.base[0]), scores.codes[0]
-    names = [screening.table.names[k] for k in np.flatnonzero(codes != FREE)]
-    counts = Counter(names)
-    return low * abs(scale), next(iter(counts)) if base else "the base or the arm at home"

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.cell.placed_robot import PlacedRobot
+from pinproof.cell.placement_keys import PLACEMENT_SCHEMA
 from pinproof.cell.placement_region import AXES, Placement, PlacementRegion
 from pinproof.collision import Scene
 from pinproof.common.display import html_block, html_list, html_table, outline
@@ -36,9 +37,11 @@ __all__ = [
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 
-SCHEMA = "pinproof/placement/1"
 
 SUFFIXES = (".json", ".csv", ".png", ".md")
+
+MOST_FAILING = 20
+"""Largest number of failing picks that are listed in text; JSON has all of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +74,7 @@ class CertifiedPlacement:
     @property
     def cycle_time(self) -> float:
         """Seconds: the sum of the times of all good picks."""
-        return cycle_time(self.report)
+        return total_time(self.report)
 
     @property
     def clearance(self) -> float:
@@ -120,7 +123,7 @@ class CertifiedPlacement:
         return f"CertifiedPlacement({self.placement}: {good} of {total} picks good, {self.cycle_time:.3f} s)"
 
 
-def cycle_time(report: PickReport) -> float:
+def total_time(report: PickReport) -> float:
     """Seconds: the sum of the times of all good picks of a report."""
     return float(sum(verdict.trajectory.duration for verdict in report.good if verdict.trajectory is not None))
 
@@ -390,7 +393,7 @@ class PlacementResult:
     def to_dict(self) -> dict[str, Any]:
         """The result as plain values for JSON."""
         return {
-            "schema": SCHEMA,
+            "schema": PLACEMENT_SCHEMA,
             "ok": self.ok,
             "objective": self.objective,
             "message": self.message,
@@ -424,7 +427,10 @@ class PlacementResult:
             for each in self.sensitivity:
                 low, high = (_length(each.axis, value) for value in (each.below, each.above))
                 lines.append(f"| {each.axis} | {low} | {high} | {each.first_below} | {each.first_above} |")
-        lines += [f"- {name}: {reason}" for name, reason in self.failing.items()]
+        failing = [f"- {name}: {reason}" for name, reason in self.failing.items()]
+        lines += failing[:MOST_FAILING]
+        if len(failing) > MOST_FAILING:
+            lines.append(f"- and {len(failing) - MOST_FAILING} more picks")
         return "\n".join(lines) + "\n"
 
     def save(self, path: str | Path) -> None:

@@ -28,6 +28,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from pinproof.cell.placement_keys import TOLERANCE_SCHEMA
 from pinproof.cell.placement_stages import Progress, StageRunner
 from pinproof.collision import Obstacle
 from pinproof.collision.line_surface import LineSurface, outer_points
@@ -51,7 +52,6 @@ Array = npt.NDArray[np.float64]
 Distribution = Literal["uniform", "normal"]
 DISTRIBUTIONS = ("uniform", "normal")
 
-SCHEMA = "pinproof/tolerance/1"
 SUFFIXES = (".json", ".csv", ".md")
 
 ROUNDS = 7
@@ -169,6 +169,7 @@ class ToleranceStudy:
         rows = [
             {
                 **vars(each),
+                "share": None if np.isnan(each.share) else each.share,
                 "largest_position": each.factor * self.position,
                 "largest_rotation": each.factor * self.rotation,
             }
@@ -176,7 +177,7 @@ class ToleranceStudy:
         ]
         head = {name: getattr(self, name) for name in ("position", "rotation", "distribution", "samples", "largest")}
         return {
-            "schema": SCHEMA,
+            "schema": TOLERANCE_SCHEMA,
             "ok": self.ok,
             "summary": self.summary,
             **head,

@@ -215,13 +215,9 @@ def certify_displaced(task: Task, member: Member, motion: PickMotion, by: float)
     part = _part_again(task, member, motion.name, motion.trajectory)
     if task.name is None:
         return certify(motion.trajectory, part.checker, obstacle_tolerance=by, constraints=part.constraints)
-    part = replace(part, checker=_with_wider_margins(part.checker, task.name, by, part.parting))
-    proof = prove_part(part, motion.trajectory)
-    if proof.free and part.passing is not None:
-        q = motion.trajectory.end if motion.name == "approach" else motion.trajectory.start
-        passed = certify(motion.trajectory, passing_at(part.passing.padded(by), q))
-        return proof if passed.free else passed
-    return proof
+    wider = _with_wider_margins(part.checker, task.name, by, part.parting)
+    passing = None if part.passing is None else part.passing.padded(by)
+    return prove_part(replace(part, checker=wider, passing=passing), motion.trajectory)
 
 
 def _with_wider_margins(checker: CollisionChecker, name: str, by: float, kept: Pairs) -> CollisionChecker:

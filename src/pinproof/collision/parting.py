@@ -1,7 +1,8 @@
 """Certificates of motions that begin in contact: an object leaves its support and never approaches it again.
 
-Up to some point of the curve the object is proven not to approach its support (:mod:`.separation`), whatever their
-distance; after it the ordinary proof applies, with the margin. All other pairs are proven as usual on the whole curve.
+Up to some point of the curve the object is proven not to approach its support, whatever their distance
+(``src/core/certificate/departure.h``); after it the ordinary proof applies, with the margin. All other pairs are proven
+as usual on the whole curve.
 Sliding along the support is therefore not sufficient: the object must separate from it by more than the margin.
 """
 

@@ -326,7 +326,7 @@ class Search:
     def _without_path(self, status: PlanStatus, why: str, advice: str) -> PlanResult:
         failed = f", {self._cut} edges failed the proof, the last one: {self._last_cut}" if self._cut else ""
         trees = (self._core.nodes(0), self._core.nodes(1))
-        gap = _gap_between(*trees)
+        gap = self._core.distance_of_trees()
         separation = _describe_gap(
             self._checker.arm, *trees, gap, turns=self._given.turns or not self._has_other_turns()
         )
@@ -376,13 +376,6 @@ def sampling_box(arm: Arm, ends: Array) -> Array:
     low = np.where(unbounded, np.maximum(ends.min(axis=0) - np.pi, arm.limits.lower), arm.limits.lower)
     high = np.where(unbounded, np.minimum(ends.max(axis=0) + np.pi, arm.limits.upper), arm.limits.upper)
     return np.array([low, high])
-
-
-def _gap_between(from_start: Array, from_goal: Array) -> float:
-    """The smallest distance (Euclidean, in rad or m) between two trees (a, n) and (b, n)."""
-    from scipy.spatial import cKDTree
-
-    return float(cKDTree(from_start).query(from_goal)[0].min())
 
 
 def _describe_gap(arm: Arm, from_start: Array, from_goal: Array, gap: float, *, turns: bool) -> str:

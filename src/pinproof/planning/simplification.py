@@ -19,7 +19,7 @@ from pinproof._core import shortcut as shorten
 from pinproof.collision import Certificate, CollisionChecker, PathConstraint, certify
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.errors import InputError
-from pinproof.motion import BlendedPath, JointPath, TorqueLimits
+from pinproof.motion import BlendedPath, JointPath, TorqueLimits, bezier
 from pinproof.planning.blending import blend as round_corners
 from pinproof.planning.constrained import manifold_of, shortened, smooth_curves
 from pinproof.planning.edges import Edges
@@ -167,7 +167,10 @@ def _candidates(
     """The curves that may replace a shortened path, in the order of preference."""
     if blend and constraints:
         edges = Edges(checker, RESOLUTION, short.q[[0, -1]], pad=SMOOTH_PAD, torque_limits=torque_limits)
-        yield from smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names)
+        for curve in smooth_curves(short.q, edges, manifold_of(checker.arm, constraints), short.joint_names):
+            low, high = bezier.extremes(curve.control)  # a spline may leave the joint limits between its points
+            if checker.arm.limits.inside(np.array([low.min(axis=0), high.max(axis=0)])).all():
+                yield curve
     if blend:
         yield round_corners(short, checker, deviation=deviation)
     yield short

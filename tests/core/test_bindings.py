@@ -409,6 +409,9 @@ REFUSED: dict[str, Callable[[], Any]] = {
     "samples in a world with fewer bodies": lambda: edges().set_steering(
         _core.World(geometry(robot_bodies=1, joints=[0, -1, -1]), np.array([[0, 2]]), np.zeros(1)), Judge(), False
     ),
+    "torque limits of one joint": lambda: edges().set_torque_limits(bodies(), np.ones(1)),
+    "torque limits of a tree of one joint": lambda: edges().set_torque_limits(bodies(dof=1, index=[0, 0]), np.ones(2)),
+    "a torque limit of zero": lambda: edges().set_torque_limits(bodies(), np.array([1.0, 0.0])),
     "an edge of one joint": lambda: edges().samples_free(np.zeros(1), np.zeros(2)),
     "points of one joint": lambda: edges().points_free(np.zeros((3, 1))),
     "no points of a motion": lambda: edges().points_free(np.zeros((0, 2))),

@@ -71,6 +71,17 @@ void bind_edges(nb::module_& module) {
             },
             nb::arg("resolution"))
         .def(
+            "set_torque_limits",
+            [](EdgeChecker& self, const DynamicTree& model, const Vector& limits) {
+                require_size("a configuration of model", model.tree.dof, self.dof());
+                require_size("limits", limits.shape(0), self.dof());
+                for (std::size_t j = 0; j < self.dof(); ++j)
+                    if (!(limits(j) > 0.0)) throw std::invalid_argument("limits must be above 0");
+                self.set_torque_limits(model, {limits.data(), limits.data() + limits.size()});
+            },
+            nb::arg("model"), nb::arg("limits"),
+            "Only samples at which the arm is held at rest with torques (n,) within the limits are free.")
+        .def(
             "samples_free",
             [](EdgeChecker& self, const Vector& a, const Vector& b) {
                 require_size("a", a.shape(0), self.dof());

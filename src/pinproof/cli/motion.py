@@ -120,7 +120,8 @@ def plan(
     ends = (parse_configuration(start, arm, "--start"), parse_configuration(goal, arm, "--goal"))
     kept = constraint_options.constraints(arm, ends[0])
     with progress_status("planning"):
-        result = search.plan(checker, *ends, constraints=kept, rng=seed)
+        heavy = rates.torque_limits(arm)
+        result = search.plan(checker, *ends, constraints=kept, torque_limits=heavy, rng=seed)
         if result.path is None:
             if as_json:
                 print_json({"ok": False, "status": result.status.name, "message": result.message})
@@ -129,7 +130,13 @@ def plan(
             raise typer.Exit(1)
         checker = result.checker or checker  # has tighter bodies if an end was in collision only with coarse ones
         simplified = pp.simplify(
-            result.path, checker, rng=seed, blend=blend, constraints=kept, certificate=result.certificate
+            result.path,
+            checker,
+            rng=seed,
+            blend=blend,
+            constraints=kept,
+            torque_limits=heavy,
+            certificate=result.certificate,
         )
         path = simplified.path
         shortest = pp.optimise(

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from pinproof._core import DynamicTree
 from pinproof.common.display import outline
 from pinproof.description.dh_keys import DEFAULT_EFFORT
 from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
@@ -161,6 +162,17 @@ class TorqueLimits:
             TorquePeak(name, float(bound[j]), float(self.limits[j]), float(times[j]), self._unit(j))
             for j, name in enumerate(self.arm.joint_names)
         )
+
+    @property
+    def tree(self) -> DynamicTree:
+        """The arm and its payloads in the compiled core."""
+        return self._tree
+
+    def standstill_share(self, q: npt.ArrayLike) -> float:
+        """The largest share of a limit that holding the arm at rest at configurations (N, n) needs."""
+        rows = np.ascontiguousarray(finite("q", np.atleast_2d(q), (None, self.arm.dof)))
+        still = np.zeros_like(rows)
+        return float((np.abs(self._tree.torques(rows, still, still)[1]) / self.limits).max(initial=0.0))
 
     def standstill(self, q: npt.ArrayLike) -> str:
         """A sentence about the joint that cannot hold the arm at rest at q (n,), or an empty text if all can."""

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from pinproof.collision import CollisionChecker, PathConstraint, certify
 from pinproof.errors import InputError, UnknownNameError
-from pinproof.motion import JointPath
+from pinproof.motion import JointPath, TorqueLimits
 from pinproof.planning.barriers import find_barriers, no_path_message
 from pinproof.planning.edges import Edges
 from pinproof.planning.ends import Ends, read_ends
@@ -111,6 +111,7 @@ class OmplPlanner:
         *,
         turns: bool = False,
         constraints: Sequence[PathConstraint] = (),
+        torque_limits: TorqueLimits | None = None,
         rng: int | np.random.Generator = 0,
     ) -> PlanResult:
         """Plan from ``start`` (n,) to one goal (n,) or to any of several (g, n), as :meth:`RrtConnect.plan` does.
@@ -129,7 +130,7 @@ class OmplPlanner:
         """
         if constraints:
             raise InputError("OmplPlanner does not support constraints of the tcp; use RrtConnect (rrt_connect)")
-        ends = read_ends(checker, start, goals, turns=turns)
+        ends = read_ends(checker, start, goals, turns=turns, torque_limits=torque_limits)
         if isinstance(ends, PlanResult):
             return ends
         seed = int(np.random.default_rng(rng).integers(1, 2**31))
@@ -180,7 +181,8 @@ class _Validity:
 
     def __init__(self, settings: OmplPlanner, ends: Ends) -> None:
         both = np.vstack([ends.start, ends.goals])
-        self._edges, self._checker = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD), ends.checker
+        self._checker = ends.checker
+        self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD, torque_limits=ends.torque_limits)
         self._max_edges, self._dof = settings.max_edges, len(ends.start)
         self.until: Any = None
         self.edges = 0

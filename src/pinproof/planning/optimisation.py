@@ -27,7 +27,7 @@ from pinproof.collision.certify import is_proven_free
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.common.display import outline
 from pinproof.errors import InputError, TimingError
-from pinproof.motion import Curve, JointPath, MotionLimits, Trajectory, time_parametrise
+from pinproof.motion import Curve, JointPath, MotionLimits, TorqueLimits, Trajectory, time_parametrise
 from pinproof.motion.limits import POSITION_TOLERANCE, RATE_TOLERANCE, Bounds
 from pinproof.motion.rate_constraints import RateConstraint, checked_constraints
 from pinproof.motion.steering import Move, MoveSequence, State, Steering, rate_excess, rest, rest_to_rest_times
@@ -349,7 +349,9 @@ class _Search:
     def __init__(self, task: _Task, rng: np.random.Generator, budget: int, *, share: float = 1.0) -> None:
         self._task, self._checker, self._bounds, self._path = task, task.checker, task.bounds, task.path
         self._rng, self._goals, self._start = rng, task.goals, np.asarray(task.path.start)
-        self._edges = Edges(task.checker, RESOLUTION, np.array([task.path.start, task.path.end]))
+        torques = next((each for each in task.rate_limits if isinstance(each, TorqueLimits)), None)
+        ends = np.array([task.path.start, task.path.end])
+        self._edges = Edges(task.checker, RESOLUTION, ends, torque_limits=torques)
         self._steering = Steering(task.bounds, share)
         self._gentle = GentleMoves(self._steering, task.bounds, task.rate_limits)
         self._left, self.evaluations = budget, 0

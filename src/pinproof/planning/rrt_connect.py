@@ -27,7 +27,7 @@ from pinproof.collision import Certificate, CollisionChecker, PathConstraint, ce
 from pinproof.collision.path_constraints import check_constraints
 from pinproof.errors import InputError
 from pinproof.model import Arm
-from pinproof.motion import JointPath
+from pinproof.motion import JointPath, TorqueLimits
 from pinproof.planning.barriers import find_barriers, no_path_message
 from pinproof.planning.constrained import manifold_of
 from pinproof.planning.edges import Edges
@@ -115,6 +115,7 @@ class RrtConnect:
         *,
         turns: bool = False,
         constraints: Sequence[PathConstraint] = (),
+        torque_limits: TorqueLimits | None = None,
         rng: int | np.random.Generator = 0,
         progress: Progress | None = None,
         portfolio: int = 1,
@@ -141,6 +142,9 @@ class RrtConnect:
             Conditions of the tcp that hold on the whole path: :class:`~pinproof.Upright`, :class:`~pinproof.Within`,
             :class:`~pinproof.LookAt`. The start and the goals must satisfy them. The path has many waypoints;
             :func:`simplify`, with the same constraints, makes it short and smooth.
+        torque_limits
+            The path avoids configurations at which the joints cannot hold the arm at rest; checked at samples, since
+            the timing of the path proves it.
         rng
             Seed or Generator of the samples.
         progress
@@ -159,7 +163,7 @@ class RrtConnect:
         if portfolio < 1:
             raise InputError(f"portfolio = {portfolio}; it must be 1 or more")
         constraints = check_constraints(constraints)
-        ends = read_ends(checker, start, goals, turns=turns, constraints=constraints)
+        ends = read_ends(checker, start, goals, turns=turns, constraints=constraints, torque_limits=torque_limits)
         if isinstance(ends, PlanResult):
             return ends
         generator = np.random.default_rng(rng)
@@ -198,7 +202,7 @@ class Search:
         self._settings, self._given, self._checker, self._rng = settings, ends, ends.checker, rng
         self._progress = progress
         both = np.vstack([ends.start, ends.goals])
-        self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD)
+        self._edges = Edges(ends.checker, settings.resolution, both, pad=SEARCH_PAD, torque_limits=ends.torque_limits)
         self._core = RrtSearch(
             self._edges.core,
             np.ascontiguousarray(ends.start),
@@ -330,6 +334,8 @@ class Search:
         separation = _describe_gap(
             self._checker.arm, *trees, gap, turns=self._given.turns or not self._has_other_turns()
         )
+        if self._given.torque_limits is not None:
+            advice = f"{advice}. Configurations at which the torque limits do not permit a standstill were avoided"
         work = f"{self._nodes} nodes, {self._core.samples} samples{failed}"
         return self._result(status, f"{why} ({work}); {separation}. {advice}", gap=gap)
 

@@ -194,8 +194,8 @@ class SelfMotion:
     def spread(self, apart: float = APART) -> Array:
         """(k, n) configurations along all curves, for example as goals of :func:`pinproof.optimise` or of a planner.
 
-        The ends of each curve and, between them, samples that differ by at least ``apart`` (rad or m) in some joint from
-        the one before.
+        The ends of each curve and, between them, samples that differ by at least ``apart`` (rad or m) in some joint
+        from the one before.
         """
         require_positive("apart", apart)
         chosen: list[Array] = []

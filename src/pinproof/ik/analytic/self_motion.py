@@ -159,6 +159,23 @@ class SelfMotion:
         plural = "" if len(self.curves) == 1 else "s"
         return f"{len(self.curves)} curve{plural} of IK solutions over {self.parameter} in {spans}"
 
+    def spread(self, apart: float = APART) -> Array:
+        """(k, n) configurations along all curves, for example as goals of :func:`pinproof.optimise` or of a planner.
+
+        The ends of each curve and, between them, samples that differ by at least ``apart`` (rad or m) in some joint
+        from the one before.
+        """
+        require_positive("apart", apart)
+        chosen: list[Array] = []
+        for curve in self.curves:
+            chosen.append(curve.q[0])
+            for q in curve.q[1:]:
+                if np.abs(q - chosen[-1]).max() >= apart:
+                    chosen.append(q)
+            if len(curve) > 1 and chosen[-1] is not curve.q[-1]:
+                chosen.append(curve.q[-1])
+        return np.array(chosen).reshape(-1, self.arm.dof)
+
     def nearest(self, q: npt.ArrayLike) -> Array:
         """(n,) the sample of all curves with the smallest largest joint difference from q (n,), modulo 2 pi.
 
@@ -190,23 +207,6 @@ class SelfMotion:
         if not (scores > -np.inf).any():
             raise IkFailed(f"score rejected each of {len(samples)} samples of {self.message}", self)
         return np.array(samples[int(scores.argmax())])
-
-    def spread(self, apart: float = APART) -> Array:
-        """(k, n) configurations along all curves, for example as goals of :func:`pinproof.optimise` or of a planner.
-
-        The ends of each curve and, between them, samples that differ by at least ``apart`` (rad or m) in some joint
-        from the one before.
-        """
-        require_positive("apart", apart)
-        chosen: list[Array] = []
-        for curve in self.curves:
-            chosen.append(curve.q[0])
-            for q in curve.q[1:]:
-                if np.abs(q - chosen[-1]).max() >= apart:
-                    chosen.append(q)
-            if len(curve) > 1 and chosen[-1] is not curve.q[-1]:
-                chosen.append(curve.q[-1])
-        return np.array(chosen).reshape(-1, self.arm.dof)
 
     def or_raise(self) -> SelfMotion:
         """The result itself if it contains a solution.

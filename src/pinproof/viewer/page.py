@@ -64,10 +64,10 @@ def write_html(
     title: str | None = None,
     points: ColouredPoints | None = None,
     ghosts: npt.ArrayLike | None = None,
+    elbow: SelfMotion | SelfMotionCurve | None = None,
     check: CheckResult | None = None,
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
-    elbow: SelfMotion | SelfMotionCurve | None = None,
 ) -> None:
     """Write an HTML page that shows an arm, its scene and a motion, and opens without a network connection.
 
@@ -95,6 +95,9 @@ def write_html(
         Coloured points to draw, with their legend.
     ghosts
         (k, n) configurations at which transparent copies of the arm are drawn, for example all IK solutions of a pose.
+    elbow
+        A self-motion (:meth:`pinproof.AnalyticIk.self_motion`) or one of its curves. The page has a slider that moves
+        the redundant joint along the curve, of a self-motion the longest one, and opens at the solution closest to q.
     check
         The result of a collision check of ``q``. Contacts are marked with their normals, and the bodies are red.
     frames
@@ -103,9 +106,6 @@ def write_html(
         Layers that are visible when the page opens, in addition to the default ones: ``collision`` (the collision
         geometry, with meshes as convex hulls), ``frames`` (of base, links and tcp), ``sweep`` (the tool at several
         steps of the motion). The page has a switch for each layer.
-    elbow
-        A self-motion (:meth:`pinproof.AnalyticIk.self_motion`) or one of its curves. The page has a slider that moves
-        the redundant joint along the curve, of a self-motion the longest one, and opens at the solution closest to q.
 
     Raises
     ------

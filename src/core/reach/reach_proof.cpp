@@ -26,6 +26,11 @@ constexpr double kAngleRounding = 1e-12;
 constexpr double kWide = 0.35;
 constexpr int kMostWide = 2;
 
+// Rad, or fraction of the chain's length: if the joint with the largest influence is narrower than this, and another one
+// is wider by more than the factor kMuchWider, the latter is divided.
+constexpr double kNarrow = 0.1;
+constexpr double kMuchWider = 3.0;
+
 // A contraction by a smaller part of the range does not trigger another evaluation of the other constraints.
 constexpr double kWorthwhile = 0.1;
 
@@ -390,16 +395,21 @@ int ReachProver::joint_to_split() const {
         if (overlap_effect_[best] > kSmallest) return best;
         best = 0;
     }
-    double most = -1.0;
+    int widest = 0;
+    double most = -1.0, widths[kMostProofJoints];
     for (int k = 0; k < n_; ++k) {
-        const double width = value_[k].half_width / (chain_.joints[k].prismatic ? loop_.size : 1.0);
-        const double score = width > kSmallest ? influence_[k] + 1e-9 * width : -1.0;
+        widths[k] = value_[k].half_width / (chain_.joints[k].prismatic ? loop_.size : 1.0);
+        const double score = widths[k] > kSmallest ? influence_[k] + 1e-9 * widths[k] : -1.0;
         if (score > most) {
             most = score;
             best = k;
         }
+        if (widths[k] > widths[widest]) widest = k;
     }
-    return most < 0.0 ? -1 : best;
+    if (most < 0.0) return -1;
+    // Constraints with many wide joints are not evaluated, so that those joints have no influence. They are divided once
+    // dividing the others has little effect.
+    return widths[best] < kNarrow && widths[widest] > kMuchWider * widths[best] ? widest : best;
 }
 
 void ReachProver::start(const Transform& base_from_tcp, const ReachSettings& settings) {

@@ -65,11 +65,11 @@ def write_html(
     title: str | None = None,
     points: ColouredPoints | None = None,
     ghosts: npt.ArrayLike | None = None,
+    elbow: SelfMotion | SelfMotionCurve | None = None,
     check: CheckResult | None = None,
     frames: Mapping[str, SE3] = NO_FRAMES,
     layers: Collection[str] = (),
     plot: PlotLimits | None = None,
-    elbow: SelfMotion | SelfMotionCurve | None = None,
 ) -> None:
     """Write an HTML page that shows an arm, its scene and a motion, and opens without a network connection.
 
@@ -97,6 +97,9 @@ def write_html(
         Coloured points to draw, with their legend.
     ghosts
         (k, n) configurations at which transparent copies of the arm are drawn, for example all IK solutions of a pose.
+    elbow
+        A self-motion (:meth:`pinproof.AnalyticIk.self_motion`) or one of its curves. The page has a slider that moves
+        the redundant joint along the curve, of a self-motion the longest one, and opens at the solution closest to q.
     check
         The result of a collision check of ``q``. Contacts are marked with their normals, and the bodies are red.
     frames
@@ -109,9 +112,6 @@ def write_html(
         The limits in the plots of position, velocity, acceleration, jerk and torque over time, which the page shows
         below the motion. Default: the limits of position and velocity of the arm, and those of acceleration and jerk
         if they are known.
-    elbow
-        A self-motion (:meth:`pinproof.AnalyticIk.self_motion`) or one of its curves. The page has a slider that moves
-        the redundant joint along the curve, of a self-motion the longest one, and opens at the solution closest to q.
 
     Raises
     ------

@@ -309,7 +309,7 @@ class Search:
         barriers = find_barriers(self._checker, self._given.start, self._given.goals)
         if not barriers:
             return None
-        gap = _gap_between(self._core.nodes(0), self._core.nodes(1))
+        gap = self._core.distance_of_trees()
         periodic = {self._checker.arm.joint_names[k] for k in np.flatnonzero(self._checker.arm.periodic)}
         shifted = not self._given.turns and self._has_other_turns()
         hint = f"; {OTHER_TURNS}" if shifted and periodic.intersection(each.joint for each in barriers) else ""

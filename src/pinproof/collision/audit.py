@@ -83,11 +83,11 @@ def audit(curve: Curve, checker: CollisionChecker, *, step: float = STEP, measur
     InputError
         If the curve's joints are not the arm's, or the step is not positive.
     """
-    if tuple(curve.joint_names) != checker.arm.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
+    if tuple(curve.joint_names) != checker.group.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
     if not step > 0:
         raise InputError(f"step = {step}; it must be positive (rad or m)")
-    arm, model, geometry = checker.arm, checker.arm.model, checker.coal_geometry()
+    arm, model, geometry = checker.group, checker.group.model, checker.coal_geometry()
     data, bodies = model.createData(), geometry.createData()
     # Pinocchio's broad phase is five times as fast, but does not report which pairs touch. It is not used with a
     # half-space, whose box is infinite.

@@ -122,11 +122,11 @@ def certify(
     UnknownNameError
         If ``parting`` names an unknown body.
     """
-    if tuple(curve.joint_names) != checker.arm.joint_names:
-        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.arm.joint_names}")
+    if tuple(curve.joint_names) != checker.group.joint_names:
+        raise InputError(f"the curve has the joints {curve.joint_names}, the arm has {checker.group.joint_names}")
     if (tolerance is not None and not tolerance > 0) or max_intervals < 1:
         raise InputError(f"tolerance = {tolerance} must be above 0 m and max_intervals = {max_intervals} at least 1")
-    n = checker.arm.dof
+    n = checker.group.dof
     each = np.full(n, joint_tolerance) if np.ndim(joint_tolerance) == 0 else joint_tolerance
     joints = finite("joint_tolerance", each, (n,))
     if (joints < 0).any() or not 0 <= obstacle_tolerance < np.inf:
@@ -188,7 +188,13 @@ def is_proven_free(curve: Curve, checker: CollisionChecker) -> bool:
     knots, control = (np.ascontiguousarray(part) for part in curve.bezier())
     settings = ProofSettings(tolerance=TOLERANCE, max_intervals=QUICK_INTERVALS)
     proof = prove(
-        checker.world, knots, control, settings, np.zeros(checker.arm.dof), CoalJudge(checker.workspace), KNOWN_NOTHING
+        checker.world,
+        knots,
+        control,
+        settings,
+        np.zeros(checker.group.dof),
+        CoalJudge(checker.workspace),
+        KNOWN_NOTHING,
     )
     return bool(proof.free)
 
@@ -386,6 +392,6 @@ class _Proof:
             evidence=read_only(state.evidence) if self._record else None,
             subject=(self._curve, self._checker) if self._record else None,
             attached=checker.attached,
-            held=dict(checker.arm.held),
+            held=dict(checker.group.held),
             obstacles=checker.scene.names,
         )

@@ -10,7 +10,7 @@ import pinocchio as pin
 
 from pinproof._core import Geometry, JointTree, World
 from pinproof.collision.bodies import Body
-from pinproof.model import Arm
+from pinproof.model import JointGroup
 
 __all__ = ["pack_geometry", "pack_world"]
 
@@ -20,7 +20,7 @@ ROOT = -1
 """In place of a joint: the body does not move."""
 
 
-def pack_geometry(arm: Arm, bodies: Sequence[Body], rounding: float) -> Geometry:
+def pack_geometry(arm: JointGroup, bodies: Sequence[Body], rounding: float) -> Geometry:
     """Return the joints of an arm's robot, and the bodies on them.
 
     Parameters
@@ -54,7 +54,7 @@ def pack_world(geometry: Geometry, pairs: Sequence[tuple[int, int]]) -> World:
     return World(geometry, np.array(pairs, dtype=np.int64).reshape(-1, 2), np.zeros(len(pairs)))
 
 
-def _joints(model: pin.Model, arm: Arm) -> tuple[JointTree, list[pin.SE3]]:
+def _joints(model: pin.Model, arm: JointGroup) -> tuple[JointTree, list[pin.SE3]]:
     """Return the joints, and for each the rotation that takes z to its axis."""
     data = model.createData()
     columns = pin.computeJointJacobians(model, data, pin.neutral(model)).reshape(6, -1)

@@ -107,7 +107,7 @@ class MovingBody:
         self.prismatic = np.array([joint.prismatic for joint in joints], dtype=bool)
         core_shape = checker.bodies[body].core_shape
         self.ball, self._centre = core_shape.ball, core_shape.centre
-        self.move(np.zeros(checker.arm.dof))
+        self.move(np.zeros(checker.group.dof))
 
     def move(self, q: Array) -> None:
         """Place it at q (n,)."""

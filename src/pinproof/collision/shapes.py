@@ -406,12 +406,15 @@ class Obstacle:
         afterwards; :meth:`Scene.move` returns a scene in which the obstacle has another pose.
     rgba
         Its colour in the viewer, 0 to 1.
+    arm
+        For an object attached to a joint group with several arms: the name of the arm that carries it.
     """
 
     name: str
     shape: Shape
     pose: pin.SE3 = None
     rgba: tuple[float, float, float, float] | None = None
+    arm: str | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name:

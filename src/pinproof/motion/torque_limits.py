@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof.common.display import outline
-from pinproof.description.dh_urdf import GENERATED_MASSES, has_generated_bodies
+from pinproof.description.dh_urdf import GENERATED_MASSES
 from pinproof.errors import InputError, TimingError
 from pinproof.model import Arm, Payload
 from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
@@ -114,7 +114,7 @@ class TorqueLimits:
         return (
             *([f"no mass of the links moved by {', '.join(massless)}"] if massless else []),
             *([f"no torque limit: {', '.join(unlimited)}"] if unlimited else []),
-            *([GENERATED_MASSES] if has_generated_bodies(self.arm.robot.urdf) else []),
+            *([GENERATED_MASSES] if self.arm.robot.has_generated_bodies else []),
         )
 
     def coefficients(self, q: Array, slope: Array, curvature: Array) -> tuple[Array, Array, Array, Array]:

@@ -182,7 +182,7 @@ def optimise(
     TimingError
         If the path cannot be timed within the limits.
     """
-    arm = checker.arm
+    arm = checker.group
     if tuple(path.joint_names) != arm.joint_names:
         raise InputError(f"the path has the joints {path.joint_names}, the arm {arm.joint_names}")
     if isinstance(budget, bool) or not isinstance(budget, (int, np.integer)) or budget < 0:
@@ -438,7 +438,7 @@ class _Search:
             self._edges.core,
             np.ascontiguousarray(self._start),
             ends,
-            sampling_box(self._checker.arm, np.vstack([self._start, ends])),
+            sampling_box(self._checker.group, np.vstack([self._start, ends])),
             step=PLAN_STEP,
             max_nodes=PLAN_SAMPLES,
             max_samples=PLAN_SAMPLES,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from pinproof.common.display import outline
 from pinproof.description.dh_urdf import GENERATED_MASSES
 from pinproof.errors import InputError, TimingError
-from pinproof.model import Arm, Payload
+from pinproof.model import JointGroup, Payload
 from pinproof.model.dynamics import GRAVITY, checked_payloads, dynamic_tree, massless_joints
 from pinproof.motion.curve import Array
 from pinproof.motion.tool_limits import controls, require_joints, time_of
@@ -72,7 +72,7 @@ class TorqueLimits:
     Parameters
     ----------
     arm
-        The arm.
+        The arm, or a joint group with several arms.
     payload
         A body, or several, that the arm carries in addition to its own links.
     limits
@@ -91,7 +91,7 @@ class TorqueLimits:
 
     def __init__(
         self,
-        arm: Arm,
+        arm: JointGroup,
         payload: Payload | Sequence[Payload] | None = None,
         *,
         limits: npt.ArrayLike | None = None,
@@ -196,11 +196,11 @@ class TorqueLimits:
         return outline(f"TorqueLimits({self.arm.robot.name!r}, {self.arm.dof} joints)", rows)
 
 
-def _rebuilt(arm: Arm, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:
+def _rebuilt(arm: JointGroup, payloads: tuple[Payload, ...], limits: Array, gravity: Array) -> TorqueLimits:
     return TorqueLimits(arm, payloads, limits=limits, gravity=gravity)
 
 
-def _checked_limits(arm: Arm, value: npt.ArrayLike | None) -> Array:
+def _checked_limits(arm: JointGroup, value: npt.ArrayLike | None) -> Array:
     joints = ", ".join(arm.joint_names)
     if value is None:
         raise InputError(

@@ -33,7 +33,7 @@ from pinproof.collision import (
     certify,
 )
 from pinproof.collision.coal_checks import PlainCoal
-from pinproof.model import Arm, load_robot
+from pinproof.model import JointGroup, load_robot
 from pinproof.motion import JointPath
 from pinproof.spatial import SE3, pose
 
@@ -110,11 +110,33 @@ def edge_rows(edges: int, seed: int, on_progress: Callable[[str], None]) -> list
     return [check_edges(robot, count, seed, on_progress) for robot, count in zip(ROBOTS, counts, strict=True) if count]
 
 
-def check_edges(robot: str, edges: int, seed: int = 0, on_progress: Callable[[str], None] = lambda _: None) -> EdgeRow:
-    """Certify random edges of a robot and check the verdicts; each scene depends only on the seed and its number."""
-    arm = load_robot(robot).arm()
-    reach = own_reach(arm)
-    hulls, exact = CollisionChecker(arm), CollisionChecker(arm, link_meshes="surface")
+def check_edges(
+    robot: str,
+    edges: int,
+    seed: int = 0,
+    on_progress: Callable[[str], None] = lambda _: None,
+    *,
+    checkers: tuple[CollisionChecker, CollisionChecker] | None = None,
+    reach: float | None = None,
+) -> EdgeRow:
+    """Certify random edges of a robot and check the verdicts; each scene depends only on the seed and its number.
+
+    Parameters
+    ----------
+    robot
+        A robot of the catalogue, or the name of the joint group of ``checkers``.
+    edges, seed, on_progress
+        The number of edges, the seed of the scenes and edges, and what receives the progress.
+    checkers
+        Checkers without obstacles, by hulls and by exact meshes.
+    reach
+        Distance (m) from the root within which obstacles are placed.
+    """
+    if checkers is None:
+        arm = load_robot(robot).arm()
+        checkers = CollisionChecker(arm), CollisionChecker(arm, link_meshes="surface")
+    hulls, exact = checkers
+    reach = own_reach(hulls.arm) if reach is None else reach
     counts = dict.fromkeys(CertificateStatus, 0)
     wrong: list[str] = []
     checked, seconds, scenes = 0, 0.0, -(-edges // EDGES_PER_SCENE)
@@ -207,7 +229,7 @@ def _random_shape(rng: np.random.Generator) -> Shape:
     )[int(rng.integers(7))]()
 
 
-def random_configurations(arm: Arm, count: int, rng: np.random.Generator) -> Array:
+def random_configurations(arm: JointGroup, count: int, rng: np.random.Generator) -> Array:
     """Return configurations (N, n) drawn uniformly within the limits (+-pi for a joint without limits)."""
     lower, upper = arm.limits.sampling_range()
     return rng.uniform(lower, upper, (count, arm.dof))
@@ -215,7 +237,7 @@ def random_configurations(arm: Arm, count: int, rng: np.random.Generator) -> Arr
 
 def random_edge(checker: CollisionChecker, rng: np.random.Generator) -> JointPath:
     """Return a straight edge within the limits that starts, if possible, at a free configuration."""
-    arm = checker.arm
+    arm = checker.group
     tried = random_configurations(arm, TRIES, rng)
     free = np.flatnonzero(checker.is_free_batch(tried))
     start = tried[free[0] if len(free) else 0]

@@ -176,9 +176,10 @@ def _group(
             continue
         lower = -np.inf if joint.lower is None else joint.lower
         upper = np.inf if joint.upper is None else joint.upper
-        held[name] = float(np.clip(value, lower, upper))
-        if abs(held[name] - value) > ROUNDING:
-            notes.append(f"{name} is held at its limit {held[name]:g} instead of {value:g}")
+        inside = float(np.clip(value, lower, upper))
+        held[name] = inside if abs(inside - value) <= ROUNDING else value
+        if held[name] != inside:
+            notes.append(f"{name} is held at {value:g}, as the file states, beyond its limit {inside:g}")
     return free.with_held(held), tuple(notes)
 
 

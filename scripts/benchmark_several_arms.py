@@ -280,7 +280,7 @@ def main() -> None:
     else:
         origin, motions = provenance(options.seed), []
         for each in [] if options.mbm is None else find_sets(options.mbm, options.robot):
-            for problem in read_problems(each, options.problems):
+            for problem in read_problems(each, options.problems, as_stated=True):
                 print(problem.name, file=sys.stderr)
                 motions.append(measure_problem(problem, options.seed))
         edges = measure_edges(options.edges, options.seed, lambda text: print(text, file=sys.stderr))

@@ -89,8 +89,18 @@ def find_sets(path: str | Path, robot: str | None = None) -> list[MbmSet]:
     return sets
 
 
-def read_problems(found: MbmSet, most: int | None = None) -> Iterator[PlanProblem]:
+def read_problems(found: MbmSet, most: int | None = None, *, as_stated: bool = False) -> Iterator[PlanProblem]:
     """Read the first problems of a set in the order of their numbers; by default all.
+
+    Parameters
+    ----------
+    found
+        The set.
+    most
+        The largest number of problems.
+    as_stated
+        Whether joints that are not planned, such as fingers, are held at the values of the files also beyond their
+        limits, instead of at the limits.
 
     Raises
     ------
@@ -99,10 +109,10 @@ def read_problems(found: MbmSet, most: int | None = None) -> Iterator[PlanProble
     """
     robot = load_robot(found.robot, srdf=found.srdf)
     for number, (scene, request) in islice(found.files.items(), most):
-        yield _problem(found, number, robot, Scene.load(scene), request)
+        yield _problem(found, number, robot, Scene.load(scene), request, as_stated)
 
 
-def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path) -> PlanProblem:
+def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path, as_stated: bool) -> PlanProblem:
     request = read_yaml(path, ("start_state", "goal_constraints"), FileError)
     try:
         state = request["start_state"]
@@ -122,7 +132,7 @@ def _problem(found: MbmSet, number: int, robot: Robot, scene: Scene, path: Path)
     unknown = sorted({name for goal in goals for name in goal} - set(robot.urdf.joints))
     if unknown:
         raise FileError(path, f"names the joints {', '.join(unknown)}, which {robot.name!r} does not have")
-    group, notes = _group(robot, str(request.get("group_name", "")), start, goals[0])
+    group, notes = _group(robot, str(request.get("group_name", "")), start, goals[0], as_stated)
     limits = group.limits
     rows = []
     for where, values in (("start_state", start), *(("goal_constraints", goal) for goal in goals)):
@@ -154,7 +164,7 @@ def _numbers_of(stated: Any, keys: str) -> list[float]:
 
 
 def _group(
-    robot: Robot, group: str, start: Mapping[str, float], goal: Mapping[str, float]
+    robot: Robot, group: str, start: Mapping[str, float], goal: Mapping[str, float], as_stated: bool
 ) -> tuple[JointGroup, tuple[str, ...]]:
     """The joints of a request, with the other joints of the robot held at the start state, and notes on changed values.
 
@@ -176,10 +186,14 @@ def _group(
             continue
         lower = -np.inf if joint.lower is None else joint.lower
         upper = np.inf if joint.upper is None else joint.upper
-        inside = float(np.clip(value, lower, upper))
-        held[name] = inside if abs(inside - value) <= ROUNDING else value
-        if held[name] != inside:
-            notes.append(f"{name} is held at {value:g}, as the file states, beyond its limit {inside:g}")
+        held[name] = float(np.clip(value, lower, upper))
+        if abs(held[name] - value) <= ROUNDING:
+            continue
+        if as_stated:
+            notes.append(f"{name} is held at {value:g}, as the file states, beyond its limit {held[name]:g}")
+            held[name] = float(value)
+        else:
+            notes.append(f"{name} is held at its limit {held[name]:g} instead of {value:g}")
     return free.with_held(held), tuple(notes)
 
 

@@ -21,7 +21,7 @@ from time import process_time
 from typing import Any, ClassVar
 
 import numpy as np
-from collision_edges import AUDIT_STEP, SAMPLES, EdgeRow, check_edges
+from collision_edges import EdgeRow, check_edges
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
@@ -133,12 +133,16 @@ def _edge_ms(edge: pp.JointPath, checker: pp.CollisionChecker) -> float:
 
 
 SHARES = {
-    "two ur5, 0.8 m apart": 0.35,
+    "two ur5, 0.8 m apart": 0.3,
     "ur5 and panda, 0.6 m apart": 0.3,
-    "baxter": 0.34,
-    "tiago_dual with its torso": 0.01,
+    "baxter": 0.395,
+    "tiago_dual with its torso": 0.005,
 }
 """The share of each group in the edges; the independent check of the TIAGo's meshes takes a second per edge."""
+
+SAMPLES, AUDIT_STEP = 12, 0.02
+"""Samples per edge at which distances are measured, and largest joint motion (rad or m) between samples at which exact
+meshes are checked."""
 
 
 def groups() -> dict[str, tuple[pp.JointGroup, float]]:
@@ -161,8 +165,13 @@ def measure_edges(edges: int, seed: int, on_progress: Callable[[str], None]) -> 
     rows = []
     for name, (group, reach) in groups().items():
         count = round(edges * SHARES[name])
-        checkers = [pp.CollisionChecker(group, link_meshes=how, trust_disabled=True) for how in ("hull", "surface")]
-        rows.append(check_edges(name, count, seed, on_progress, checkers=(checkers[0], checkers[1]), reach=reach))
+        hulls, meshes = (
+            pp.CollisionChecker(group, link_meshes=how, trust_disabled=True) for how in ("hull", "surface")
+        )
+        row = check_edges(
+            name, count, seed, on_progress, checkers=(hulls, meshes), reach=reach, samples=SAMPLES, step=AUDIT_STEP
+        )
+        rows.append(row)
     return rows
 
 

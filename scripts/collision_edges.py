@@ -118,6 +118,8 @@ def check_edges(
     *,
     checkers: tuple[CollisionChecker, CollisionChecker] | None = None,
     reach: float | None = None,
+    samples: int = SAMPLES,
+    step: float = AUDIT_STEP,
 ) -> EdgeRow:
     """Certify random edges of a robot and check the verdicts; each scene depends only on the seed and its number.
 
@@ -131,6 +133,8 @@ def check_edges(
         Checkers without obstacles, by hulls and by exact meshes.
     reach
         Distance (m) from the root within which obstacles are placed.
+    samples, step
+        As :data:`SAMPLES` and :data:`AUDIT_STEP`.
     """
     if checkers is None:
         arm = load_robot(robot).arm()
@@ -150,8 +154,8 @@ def check_edges(
             certificate = certify(path, checker, tolerance=TOLERANCE)
             seconds += process_time() - begin
             counts[certificate.status] += 1
-            samples, error = check_verdict(path, certificate, checker, mesh_checker)
-            checked += samples
+            count, error = check_verdict(path, certificate, checker, mesh_checker, samples=samples, step=step)
+            checked += count
             if error:
                 wrong.append(f"{robot}, seed {seed}, scene {number}, edge {edge}: {error}")
         if number % 10 == 9:
@@ -170,7 +174,13 @@ def check_edges(
 
 
 def check_verdict(
-    path: JointPath, certificate: Certificate, checker: CollisionChecker, mesh_checker: CollisionChecker
+    path: JointPath,
+    certificate: Certificate,
+    checker: CollisionChecker,
+    mesh_checker: CollisionChecker,
+    *,
+    samples: int = SAMPLES,
+    step: float = AUDIT_STEP,
 ) -> tuple[int, str]:
     """Return the number of configurations checked, and how they contradict the verdict (empty if they do not).
 
@@ -186,11 +196,11 @@ def check_verdict(
         return 1, ""
     if certificate.status is CertificateStatus.UNDECIDED:
         return 0, ""
-    distance = _smallest_distance(checker, path(np.linspace(*path.domain, SAMPLES)))
+    distance = _smallest_distance(checker, path(np.linspace(*path.domain, samples)))
     if distance < max(checker.margin, certificate.clearance) - DISTANCE_ERROR:
-        return SAMPLES, f"FREE with a proven clearance of {certificate.clearance:.6g} m, but {distance:.6g} m measured"
-    result = audit(path, mesh_checker, step=AUDIT_STEP)
-    return SAMPLES + result.samples, "" if result.clean else f"FREE, but on exact meshes {result.message}"
+        return samples, f"FREE with a proven clearance of {certificate.clearance:.6g} m, but {distance:.6g} m measured"
+    result = audit(path, mesh_checker, step=step, measure=False)
+    return samples + result.samples, "" if result.clean else f"FREE, but on exact meshes {result.message}"
 
 
 def _smallest_distance(checker: CollisionChecker, configurations: Array) -> float:

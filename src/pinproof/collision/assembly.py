@@ -33,6 +33,7 @@ __all__ = [
     "finer_levels",
     "keep_pairs",
     "leave_out",
+    "only_arm",
     "warn_of_units",
 ]
 
@@ -160,6 +161,24 @@ Known = dict[tuple[int, str | None], tuple[Obstacle, tuple[Body, ...]]]
 """Cache of obstacle bodies, by identity of the obstacle (of which it keeps a reference) and its link."""
 
 
+def only_arm(group: JointGroup) -> Arm:
+    """Return the arm of a joint group with one arm.
+
+    Raises
+    ------
+    InputError
+        If it has several.
+    """
+    if isinstance(group, Arm):
+        return group
+    if len(group.ends) > 1:
+        raise InputError(
+            f"this requires one arm; the checker is for the arms {', '.join(group.ends)}. Create a checker of "
+            "group.arms[name]"
+        )
+    return next(iter(group.arms.values()))
+
+
 class CheckedBodies:
     """The bodies, pairs and margins of a checker: the part of it that the workspaces of its threads read."""
 
@@ -198,14 +217,7 @@ class CheckedBodies:
         InputError
             If the checker is for a joint group with several arms, which is :attr:`group`.
         """
-        if isinstance(self._group, Arm):
-            return self._group
-        if len(self._group.ends) > 1:
-            raise InputError(
-                f"this requires one arm; the checker is for the arms {', '.join(self._group.ends)}. "
-                "Create a checker of group.arms[name]"
-            )
-        return next(iter(self._group.arms.values()))
+        return only_arm(self._group)
 
     @property
     def geometry_model(self) -> Any:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from pinproof._core import ProofSettings, ProofState, prove
+from pinproof.collision.assembly import only_arm
 from pinproof.collision.certificate import (
     Certificate,
     CertificateStatus,
@@ -33,11 +34,12 @@ from pinproof.collision.certificate import (
 from pinproof.collision.checker import CollisionChecker, Contact
 from pinproof.collision.coal_checks import Distance
 from pinproof.collision.constraint_proofs import with_constraints
+from pinproof.collision.movers import Mover, with_movers
 from pinproof.collision.parting import prove_parting
 from pinproof.collision.path_constraints import PathConstraint, check_constraints
 from pinproof.collision.placed_bodies import CoalJudge
 from pinproof.errors import InputError
-from pinproof.motion import Curve
+from pinproof.motion import Curve, Trajectory
 from pinproof.motion.curve import read_only
 from pinproof.spatial import finite
 
@@ -75,6 +77,7 @@ def certify(
     obstacle_tolerance: float = 0.0,
     parting: Sequence[tuple[str, str]] = (),
     constraints: Sequence[PathConstraint] = (),
+    movers: Sequence[Mover | Trajectory] = (),
     record: bool = False,
 ) -> Certificate:
     """Prove that a curve is collision-free and satisfies constraints, or find a configuration where it does not.
@@ -105,6 +108,10 @@ def certify(
     constraints
         :class:`~pinproof.Upright`, :class:`~pinproof.Within` or :class:`~pinproof.LookAt`: conditions of the tcp that
         must hold over the whole curve too.
+    movers
+        :class:`~pinproof.Mover` for obstacles that move with time, such as parts on a conveyor, and trajectories of
+        other joints of the robot, such as those of another arm of a cell. The certificate is then one of the motion of
+        all of them, which :func:`pinproof.collision.with_movers` returns, over space and time.
     record
         Store the evidence in :attr:`Certificate.evidence`, which :meth:`Certificate.save` needs.
 
@@ -139,6 +146,12 @@ def certify(
 
     constraints = check_constraints(constraints)
     checker.refuse_changes()
+    arm_curve, group = curve, checker.group
+    if movers:
+        if parting or obstacle_tolerance:
+            raise InputError("movers cannot be combined with parting or obstacle_tolerance; Mover has a tolerance")
+        curve, checker, tolerances = with_movers(curve, checker, movers)
+        joints = np.concatenate([joints, np.zeros(len(tolerances) - n)]) + tolerances
 
     def at(each: float) -> Certificate:
         def prove(part: Curve, judge: CollisionChecker) -> Certificate:
@@ -168,12 +181,12 @@ def certify(
         return certificate
     return with_constraints(
         certificate,
-        curve,
-        checker.arm,
+        arm_curve,
+        only_arm(group),
         constraints,
         tolerance=tolerance,
         max_intervals=max_intervals,
-        joint_tolerance=joints,
+        joint_tolerance=joints[:n],
         record=record,
     )
 

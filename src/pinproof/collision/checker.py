@@ -312,6 +312,22 @@ class CollisionChecker(CheckedBodies):
         other._assemble(self.scene, self.attached, self._allowed)
         return other
 
+    def on_group(
+        self,
+        group: JointGroup,
+        scene: Scene,
+        attached: Sequence[Obstacle],
+        allowed: Sequence[tuple[str, str]] = (),
+    ) -> CollisionChecker:
+        """Return a checker with the same links on another joint group, in another scene, with more allowed contacts.
+
+        For groups of the same robot, or of the robot with movers (:func:`pinproof.collision.with_movers`).
+        """
+        other = copy(self)
+        other._group = group
+        other._assemble(scene, tuple(attached), (*self._allowed, *allowed))
+        return other
+
     def allowing(self, *pairs: Sequence[str]) -> CollisionChecker:
         """Return a checker that allows more pairs of names to touch: a gripper and its object, a part and its support.
 

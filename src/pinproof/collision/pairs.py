@@ -351,8 +351,12 @@ def choose_pairs(
     named = {owner for pair in (*reasons, *levels) for owner in pair}
     fixed = [owner for owner, own in members.items() if bodies[own[0]].link is None]
     plain = [i for owner in fixed if owner not in named for i in members[owner]]
-    pairs = Pairs([(i, j) for a in moving for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
-    for a, b in (*combinations(moving, 2), *product(moving, (owner for owner in fixed if owner in named))):
+    carried = {owner for owner in moving if bodies[members[owner][0]].link in robot.movers.values()}
+    own = [owner for owner in moving if owner not in carried]
+    pairs = Pairs([(i, j) for a in own for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
+    for a, b in (*combinations(moving, 2), *product(own, (owner for owner in fixed if owner in named))):
+        if a in carried and b in carried:
+            continue  # obstacles, which a mover moves
         key = frozenset((a, b))
         reason = reasons.get(key) or neighbours.reason(owned[a], owned[b])
         if reason:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import deepcopy
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +15,7 @@ from pinproof.description.srdf import DisabledPair, EndEffector, Group, GroupSta
 from pinproof.description.urdf import Urdf, urdf_of
 from pinproof.description.xml_reader import Element, parse_text
 
-__all__ = ["WORLD", "cell_srdf", "cell_urdf"]
+__all__ = ["WORLD", "Axis", "cell_srdf", "cell_urdf", "urdf_with_axes"]
 
 WORLD = "world"
 """The root link of a cell."""
@@ -55,6 +56,39 @@ def cell_urdf(name: str, robots: Mapping[str, tuple[Urdf, npt.NDArray[np.float64
         etree.SubElement(mount, "origin", xyz=_text(xyz), rpy=_text(rpy))
         root.extend(_prefixed(urdf, prefix))
     return urdf_of(root, f"cell {name}", None)
+
+
+class Axis(NamedTuple):
+    """A joint that is added to the root link of a description, and the link behind it."""
+
+    link: str
+    """Name of the link. At 0 it has the axes of the root link, and its origin is ``point``."""
+    type: str
+    """Type of the joint in the URDF."""
+    direction: npt.NDArray[np.float64]
+    """(3,) the axis in the frame of the root link."""
+    point: npt.NDArray[np.float64]
+    """(3,) a point (m) on the axis in the frame of the root link."""
+    lower: float
+    upper: float
+
+
+def urdf_with_axes(urdf: Urdf, axes: Mapping[str, Axis]) -> Urdf:
+    """Return a description with further joints, by name, at the root link."""
+    from lxml import etree
+
+    root = etree.Element("robot", name=urdf.name)
+    root.extend(_prefixed(urdf, ""))
+    for name, axis in axes.items():
+        etree.SubElement(root, "link", name=axis.link)
+        joint = etree.SubElement(root, "joint", name=name, type=axis.type)
+        etree.SubElement(joint, "parent", link=urdf.root)
+        etree.SubElement(joint, "child", link=axis.link)
+        etree.SubElement(joint, "origin", xyz=_text(axis.point), rpy="0 0 0")
+        etree.SubElement(joint, "axis", xyz=_text(axis.direction))
+        limits = {"lower": repr(axis.lower), "upper": repr(axis.upper)}
+        etree.SubElement(joint, "limit", **limits, velocity="0", effort="0")
+    return urdf_of(root, f"{urdf.name} with movers", None)
 
 
 def _prefixed(urdf: Urdf, prefix: str) -> list[Element]:

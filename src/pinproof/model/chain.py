@@ -27,6 +27,7 @@ __all__ = [
     "Chain",
     "affine",
     "aligned_axes",
+    "chain_of",
     "compiled_chain",
     "find_chain",
     "group_ends",
@@ -100,6 +101,11 @@ def find_chain(urdf: Urdf, *ends: tuple[str, str]) -> Chain:
     if len(names) > MAX_JOINTS:
         between = " and ".join(f"between {base!r} and {tip!r}" for base, tip in ends)
         raise InputError(f"{len(names)} joints move {between}; the limit is {MAX_JOINTS}")
+    return chain_of(urdf, names)
+
+
+def chain_of(urdf: Urdf, names: Sequence[str]) -> Chain:
+    """Return any independent single-axis joints of a robot as those of a joint group."""
     followers = tuple(j.name for j in urdf.joints.values() if j.mimic is not None and j.mimic.leader in names)
     angular = np.array([urdf.joints[name].type != "prismatic" for name in names])
     angular.setflags(write=False)
@@ -190,7 +196,7 @@ def held_values(urdf: Urdf, chain: Chain, held: Mapping[str, float], home: Mappi
     return values
 
 
-def _limits(urdf: Urdf, names: list[str], followers: tuple[str, ...]) -> JointLimits:
+def _limits(urdf: Urdf, names: Sequence[str], followers: tuple[str, ...]) -> JointLimits:
     """Return the limits of the joints; infinite positions and NaN velocities where the file states none."""
     lower, upper, velocity, torque = [], [], [], []
     for name in names:

@@ -137,6 +137,7 @@ class JointGroup:
         self.robot = robot
         self.ends: Mapping[str, tuple[str, str]] = ReadOnlyDict(ends, ENDS_READ_ONLY)
         self.limits, self.held = limits, ReadOnlyDict(held, HELD_READ_ONLY)
+        self._chain = chain
         self.joint_names, self.angular = chain.joint_names, chain.angular
         self.followers = chain.followers
         self._model = reduced_model(robot.urdf, robot._model, {*chain.joint_names, *chain.followers}, held)
@@ -358,7 +359,7 @@ class JointGroup:
             return self
         urdf = self.robot.urdf
         values = {name: value for name, value in {**self.held, **held}.items() if not _is_mimic(urdf.joints, name)}
-        chain = find_chain(urdf, *self.ends.values())
+        chain = self._chain
         return cast(Group, self._holding(chain, held_values(urdf, chain, values, self.robot.home)))
 
     def _holding(self, chain: Chain, held: Mapping[str, float]) -> JointGroup:
@@ -544,6 +545,8 @@ class Robot:
     parts
         The robots of a cell by name, if this robot is one that :func:`pinproof.assemble` made. Their links and joints
         have the names of the robots as prefixes: ``left/wrist_1_link``.
+    movers
+        The links that carry moving obstacles by the name of the mover; see :class:`pinproof.Mover`.
     """
 
     urdf: Urdf
@@ -553,12 +556,13 @@ class Robot:
     default_base: str | None = None
     declared_arms: Mapping[str, str] = field(default_factory=dict)
     parts: Mapping[str, Robot] = field(default_factory=dict)
+    movers: Mapping[str, str] = field(default_factory=dict)
     _model: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_model", _model_of(self.urdf))
         object.__setattr__(self, "home", ReadOnlyDict(self.home, HOME_READ_ONLY))
-        for name in ("declared_arms", "parts"):
+        for name in ("declared_arms", "parts", "movers"):
             object.__setattr__(self, name, ReadOnlyDict(getattr(self, name), ENDS_READ_ONLY))
 
     @property
@@ -600,7 +604,8 @@ class Robot:
         for joint in range(1, model.njoints):
             step = np.linalg.norm(model.jointPlacements[joint].translation)
             reach[joint] = reach[model.parents[joint]] + step
-        return float(max(reach[f.parentJoint] + np.linalg.norm(f.placement.translation) for f in model.frames))
+        own = [frame for frame in model.frames if frame.name not in self.movers.values()]
+        return float(max(reach[f.parentJoint] + np.linalg.norm(f.placement.translation) for f in own))
 
     @property
     def has_generated_bodies(self) -> bool:
@@ -609,14 +614,16 @@ class Robot:
         return any(has_generated_bodies(robot.urdf) for robot in robots)
 
     def part_of(self, link: str) -> str | None:
-        """Return the name of the robot of a cell that a link belongs to; None in a robot that is not a cell."""
+        """Return the name of the robot of a cell, or the mover, that a link belongs to; None in any other robot."""
+        if link in self.movers.values():
+            return link
         name = link.partition(PART)[0]
         return name if name in self.parts else None
 
     def size_around(self, link: str) -> float:
         """Return :attr:`size`, in a cell that of the robot that a link belongs to."""
         part = self.part_of(link)
-        return self.size if part is None else self.parts[part].size
+        return self.size if part is None or part not in self.parts else self.parts[part].size
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from pinproof.errors import InputError
 from pinproof.model import JointGroup
 from pinproof.motion.tool_limits import require_joints
 from pinproof.motion.trajectory import Trajectory
-from pinproof.motion.trajectory_files import seconds, whole_nanoseconds
+from pinproof.motion.trajectory_files import NANO, seconds, whole_nanoseconds
 
-__all__ = ["separate", "synchronise"]
+__all__ = ["TimedColumns", "merged", "separate", "synchronise"]
 
 
 def separate(trajectory: Trajectory, group: JointGroup) -> dict[str, Trajectory]:
@@ -78,42 +80,85 @@ def synchronise(trajectories: Mapping[str, Trajectory], group: JointGroup, *, wa
         group.indices(name)  # raises for an unknown arm
     if missing := [name for name in group.ends if name not in trajectories]:
         raise InputError(f"there is no trajectory of the arms {', '.join(missing)}; an arm at rest has a single point")
-    ordered = {name: trajectories[name] for name in group.ends}
-    clocks = {name: whole_nanoseconds(each.times) for name, each in ordered.items()}
-    kinds = {name: each.interpolant for name, each in ordered.items() if len(each.times) > 1}
-    if len(set(kinds.values())) > 1:
-        raise InputError(f"the trajectories are of different kinds: {kinds}; time all with or all without a jerk limit")
-    last = max(int(clock[-1]) for clock in clocks.values())
-    for name, each in ordered.items():
-        end = int(clocks[name][-1])
-        if end == last or len(each.times) == 1:  # an arm with a single point rests
+    parts = []
+    for name in group.ends:
+        each = trajectories[name]
+        parts.append(TimedColumns(f"arm {name!r}", each, _order(each, group, name), group.indices(name)))
+    return merged(parts, group.joint_names, wait=wait)
+
+
+class TimedColumns(NamedTuple):
+    """A trajectory that moves some joints of a combined one."""
+
+    name: str
+    """For messages."""
+    trajectory: Trajectory
+    order: list[int]
+    """The columns of the trajectory."""
+    columns: npt.NDArray[np.int64]
+    """The joints of the combined trajectory that these columns move."""
+
+
+def merged(
+    parts: Sequence[TimedColumns], joint_names: tuple[str, ...], *, wait: bool = False, duration: float | None = None
+) -> Trajectory:
+    """Combine trajectories of different joints on a common clock; see :func:`synchronise`.
+
+    The result ends at ``duration`` (s), by default with the last of its parts.
+    """
+    clocks = [whole_nanoseconds(part.trajectory.times) for part in parts]
+    last = max(int(clock[-1]) for clock in clocks) if duration is None else round(duration * NANO)
+    for part, clock in zip(parts, clocks, strict=True):
+        each = part.trajectory
+        if int(clock[-1]) >= last or len(clock) == 1:  # a trajectory with a single point rests
             continue
         if not wait:
-            durations = ", ".join(f"{arm} {one.duration:.6g} s" for arm, one in ordered.items())
+            durations = ", ".join(f"{one.name} {one.trajectory.duration:.6g} s" for one in parts)
             raise InputError(f"the trajectories have different durations: {durations}; wait=True lets the others rest")
         if each.velocities[-1].any() or (each.accelerations is not None and each.accelerations[-1].any()):
-            raise InputError(f"arm {name!r} moves at the end of its trajectory, so that it cannot wait there")
-    times = np.unique(np.concatenate([*clocks.values(), [0, last]]))
-    quintic = "quintic" in kinds.values()
-    q, velocities, accelerations = (np.zeros((len(times), group.dof)) for _ in range(3))
-    for name, each in ordered.items():
-        order, columns = _order(each, group, name), group.indices(name)
-        at, known = np.searchsorted(clocks[name], times), np.isin(times, clocks[name])
-        inside = times <= clocks[name][-1]
+            raise InputError(f"{part.name} moves at the end of its trajectory, so that it cannot wait there")
+    quintic = any(part.trajectory.accelerations is not None and len(part.trajectory.times) > 1 for part in parts)
+    times = np.unique(np.concatenate([*(clock[clock <= last] for clock in clocks), [0, last]]))
+    q, velocities, accelerations = (np.zeros((len(times), len(joint_names))) for _ in range(3))
+    for part, clock in zip(parts, clocks, strict=True):
+        each, order, columns = part.trajectory, part.order, part.columns
+        # The acceleration of a cubic may jump, which a quintic between the same points cannot: checked below.
+        own = each.acceleration(each.times) if each.accelerations is None else each.accelerations
+        at, known = np.searchsorted(clock, times), np.isin(times, clock)
+        inside = times <= clock[-1]
         then = seconds(times[inside])
         q[np.ix_(inside, columns)] = each(then)[:, order]
         q[np.ix_(~inside, columns)] = each.q[-1, order]
         velocities[np.ix_(inside, columns)] = each.velocity(then)[:, order]
         accelerations[np.ix_(inside, columns)] = each.acceleration(then)[:, order]
-        # At its own points an arm keeps its own numbers, so that nothing is rounded.
+        # At its own points a trajectory keeps its own numbers, so that nothing is rounded.
         q[np.ix_(known, columns)] = each.q[at[known]][:, order]
         velocities[np.ix_(known, columns)] = each.velocities[at[known]][:, order]
-        if each.accelerations is not None:
-            accelerations[np.ix_(known, columns)] = each.accelerations[at[known]][:, order]
-    note = "; ".join(dict.fromkeys(each.limits_note for each in ordered.values() if each.limits_note))
+        accelerations[np.ix_(known, columns)] = own[at[known]][:, order]
+    note = "; ".join(dict.fromkeys(part.trajectory.limits_note for part in parts if part.trajectory.limits_note))
     return Trajectory(
-        seconds(times), q, velocities, group.joint_names, note, accelerations=accelerations if quintic else None
+        seconds(times), q, velocities, joint_names, note, accelerations=accelerations if quintic else None
     )
+
+
+SAME_CURVE = 1e-9
+"""Rad or m. The combined trajectory is the same curve as its parts up to this; rounding is smaller."""
+
+PLACES = np.cos(np.pi * (np.arange(7) + 0.5) / 7) / 2 + 0.5
+"""Where in each piece the curves are compared. The difference is a polynomial of degree 5 at most, which is bounded by
+2.2 times the largest value at these Chebyshev nodes."""
+
+
+def _check_same(part: TimedColumns, whole: Trajectory) -> None:
+    """Raise InputError unless the combined trajectory moves the joints of a part as the part does."""
+    steps = np.diff(whole.times)
+    t = (whole.times[:-1, None] + steps[:, None] * PLACES).ravel()
+    expected = part.trajectory(np.minimum(t, part.trajectory.duration))[:, part.order]
+    if np.abs(whole(t)[:, part.columns] - expected).max(initial=0.0) > SAME_CURVE:
+        raise InputError(
+            f"{part.name} has accelerations that jump, and another trajectory is quintic; time all of them with or all "
+            "without a jerk limit"
+        )
 
 
 def _order(trajectory: Trajectory, group: JointGroup, arm: str) -> list[int]:

@@ -274,6 +274,9 @@ ALLOWED_BY_CALLER = "allowed by the caller"
 DISABLED, TOUCHED = "the SRDF disables them without a reason", "their hulls touch where their meshes do not"
 """Reasons for checking a pair with finer geometry than requested."""
 
+BOTH_OBSTACLES = "both are obstacles, of which a mover moves one or both"
+"""Reason for excluding pairs of obstacles that move relative to each other; they need not be listed if none moves."""
+
 NOT_MOVED = "no joint of the arm moves them relative to each other"
 """Reason for excluding a pair that an SRDF disables without sampling."""
 
@@ -356,7 +359,7 @@ def choose_pairs(
     pairs = Pairs([(i, j) for a in own for i in _on_level(bodies, members[a], 0) for j in plain], [], [])
     for a, b in (*combinations(moving, 2), *product(own, (owner for owner in fixed if owner in named))):
         if a in carried and b in carried:
-            continue  # obstacles, which a mover moves
+            continue
         key = frozenset((a, b))
         reason = reasons.get(key) or neighbours.reason(owned[a], owned[b])
         if reason:
@@ -368,6 +371,8 @@ def choose_pairs(
         if any(bodies[i].level for side in sides for i in side):
             reason = DISABLED if level == DECOMPOSED and key in unexplained else TOUCHED
             pairs.finer.append(FinerPair((a, b), BY[level], reason))
+    for a, b in (*combinations(sorted(carried), 2), *product(sorted(carried), fixed)):
+        pairs.excluded.append(ExcludedPair((a, b), BOTH_OBSTACLES))
     pairs.checked.sort()
     return pairs
 

@@ -3,7 +3,9 @@
 
 python scripts/benchmark_several_arms.py --mbm FOLDER            MotionBenchMaker problems of both arms of a Baxter
 python scripts/benchmark_several_arms.py --edges 10000           certifies random edges and checks every verdict
-python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --docs    rewrites docs/benchmarks/several_arms.*
+python scripts/benchmark_several_arms.py --mover-edges 10000     the same among moving obstacles
+python scripts/benchmark_several_arms.py --mbm FOLDER --edges 10000 --mover-edges 10000 --docs
+                                                                 all, and rewrites docs/benchmarks/several_arms.*
 python scripts/benchmark_several_arms.py --render                rewrites the page from several_arms.json
 
 Exit code 1 if a motion is in collision or a verdict on an edge is wrong.
@@ -13,7 +15,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -22,6 +24,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from collision_edges import EdgeRow, check_edges
+from mover_edges import FASTEST, SAMPLE_STEP, mover_edge_rows
 
 import pinproof as pp
 from pinproof.benchmarks.plan_mbm import find_sets, read_problems
@@ -72,15 +75,20 @@ class SeveralArmsTable(BenchmarkTable):
 
     motions: tuple[MotionOfTwoRow, ...]
     edges: tuple[EdgeRow, ...]
+    mover_edges: tuple[EdgeRow, ...]
 
     topic: ClassVar[str] = "several arms"
-    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {"motions": MotionOfTwoRow, "edges": EdgeRow}
+    row_types: ClassVar[Mapping[str, Callable[..., Any]]] = {
+        "motions": MotionOfTwoRow,
+        "edges": EdgeRow,
+        "mover_edges": EdgeRow,
+    }
 
     @property
     def wrong(self) -> list[str]:
         """Motions in collision, and wrong verdicts on edges, as sentences."""
         unsafe = [f"{row.problem}: {row.audit}" for row in self.motions if row.audit]
-        return [*unsafe, *(text for row in self.edges for text in row.wrong)]
+        return [*unsafe, *(text for row in (*self.edges, *self.mover_edges) for text in row.wrong)]
 
 
 def measure_problem(problem: PlanProblem, seed: int) -> MotionOfTwoRow:
@@ -187,6 +195,8 @@ def page(table: SeveralArmsTable) -> str:
         lines += ["## Motions of both arms", "", *_motions(table), ""]
     if table.edges:
         lines += ["## Certificates of random edges", "", *_edges(table), ""]
+    if table.mover_edges:
+        lines += ["## Certificates among moving obstacles", "", *_mover_edges(table), ""]
     lines += bullet_section("Wrong verdicts", table.wrong)
     return "\n".join(lines).rstrip() + "\n"
 
@@ -256,7 +266,23 @@ def _edges(table: SeveralArmsTable) -> list[str]:
         f"meshes at samples between which no joint moves more than {AUDIT_STEP:g} rad or m. COLLIDING is checked at "
         "the configuration that it names. Times are means over edges of all kinds."
     )
-    columns = ("group", "edges", "FREE", "COLLIDING", "UNDECIDED", "configurations checked", "mean, ms", "wrong")
+    return [*wrapped(text), "", *_edge_table("group", table.edges)]
+
+
+def _mover_edges(table: SeveralArmsTable) -> list[str]:
+    text = (
+        "Random edges of one arm, timed with the limits of the robot, among up to eight obstacles of which up to three "
+        "movers move some: along or about random axes, at constant speed or there and back, at up to "
+        f"{FASTEST:g} m/s or rad/s. FREE is checked at samples in time between which nothing moves more than about "
+        f"{SAMPLE_STEP:g} rad or m: the arm is placed by Pinocchio, each obstacle by the formula of its mover, and "
+        "the distances by coal must not be below the proven clearance. COLLIDING is checked at the instant that it "
+        "names. The times include the set-up of the movers."
+    )
+    return [*wrapped(text), "", *_edge_table("robot", table.mover_edges)]
+
+
+def _edge_table(name: str, rows: Sequence[EdgeRow]) -> list[str]:
+    columns = (name, "edges", "FREE", "COLLIDING", "UNDECIDED", "configurations checked", "mean, ms", "wrong")
     cells = [
         [
             row.robot,
@@ -268,9 +294,13 @@ def _edges(table: SeveralArmsTable) -> list[str]:
             f"{row.mean_ms:.2f}",
             str(len(row.wrong)),
         ]
-        for row in table.edges
+        for row in rows
     ]
-    return [*wrapped(text), "", *markdown_table(columns, cells)]
+    return markdown_table(columns, cells)
+
+
+def _progress(text: str) -> None:
+    print(text, file=sys.stderr)
 
 
 def main() -> None:
@@ -280,6 +310,7 @@ def main() -> None:
     parser.add_argument("--robot", help="the robot of these problems, if the files do not name one")
     parser.add_argument("--problems", type=int, metavar="N", help="largest number of problems per set")
     parser.add_argument("--edges", type=int, default=0, metavar="N", help="number of random edges")
+    parser.add_argument("--mover-edges", type=int, default=0, metavar="N", help="number of random edges among movers")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--docs", action="store_true", help="write docs/benchmarks/several_arms.*")
     parser.add_argument("--render", action="store_true", help="rewrite the page from several_arms.json")
@@ -292,9 +323,10 @@ def main() -> None:
             for problem in read_problems(each, options.problems, as_stated=True):
                 print(problem.name, file=sys.stderr)
                 motions.append(measure_problem(problem, options.seed))
-        edges = measure_edges(options.edges, options.seed, lambda text: print(text, file=sys.stderr))
+        edges = measure_edges(options.edges, options.seed, _progress) if options.edges else []
+        mover_edges = mover_edge_rows(options.mover_edges, options.seed, _progress) if options.mover_edges else []
         settings = {"mbm": options.mbm is not None, "edges": options.edges, "coal": installed_version("coal")}
-        table = SeveralArmsTable(settings, origin, tuple(motions), tuple(row for row in edges if row.edges))
+        table = SeveralArmsTable(settings, origin, tuple(motions), tuple(edges), tuple(mover_edges))
     text = page(table)
     if options.docs or options.render:
         table.write(FOLDER, "several_arms", text)

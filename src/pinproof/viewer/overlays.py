@@ -22,7 +22,7 @@ from pinproof.viewer.animation import Film
 from pinproof.viewer.camera import View
 from pinproof.viewer.stage import Stage
 from pinproof.viewer.surfaces import Rgba, Surface, ball, box_triangles, cone, revolved, shade, tube
-from pinproof.viewer.wire import Commands, node_path
+from pinproof.viewer.wire import Commands, node_name, node_path
 
 __all__ = [
     "GHOST_HUES",
@@ -222,11 +222,11 @@ def body_nodes(stage: Stage, marks: Sequence[Mark]) -> list[list[str]]:
     found: dict[tuple[str, str], None] = {}
     for name in (body for mark in marks for body in mark.bodies):
         if name in links:
-            found["robot", name] = None
+            found["robot", node_name(name)] = None
         elif name in obstacles:
-            found["scene", name] = None
+            found["scene", node_name(name)] = None
         elif name not in stage.arm.robot.urdf.links:
-            found.update({("robot", tcp): None for _, tcp in stage.arm.ends.values() if tcp in links})
+            found.update({("robot", node_name(tcp)): None for _, tcp in stage.arm.ends.values() if tcp in links})
     return [list(node) for node in found]
 
 
@@ -285,7 +285,7 @@ def copies(
         if own is not None:
             kept = kept[(np.abs(placed[kept] - own[number]) > SAME_POSE).any(axis=(1, 2))]
         columns = np.swapaxes(placed[kept], 1, 2).astype(np.float32)  # three.js reads matrices by columns
-        entry = {"into": into, "of": ["robot", link.name, "visual"], "count": len(kept), "opacity": opacity}
+        entry = {"into": into, "of": ["robot", node_name(link.name), "visual"], "count": len(kept), "opacity": opacity}
         entry["matrices"] = commands.array(columns.ravel())
         if rgb is not None:
             entry["rgb"] = commands.array(rgb[kept].ravel())

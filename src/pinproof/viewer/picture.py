@@ -38,7 +38,7 @@ from pinproof.viewer.overlays import (
 )
 from pinproof.viewer.stage import Stage, set_stage, simplified
 from pinproof.viewer.surfaces import Rgba, ball, tube
-from pinproof.viewer.wire import Commands, node_path
+from pinproof.viewer.wire import Commands, node_name, node_path
 
 __all__ = ["LAYERS", "Caption", "Layer", "Picture", "RenderedPicture", "caption_of", "checked_layers", "stage_commands"]
 
@@ -348,8 +348,8 @@ class Picture:
         self, stage: Stage, shown: Film, wanted: Collection[str], *, marks: int, steps: int, ghosts: int
     ) -> list[Layer]:
         """The layers that are not empty."""
-        visual = tuple(("robot", link.name, "visual") for link in stage.links if link.surfaces)
-        collision = tuple(("robot", link.name, "collision") for link in stage.links if link.bodies)
+        visual = tuple(("robot", node_name(link.name), "visual") for link in stage.links if link.surfaces)
+        collision = tuple(("robot", node_name(link.name), "collision") for link in stage.links if link.bodies)
         given = len(self._ghosts())
         found: list[tuple[str, tuple[tuple[str, ...], ...], bool, str]] = [
             ("robot", visual, True, ""),

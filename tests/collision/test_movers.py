@@ -151,6 +151,17 @@ def test_motion_of_another_arm_of_a_cell_is_a_moving_obstacle() -> None:
         seen.add(certificate.status)
 
 
+def test_links_of_another_arm_are_as_fine_as_in_the_group() -> None:
+    cell = pp.assemble({"a": (ur5(), np.eye(4)), "b": (ur5(), pp.pose((0.75, 0, 0), (0, 0, np.pi)))})
+    names = cell.arms["b"].joint_names
+    still = pp.Trajectory([0.0, 1.0], np.vstack([cell.arms["b"].home] * 2), np.zeros((2, 6)), names)
+    own = pp.Trajectory([0.0, 1.0], np.vstack([cell.arms["a"].home] * 2), np.zeros((2, 6)), cell.arms["a"].joint_names)
+    moving = with_movers(own, pp.CollisionChecker(cell.arms["a"]), [still]).checker
+    both = pp.CollisionChecker(cell)
+    assert moving.finer == both.finer
+    assert moving.pairs == both.pairs
+
+
 def test_certificate_among_movers_belongs_to_the_motion_of_all_and_is_verified(tmp_path) -> None:
     trajectory, movers = over_the_belt(0.32), [MOVERS["conveyor"]]
     certificate = pp.certify(trajectory, checker(), movers=movers, record=True)

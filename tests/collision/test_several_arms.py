@@ -130,6 +130,13 @@ def test_object_is_attached_to_the_named_arm() -> None:
         checker.with_attached(pp.Obstacle("tool", pp.Sphere(0.02), arm="c"))
 
 
+def test_object_that_both_arms_hold_is_refused() -> None:
+    with pytest.raises(pp.InputError, match="closed chain"):
+        pp.Obstacle("beam", pp.Sphere(0.02), arm=("a", "b"))
+    with pytest.raises(pp.InputError, match="'beam'"):
+        cell_checker().with_attached(*(pp.Obstacle("beam", pp.Sphere(0.02), arm=arm) for arm in ("a", "b")))
+
+
 def test_checker_of_several_arms_states_that_one_arm_is_needed() -> None:
     with pytest.raises(pp.InputError, match="the arms a, b"):
         _ = cell_checker().arm

@@ -325,6 +325,9 @@ class CollisionChecker(CheckedBodies):
         """
         other = copy(self)
         other._group = group
+        # Joints that move in addition may need finer bodies of their links.
+        more = overlap_levels(self._link_bodies.of({}), group, self._rules)
+        other._levels = {**more, **self._levels}
         other._assemble(scene, tuple(attached), (*self._allowed, *allowed))
         return other
 

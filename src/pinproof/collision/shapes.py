@@ -422,6 +422,11 @@ class Obstacle:
         if not isinstance(self.shape, Shape):
             kinds = ", ".join(kind.__name__ for kind in get_args(Shape))
             raise InputError(f"obstacle {self.name!r} has the shape {self.shape!r}; valid:  {kinds}")
+        if self.arm is not None and not isinstance(self.arm, str):
+            raise InputError(
+                f"arm = {self.arm!r} of {self.name!r} must be the name of one arm; an object that several arms hold "
+                "together forms a closed chain, which is not supported"
+            )
         placement = pin.SE3.Identity() if self.pose is None else rigid(f"pose of obstacle {self.name!r}", self.pose)
         if float(np.abs(placement.translation).max()) > LARGEST_SIZE:
             where = placement.translation.tolist()
